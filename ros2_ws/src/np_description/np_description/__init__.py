@@ -1,0 +1,1 @@
+"""The Panda, the objects, the three domains and the camera: MJCF and frozen dataclasses, no rclpy."""

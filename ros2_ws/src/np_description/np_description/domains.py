@@ -1,0 +1,153 @@
+"""The three domains: object, fixed surroundings, start and goal distributions, success.
+
+Object sizes, densities and tolerances are the paper's (Kim et al., IROS 2023). It describes the start and goal
+distributions in words; the ranges in metres below are this project's reading of them, in the base frame of the robot
+(x forward, y left, z up, table top at z = 0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix, \
+    quaternion_multiply, rotation_angle, yaw_quaternion
+
+
+@dataclass(frozen=True)
+class Pose:
+    """position (3,) m and quaternion wxyz (4,) in the base frame."""
+
+    position: np.ndarray
+    quaternion: np.ndarray
+
+
+@dataclass(frozen=True)
+class Box:
+    """A fixed box of the surroundings: centre (3,) m, half size (3,) m, axes along the base frame."""
+
+    name: str
+    centre: tuple[float, float, float]
+    half_size: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Region:
+    """Uniform distribution of object poses resting on a horizontal surface.
+
+    x, y: ranges m; surface: height m; yaw: range rad; quarter_turns: roll and pitch drawn from the four quarter turns
+    (else the object rests on the face it has at the identity).
+    """
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    surface: float = 0.0
+    yaw: tuple[float, float] = (-pi, pi)
+    quarter_turns: bool = False
+
+
+@dataclass(frozen=True)
+class Domain:
+    """One task family.
+
+    half_size (3,) m; density kg/m^3; start, goals: regions (a goal region is drawn with equal odds);
+    goal_yaw: range rad of the goal's yaw relative to the start's, or None where the goal's own region draws it;
+    tolerance_position m, tolerance_angle rad or None for position only; workspace: x, y limits m outside of which the
+    object counts as lost; min_distance m: tasks nearer than this are drawn again.
+    """
+
+    name: str
+    half_size: tuple[float, float, float]
+    density: float
+    start: Region
+    goals: tuple[Region, ...]
+    obstacles: tuple[Box, ...] = ()
+    goal_yaw: tuple[float, float] | None = None
+    tolerance_position: float = 0.01
+    tolerance_angle: float | None = 0.1
+    workspace_x: tuple[float, float] = (0.30, 0.75)
+    workspace_y: tuple[float, float] = (-0.35, 0.35)
+    min_distance: float = 0.03
+
+    @property
+    def mass(self) -> float:
+        """Object mass in kg."""
+        return self.density * 8 * float(np.prod(self.half_size))
+
+
+CARD = Domain(
+    name="card", half_size=(0.025, 0.035, 0.0025), density=457.1,
+    start=Region(x=(0.42, 0.58), y=(-0.13, 0.13)), goals=(Region(x=(0.42, 0.58), y=(-0.13, 0.13)),),
+    goal_yaw=(-pi / 2, pi / 2), workspace_x=(0.34, 0.66), workspace_y=(-0.21, 0.21))
+
+BUMP = Domain(
+    name="bump", half_size=(0.045, 0.045, 0.045), density=200.0,
+    obstacles=(Box("bump", (0.50, 0.0, 0.015), (0.15, 0.06, 0.015)),),
+    start=Region(x=(0.42, 0.58), y=(-0.20, -0.13), quarter_turns=True),
+    goals=(Region(x=(0.42, 0.58), y=(-0.015, 0.015), surface=0.03, quarter_turns=True),
+           Region(x=(0.42, 0.58), y=(0.13, 0.20), quarter_turns=True)))
+
+WALL = Domain(
+    name="wall", half_size=(0.025, 0.025, 0.05), density=150.0,
+    obstacles=(Box("wall", (0.64, 0.0, 0.05), (0.08, 0.20, 0.05)),),
+    start=Region(x=(0.53, 0.53), y=(-0.15, 0.15), yaw=(0.0, 0.0)),
+    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0)),), tolerance_angle=None)
+
+DOMAINS = {domain.name: domain for domain in (CARD, BUMP, WALL)}
+
+
+def find_domain(name: str) -> Domain:
+    """The domain called `name`. Raises ValueError with the known names."""
+    if name not in DOMAINS:
+        raise ValueError(f"domain: expected one of {', '.join(DOMAINS)}, got {name!r}")
+    return DOMAINS[name]
+
+
+def sample_pose(domain: Domain, region: Region, rng: np.random.Generator) -> Pose:
+    """A pose of the domain's object at rest in `region`."""
+    quaternion = yaw_quaternion(np.asarray(rng.uniform(*region.yaw)))
+    if region.quarter_turns:
+        roll, pitch = rng.integers(0, 4, size=2) * (pi / 2)
+        turn = matrix_from_vector(np.array([0.0, pitch, 0.0])) @ matrix_from_vector(np.array([roll, 0.0, 0.0]))
+        quaternion = quaternion_multiply(quaternion, quaternion_from_matrix(turn))
+    position = np.array([rng.uniform(*region.x), rng.uniform(*region.y), region.surface])
+    position[2] += resting_height(domain, quaternion)
+    return Pose(position, quaternion)
+
+
+def resting_height(domain: Domain, quaternion: np.ndarray) -> float:
+    """Height m of the object's centre over the surface on which it rests, for face-down orientations."""
+    return float(np.abs(matrix_from_quaternion(quaternion)[2]) @ np.asarray(domain.half_size))
+
+
+def sample_task(domain: Domain, rng: np.random.Generator) -> tuple[Pose, Pose]:
+    """Start and goal pose of one episode, at least `domain.min_distance` apart."""
+    while True:
+        start = sample_pose(domain, domain.start, rng)
+        goal = sample_pose(domain, domain.goals[rng.integers(len(domain.goals))], rng)
+        if domain.goal_yaw is not None:
+            turn = yaw_quaternion(np.asarray(rng.uniform(*domain.goal_yaw)))
+            goal = Pose(goal.position, quaternion_multiply(turn, start.quaternion))
+        if np.linalg.norm(goal.position - start.position) >= domain.min_distance:
+            return start, goal
+
+
+def pose_error(position_a, quaternion_a, position_b, quaternion_b):
+    """Distance (...) m and angle (...) rad between poses; NumPy or PyTorch."""
+    difference = position_a - position_b
+    return (difference * difference).sum(axis=-1) ** 0.5, rotation_angle(quaternion_a, quaternion_b)
+
+
+def is_success(domain: Domain, distance, angle):
+    """Whether errors (...) from `pose_error` are within the domain's tolerance."""
+    near = distance <= domain.tolerance_position
+    return near if domain.tolerance_angle is None else near & (angle <= domain.tolerance_angle)
+
+
+def is_lost(domain: Domain, position):
+    """Whether object positions (..., 3) m have left the workspace, or fallen below the table."""
+    x, y, z = position[..., 0], position[..., 1], position[..., 2]
+    return ((x < domain.workspace_x[0]) | (x > domain.workspace_x[1]) | (y < domain.workspace_y[0])
+            | (y > domain.workspace_y[1]) | (z < -0.02))

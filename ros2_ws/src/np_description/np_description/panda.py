@@ -1,0 +1,88 @@
+"""The nominal Franka Emika Panda: names, kinematics, inertia, limits, joint dynamics.
+
+The numbers live in data/panda_nominal.yaml with their sources; every model of the arm (MJCF, Pinocchio, batched
+kinematics, safety limits) is built from the one object `NOMINAL`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib.resources import files
+
+import numpy as np
+import yaml
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A fixed transform, parent to child: position (3,) m, quaternion wxyz (4,)."""
+
+    position: np.ndarray
+    quaternion: np.ndarray
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """mass kg, com (3,) m in the link frame, inertia (ixx iyy izz ixy ixz iyz) kg m^2 about the com."""
+
+    mass: float
+    com: np.ndarray
+    inertia: np.ndarray
+
+
+@dataclass(frozen=True)
+class PandaModel:
+    """The arm. Arrays have one entry a joint, base to wrist; SI units."""
+
+    joints: tuple[str, ...]
+    fingers: tuple[str, ...]
+    position_lower: np.ndarray
+    position_upper: np.ndarray
+    velocity_limit: np.ndarray
+    torque_limit: np.ndarray
+    torque_rate_limit: float
+    ready: np.ndarray
+    frictionloss: np.ndarray
+    damping: np.ndarray
+    armature: np.ndarray
+    frames: dict[str, Frame] = field(repr=False)
+    inertials: dict[str, Inertial] = field(repr=False)
+
+    @property
+    def joint_frames(self) -> list[Frame]:
+        """The seven transforms link(i-1) -> link(i), in order."""
+        return [self.frames[f"link{i}_link{i + 1}"] for i in range(7)]
+
+
+def load_panda(text: str) -> PandaModel:
+    """A PandaModel from the text of a YAML file in the form of data/panda_nominal.yaml.
+
+    Raises KeyError for a missing entry and ValueError where a list has not one number a joint.
+    """
+    raw = yaml.safe_load(text)
+
+    def per_joint(values, name):
+        array = np.asarray(values, dtype=float)
+        if array.shape != (7,) or not np.isfinite(array).all():
+            raise ValueError(f"{name}: expected 7 finite numbers, got {values}")
+        array.setflags(write=False)
+        return array
+
+    top = {name: per_joint(raw[name], name) for name in
+           ("position_lower", "position_upper", "velocity_limit", "torque_limit", "ready")}
+    dynamics = {name: per_joint(raw["joint_dynamics"][name], name) for name in ("frictionloss", "damping", "armature")}
+    return PandaModel(
+        joints=tuple(raw["joints"]), fingers=tuple(raw["fingers"]), torque_rate_limit=float(raw["torque_rate_limit"]),
+        frames={name: Frame(np.asarray(f["pos"], float), np.asarray(f["quat"], float))
+                for name, f in raw["frames"].items()},
+        inertials={name: Inertial(float(i["mass"]), np.asarray(i["com"], float), np.asarray(i["inertia"], float))
+                   for name, i in raw["inertials"].items()},
+        **top, **dynamics)
+
+
+NOMINAL = load_panda((files("np_description") / "data" / "panda_nominal.yaml").read_text())
+JOINT_NAMES = NOMINAL.joints
+STATE_NAMES = NOMINAL.joints + NOMINAL.fingers
+BASE_FRAME = "panda_link0"
+TCP_FRAME = "panda_tcp"
+FINGER_MAX = 0.04  # m, opening of one finger (datasheet: 80 mm between both)
