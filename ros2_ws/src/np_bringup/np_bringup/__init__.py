@@ -1,0 +1,1 @@
+"""Launch files, the demo, recorder, replayer, evaluation, report and bench."""

@@ -1,0 +1,27 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = 'np_bringup'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+        (f'share/{package_name}/launch', glob('launch/*.launch.py')),
+        (f'share/{package_name}/config', glob('config/*')),
+    ],
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},
+    zip_safe=False,
+    maintainer='maintainers',
+    maintainer_email='maintainers@users.noreply.h-seed-86f0c791.example',
+    description='Launch files, the demo, recorder, replayer, evaluation, report and bench.',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [],
+    },
+)

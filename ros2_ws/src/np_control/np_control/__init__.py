@@ -1,0 +1,1 @@
+"""Impedance law, kinematics, trajectories and safety guards as a library; the 500 Hz controller node."""

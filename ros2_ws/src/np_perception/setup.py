@@ -1,0 +1,24 @@
+from setuptools import find_packages, setup
+
+package_name = 'np_perception'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},
+    zip_safe=False,
+    maintainer='maintainers',
+    maintainer_email='maintainers@users.noreply.h-seed-86f0c791.example',
+    description='The keypoint detector: image to the eight box corners in pixels, with scores.',
+    license='Apache-2.0',
+    entry_points={
+        # executable = node name = 'np_perception.nodes.<name>_node:main'
+        'console_scripts': [],
+    },
+)
