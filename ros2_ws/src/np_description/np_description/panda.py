@@ -30,7 +30,7 @@ class Inertial:
     inertia: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # compared and hashed by identity: arrays have no truth value
 class PandaModel:
     """The arm. Arrays have one entry a joint, base to wrist; SI units."""
 

@@ -1,0 +1,60 @@
+"""The action of the post-contact policy: a residual of the end-effector pose, and joint gains.
+
+20 numbers in [-1, 1]: 3 position and 3 rotation residual in the base frame (the rotation vector multiplies from the
+left), 7 stiffnesses, 7 damping ratios (paper). Array-generic: NumPy in the node, PyTorch in training.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
+from np_description.rotations import matrix_from_vector, namespace
+
+SIZE = 20
+
+
+@dataclass(frozen=True)
+class ResidualLimits:
+    """zeta: the largest residual of one step, each axis; position m, rotation rad."""
+
+    position: float
+    rotation: float
+
+
+LOOSE = ResidualLimits(0.06, 0.1)  # where the paper's curriculum starts
+TIGHT = ResidualLimits(0.02, 0.03)  # zeta*, where it ends and what is deployed
+
+
+@dataclass(frozen=True)
+class Target:
+    """What control is asked for: T_E position (..., 3) m, rotation (..., 3, 3); stiffness, damping_ratio (..., 7)."""
+
+    position: object
+    rotation: object
+    stiffness: object
+    damping_ratio: object
+
+
+def decode(action, position, rotation, limits: ResidualLimits = TIGHT) -> Target:
+    """The target of an action (..., 20), cut to [-1, 1], given T_E now: position (..., 3) m, rotation (..., 3, 3)."""
+    xp = namespace(action)
+    action = xp.clip(action, -1.0, 1.0)
+    turn = matrix_from_vector(action[..., 3:6] * limits.rotation)
+    share = (action[..., 6:] + 1) / 2
+    low, high = STIFFNESS_MIN, STIFFNESS_MAX
+    if xp.__name__ == "torch":
+        low, high = (xp.as_tensor(a, dtype=action.dtype, device=action.device) for a in (low, high))
+    # Geometric: a step of the action changes a soft and a stiff joint by the same factor.
+    stiffness = low * (high / low) ** share[..., :7]
+    ratio = DAMPING_RATIO_MIN + share[..., 7:] * (DAMPING_RATIO_MAX - DAMPING_RATIO_MIN)
+    return Target(position + action[..., :3] * limits.position, turn @ rotation, stiffness, ratio)
+
+
+def normalised_stiffness(stiffness):
+    """Stiffness (..., 7) Nm/rad as a share (..., 7) of its range, 0 to 1: what the gain penalty counts."""
+    low, high = STIFFNESS_MIN, STIFFNESS_MAX
+    xp = namespace(stiffness)
+    if xp.__name__ == "torch":
+        low, high = (xp.as_tensor(a, dtype=stiffness.dtype, device=stiffness.device) for a in (low, high))
+    return (stiffness - low) / (high - low)
