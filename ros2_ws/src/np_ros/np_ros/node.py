@@ -1,0 +1,125 @@
+"""The idiom every node of this project follows: described parameters, diagnostics once a second, one `main`.
+
+    class Detector(Node):
+        def __init__(self):
+            super().__init__("keypoint_detector")
+            self.rate = parameter(self, "rate", 30.0, "Images a second that are looked at.", 1.0, 60.0)
+            self.diagnostics = Diagnostics(self)
+
+    def main(args=None):
+        return run(Detector, args)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+
+from np_ros.qos import EVENT
+from np_ros.spin import Spinner
+
+Value = TypeVar("Value", bool, int, float, str)
+
+
+def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fast: bool = True) -> int:
+    """Construct a node and spin it until SIGINT, SIGTERM or rclpy.shutdown(); the exit status of the process.
+
+    A node that cannot start (ValueError, OSError or a refused parameter in its constructor) ends with one
+    line that says why and status 1; any other exception is a bug and keeps its traceback. `destroy_node` is
+    called in every case, and is where a node flushes or brings to rest what it owns. `fast=False` uses
+    rclpy's executor.
+    """
+    try:
+        rclpy.init(args=args)
+        try:
+            node = make_node()
+        except (ValueError, OSError, ParameterException) as error:
+            name = getattr(make_node, "__name__", "node")
+            rclpy.logging.get_logger(name).fatal(f"cannot start: {error}")
+            return 1
+        spinner = Spinner(node, allow_fast=fast)
+        try:
+            spinner.spin()
+        finally:
+            spinner.close()
+            node.destroy_node()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def parameter(node: Node, name: str, default: Value, description: str, minimum: Value | None = None,
+              maximum: Value | None = None, *, choices: Sequence[str] = ()) -> Value:
+    """Declare a read-only parameter with a description and a range, and return its value.
+
+    minimum and maximum are inclusive and of the default's type (give both or neither); `choices` lists the
+    allowed strings. Raises ValueError for a value outside, and rclpy's ParameterException for one of
+    another type.
+    """
+    descriptor = ParameterDescriptor(description=description, read_only=True)
+    if choices:
+        descriptor.additional_constraints = f"one of {', '.join(choices)}"
+    if minimum is not None and maximum is not None:
+        if isinstance(default, float):
+            descriptor.floating_point_range = [FloatingPointRange(from_value=minimum, to_value=maximum)]
+        else:
+            descriptor.integer_range = [IntegerRange(from_value=minimum, to_value=maximum, step=1)]
+    value = node.declare_parameter(name, default, descriptor).value
+    if choices and value not in choices:
+        raise ValueError(f"parameter {name}: expected one of {list(choices)}, got '{value}'")
+    return value
+
+
+class Diagnostics:
+    """One DiagnosticStatus of a node on `diagnostics`, once a second and whenever `publish` is called.
+
+    `values` are shown as they are; `count` adds up events such as refused commands. The level is that of
+    the last call of `report`, at least WARN for one period after something was counted as a problem.
+    """
+
+    def __init__(self, node: Node, period: float = 1.0):
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, "diagnostics", EVENT)
+        self._level, self._message = DiagnosticStatus.OK, "running"
+        self._problem = ""
+        self.values: dict[str, object] = {}
+        self.counts: dict[str, int] = {}
+        self._timer = node.create_timer(period, self._tick)
+
+    def count(self, key: str, *, problem: bool = True) -> None:
+        """Add one to the count `key`; a problem raises the level to WARN until the next period."""
+        self.counts[key] = self.counts.get(key, 0) + 1
+        if problem:
+            self._problem = key
+
+    def report(self, level: bytes, message: str) -> None:
+        """Set the level (DiagnosticStatus.OK, WARN, ERROR) and message; publish at once if they are new."""
+        if (level, message) != (self._level, self._message):
+            self._level, self._message = level, message
+            self.publish()
+
+    def publish(self) -> None:
+        """Publish the status now."""
+        level, message = self._level, self._message
+        if self._problem and level == DiagnosticStatus.OK:
+            level, message = DiagnosticStatus.WARN, self._problem
+        pairs = {**self.values, **self.counts}
+        status = DiagnosticStatus(
+            level=level, name=self._node.get_fully_qualified_name(), message=message,
+            values=[KeyValue(key=key, value=str(value)) for key, value in pairs.items()])
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
+
+    def _tick(self) -> None:
+        self.publish()
+        self._problem = ""
