@@ -40,6 +40,10 @@ _LINK_CAPSULES = {
     7: [((0, 0, 0.05), (0, 0, 0.03), 0.04)],
 }
 
+HAND_CAPSULE = ((0.0, 0.0, 0.033), (0.0, 0.07, 0.0), 0.033)  # the same form, in the hand frame
+FINGER_CAPSULES = (((0.0, 0.0095, 0.020), (0.0, 0.0, 0.016), 0.009),  # shaft
+                   ((0.0, 0.0085, 0.0458), (0.0065, 0.0, 0.0), 0.008))  # tip, in the finger's frame
+
 
 def build_scene(domain: Domain, *, timestep: float = 0.002, arm_collision: bool = True, panda: PandaModel = NOMINAL,
                 camera: Camera = CAMERA) -> mujoco.MjSpec:
@@ -126,7 +130,7 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> N
                                      ctrlrange=[-panda.torque_limit[i], panda.torque_limit[i]])
         actuator.set_to_motor()
     hand = add_body(body, "panda_hand", panda.inertials["hand"], panda.frames["link7_hand"])
-    add_capsule(hand, (0, 0, 0.033), (0, 0.07, 0), 0.033, white, **touching)
+    add_capsule(hand, *HAND_CAPSULE, white, **touching)
     tcp = panda.frames["hand_tcp"]
     hand.add_site(name=TCP_FRAME, pos=tcp.position, quat=tcp.quaternion, size=[0.003, 0, 0], group=4)
     for i, finger in enumerate(panda.fingers):
@@ -134,8 +138,8 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> N
         body.add_joint(name=finger, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0], range=[0, FINGER_MAX],
                        damping=np.array([10.0, 0, 0]), armature=0.1)
         rubber = dict(friction=[FINGER_FRICTION, 0.005, 1e-4], **touching)
-        add_capsule(body, (0, 0.0095, 0.020), (0, 0, 0.016), 0.009, dark, **rubber)
-        add_capsule(body, (0, 0.0085, 0.0458), (0.0065, 0, 0), 0.008, dark, **rubber)
+        for capsule in FINGER_CAPSULES:
+            add_capsule(body, *capsule, dark, **rubber)
         actuator = spec.add_actuator(name=finger, target=finger, trntype=mujoco.mjtTrn.mjTRN_JOINT,
                                      ctrlrange=[0, FINGER_MAX], forcerange=[-35, 35])
         actuator.set_to_position(kp=1000.0)
