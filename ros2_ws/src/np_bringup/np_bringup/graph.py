@@ -1,0 +1,39 @@
+"""The nodes of a graph as data: one table, for `ros2 launch`, for our supervisor and for the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """One node: where it is installed, what it is called, its parameters and topic remappings (before, after)."""
+
+    package: str
+    executable: str
+    name: str = ""
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    remappings: Sequence[tuple[str, str]] = ()
+
+    def __post_init__(self):
+        if not self.name:
+            object.__setattr__(self, "name", self.executable)
+
+
+@dataclass(frozen=True)
+class LaunchArgument:
+    """A launch argument: name, default (a string, as on the command line), what it means."""
+
+    name: str
+    default: str
+    description: str
+
+
+def complete(arguments: Mapping[str, str], known: Sequence[LaunchArgument]) -> dict[str, str]:
+    """`arguments` with the defaults of `known` filled in. Raises ValueError for a name that is not known."""
+    names = [argument.name for argument in known]
+    unknown = sorted(set(arguments) - set(names))
+    if unknown:
+        raise ValueError(f"launch argument {', '.join(unknown)}: expected one of {', '.join(names)}")
+    return {a.name: str(arguments.get(a.name, a.default)) for a in known}

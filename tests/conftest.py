@@ -1,0 +1,36 @@
+"""Fixtures of the graph tests. Without an installed workspace the packages are used from source."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+
+try:
+    import np_bringup  # noqa: F401
+except ImportError:
+    sources = [str(p) for p in sorted((ROOT / "ros2_ws" / "src").iterdir())] + [str(ROOT / "training")]
+    sys.path[:0] = sources
+    os.environ["PYTHONPATH"] = os.pathsep.join([*sources, os.environ.get("PYTHONPATH", "")])
+
+
+@pytest.fixture
+def graph(tmp_path):
+    """Starts nodes as processes in a ROS domain of the test's own."""
+    from graph_tools import Graph
+
+    with Graph(tmp_path / "log") as graph:
+        yield graph
+
+
+@pytest.fixture
+def probe(graph):
+    """A node of the test in the domain of `graph`."""
+    from graph_tools import Probe
+
+    probe = Probe(graph)
+    yield probe
+    probe.close()

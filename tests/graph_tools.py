@@ -1,0 +1,154 @@
+"""What graph tests share: nodes as processes, a probe that collects what they say, waiting on conditions.
+
+    def test_detector(graph, probe):
+        probe.collect("keypoints", PointCloud2)
+        graph.run("np_perception", "keypoint_detector", {"lockstep": True})
+        probe.wait_until(lambda: probe.matched("camera/image_raw"))
+        probe.publish("camera/image_raw", Image, message)
+        probe.wait_until(lambda: probe.messages["keypoints"])
+
+`graph` and `probe` are fixtures (conftest.py); both end what they started. An installed node is run as installed, else
+from source. Nothing here sleeps: waiting is spinning.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+
+import rclpy
+from np_bringup.graph import NodeSpec
+from np_bringup.supervisor import Supervisor, installed_command
+from np_ros import qos as profiles
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from std_srvs.srv import SetBool, Trigger
+
+TIMEOUT = 60.0  # s; only how long a broken graph takes to fail, never a requirement on speed
+
+
+def command(package: str, executable: str) -> list[str]:
+    """The installed executable, or the node's module where the packages are used from source."""
+    try:
+        return installed_command(package, executable)
+    except LookupError:
+        for module in (f"{package}.nodes.{executable}_node", f"{package}.commands.{executable}"):
+            if importlib.util.find_spec(module):
+                return [sys.executable, "-m", module]
+        raise
+
+
+class Graph(Supervisor):
+    """A supervisor that also runs nodes from source."""
+
+    def __init__(self, log_directory: Path):
+        super().__init__(log_directory, locate=command)
+
+    def run(self, package: str, executable: str, parameters: dict | None = None, *, name: str = "",
+            remappings=()) -> str:
+        """Start one node; its name."""
+        spec = NodeSpec(package, executable, name, parameters or {}, remappings)
+        self.start(spec)
+        return spec.name
+
+
+class Probe:
+    """A node of the test itself: publishes, collects, calls services, waits.
+
+    `messages[topic]` holds what was received, oldest first.
+    """
+
+    def __init__(self, graph: Graph):
+        self._graph = graph
+        self._old = {key: os.environ.get(key) for key in graph.environment}
+        os.environ.update(graph.environment)
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=graph.domain_id)
+        self.node = rclpy.create_node("probe", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._publishers: dict[str, object] = {}
+        self._clients: dict[str, object] = {}
+        self.messages: dict[str, list] = defaultdict(list)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown(timeout_sec=0)
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+        for key, value in self._old.items():
+            os.environ.pop(key) if value is None else os.environ.update({key: value})
+
+    def collect(self, topic: str, message_type: type, qos: QoSProfile = profiles.LOCKSTEP,
+                callback: Callable | None = None) -> list:
+        """Keep what comes on `topic` in `messages[topic]` (the list returned), and hand it to `callback`."""
+        received = self.messages[topic]
+
+        def keep(message):
+            received.append(message)
+            if callback is not None:
+                callback(message)
+
+        self.node.create_subscription(message_type, topic, keep, qos)
+        return received
+
+    def advertise(self, topic: str, message_type: type, qos: QoSProfile = profiles.LOCKSTEP):
+        """The publisher on `topic`, made at the first call. Wait for `matched` before the first message."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(message_type, topic, qos)
+        return self._publishers[topic]
+
+    def publish(self, topic: str, message, qos: QoSProfile = profiles.LOCKSTEP) -> None:
+        """Publish `message` on `topic`."""
+        self.advertise(topic, type(message), qos).publish(message)
+
+    def matched(self, topic: str, subscribers: int = 1) -> bool:
+        """Whether our publisher on `topic` has that many subscribers."""
+        return self._publishers[topic].get_subscription_count() >= subscribers
+
+    def publishers(self, topic: str) -> list[str]:
+        """Names of the nodes that publish `topic`."""
+        return [info.node_name for info in self.node.get_publishers_info_by_topic(self._resolve(topic))]
+
+    def subscribers(self, topic: str) -> list[str]:
+        """Names of the nodes that subscribe to `topic`."""
+        return [info.node_name for info in self.node.get_subscriptions_info_by_topic(self._resolve(topic))]
+
+    def spin_once(self, timeout: float = 0.05) -> None:
+        """Run at most one callback."""
+        self._executor.spin_once(timeout)
+
+    def wait_until(self, condition: Callable[[], object], timeout: float = TIMEOUT, what: str = "the condition") -> None:
+        """Spin until `condition()` holds. Fails with the name and last lines of a node that ends meanwhile."""
+        def spun() -> bool:
+            if condition():
+                return True
+            self.spin_once()
+            return bool(condition())
+        self._graph.wait(spun, timeout, what)
+
+    def call(self, service: str, request=None, timeout: float = TIMEOUT):
+        """The response of a std_srvs service: Trigger, or SetBool where `request` is a bool."""
+        service_type = SetBool if isinstance(request, bool) else Trigger
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(service_type, service)
+        client = self._clients[service]
+        self.wait_until(client.service_is_ready, timeout, f"service {service}")
+        content = service_type.Request(data=request) if isinstance(request, bool) else service_type.Request()
+        future = client.call_async(content)
+        self.wait_until(future.done, timeout, f"the answer of {service}")
+        return future.result()
+
+    def idle_for(self, seconds: float) -> None:
+        """Spin for `seconds`, for tests that something does NOT come."""
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0:
+            self.spin_once(min(left, 0.05))
+
+    def _resolve(self, topic: str) -> str:
+        return topic if topic.startswith("/") else f"/{topic}"

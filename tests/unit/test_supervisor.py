@@ -1,0 +1,87 @@
+"""The supervisor against real processes: ends, deaths, stubborn processes, domains."""
+
+import os
+import signal
+import sys
+
+import pytest
+from np_bringup.graph import LaunchArgument, NodeSpec, complete
+from np_bringup.supervisor import NodeDied, Supervisor, installed_command, reserve_domain_id
+
+SCRIPTS = {
+    "patient": "import signal; print('up', flush=True); signal.pause()",
+    "broken": "import sys; print('about to fail', file=sys.stderr); sys.exit('no weights at x')",
+    "stubborn": "import signal; [signal.signal(s, signal.SIG_IGN) for s in (signal.SIGINT, signal.SIGTERM)]; "
+                "print('up', flush=True)\nwhile True: signal.pause()",
+}
+
+
+def script(package, executable):
+    return [sys.executable, "-c", SCRIPTS[executable]]
+
+
+@pytest.fixture
+def supervisor(tmp_path):
+    with Supervisor(tmp_path, locate=script) as supervisor:
+        yield supervisor
+
+
+def is_up(supervisor, name):
+    return lambda: supervisor.last_lines(name) == ["up"]
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_stop_ends_every_process(supervisor):
+    supervisor.start([NodeSpec("p", "patient", "a"), NodeSpec("p", "patient", "b")])
+    pids = [supervisor.pid("a"), supervisor.pid("b")]
+    supervisor.wait(lambda: is_up(supervisor, "a")() and is_up(supervisor, "b")(), 20, "both nodes")
+    supervisor.stop()
+    assert not any(map(alive, pids)) and supervisor.names == []
+
+
+def test_a_node_that_ends_is_reported_with_its_name_and_last_lines(supervisor):
+    supervisor.start(NodeSpec("p", "broken", "detector"))
+    with pytest.raises(NodeDied, match=r"(?s)detector ended with status 1.*about to fail.*no weights at x"):
+        supervisor.wait(lambda: False, 20, "nothing")
+
+
+def test_a_node_that_ignores_signals_is_killed(supervisor, monkeypatch):
+    monkeypatch.setattr("np_bringup.supervisor.STOP_SEQUENCE",
+                        ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, 10.0)))
+    supervisor.start(NodeSpec("p", "stubborn"))
+    supervisor.wait(is_up(supervisor, "stubborn"), 20, "the node")
+    pid = supervisor.pid("stubborn")
+    supervisor.stop()
+    assert not alive(pid)
+
+
+def test_waiting_names_what_did_not_come(supervisor):
+    with pytest.raises(TimeoutError, match="expected the keypoints within 0.1 s"):
+        supervisor.wait(lambda: False, 0.1, "the keypoints")
+
+
+def test_two_supervisors_use_different_domains():
+    first, handle_first = reserve_domain_id()
+    second, handle_second = reserve_domain_id()
+    with handle_first, handle_second:
+        assert first != second
+
+
+def test_an_executable_that_is_not_installed_is_named(monkeypatch, tmp_path):
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    with pytest.raises(LookupError, match="np_policy/post_contact"):
+        installed_command("np_policy", "post_contact")
+
+
+def test_launch_arguments_are_completed_and_checked():
+    known = [LaunchArgument("domain", "card", "task"), LaunchArgument("seed", "0", "seed")]
+    assert complete({"seed": 3}, known) == {"domain": "card", "seed": "3"}
+    with pytest.raises(ValueError, match="sed: expected one of domain, seed"):
+        complete({"sed": "3"}, known)
