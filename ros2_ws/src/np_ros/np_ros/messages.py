@@ -141,6 +141,7 @@ def trajectory_message(stamp: int, names: Sequence[str], times, positions, veloc
         seconds, rest = divmod(round(time * NANOSECONDS), NANOSECONDS)
         point = JointTrajectoryPoint(time_from_start=Duration(sec=seconds, nanosec=rest))
         point.positions, point.velocities = _doubles(position), _doubles(velocity)
+        point.accelerations = point.effort = _doubles(np.zeros(len(names)))  # readers of bags refuse empty arrays
         message.points.append(point)
     return message
 
