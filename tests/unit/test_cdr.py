@@ -66,7 +66,7 @@ def test_padding_does_not_survive_and_fields_do(message):
 @pytest.mark.parametrize("message", [
     JointState(header=Header(frame_id="ab"), name=["a", "bcd"], position=[1.5], velocity=[2.5], effort=[3.5]),
     PoseStamped(header=Header(frame_id="base")), CameraInfo(distortion_model="plumb_bob", d=[0.5]),
-    JointTrajectory(joint_names=["j"], points=[JointTrajectoryPoint(positions=[1.5]), JointTrajectoryPoint()])])
+    JointTrajectory(joint_names=["j"], points=[JointTrajectoryPoint(positions=[1.5], velocities=[0.5], effort=[2.5])])])
 def test_equal_messages_become_equal_bytes(message):
     clean = padding_filter(type_name(message))
     data = serialize_message(message)

@@ -70,7 +70,10 @@ def _align(data: bytearray, position: int, size: int) -> int:
 
 def _string(data: bytearray, position: int) -> int:
     position = _align(data, position, 4)
-    return position + 4 + _LENGTH.unpack_from(data, position)[0]
+    end = position + 4 + _LENGTH.unpack_from(data, position)[0]
+    if 0 < end <= len(data):
+        data[end - 1] = 0  # the terminator: readers do not look at it
+    return end
 
 
 def _primitives(size: int, count: int) -> Walk:
