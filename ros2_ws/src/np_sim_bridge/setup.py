@@ -19,6 +19,6 @@ setup(
     license='Apache-2.0',
     entry_points={
         # executable = node name = 'np_sim_bridge.nodes.<name>_node:main'
-        'console_scripts': [],
+        'console_scripts': ['sim_bridge = np_sim_bridge.nodes.sim_bridge_node:main'],
     },
 )

@@ -62,6 +62,8 @@ def build_scene(domain: Domain, *, timestep: float = 0.002, arm_collision: bool 
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     option.iterations, option.ls_iterations = 20, 20
+    # As the ray caster draws: one sample a pixel; a shadow map of 4096 would take five times as long as the rest.
+    spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 1024
     _add_surroundings(spec, domain, camera)
     _add_robot(spec, panda, arm_collision)
     _add_object(spec, domain)
@@ -111,8 +113,10 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> N
 
     def add_capsule(body, centre, half_axis, radius, rgba, **collision):
         centre, half_axis = np.asarray(centre), np.asarray(half_axis)
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[radius, 0, 0],
-                      fromto=[*(centre - half_axis), *(centre + half_axis)], rgba=rgba, group=1, **collision)
+        number = len(body.geoms)
+        body.add_geom(name=f"{body.name}_{number}", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                      size=[radius, 0, 0], fromto=[*(centre - half_axis), *(centre + half_axis)], rgba=rgba, group=1,
+                      **collision)
 
     white, dark = [0.92, 0.92, 0.92, 1], [0.25, 0.26, 0.28, 1]
     body = add_body(spec.worldbody, BASE_FRAME, panda.inertials["link0"])

@@ -1,0 +1,50 @@
+"""The integer clock: which stamp is a policy tick, and at which an image is due.
+
+All times are integers of nanoseconds, so that no run can drift from another by a rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from np_control.safety.limits import PERIOD_NS as PERIOD
+
+SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """When things are due. policy_rate Hz divides the control rate of 500 Hz; image_rate Hz, at most 500.
+
+    Raises ValueError for rates that the period cannot carry.
+    """
+
+    policy_rate: int = 10
+    image_rate: int = 30
+
+    def __post_init__(self):
+        if self.policy_rate < 1 or SECOND % (self.policy_rate * PERIOD):
+            raise ValueError(f"policy_rate: expected a divisor of {SECOND // PERIOD} Hz, got {self.policy_rate}")
+        if not 1 <= self.image_rate <= SECOND // PERIOD:
+            raise ValueError(f"image_rate: expected 1 .. {SECOND // PERIOD} Hz, got {self.image_rate}")
+
+    @property
+    def policy_period(self) -> int:
+        """ns between policy ticks."""
+        return SECOND // self.policy_rate
+
+    def is_policy_tick(self, stamp: int) -> bool:
+        """Whether the policy acts on the state of this stamp (ns)."""
+        return stamp % self.policy_period == 0
+
+    def next_policy_tick(self, stamp: int) -> int:
+        """The first policy tick (ns) after `stamp`."""
+        return (stamp // self.policy_period + 1) * self.policy_period
+
+    def is_image_due(self, stamp: int) -> bool:
+        """Whether an image is taken at this stamp (ns): multiples of 1/image_rate, rounded to the period, and ticks."""
+        if self.is_policy_tick(stamp):
+            return True
+        index = round(Fraction(stamp * self.image_rate, SECOND))
+        return round(Fraction(index * SECOND, self.image_rate * PERIOD)) * PERIOD == stamp

@@ -1,0 +1,111 @@
+"""The MuJoCo Panda with its object, one control period at a time. No ROS.
+
+The simulated arm behaves as the real one does at its torque interface: it compensates its own gravity, so torques in and
+out are without gravity. Everything is a function of (domain, seed, episode number, torques): no clock, no global state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from np_description.domains import Domain, Pose, sample_task
+from np_description.panda import FINGER_MAX, JOINT_NAMES, STATE_NAMES
+from np_description.scene import OBJECT, load_model
+from np_sim_bridge.schedule import PERIOD, SECOND
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What the encoders and torque sensors say at `stamp` ns: seven joints, then two fingers.
+
+    position (9,) rad, m; velocity (9,) rad/s, m/s; effort (9,) Nm, N: what the drives gave during the period that ends
+    at the stamp, without gravity.
+    """
+
+    stamp: int
+    position: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+
+
+@dataclass(frozen=True)
+class Task:
+    """One episode's task: its number, and the object's start and goal pose in the base frame."""
+
+    episode: int
+    start: Pose
+    goal: Pose
+
+
+class Simulation:
+    """The arm at its ready posture and the object at the start of the task, at stamp 0, until stepped.
+
+    seed: together with an episode number it names a task; first_episode: the task that stands there at the beginning;
+    substeps: physics steps in a control period of 2 ms.
+    """
+
+    def __init__(self, domain: Domain, *, seed: int = 0, first_episode: int = 0, substeps: int = 1):
+        self.domain = domain
+        self.model = load_model(domain, timestep=PERIOD / SECOND / substeps)
+        self._data = mujoco.MjData(self.model)
+        self._seed, self._substeps = seed, substeps
+        joints = [self.model.joint(name) for name in STATE_NAMES]
+        self._position = np.array([joint.qposadr[0] for joint in joints])
+        self._velocity = np.array([joint.dofadr[0] for joint in joints])
+        self._motors = np.array([self.model.actuator(name).id for name in JOINT_NAMES])
+        self._fingers = np.array([self.model.actuator(name).id for name in STATE_NAMES[len(JOINT_NAMES):]])
+        self._object = int(self.model.joint(OBJECT).qposadr[0])
+        self.stamp = 0
+        self.reset(first_episode, 0)
+
+    def reset(self, episode: int, stamp: int) -> Task:
+        """Draw the task of `episode`, put arm and object there at rest, fingers closed, and set the clock to `stamp` ns.
+
+        The state depends on (seed, episode) only. Raises ValueError for a stamp before the present one.
+        """
+        if stamp < self.stamp:
+            raise ValueError(f"reset: time never runs backwards; it is {self.stamp} ns, got {stamp} ns")
+        start, goal = sample_task(self.domain, np.random.default_rng([self._seed, episode]))
+        mujoco.mj_resetDataKeyframe(self.model, self._data, self.model.key("ready").id)
+        self._data.qpos[self._object:self._object + 7] = [*start.position, *start.quaternion]
+        self.stamp = stamp
+        self.task = Task(episode, start, goal)
+        return self.task
+
+    def measure(self) -> Measurement:
+        """Joint positions, velocities and torques of the present state."""
+        data = self._data
+        return Measurement(self.stamp, data.qpos[self._position], data.qvel[self._velocity],
+                           data.qfrc_actuator[self._velocity])
+
+    def object_pose(self) -> Pose:
+        """True pose of the object in the base frame."""
+        pose = self._data.qpos[self._object:self._object + 7].copy()
+        return Pose(pose[:3], pose[3:])
+
+    def configuration(self) -> np.ndarray:
+        """Generalised positions (nq,) of the whole scene, for the renderer."""
+        return self._data.qpos.copy()
+
+    def set_fingers(self, opening: float) -> None:
+        """Move each finger to `opening` m. Raises ValueError outside 0 .. FINGER_MAX."""
+        if not 0 <= opening <= FINGER_MAX:
+            raise ValueError(f"gripper opening: expected 0 .. {FINGER_MAX} m, got {opening}")
+        self._data.ctrl[self._fingers] = opening
+
+    def step(self, torque: np.ndarray) -> None:
+        """Advance by one period with the joint torque (7,) Nm, without gravity, held constant.
+
+        Raises FloatingPointError if the physics diverged, naming MuJoCo's warning.
+        """
+        self._data.ctrl[self._motors] = torque
+        mujoco.mj_step(self.model, self._data, self._substeps)
+        self.stamp += PERIOD
+        for warning in (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
+                        mujoco.mjtWarning.mjWARN_BADQACC):
+            # MuJoCo answers these by resetting the scene to its default, which would pass for a measurement.
+            if self._data.warning[warning].number:
+                raise FloatingPointError(f"simulation diverged at {self.stamp} ns: {warning.name}")
