@@ -1,0 +1,58 @@
+# Each command sets up what it needs first. Options are variables: make evaluate DOMAIN=card EPISODES=20 KEYPOINTS=truth
+SHELL := /bin/bash
+.DELETE_ON_ERROR:
+
+DOMAIN ?= card
+EPISODES ?= 20
+SEED ?= 0
+KEYPOINTS ?= camera
+CONTROLLER ?= impedance
+OBJECT ?= default
+EFFECTS ?= none
+ARGS ?=
+PYTEST_ARGS ?=
+
+PACKAGES := $(wildcard ros2_ws/src/*)
+BUILT_FROM := $(foreach p,$(PACKAGES),$(wildcard $(p)/setup.py $(p)/setup.cfg $(p)/package.xml $(p)/launch/* $(p)/config/*))
+ENV := . ./env.sh &&
+
+.PHONY: help setup demo test bench evaluate train lock clean distclean
+
+help: ## this list
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+setup: ros2_ws/install/.built ## .venv from requirements.lock, then colcon build
+
+.venv/.installed: requirements.lock tools/install.sh tools/python.sh $(wildcard tools/ros2_lite/*.toml tools/ros2_lite/ros2_lite/*.py)
+	@tools/install.sh
+	@touch $@
+
+# Python files are linked, not copied: only new packages, entry points, launch files or settings need a build.
+ros2_ws/install/.built: .venv/.installed $(BUILT_FROM)
+	@$(ENV) cd ros2_ws && colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
+	@touch $@
+
+demo: setup ## card episodes through the graph: bag, report, video
+	@$(ENV) exec ros2 run np_bringup demo $(ARGS)
+
+evaluate: setup ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT EFFECTS: success rate as JSON
+	@$(ENV) exec ros2 run np_bringup evaluate --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \
+		--keypoints $(KEYPOINTS) --controller $(CONTROLLER) --object $(OBJECT) --effects $(EFFECTS) $(ARGS)
+
+bench: setup ## latencies, real-time factor, planning time as JSON
+	@$(ENV) exec ros2 run np_bringup bench $(ARGS)
+
+train: setup ## DOMAIN SEED: train its policies on the GPU or CPU that is there
+	@$(ENV) exec python -m np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)
+
+test: setup ## every test that needs no GPU
+	@$(ENV) exec python -m pytest $(PYTEST_ARGS)
+
+lock: setup ## resolve requirements.txt into requirements.lock
+	@.venv/bin/python tools/lock.py > requirements.lock.new && mv requirements.lock.new requirements.lock
+
+clean: ## remove what colcon built
+	rm -rf ros2_ws/build ros2_ws/install ros2_ws/log
+
+distclean: clean ## remove the virtual environment too
+	rm -rf .venv

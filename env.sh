@@ -1,0 +1,24 @@
+# The environment of this project, for bash and zsh:   . ./env.sh
+# Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
+_np_root=$(cd "$(dirname "${BASH_SOURCE[0]:-$0}")" && pwd)
+
+# Called from another environment of ROS wheels (they set this in every child): its libraries must not be found first.
+if [ -n "${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-}" ]; then
+    unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
+fi
+
+. "$_np_root/.venv/bin/activate"
+case ":${AMENT_PREFIX_PATH:-}:" in
+    *":$VIRTUAL_ENV:"*) ;;
+    *) export AMENT_PREFIX_PATH="$VIRTUAL_ENV${AMENT_PREFIX_PATH:+:$AMENT_PREFIX_PATH}" ;;
+esac
+if [ -f "$_np_root/ros2_ws/install/local_setup.bash" ]; then
+    . "$_np_root/ros2_ws/install/local_setup.${ZSH_VERSION:+z}${BASH_VERSION:+ba}sh"
+fi
+case ":${PYTHONPATH:-}:" in
+    *":$_np_root/training:"*) ;;
+    *) export PYTHONPATH="$_np_root/training${PYTHONPATH:+:$PYTHONPATH}" ;;
+esac
+export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
+export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$_np_root/ros2_ws/src/np_bringup/np_bringup/data/fastdds.xml}"
+unset _np_root

@@ -1,0 +1,36 @@
+#!/bin/bash
+# Create .venv and install what requirements.lock lists. `make setup` calls this; it may be run again at any time.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONHOME
+pip() { .venv/bin/python -m pip --disable-pip-version-check -qq "$@"; }
+
+python=$(tools/python.sh)
+echo "creating .venv with $python ($("$python" --version))"
+"$python" -m venv --clear .venv
+
+# torch is the one package with builds to choose from. Without a GPU its CPU build saves 3 GB; that is on PyTorch's own index.
+# TORCH_INDEX= (empty) takes whatever the configured package index has; where the index cannot be reached, so do we.
+if [ -z "${TORCH_INDEX+set}" ]; then
+    TORCH_INDEX=https://download.pytorch.org/whl/cpu
+    command -v nvidia-smi > /dev/null && TORCH_INDEX=
+fi
+if [ -n "$TORCH_INDEX" ] && ! .venv/bin/python -c \
+        'import sys, urllib.request as u; u.urlopen(sys.argv[1] + "/torch/", timeout=10)' "$TORCH_INDEX" 2> /dev/null; then
+    echo "$TORCH_INDEX cannot be reached; taking torch from the default index"
+    TORCH_INDEX=
+fi
+echo "installing torch"
+pip install ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} "$(grep '^torch==' requirements.lock)"
+
+# Where a ROS 2 installation is sourced, its rclpy and messages are used; two of them in one process would not agree.
+lock=requirements.lock
+if [ -n "${ROS_DISTRO:-}" ] && command -v ros2 > /dev/null; then
+    [ "$ROS_DISTRO" = jazzy ] || { echo "expected ROS 2 jazzy, '$ROS_DISTRO' is sourced" >&2; exit 1; }
+    lock=.venv/requirements-without-ros.lock
+    grep -v '^ros-' requirements.lock > "$lock"
+fi
+echo "installing $(grep -c == "$lock") packages (about two minutes)"
+pip install -r "$lock"
+pip install --no-deps --no-build-isolation ./tools/ros2_lite
+pip check

@@ -1,0 +1,76 @@
+"""`ros2 launch` for launch files that are one table of nodes (np_bringup.graph).
+
+Such a file defines `ARGUMENTS`, a list of LaunchArgument, and `graph(arguments) -> list[NodeSpec]`. With the
+real ros2, its generate_launch_description() makes a LaunchDescription of the same table.
+"""
+
+from __future__ import annotations
+
+import os
+import runpy
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from ros2_lite.packages import prefix_of
+
+_PERIOD = 0.1  # s between two looks at the processes
+
+
+def load(package: str, file: str) -> dict:
+    """The names a package's launch file defines. Raises LookupError if there is no such file."""
+    folder = prefix_of(package) / "share" / package / "launch"
+    if not (folder / file).is_file():
+        have = ", ".join(sorted(p.name for p in folder.glob("*.launch.py"))) or "none"
+        raise LookupError(f"No launch file '{file}' in package '{package}'; it has: {have}")
+    return runpy.run_path(str(folder / file))
+
+
+def parse(pairs: Sequence[str]) -> dict[str, str]:
+    """name:=value pairs as a dictionary. Raises ValueError for anything else."""
+    for pair in pairs:
+        if ":=" not in pair:
+            raise ValueError(f"launch argument: expected name:=value, got '{pair}'")
+    return dict(pair.split(":=", 1) for pair in pairs)
+
+
+def launch(package: str, file: str, pairs: Sequence[str], show_arguments: bool) -> int:
+    """Run the nodes of a launch file until Ctrl-C, SIGTERM or the end of all; 1 if one of them failed."""
+    names = load(package, file)
+    if show_arguments:
+        for argument in names["ARGUMENTS"]:
+            print(f"'{argument.name}': {argument.description} (default: '{argument.default}')")
+        return 0
+
+    from np_bringup.graph import complete
+    from np_bringup.supervisor import Supervisor
+
+    nodes = names["graph"](complete(parse(pairs), names["ARGUMENTS"]))
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    logs = Path(tempfile.mkdtemp(prefix="ros2_launch_"))
+    print(f"logs are in {logs}", flush=True)
+    failed = False
+    with Supervisor(logs, domain_id=int(os.environ.get("ROS_DOMAIN_ID", "0"))) as supervisor:
+        supervisor.start(nodes)
+        running = {node.name: open(logs / f"{node.name}.log", errors="replace") for node in nodes}
+        try:
+            while running:
+                time.sleep(_PERIOD)
+                for name, log in list(running.items()):
+                    ended = supervisor.ended(name)
+                    for line in log:
+                        print(f"[{name}] {line}", end="" if line.endswith("\n") else "\n", flush=True)
+                    if ended:
+                        status = supervisor.kill(name)
+                        failed |= status != 0
+                        print(f"[{name}] has ended with status {status}", file=sys.stderr, flush=True)
+                        running.pop(name).close()
+        except KeyboardInterrupt:
+            pass
+        finally:
+            for log in running.values():
+                log.close()
+    return int(failed)

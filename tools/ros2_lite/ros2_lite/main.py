@@ -1,0 +1,78 @@
+"""Entry point: hand over to a real `ros2` if there is one, else run the sub-command here."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+
+def real_ros2(path: str, own: Path) -> str | None:
+    """The first executable `ros2` on the search path that is not in our own folder, or None."""
+    for folder in path.split(os.pathsep):
+        candidate = Path(folder or ".") / "ros2"
+        if os.access(candidate, os.X_OK) and candidate.resolve().parent != own:
+            return str(candidate)
+    return None
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line; names and meaning as in ros2cli."""
+    root = argparse.ArgumentParser(prog="ros2", description="A small part of the ros2 command.")
+    commands = root.add_subparsers(dest="command", required=True, metavar="command")
+
+    run = commands.add_parser("run", help="run an executable of a package")
+    run.add_argument("package")
+    run.add_argument("executable")
+    run.add_argument("arguments", nargs=argparse.REMAINDER, help="passed on, --ros-args included")
+
+    pkg = commands.add_parser("pkg", help="what is installed").add_subparsers(dest="verb", required=True)
+    executables = pkg.add_parser("executables", help="executables, of one package or of all")
+    executables.add_argument("package", nargs="?")
+
+    topic = commands.add_parser("topic", help="what is sent").add_subparsers(dest="verb", required=True)
+    names = topic.add_parser("list", help="names of the topics")
+    names.add_argument("-t", "--show-types", action="store_true")
+    echo = topic.add_parser("echo", help="print messages as YAML")
+    echo.add_argument("topic")
+    echo.add_argument("--once", action="store_true", help="end after the first message")
+    echo.add_argument("--full-length", "-f", action="store_true", help="print arrays in full")
+    hz = topic.add_parser("hz", help="print the rate at which messages come")
+    hz.add_argument("topic")
+    hz.add_argument("--window", "-w", type=int, default=10000, help="messages the rate is computed over")
+
+    launch = commands.add_parser("launch", help="run a launch file of this project")
+    launch.add_argument("package")
+    launch.add_argument("file")
+    launch.add_argument("arguments", nargs="*", metavar="name:=value")
+    launch.add_argument("-s", "--show-args", action="store_true", help="list the launch arguments and end")
+    return root
+
+
+def main() -> int:
+    """Run `ros2 ...`; the exit status."""
+    real = real_ros2(os.environ.get("PATH", ""), Path(sys.argv[0]).resolve().parent)
+    if real:
+        os.execv(real, [real, *sys.argv[1:]])
+    arguments = parser().parse_args()
+    from ros2_lite import launch, packages, topic
+
+    try:
+        if arguments.command == "run":
+            return packages.run(arguments.package, arguments.executable, arguments.arguments)
+        if arguments.command == "pkg":
+            return packages.list_executables(arguments.package)
+        if arguments.command == "launch":
+            return launch.launch(arguments.package, arguments.file, arguments.arguments, arguments.show_args)
+        if arguments.verb == "list":
+            return topic.list_topics(arguments.show_types)
+        if arguments.verb == "echo":
+            return topic.echo(arguments.topic, arguments.once, arguments.full_length)
+        return topic.hz(arguments.topic, arguments.window)
+    except (LookupError, ValueError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    except (KeyboardInterrupt, BrokenPipeError):
+        sys.stderr.close()
+        return 0

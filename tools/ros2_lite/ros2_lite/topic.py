@@ -1,0 +1,128 @@
+"""`ros2 topic list|echo|hz`."""
+
+from __future__ import annotations
+
+import importlib
+import statistics
+import sys
+import time
+from collections import deque
+from contextlib import contextmanager
+
+import rclpy
+import yaml
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+
+DISCOVERY = 1.0  # s that `list` listens for other participants
+MAX_ITEMS = 128  # array entries printed without --full-length
+
+
+@contextmanager
+def _node():
+    """A node without parameter services, so that looking at a graph adds next to nothing to it."""
+    rclpy.init()
+    try:
+        yield rclpy.create_node("_ros2_lite", start_parameter_services=False, enable_rosout=False)
+    except ExternalShutdownException:
+        raise KeyboardInterrupt from None
+    finally:
+        rclpy.try_shutdown()
+
+
+def _spin_once(node: Node, timeout: float) -> None:
+    rclpy.spin_once(node, timeout_sec=timeout)
+    if not node.context.ok():
+        raise KeyboardInterrupt
+
+
+def list_topics(show_types: bool) -> int:
+    """Print the topics of the graph."""
+    with _node() as node:
+        end = time.monotonic() + DISCOVERY
+        while (left := end - time.monotonic()) > 0:
+            _spin_once(node, left)
+        for name, types in sorted(node.get_topic_names_and_types()):
+            print(f"{name} [{', '.join(types)}]" if show_types else name)
+    return 0
+
+
+def _wait_for_topic(node: Node, topic: str) -> tuple[str, type]:
+    """Full name and message class of a topic, once it is published; says on stderr that it waits."""
+    name, told = node.resolve_topic_name(topic), False
+    while not node.count_publishers(name):
+        if not told:
+            print(f"waiting for a publisher of {name}", file=sys.stderr)
+            told = True
+        _spin_once(node, 0.1)
+    types = dict(node.get_topic_names_and_types())[name]
+    if len(types) != 1:
+        raise ValueError(f"{name}: expected one message type, the graph has {types}")
+    package, _, message = types[0].split("/")
+    return name, getattr(importlib.import_module(f"{package}.msg"), message)
+
+
+def _profile(node: Node, name: str) -> QoSProfile:
+    """A profile that matches every publisher of the topic: reliable and latched only if all of them are."""
+    profiles = [info.qos_profile for info in node.get_publishers_info_by_topic(name)]
+    reliable = all(p.reliability == QoSReliabilityPolicy.RELIABLE for p in profiles)
+    latched = all(p.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
+    return QoSProfile(
+        depth=100,
+        reliability=QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT,
+        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if latched else QoSDurabilityPolicy.VOLATILE)
+
+
+def plain(value, limit: int | None):
+    """A message as dictionaries, lists and numbers; arrays cut after `limit` entries."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return {field: plain(getattr(value, field), limit) for field in value.get_fields_and_field_types()}
+    if isinstance(value, (bytes, bytearray)):
+        value = list(value)
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        shown = [plain(item, limit) for item in value[:limit]]
+        return shown + ["..."] if limit is not None and len(value) > limit else shown
+    return value
+
+
+def echo(topic: str, once: bool, full_length: bool) -> int:
+    """Print the messages of a topic as YAML documents."""
+    with _node() as node:
+        name, message_type = _wait_for_topic(node, topic)
+        received = deque()
+        node.create_subscription(message_type, name, received.append, _profile(node, name))
+        while True:
+            _spin_once(node, 1.0)
+            while received:
+                document = plain(received.popleft(), None if full_length else MAX_ITEMS)
+                text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None)
+                print(text, end="---\n", flush=True)
+                if once:
+                    return 0
+
+
+def rate_line(arrivals: deque) -> str:
+    """Rate and spread of arrival times (s) as `ros2 topic hz` words them."""
+    times = list(arrivals)
+    gaps = [after - before for before, after in zip(times, times[1:])]
+    mean = statistics.fmean(gaps)
+    return (f"average rate: {1 / mean:.3f}\n\tmin: {min(gaps):.4f}s max: {max(gaps):.4f}s "
+            f"std dev: {statistics.pstdev(gaps, mean):.5f}s window: {len(times)}")
+
+
+def hz(topic: str, window: int) -> int:
+    """Print the arrival rate of a topic once a second."""
+    with _node() as node:
+        name, message_type = _wait_for_topic(node, topic)
+        arrivals = deque(maxlen=max(2, window))
+        node.create_subscription(message_type, name, lambda _: arrivals.append(time.monotonic()),
+                                 _profile(node, name), raw=True)
+        printed = time.monotonic()
+        while True:
+            _spin_once(node, 0.1)
+            if time.monotonic() - printed >= 1.0:
+                printed = time.monotonic()
+                print(rate_line(arrivals) if len(arrivals) > 1 else "no new messages", flush=True)
