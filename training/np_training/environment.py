@@ -1,0 +1,220 @@
+"""The batched environment: many episodes at once, each from a contact the pre-contact policy chose.
+
+One step is one policy period. Episodes end by success (within tolerance for `hold` steps in a row), a lost object or
+the time limit. Worlds that end are placed anew from a pool of starts, drawn from the current pre-contact policy once a
+rollout: inverse kinematics and collision checks then cost one large batch instead of many small ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import torch
+
+from np_control.kinematics import forward_kinematics, solve_ik
+from np_description.domains import Domain, is_lost, is_success, pose_error
+from np_description.keypoints import box_keypoints
+from np_description.rotations import matrix_from_quaternion, matrix_from_vector, six_from_matrix
+from np_policy import action as actions
+from np_policy.observation import normalised_keypoints, post_contact_observation
+from np_training import contact
+from np_training.physics import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics, PhysicsConfig
+from np_training.randomisation import NOMINAL_CONDITIONS, Conditions
+from np_training.rewards import RewardConfig, reward_terms
+from np_training.tasks import Poses, sample_tasks
+
+PRE_STATE_SIZE = 18
+PRIVILEGED_SIZE = 18 + 6 + 3 + 2
+
+
+@dataclass(frozen=True)
+class EnvironmentConfig:
+    """worlds; limit: steps an episode; hold: steps within tolerance that count as success; seed."""
+
+    worlds: int = 24576
+    limit: int = 100
+    hold: int = 1
+    seed: int = 0
+    reward: RewardConfig = RewardConfig()
+    physics: PhysicsConfig = PhysicsConfig()
+    conditions: Conditions = NOMINAL_CONDITIONS
+
+
+@dataclass
+class Starts:
+    """A pool of episode starts: task, pre-contact state and action with its log-probability, contact."""
+
+    objects: Poses
+    goals: Poses
+    state: torch.Tensor
+    action: torch.Tensor
+    log_probability: torch.Tensor
+    contacts: contact.Contacts
+    next: int = 0
+    usable: torch.Tensor = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.usable = self.contacts.feasible.nonzero()[:, 0]
+
+    def take(self, count: int) -> torch.Tensor:
+        """Rows of the next `count` usable starts; wraps around a pool that is used up."""
+        rows = (torch.arange(count, device=self.usable.device) + self.next) % len(self.usable)
+        self.next += count
+        return self.usable[rows]
+
+    def rejected(self) -> torch.Tensor:
+        """Rows without a usable contact among those passed over so far."""
+        if self.next == 0:
+            return self.usable[:0]
+        reached = self.usable[min(self.next, len(self.usable)) - 1]
+        return (~self.contacts.feasible[:reached]).nonzero()[:, 0]
+
+
+def pre_contact_state(objects: Poses, goals: Poses) -> torch.Tensor:
+    """The pre-contact policy's input (n, 18): object and goal, position scaled and 6D rotation."""
+    def encode(poses: Poses) -> torch.Tensor:
+        centre = torch.tensor([0.5, 0.0, 0.0], device=poses.position.device)
+        return torch.cat([(poses.position - centre) / 0.2, six_from_matrix(matrix_from_quaternion(poses.quaternion))], -1)
+    return torch.cat([encode(objects), encode(goals)], -1)
+
+
+class Environment:
+    """`config.worlds` episodes of a domain on one device."""
+
+    def __init__(self, domain: Domain, device: str, config: EnvironmentConfig = EnvironmentConfig()) -> None:
+        self.domain, self.config, self.device = domain, config, torch.device(device)
+        self.physics = BatchedPhysics(domain, config.worlds, device, config.physics)
+        self.generator = torch.Generator(device=device).manual_seed(config.seed)
+        self.limits = actions.LOOSE
+        n = config.worlds
+        self.goals = Poses(torch.zeros(n, 3, device=device), torch.zeros(n, 4, device=device))
+        self.goal_corners = torch.zeros(n, 8, 3, device=device)
+        self.last_action = torch.zeros(n, actions.SIZE, device=device)
+        self.age = torch.zeros(n, dtype=torch.long, device=device)
+        self.held = torch.zeros(n, dtype=torch.long, device=device)
+        self.total = torch.zeros(n, device=device)
+        # What the pre-contact policy saw and did for the episode of each world, and how probable it was.
+        self.pre_state = torch.zeros(n, PRE_STATE_SIZE, device=device)
+        self.pre_action = torch.zeros(n, contact.SIZE, device=device)
+        self.pre_log_probability = torch.zeros(n, device=device)
+        self.keypoint_bias = torch.zeros(n, 1, 2, device=device)
+        self.conditions = torch.ones(n, 3, device=device)  # factors of table friction, finger friction, mass
+        self.half_size = torch.tensor(domain.half_size, device=device)
+        self.starts: Starts | None = None
+
+    # --- state ---------------------------------------------------------------------------------------------------
+
+    @property
+    def objects(self) -> Poses:
+        """Object poses now."""
+        return Poses(self.physics.qpos[:, OBJECT_POSITION], self.physics.qpos[:, OBJECT_QUATERNION])
+
+    def corners(self) -> torch.Tensor:
+        """Corners (n, 8, 3) m of the objects now."""
+        return box_keypoints(self.half_size, self.objects.position, self.objects.quaternion)
+
+    def corner_distance(self) -> torch.Tensor:
+        """Mean distance (n,) m of the corners from their goals."""
+        return (self.corners() - self.goal_corners).norm(dim=-1).mean(-1)
+
+    def observe(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """What the policy sees (n, 79), with sensor noise, and what only the critic sees beside it (n, 29)."""
+        c = self.config.conditions
+        q = self.physics.qpos[:, :9] + c.joint_noise * self._normal(self.config.worlds, 9)
+        dq = self.physics.qvel[:, :9] + c.velocity_noise * self._normal(self.config.worlds, 9)
+        position, rotation = forward_kinematics(q[:, ARM])
+        pixels = normalised_keypoints(self.corners()) + self.keypoint_bias
+        pixels = pixels + c.keypoint_noise * self._normal(self.config.worlds, 16).reshape(-1, 8, 2)
+        state = post_contact_observation(q, dq, pixels, normalised_keypoints(self.goal_corners), position, rotation,
+                                         self.last_action)
+        remaining = 1 - self.age[:, None] / self.config.limit
+        zeta = torch.full_like(remaining, self.limits.position / actions.LOOSE.position)
+        privileged = torch.cat([pre_contact_state(self.objects, self.goals), self.physics.qvel[:, 9:],
+                                self.conditions, remaining, zeta], -1)
+        return state, privileged
+
+    def _normal(self, rows: int, columns: int) -> torch.Tensor:
+        return torch.randn(rows, columns, generator=self.generator, device=self.device)
+
+    # --- starts --------------------------------------------------------------------------------------------------
+
+    def draw_starts(self, pre_policy, count: int) -> Starts:
+        """A pool of `count` tasks with the contacts that `pre_policy.act(state)` -> (action, log p) chooses."""
+        objects, goals = sample_tasks(self.domain, count, self.generator)
+        state = pre_contact_state(objects, goals)
+        action, log_probability = pre_policy.act(state)
+        return Starts(objects, goals, state, action, log_probability, contact.resolve(self.domain, action, objects))
+
+    def reset(self, where: torch.Tensor) -> None:
+        """Begin new episodes in the worlds `where` (n,), from the pool of starts."""
+        n = len(where)
+        if n == 0:
+            return
+        starts, c = self.starts, self.config.conditions
+        row = starts.take(n)
+        q = starts.contacts.q[row]
+        if c.start_position or c.start_rotation:
+            # The approach of the real robot, and the student, miss the teacher's pose by a little.
+            shift = c.start_position * (2 * torch.rand(n, 3, generator=self.generator, device=self.device) - 1)
+            shift[:, 2] = shift[:, 2].abs()
+            turn = matrix_from_vector(c.start_rotation * self._normal(n, 3))
+            q = solve_ik(q, starts.contacts.position[row] + shift, turn @ starts.contacts.rotation[row])
+        width = starts.contacts.width[row][:, None].expand(n, 2)
+        self.physics.place(where, torch.cat([q, width, starts.objects.position[row], starts.objects.quaternion[row]], -1))
+        self.physics.fingers[where] = width
+        self.physics.command[:, where] = torch.stack([q, torch.full_like(q, 100.0), torch.ones_like(q)] * 2)
+        for mine, drawn in ((self.goals.position, starts.goals.position), (self.goals.quaternion, starts.goals.quaternion)):
+            mine[where] = drawn[row]
+        self.goal_corners[where] = box_keypoints(self.half_size, self.goals.position[where], self.goals.quaternion[where])
+        self.last_action[where] = 0
+        self.age[where] = 0
+        self.held[where] = 0
+        self.total[where] = 0
+        self.pre_state[where], self.pre_action[where] = starts.state[row], starts.action[row]
+        self.pre_log_probability[where] = starts.log_probability[row]
+        self._draw_conditions(where)
+
+    def _draw_conditions(self, where: torch.Tensor) -> None:
+        c, n = self.config.conditions, len(where)
+        self.physics.delay[where] = torch.randint(c.delay[0], c.delay[1] + 1, (n,), generator=self.generator,
+                                                  device=self.device, dtype=torch.int32)
+        self.keypoint_bias[where] = c.keypoint_bias * self._normal(n, 2)[:, None]
+        if c.randomises_physics:
+            factors = [low + (high - low) * torch.rand(n, generator=self.generator, device=self.device)
+                       for low, high in (c.table_friction, c.finger_friction, c.mass)]
+            self.conditions[where] = torch.stack(factors, -1)
+            self.physics.randomise(where, *factors)
+
+    # --- step ----------------------------------------------------------------------------------------------------
+
+    def step(self, action: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Advance every world by one policy period under actions (n, 20).
+
+        Returns reward, done, success, lost, timeout (n,), the reward's terms, and for ended episodes their total.
+        Ended worlds are NOT reset: call `reset(done.nonzero())`, after the critic has seen the last state.
+        """
+        physics, config = self.physics, self.config
+        before = self.corner_distance()
+        q = physics.qpos[:, ARM].clone()
+        position, rotation = forward_kinematics(q)
+        target = actions.decode(action, position, rotation, self.limits)
+        physics.command[:3] = physics.command[3:].clone()
+        physics.command[3] = solve_ik(q, target.position, target.rotation)
+        physics.command[4], physics.command[5] = target.stiffness, target.damping_ratio
+        physics.noise.copy_(config.conditions.torque_noise * self._normal(config.worlds, 7))
+        physics.advance()
+        self.last_action = action.clamp(-1, 1)
+        self.age += 1
+        objects = self.objects
+        broken = ~torch.isfinite(physics.qpos).all(-1)
+        distance, angle = pose_error(objects.position, objects.quaternion, self.goals.position, self.goals.quaternion)
+        self.held = torch.where(is_success(self.domain, distance, angle), self.held + 1, 0)
+        success = self.held >= config.hold
+        lost = (is_lost(self.domain, objects.position) | broken) & ~success
+        timeout = (self.age >= config.limit) & ~success & ~lost
+        after = torch.where(broken, before, self.corner_distance())
+        terms = reward_terms(config.reward, before, after, success, lost, target.stiffness)
+        reward = sum(terms.values())
+        self.total += reward
+        return {"reward": reward, "done": success | lost | timeout, "success": success, "lost": lost,
+                "timeout": timeout, "terms": terms, "distance": distance, "angle": angle, "broken": broken}

@@ -1,0 +1,151 @@
+"""Many copies of the scene on one device: MuJoCo Warp stepped under the impedance law.
+
+One call of `advance` is one policy period: `substeps` physics steps, each with the joint impedance law in front, all in
+one captured CUDA graph. PyTorch tensors alias the simulator's arrays, so resets and observations need no copies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import torch
+import warp as wp
+
+from np_control.impedance import STIFFNESS_MIN
+from np_description.domains import Domain
+from np_description.panda import NOMINAL
+from np_description.scene import OBJECT, load_model
+
+ARM, OBJECT_POSITION, OBJECT_QUATERNION = slice(0, 7), slice(9, 12), slice(12, 16)
+
+
+@dataclass(frozen=True)
+class PhysicsConfig:
+    """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world."""
+
+    timestep: float = 0.005
+    substeps: int = 20
+    contacts: int = 20
+    constraints: int = 96
+    iterations: int = 8
+    ls_iterations: int = 10
+
+
+@wp.kernel
+def impedance_kernel(substep: int, limit: wp.array(dtype=float), qpos: wp.array2d(dtype=float),
+                     qvel: wp.array2d(dtype=float), bias: wp.array2d(dtype=float), gravity: wp.array2d(dtype=float),
+                     command: wp.array3d(dtype=float), delay: wp.array(dtype=int), noise: wp.array2d(dtype=float),
+                     ctrl: wp.array2d(dtype=float)):
+    """np_control.impedance.torque for joint j of world i; a test holds both to the same result.
+
+    command (6, worlds, 7): joint target, stiffness, damping ratio of the last period, then of this one, which takes
+    effect after `delay` substeps.
+    """
+    i, j = wp.tid()
+    new = 0
+    if substep >= delay[i]:
+        new = 3
+    stiffness = command[new + 1, i, j]
+    damping = command[new + 2, i, j] * wp.sqrt(stiffness)
+    coriolis = bias[i, j] - gravity[i, j]
+    torque = stiffness * (command[new, i, j] - qpos[i, j]) - damping * qvel[i, j] + coriolis + noise[i, j]
+    ctrl[i, j] = wp.clamp(torque, -limit[j], limit[j])
+
+
+class BatchedPhysics:
+    """`worlds` copies of a domain's scene.
+
+    qpos (worlds, 16): 7 joints, 2 fingers, object position, object quaternion wxyz; qvel (worlds, 15); command
+    (6, worlds, 7), see `impedance_kernel`; delay (worlds,) substeps; noise (worlds, 7) Nm; fingers (worlds,) m.
+    """
+
+    def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
+        self.config, self.worlds, self.device = config, worlds, torch.device(device)
+        model = load_model(domain, timestep=config.timestep, arm_collision=False)
+        model.opt.iterations, model.opt.ls_iterations = config.iterations, config.ls_iterations
+        self.host_model = model
+        self._wp_device = wp.get_device(device)
+        if self._wp_device.is_cuda:
+            # A captured graph holds the work of one stream: torch has to queue on Warp's.
+            torch.cuda.set_stream(wp.stream_to_torch(wp.get_stream(self._wp_device)))
+        with wp.ScopedDevice(self._wp_device):
+            self.model = mjw.put_model(model, batch_sizes=dict(geom_friction=worlds, body_mass=worlds, body_inertia=worlds))
+            data = mujoco.MjData(model)
+            mujoco.mj_resetDataKeyframe(model, data, 0)
+            mujoco.mj_forward(model, data)
+            # Worlds that end a step before full convergence are the normal case, not worth a line each.
+            self.model.opt.warn_overflow &= ~mjw.OverflowType.ITERATIONS
+            self.data = mjw.put_data(model, data, nworld=worlds, nconmax=config.contacts, njmax=config.constraints)
+            self._command = wp.zeros((6, worlds, 7), dtype=float)
+            self._delay = wp.zeros(worlds, dtype=int)
+            self._noise = wp.zeros((worlds, 7), dtype=float)
+            self._limit = wp.array(NOMINAL.torque_limit, dtype=float)
+        d = self.data
+        self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))
+        self._stale = [wp.to_torch(a) for a in (d.qacc_warmstart, d.qfrc_bias, d.qfrc_gravcomp)]
+        self.command, self.delay, self.noise = (wp.to_torch(a) for a in (self._command, self._delay, self._noise))
+        self.command[1::3] = float(STIFFNESS_MIN[0])
+        self.command[2::3] = 1.0
+        self.friction = wp.to_torch(self.model.geom_friction)
+        self.mass, self.inertia = wp.to_torch(self.model.body_mass), wp.to_torch(self.model.body_inertia)
+        self.object_body = model.body(OBJECT).id
+        self._nominal = model.geom_friction.copy(), model.body_mass.copy(), model.body_inertia.copy()
+        self._surroundings = {"table", *(box.name for box in domain.obstacles)}
+        self._graph = None
+
+    @property
+    def fingers(self) -> torch.Tensor:
+        """Commanded finger openings (worlds, 2) m."""
+        return self.ctrl[:, 7:9]
+
+    def advance(self) -> None:
+        """One policy period under the current commands."""
+        if not self._wp_device.is_cuda:
+            with wp.ScopedDevice(self._wp_device):
+                self._period()
+            return
+        if self._graph is None:
+            with wp.ScopedDevice(self._wp_device):
+                saved = self.qpos.clone(), self.qvel.clone()
+                self._period()  # compiles every kernel before the capture
+                with wp.ScopedCapture() as capture:
+                    self._period()
+                self._graph = capture.graph
+                self.qpos.copy_(saved[0])
+                self.qvel.copy_(saved[1])
+        wp.capture_launch(self._graph)
+
+    def _period(self) -> None:
+        d = self.data
+        for substep in range(self.config.substeps):
+            wp.launch(impedance_kernel, dim=(self.worlds, 7), inputs=[
+                substep, self._limit, d.qpos, d.qvel, d.qfrc_bias, d.qfrc_gravcomp, self._command, self._delay,
+                self._noise], outputs=[d.ctrl])
+            mjw.step(self.model, d)
+
+    def place(self, where: torch.Tensor, qpos: torch.Tensor) -> None:
+        """Put the worlds `where` (n,) at rest at qpos (n, 16)."""
+        self.qpos[where] = qpos
+        self.qvel[where] = 0
+        for array in self._stale:  # of the state before: solver warm start and Coriolis terms
+            array[where] = 0
+
+    def randomise(self, where: torch.Tensor, table: torch.Tensor, finger: torch.Tensor, mass: torch.Tensor) -> None:
+        """Scale nominal friction of the surroundings and fingers, and the object's mass, by factors (n,)."""
+        friction, body_mass, inertia = self._nominal
+        for geom in range(self.host_model.ngeom):
+            name = self.host_model.geom(geom).name
+            factor = table if name in self._surroundings else finger if name.startswith("panda_finger") else None
+            if factor is not None:
+                self.friction[where, geom, 0] = float(friction[geom, 0]) * factor
+        self.mass[where, self.object_body] = float(body_mass[self.object_body]) * mass
+        nominal = torch.as_tensor(inertia[self.object_body], dtype=torch.float32, device=self.device)
+        self.inertia[where, self.object_body] = nominal * mass[:, None]
+
+    def overflow(self) -> dict[str, int]:
+        """Contacts and constraints in use against capacity: what was dropped would be silent otherwise."""
+        return {"contacts": int(self.data.nacon.numpy()[0]), "contact_capacity": self.data.naconmax,
+                "constraints": int(self.data.nefc.numpy().max()), "constraint_capacity": self.data.njmax}

@@ -1,0 +1,68 @@
+"""Start and goal poses of a domain in batches: the regions of np_description.domains, drawn with PyTorch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import torch
+
+from np_description.domains import Domain, Region
+from np_description.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
+
+
+@dataclass(frozen=True)
+class Poses:
+    """position (n, 3) m and quaternion wxyz (n, 4), base frame."""
+
+    position: torch.Tensor
+    quaternion: torch.Tensor
+
+    def __getitem__(self, index) -> Poses:
+        return Poses(self.position[index], self.quaternion[index])
+
+
+def uniform(count: int, bounds: tuple[float, float], generator: torch.Generator) -> torch.Tensor:
+    """(count,) numbers, uniform in bounds, on the generator's device."""
+    low, high = bounds
+    return low + (high - low) * torch.rand(count, generator=generator, device=generator.device)
+
+
+def sample_poses(domain: Domain, region: Region, count: int, generator: torch.Generator) -> Poses:
+    """(count,) poses at rest in a region."""
+    quaternion = yaw_quaternion(uniform(count, region.yaw, generator))
+    if region.quarter_turns:
+        for axis in (2, 1):  # pitch, then roll, in the rotated frame: yaw * pitch * roll
+            half = torch.randint(0, 4, (count,), generator=generator, device=generator.device) * (pi / 4)
+            turn = torch.zeros(count, 4, device=generator.device)
+            turn[:, 0], turn[:, axis] = torch.cos(half), torch.sin(half)
+            quaternion = quaternion_multiply(quaternion, turn)
+    half_size = torch.tensor(domain.half_size, device=generator.device)
+    height = region.surface + (matrix_from_quaternion(quaternion)[:, 2].abs() * half_size).sum(-1)
+    position = torch.stack([uniform(count, region.x, generator), uniform(count, region.y, generator), height], dim=-1)
+    return Poses(position, quaternion)
+
+
+def sample_tasks(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
+    """(count,) starts and goals; tasks closer than the domain's least distance are drawn again."""
+    starts, goals = _draw(domain, count, generator)
+    while True:
+        near = (starts.position - goals.position).norm(dim=-1) < domain.min_distance
+        again = int(near.sum())
+        if not again:
+            return starts, goals
+        new_starts, new_goals = _draw(domain, again, generator)
+        for old, new in ((starts, new_starts), (goals, new_goals)):
+            old.position[near], old.quaternion[near] = new.position, new.quaternion
+
+
+def _draw(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
+    starts = sample_poses(domain, domain.start, count, generator)
+    choices = [sample_poses(domain, region, count, generator) for region in domain.goals]
+    pick = torch.randint(0, len(choices), (count,), generator=generator, device=generator.device)
+    rows = torch.arange(count, device=generator.device)
+    position = torch.stack([c.position for c in choices])[pick, rows]
+    quaternion = torch.stack([c.quaternion for c in choices])[pick, rows]
+    if domain.goal_yaw is not None:
+        quaternion = quaternion_multiply(yaw_quaternion(uniform(count, domain.goal_yaw, generator)), starts.quaternion)
+    return starts, Poses(position, quaternion)
