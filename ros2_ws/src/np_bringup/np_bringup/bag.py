@@ -1,0 +1,103 @@
+"""Reading bags: with errors that say what was expected, and a digest of what a lockstep run must reproduce."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from rosbags.rosbag2 import Reader
+
+from np_bringup.cdr import TYPESTORE
+from np_bringup.contract import BY_NAME, TOPICS, Topic
+
+
+class BagError(ValueError):
+    """A bag that cannot be used; the text says what was expected and what was found."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """One recorded message: its time ns, its topic, its serialized bytes."""
+
+    stamp: int
+    topic: Topic
+    data: bytes
+
+    def decode(self):
+        """The message as an object with the fields of its ROS type."""
+        return TYPESTORE.deserialize_cdr(self.data, self.topic.type)
+
+
+class Recording:
+    """A bag with topics of the contract, checked to be complete.
+
+    counts: messages by topic name; information: what the recorder knew of the run; start, end: ns.
+    Raises BagError for a path that is no bag, a bag that was cut off, or one without the topics in `required`.
+    """
+
+    def __init__(self, path: str | Path, required: Collection[str] = ()):
+        self.path = Path(path)
+        self._reader = self._open()
+        self._topics = {}
+        for connection in self._reader.connections:
+            topic = BY_NAME.get(connection.topic.lstrip("/"))
+            if topic is None:
+                continue
+            if connection.msgtype != topic.type:
+                raise BagError(f"bag {self.path}: topic {topic.name}: expected type {topic.type}, got {connection.msgtype}")
+            self._topics[connection.id] = (topic, connection)
+        self.counts = {topic.name: connection.msgcount for topic, connection in self._topics.values()}
+        missing = [name for name in required if not self.counts.get(name)]
+        if missing or not any(self.counts.values()):
+            found = [f"{c.topic} ({c.msgtype}, {c.msgcount})" for c in self._reader.connections]
+            raise BagError(f"bag {self.path}: expected messages on {', '.join(missing) or 'the topics of docs/graph.md'}; "
+                           f"it has {', '.join(found) or 'no topics'}")
+        custom = getattr(self._reader.storage.metadata, "custom", None) or {}
+        self.information: dict = json.loads(custom.get("run_info", "{}"))
+        self.start, self.end = self._reader.start_time, self._reader.end_time - 1
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files."""
+        self._reader.close()
+
+    def messages(self, *names: str) -> Iterator[Message]:
+        """The messages of the named topics (all if none is named), in the order of their time."""
+        wanted = [c for topic, c in self._topics.values() if not names or topic.name in names]
+        try:
+            for connection, stamp, data in self._reader.messages(wanted) if wanted else ():
+                yield Message(stamp, self._topics[connection.id][0], bytes(data))
+        except Exception as error:  # damaged bytes end in any of a dozen types of exception
+            raise BagError(f"bag {self.path}: expected readable messages to the end, got: {error}") from error
+
+    def digest(self) -> str:
+        """SHA-256 (hex) over (topic, time, bytes) of every message that a lockstep run must reproduce."""
+        names = [topic.name for topic in TOPICS if topic.reproducible and topic.name in self.counts]
+        total = hashlib.sha256()
+        for message in self.messages(*names):
+            total.update(f"{message.topic.name} {message.stamp} {len(message.data)}\n".encode())
+            total.update(message.data)
+        return total.hexdigest()
+
+    def _open(self) -> Reader:
+        if not self.path.exists():
+            raise BagError(f"bag {self.path}: expected a folder with metadata.yaml and an .mcap file, it does not exist")
+        if self.path.is_dir() and not (self.path / "metadata.yaml").exists():
+            inside = sorted(p.name for p in self.path.iterdir())
+            raise BagError(f"bag {self.path}: expected metadata.yaml, which the recorder writes when it closes the bag; "
+                           f"found {inside or 'an empty folder'}: the recording was cut off, or this is no bag")
+        try:
+            reader = Reader(self.path)
+            reader.open()
+        except Exception as error:
+            raise BagError(f"bag {self.path}: expected a complete rosbag2 recording, got: {error} "
+                           "(cut off, or no bag)") from error
+        return reader

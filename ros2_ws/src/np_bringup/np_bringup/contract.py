@@ -1,0 +1,55 @@
+"""The topics of docs/graph.md as data, for whoever records, replays or checks the whole graph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of the contract.
+
+    type: full message type. stamped: the message begins with the acquisition time (a header, or clock).
+    latched: a late joiner gets the last message. reproducible: equal in two lockstep runs with the same seed.
+    """
+
+    name: str
+    type: str
+    stamped: bool = True
+    latched: bool = False
+    reproducible: bool = True
+
+
+TOPICS = (
+    # Causal order: that in which messages of the same stamp follow from each other.
+    Topic("clock", "rosgraph_msgs/msg/Clock"),
+    Topic("joint_states", "sensor_msgs/msg/JointState"),
+    Topic("motor_states", "sensor_msgs/msg/JointState"),
+    Topic("camera/image_raw", "sensor_msgs/msg/Image"),
+    Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo", latched=True),
+    Topic("object_pose", "geometry_msgs/msg/PoseStamped"),
+    Topic("goal_pose", "geometry_msgs/msg/PoseStamped", latched=True),
+    Topic("goal_keypoints", "sensor_msgs/msg/PointCloud2", latched=True),
+    Topic("keypoints", "sensor_msgs/msg/PointCloud2"),
+    Topic("phase", "std_msgs/msg/String", stamped=False, latched=True),
+    Topic("gripper_command", "std_msgs/msg/Float64", stamped=False),
+    Topic("pre_contact_pose", "geometry_msgs/msg/PoseStamped"),
+    Topic("joint_trajectory", "trajectory_msgs/msg/JointTrajectory"),
+    Topic("tick", "std_msgs/msg/Header"),
+    Topic("target_gains", "std_msgs/msg/Float64MultiArray", stamped=False),
+    Topic("target_pose", "geometry_msgs/msg/PoseStamped"),
+    Topic("effort_command", "sensor_msgs/msg/JointState"),
+    Topic("applied_command", "sensor_msgs/msg/JointState"),
+    # Header of the time of publishing, by the wall: what happened when, not what was computed from what.
+    Topic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", stamped=False, reproducible=False),
+)
+
+BY_NAME = {topic.name: topic for topic in TOPICS}
+TIMELINE = BY_NAME["joint_states"]
+END_PHASES = ("succeeded", "failed", "fault")
+
+
+def split_phase(text: str) -> tuple[str, str]:
+    """Phase and reason of a `phase` message: "failed: post: timeout" -> ("failed", "post: timeout")."""
+    phase, _, reason = text.partition(":")
+    return phase.strip(), reason.strip()

@@ -1,0 +1,177 @@
+"""Order, completeness and errors of recordings, on the library half of the recorder."""
+
+import random
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from np_bringup.bag import BagError, Recording
+from np_bringup.contract import BY_NAME, TIMELINE
+from np_bringup.recorder import HORIZON, BagWriter, Sequencer
+from np_description.panda import STATE_NAMES
+from np_ros.messages import gains_message, joint_state_message, pose_message
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import StoragePlugin, Writer
+from std_msgs.msg import String
+
+PERIOD = 2_000_000
+
+
+def state(step: int) -> bytes:
+    return serialize_message(joint_state_message(step * PERIOD, STATE_NAMES, *np.full((3, 9), float(step))))
+
+
+def pose(step: int) -> bytes:
+    return serialize_message(pose_message(step * PERIOD, "panda_link0", np.full(3, float(step)), np.array([1.0, 0, 0, 0])))
+
+
+def run(length: int):
+    """(topic, data, time of publishing, number): a run in which a phase is announced between states 20 and 21."""
+    messages = [(TIMELINE, state(i), 1000 * i, i) for i in range(length)]
+    messages += [(BY_NAME["object_pose"], pose(i), 1000 * i + 10, i // 5) for i in range(0, length, 5)]
+    messages += [(BY_NAME["phase"], serialize_message(String(data="post")), 20_500, 1)]
+    return sorted(messages, key=lambda m: m[2])
+
+
+def sequence(messages):
+    out = []
+    sequencer = Sequencer(lambda *item: out.append(item))
+    for message in messages:
+        sequencer.add(*message)
+    sequencer.flush()
+    return out, sequencer
+
+
+def record(path, length=200, information=None):
+    writer = BagWriter(path, information or {"seed": 3})
+    sequencer = Sequencer(writer.write)
+    for message in run(length):
+        sequencer.add(*message)
+    sequencer.flush()
+    writer.close()
+    return path
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 2**32))
+def test_order_of_arrival_does_not_matter(seed):
+    """Topics overtake each other, by less than the horizon; each topic by itself stays in order."""
+    expected, _ = sequence(run(100))
+    rng, queues, mixed = random.Random(seed), {}, []
+    for message in run(100):
+        queues.setdefault(message[0].name, []).append(message)
+    while queues:
+        name = rng.choice(sorted(queues))
+        mixed.append(queues[name].pop(0))
+        if not queues[name]:
+            del queues[name]
+    assert 100 * PERIOD < HORIZON
+    result, _ = sequence(mixed)
+    assert result == expected
+    assert [s for s, _, _ in result] == sorted(s for s, _, _ in result)
+
+
+def test_a_message_without_a_stamp_gets_that_of_the_state_before_it():
+    result, _ = sequence(run(50))
+    assert [s for s, topic, _ in result if topic.name == "phase"] == [20 * PERIOD]
+
+
+def test_what_is_sent_again_is_kept_once_and_what_is_missing_is_counted():
+    messages = run(50)
+    result, sequencer = sequence([m for message in messages for m in (message, message)])
+    assert result == sequence(messages)[0] and sequencer.repeated == len(messages)
+    _, sequencer = sequence([m for m in messages if not (m[0] is TIMELINE and m[3] in (7, 8, 30))])
+    assert sequencer.lost == 3
+
+
+def test_equal_messages_at_different_times_are_both_kept():
+    gains = serialize_message(gains_message(np.ones((2, 7))))
+    messages = [(TIMELINE, state(0), 0, 0), (BY_NAME["target_gains"], gains, 1, 0), (TIMELINE, state(1), 2, 1),
+                (BY_NAME["target_gains"], gains, 3, 1), (TIMELINE, state(2), 4, 2)]
+    result, _ = sequence(messages)
+    assert [s for s, topic, _ in result if topic.name == "target_gains"] == [0, PERIOD]
+
+
+def test_a_bag_holds_what_was_recorded(tmp_path):
+    with Recording(record(tmp_path / "bag"), required=["joint_states", "phase"]) as recording:
+        assert recording.information == {"seed": 3}
+        assert recording.counts["joint_states"] == 200 and recording.counts["tick"] == 0
+        assert [(m.stamp, m.topic, m.data) for m in recording.messages()] == sequence(run(200))[0]
+        first = next(recording.messages("object_pose")).decode()
+        assert first.header.frame_id == "panda_link0" and first.pose.orientation.w == 1.0
+        assert (recording.start, recording.end) == (0, 199 * PERIOD)
+
+
+def test_equal_runs_make_equal_files(tmp_path):
+    one, other = record(tmp_path / "1" / "bag"), record(tmp_path / "2" / "bag")
+    for name in ("bag.mcap", "metadata.yaml"):
+        assert (one / name).read_bytes() == (other / name).read_bytes()
+    different = record(tmp_path / "3" / "bag", length=199)
+    assert Recording(one).digest() == Recording(other).digest() != Recording(different).digest()
+
+
+def test_an_existing_bag_is_not_overwritten(tmp_path):
+    record(tmp_path / "bag")
+    with pytest.raises(FileExistsError, match="expected a new path"):
+        BagWriter(tmp_path / "bag", {})
+
+
+@pytest.mark.parametrize("part", [0.0, 0.3, 0.9, 0.999])
+def test_a_truncated_bag_is_named(tmp_path, part):
+    file = record(tmp_path / "bag") / "bag.mcap"
+    file.write_bytes(file.read_bytes()[:int(part * file.stat().st_size)])
+    with pytest.raises(BagError, match="expected a complete rosbag2 recording"):
+        Recording(tmp_path / "bag")
+
+
+def test_a_bag_without_its_metadata_is_named(tmp_path):
+    (record(tmp_path / "bag") / "metadata.yaml").unlink()
+    with pytest.raises(BagError, match="expected metadata.yaml.*cut off"):
+        Recording(tmp_path / "bag")
+
+
+def test_a_damaged_message_is_named(tmp_path):
+    file = record(tmp_path / "bag", length=4000) / "bag.mcap"
+    data = bytearray(file.read_bytes())
+    middle = len(data) // 3
+    data[middle:middle + 4096] = b"\xff" * 4096
+    file.write_bytes(data)
+    with pytest.raises(BagError, match="expected readable messages"), Recording(tmp_path / "bag") as recording:
+        for message in recording.messages():
+            message.decode()
+
+
+def foreign(path, topic, message_type, data):
+    from np_bringup.cdr import TYPESTORE
+
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        writer.write(writer.add_connection(topic, message_type, typestore=TYPESTORE), 1, data)
+    return path
+
+
+def test_a_foreign_bag_is_named(tmp_path):
+    chatter = foreign(tmp_path / "a", "/chatter", "std_msgs/msg/String", serialize_message(String(data="hello")))
+    with pytest.raises(BagError, match=r"expected messages on .*graph.md; it has /chatter \(std_msgs/msg/String, 1\)"):
+        Recording(chatter)
+    wrong = foreign(tmp_path / "b", "/joint_states", "geometry_msgs/msg/PoseStamped", serialize_message(PoseStamped()))
+    with pytest.raises(BagError, match="joint_states: expected type sensor_msgs/msg/JointState, got geometry_msgs"):
+        Recording(wrong)
+    with pytest.raises(BagError, match="expected messages on tick, effort_command; it has"):
+        Recording(record(tmp_path / "c"), required=["joint_states", "tick", "effort_command"])
+    with pytest.raises(BagError, match="does not exist"):
+        Recording(tmp_path / "nothing")
+
+
+def test_a_full_disk_is_reported(tmp_path):
+    writer = BagWriter(tmp_path / "bag", {})
+    writer._writer.storage.bio.close()
+    writer._writer.storage.bio = open("/dev/full", "wb", buffering=0)
+    for i in range(4000):
+        try:
+            writer.write(i, TIMELINE, state(i))
+        except OSError:
+            break
+    with pytest.raises(OSError, match="cannot be written: .*No space left"):
+        writer.close()
