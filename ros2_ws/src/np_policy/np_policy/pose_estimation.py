@@ -1,0 +1,164 @@
+"""The object's pose from its eight keypoints in one image (perspective-n-point with the known box).
+
+At 2 mm a pixel a small flat box fixes its distance only to a centimetre and its tilt to several degrees, and two tilts may
+explain the same image. So the pose in which the box rests on a face is tried first: three unknowns instead of six. Only
+where no such pose explains the keypoints as well as a free one does, the object is taken to be tilted or in the air.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from np_description.camera import CAMERA, Camera
+from np_description.domains import Domain, Pose
+from np_description.keypoints import CORNERS
+from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
+
+MIN_POINTS = 6
+_HUBER = 1.5  # px, residual from which a keypoint counts less
+_ITERATIONS = 30
+
+
+class PoseError(RuntimeError):
+    """No pose explains the keypoints; the message says why."""
+
+
+@dataclass(frozen=True)
+class PoseEstimate:
+    """pose: object in the base frame; rms: px, weighted reprojection error; resting: flat on a surface."""
+
+    pose: Pose
+    rms: float
+    resting: bool
+
+
+def usable(keypoints, min_score: float) -> np.ndarray:
+    """Which of keypoints (8, 3) u px, v px, score may be used: finite and with at least `min_score`; (8,) bool."""
+    keypoints = np.asarray(keypoints, float)
+    return np.isfinite(keypoints).all(axis=1) & (keypoints[:, 2] >= min_score)
+
+
+def estimate_pose(keypoints, domain: Domain, *, min_score: float = 0.3, max_rms: float = 4.0, camera: Camera = CAMERA,
+                  ) -> PoseEstimate:
+    """The object's pose from keypoints (8, 3): u px, v px, score 0..1, in the order of np_description.keypoints.
+
+    min_score: keypoints below it are left out; max_rms px: a worse fit is refused. Raises PoseError with fewer than
+    MIN_POINTS usable keypoints or without a pose that explains them.
+    """
+    keypoints = np.asarray(keypoints, float)
+    good = usable(keypoints, min_score)
+    if good.sum() < MIN_POINTS:
+        raise PoseError(f"expected at least {MIN_POINTS} of 8 keypoints with a score of {min_score:g} or more, "
+                        f"got {good.sum()}")
+    fit = _Fit(keypoints[good], CORNERS[good] * domain.half_size, camera)
+    surfaces = {0.0} | {box.centre[2] + box.half_size[2] for box in domain.obstacles}
+    starts = sorted(fit.resting_starts(sorted(surfaces)), key=lambda start: fit.rms(*start))
+    resting = _best(fit.refine(*start, planar=True) for start in starts[:2])
+    free = fit.refine(*resting[:2], planar=False)
+    if not _explains(resting, free):
+        free = _best([free, *(fit.refine(*start, planar=False) for start in fit.free_starts())])
+    position, rotation, rms = resting if _explains(resting, free) else free
+    is_resting = rms == resting[2]
+    if not rms <= max_rms:
+        raise PoseError(f"expected a pose that reprojects within {max_rms:g} px rms, the best is off by {rms:.1f} px")
+    return PoseEstimate(Pose(position, quaternion_from_matrix(rotation)), rms, is_resting)
+
+
+def _best(fits):
+    return min(fits, key=lambda fit: fit[2])
+
+
+def _explains(resting, free) -> bool:
+    """Whether the resting fit is as good as the free one, whose three more unknowns always fit a little better."""
+    return resting[2] <= max(1.5 * free[2], free[2] + 0.5)
+
+
+class _Fit:
+    """Keypoints (n, 3) and their points (n, 3) m in the object frame."""
+
+    def __init__(self, keypoints, points, camera: Camera) -> None:
+        self.pixels, self.scores = np.ascontiguousarray(keypoints[:, :2]), keypoints[:, 2]
+        self.points, self.camera = points, camera
+        self._view = np.asarray(camera.rotation), np.asarray(camera.position)
+
+    def resting_starts(self, surfaces: list[float]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each face down on each surface, the best position (3,) and rotation (3, 3), in closed form.
+
+        The height of every corner is known then, so its pixel gives its x, y; a planar rigid alignment gives the rest.
+        """
+        view, eye = self._view
+        rays = np.concatenate([(self.pixels - (self.camera.cx, self.camera.cy)) / (self.camera.fx, self.camera.fy),
+                               np.ones((len(self.pixels), 1))], axis=1) @ view.T
+        starts = []
+        for turn in _FACES_DOWN:
+            local = self.points @ turn.T
+            for surface in surfaces:
+                z = surface - local[:, 2].min()
+                seen = eye[:2] + rays[:, :2] * ((local[:, 2] + z - eye[2]) / rays[:, 2])[:, None]
+                weights = self.scores / self.scores.sum()
+                centre, middle = weights @ seen, weights @ local[:, :2]
+                a, b = local[:, :2] - middle, seen - centre
+                yaw = np.arctan2(weights @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), weights @ (a * b).sum(axis=1))
+                spin = matrix_from_vector(np.array([0.0, 0.0, yaw]))
+                starts.append((np.append(centre - spin[:2, :2] @ middle, z), spin @ turn))
+        return starts
+
+    def free_starts(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Position (3,) and rotation (3, 3) by SQPnP (Terzakis and Lourakis, 2020), as a list of none or one."""
+        view, eye = self._view
+        found, turn, shift = cv2.solvePnP(self.points, self.pixels, self.camera.matrix, None, flags=cv2.SOLVEPNP_SQPNP)
+        if not found or not (np.isfinite(turn).all() and np.isfinite(shift).all()):
+            return []
+        return [(view @ shift[:, 0] + eye, view @ matrix_from_vector(turn[:, 0]))]
+
+    def refine(self, position, rotation, *, planar: bool) -> tuple[np.ndarray, np.ndarray, float]:
+        """Gauss-Newton on Huber-weighted reprojection errors: position (3,), rotation (3, 3), rms px.
+
+        planar: only x, y and yaw move.
+        """
+        free = [0, 1, 5] if planar else list(range(6))
+        for _ in range(_ITERATIONS):
+            residual, matrix = self._linearise(position, rotation)
+            matrix = matrix[:, free]
+            weights = np.repeat(self._weights(residual), 2)
+            normal = matrix.T @ (weights[:, None] * matrix) + 1e-6 * np.eye(len(free))
+            step = np.zeros(6)
+            step[free] = np.linalg.solve(normal, matrix.T @ (weights * residual.ravel()))
+            position, rotation = position + step[:3], matrix_from_vector(step[3:]) @ rotation
+            if np.abs(step).max() < 1e-6:
+                break
+        return position, rotation, self.rms(position, rotation)
+
+    def rms(self, position, rotation) -> float:
+        """Huber-weighted root mean square reprojection error px; infinite where there is none."""
+        residual, _ = self._linearise(position, rotation)
+        weights = self._weights(residual)
+        rms = float(np.sqrt(weights @ (residual**2).sum(axis=1) / weights.sum()))
+        return rms if np.isfinite(rms) else np.inf
+
+    def _weights(self, residual) -> np.ndarray:
+        distance = np.linalg.norm(residual, axis=1)
+        return self.scores * np.minimum(1.0, _HUBER / np.maximum(distance, 1e-9))
+
+    def _linearise(self, position, rotation) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (n, 2) px, measured minus predicted, and the Jacobian (2n, 6) of the prediction."""
+        view, eye = self._view
+        arms = self.points @ rotation.T
+        x, y, z = ((arms + position - eye) @ view).T
+        z = np.where(np.abs(z) < 1e-3, 1e-3, z)
+        predicted = np.stack([self.camera.fx * x / z + self.camera.cx, self.camera.fy * y / z + self.camera.cy], axis=1)
+        zero = np.zeros_like(z)
+        of_optical = np.stack([np.stack([self.camera.fx / z, zero, -self.camera.fx * x / z**2], axis=1),
+                               np.stack([zero, self.camera.fy / z, -self.camera.fy * y / z**2], axis=1)], axis=1)
+        of_point = of_optical @ view.T
+        # A turn w of the object moves a corner by w x arm = -[arm]x w.
+        of_turn = np.cross(arms[:, None, :], of_point)
+        return self.pixels - predicted, np.concatenate([of_point, of_turn], axis=2).reshape(-1, 6)
+
+
+_FACES_DOWN = [matrix_from_vector(np.array(vector) * np.pi / 2) for vector in (
+    (0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0), (0, 1, 0), (0, 3, 0))]
+"""Rotations (3, 3) that put each face of the box down."""
