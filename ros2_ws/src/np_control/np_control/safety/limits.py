@@ -1,0 +1,175 @@
+"""Numeric limits: torque, torque rate, joint speed, soft walls at the joint limits, workspace, gains.
+
+All guards on torque are projections: guarding a guarded torque again, at the same state, changes nothing. So the
+controller and the backend can both guard without disturbing each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
+from np_control.safety.commands import Reason, Refusal, check_finite
+from np_description.panda import NOMINAL, PandaModel
+
+PERIOD_NS = 2_000_000  # the control period, 500 Hz
+
+
+def _constant(*values: float):
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return field(default_factory=lambda: array)
+
+
+@dataclass(frozen=True, eq=False)
+class SafetyLimits:
+    """Limits of one arm; arrays have one entry a joint, SI units, T_E in the base frame.
+
+    joints: names in order. position_*: rad, the mechanical range. velocity: rad/s, the datasheet's limit, beyond which
+    the arm faults; torque: Nm without gravity; torque_rate: Nm/s.
+    speed_fraction: share of `velocity` that the guards allow, which leaves them room to brake.
+    wall_margin rad: distance from the mechanical range at which the soft wall stands; wall_rate 1/s: a joint may
+    approach its wall at no more than wall_rate times the distance left.
+    inertia: kg m^2, the least inertia a joint shows when all others are free, 1 / (M^-1)_ii over the whole range
+    (nominal model); sets how soon torque must fall for a joint to stay below its speed.
+    workspace_*: (3,) m box for targets of T_E. Its floor lies under the table (z = 0), since pressing down takes a
+    target below the surface. workspace_slack m: a target further outside is refused, not clamped.
+    start_tolerance rad: how far the first joint target may be from the measured position.
+    late, missed periods and silence: see `Watchdog` and `check_command`.
+    """
+
+    joints: tuple[str, ...]
+    position_lower: np.ndarray
+    position_upper: np.ndarray
+    velocity: np.ndarray
+    torque: np.ndarray
+    torque_rate: float
+    period_ns: int = PERIOD_NS
+    speed_fraction: float = 0.8
+    wall_margin: float = 0.05
+    wall_rate: float = 5.0
+    inertia: np.ndarray = _constant(0.17, 0.58, 0.14, 0.22, 0.11, 0.12, 0.10)
+    workspace_lower: np.ndarray = _constant(0.20, -0.50, -0.06)
+    workspace_upper: np.ndarray = _constant(0.80, 0.50, 0.80)
+    workspace_slack: float = 0.10
+    gain_slew: float = 20.0  # 1/s: the whole range of a gain takes at least 1 / gain_slew seconds
+    start_tolerance: float = 0.10
+    rest_speed: float = 0.05  # rad/s, below which the arm counts as at rest
+    late_periods: int = 3
+    missed_periods: int = 3
+    silence_ns: int = 200_000_000
+
+    @classmethod
+    def of(cls, panda: PandaModel, **changes) -> SafetyLimits:
+        """The limits of `panda`, with fields changed by keyword."""
+        return cls(joints=panda.joints, position_lower=panda.position_lower, position_upper=panda.position_upper,
+                   velocity=panda.velocity_limit, torque=panda.torque_limit, torque_rate=panda.torque_rate_limit, **changes)
+
+    @property
+    def period(self) -> float:
+        """The control period in s."""
+        return self.period_ns * 1e-9
+
+
+LIMITS = SafetyLimits.of(NOMINAL)
+
+
+def velocity_bounds(limits: SafetyLimits, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest velocity (7,) rad/s allowed at q (7,) rad.
+
+    Far from the walls these are the speed limits; towards a wall they shrink in proportion to the distance, so that the
+    approach is exponential; behind the wall they point back out.
+    """
+    cruise = limits.speed_fraction * limits.velocity
+    upper = np.minimum(cruise, limits.wall_rate * (limits.position_upper - limits.wall_margin - q))
+    lower = np.maximum(-cruise, limits.wall_rate * (limits.position_lower + limits.wall_margin - q))
+    # Far outside the range the pull back is no faster than cruising either.
+    return np.minimum(lower, cruise), np.maximum(upper, -cruise)
+
+
+def torque_bounds(limits: SafetyLimits, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest torque (7,) Nm allowed at state q (7,) rad, dq (7,) rad/s.
+
+    Towards a velocity bound the torque may be no more than can be taken back, at the torque rate, before the joint
+    reaches the bound (v = tau^2 / (2 rate inertia)); close to the bound it fades linearly, and beyond it turns into
+    braking.
+    """
+    slowest, fastest = velocity_bounds(limits, q)
+    lower, upper = -_torque_towards(limits, dq - slowest), _torque_towards(limits, fastest - dq)
+    lower = np.where(upper < 0, np.minimum(lower, upper), lower)  # braking is owed even where it is hard to take back
+    return lower, np.maximum(lower, upper)
+
+
+def _torque_towards(limits: SafetyLimits, room: np.ndarray) -> np.ndarray:
+    """Greatest torque (7,) Nm towards a velocity bound that is `room` (7,) rad/s away (negative: exceeded)."""
+    slope = limits.torque / (limits.speed_fraction * limits.velocity)
+    retractable = np.sqrt(2 * limits.torque_rate * limits.inertia * np.maximum(room, 0.0))
+    torque = np.where(room > 0, np.minimum(slope * room, retractable), slope * room)
+    return np.clip(torque, -limits.torque, limits.torque)
+
+
+def clamp_torque(limits: SafetyLimits, torque: np.ndarray) -> np.ndarray:
+    """Torque (7,) Nm within the torque limits."""
+    return np.clip(torque, -limits.torque, limits.torque)
+
+
+def limit_torque(limits: SafetyLimits, torque: np.ndarray, previous: np.ndarray, q: np.ndarray,
+                 dq: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Torque (7,) Nm that may be applied now, and the names of the guards that changed it.
+
+    torque: wanted; previous: applied one period ago, within the limits; q rad, dq rad/s: measured, finite. Walls and
+    speed come first, then the torque limit, then the rate, which therefore always holds: a faster jump would trip the
+    real robot. Raises Refusal(not_finite).
+    """
+    check_finite(torque=torque, q=q, dq=dq)
+    changed = []
+    lower, upper = torque_bounds(limits, q, dq)
+    guarded = np.clip(torque, lower, upper)
+    if (guarded != clamp_torque(limits, torque)).any():
+        changed.append("wall_or_speed")
+    if (np.abs(torque) > limits.torque).any():
+        changed.append("torque")
+    step = limits.torque_rate * limits.period
+    slewed = np.clip(guarded, previous - step, previous + step)
+    if (slewed != guarded).any():
+        changed.append("torque_rate")
+    return slewed, changed
+
+
+def limit_target(limits: SafetyLimits, position: np.ndarray) -> tuple[np.ndarray, bool]:
+    """T_E target (3,) m within the workspace box, and whether it was clamped.
+
+    Raises Refusal(not_finite), or Refusal(workspace) for a target further than `workspace_slack` outside.
+    """
+    check_finite(target=position)
+    inside = np.clip(position, limits.workspace_lower, limits.workspace_upper)
+    distance = np.linalg.norm(position - inside)
+    if distance > limits.workspace_slack:
+        raise Refusal(Reason.WORKSPACE, f"target {np.round(position, 3)} m is {distance:.3f} m outside the workspace "
+                                        f"{limits.workspace_lower} to {limits.workspace_upper} m")
+    return inside, bool(distance > 0)
+
+
+def limit_gains(stiffness: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness (7,) Nm/rad and damping ratio (7,), cut to their bounds where rounding put them outside.
+
+    Raises Refusal(not_finite), or Refusal(gains) for a gain more than 0.1 % of its range outside.
+    """
+    check_finite(stiffness=stiffness, damping_ratio=ratio)
+    bounded = []
+    for name, gain, least, most in (("stiffness", stiffness, STIFFNESS_MIN, STIFFNESS_MAX),
+                                    ("damping ratio", ratio, DAMPING_RATIO_MIN, DAMPING_RATIO_MAX)):
+        inside = np.clip(gain, least, most)
+        if (np.abs(inside - gain) > 1e-3 * (np.asarray(most) - least)).any():
+            raise Refusal(Reason.GAINS, f"{name}: expected {least} to {most}, got {gain}")
+        bounded.append(inside)
+    return bounded[0], bounded[1]
+
+
+def slew_gains(limits: SafetyLimits, current: np.ndarray, target: np.ndarray, dt: float) -> np.ndarray:
+    """Gains (2, 7), rows stiffness and damping ratio, moved from `current` towards `target` over dt s."""
+    span = np.stack([STIFFNESS_MAX - STIFFNESS_MIN, np.full(7, DAMPING_RATIO_MAX - DAMPING_RATIO_MIN)])
+    step = limits.gain_slew * dt * span
+    return current + np.clip(target - current, -step, step)
