@@ -83,6 +83,7 @@ class EglRenderer:
     """MuJoCo's OpenGL renderer in an EGL context."""
 
     def __init__(self, model: mujoco.MjModel, *, shadows: bool = True):
+        self._context = None
         # Not mujoco.Renderer: that one follows the environment variable MUJOCO_GL, read once when mujoco is imported.
         from mujoco.egl import GLContext
 
@@ -104,6 +105,7 @@ class EglRenderer:
         """See Renderer."""
         pose = self._pose
         pose.update(configuration)
+        self._gl.make_current()  # another renderer of this thread may have been
         mujoco.mjv_updateScene(pose.model, pose.data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL,
                                self._scene)
         mujoco.mjr_render(self._rect, self._scene, self._context)
@@ -112,8 +114,14 @@ class EglRenderer:
 
     def close(self) -> None:
         """See Renderer."""
-        self._context.free()
-        self._gl.free()
+        if self._context is not None:
+            self._gl.make_current()
+            self._context.free()
+            self._gl.free()
+            self._context = None
+
+    # Left to itself, the context would free its names in whichever OpenGL context is current by then.
+    __del__ = close
 
 
 class WarpRenderer:

@@ -194,10 +194,10 @@ class SimBridge(Node):
         """One control period: guard and apply the newest command, and publish the state it leads to."""
         measured = self._measured
         applied = self._filter.apply(measured.stamp, measured.position[:7], measured.velocity[:7])
-        if measured.stamp % APPLIED_EVERY == 0:
-            self._publish_applied(measured.stamp, applied)
         self._simulation.step(applied.torque)
         self._publish_state()
+        if measured.stamp % APPLIED_EVERY == 0:
+            self._publish_applied(measured.stamp, applied)
         self._report()
 
     def _look_for_silence(self) -> None:
@@ -280,21 +280,22 @@ class SimBridge(Node):
         simulation = self._simulation
         self._measured = measured = simulation.measure()
         stamp = measured.stamp
-        joints = joint_state_message(stamp, STATE_NAMES, measured.position, measured.velocity, measured.effort)
-        self._state_messages = [(self._clock_topic, ClockMessage(clock=stamp_message(stamp))), (self._joint_states, joints)]
-        has_image = self._schedule.is_image_due(stamp)
-        if has_image:
-            pose = simulation.object_pose()
-            self._state_messages.append(
-                (self._object_pose, pose_message(stamp, BASE_FRAME, pose.position, pose.quaternion)))
         self._barrier.begin(stamp)
+        joints = joint_state_message(stamp, STATE_NAMES, measured.position, measured.velocity, measured.effort)
+        self._joint_states.publish(joints)  # first, so that the controller thinks while the rest is sent
+        clock = ClockMessage(clock=stamp_message(stamp))
+        self._clock_topic.publish(clock)
+        self._state_messages = [(self._joint_states, joints), (self._clock_topic, clock)]
+        if self._schedule.is_image_due(stamp):
+            pose = simulation.object_pose()
+            truth = pose_message(stamp, BASE_FRAME, pose.position, pose.quaternion)
+            self._object_pose.publish(truth)
+            self._state_messages.append((self._object_pose, truth))
+            if self._camera is not None:
+                if not self._camera.submit(stamp, simulation.configuration(), wait=self._lockstep):
+                    self.diagnostics.count("dropped_images")
         self._waiting_since = self._repeated_at = time.monotonic()
         self.diagnostics.values["stamp"] = stamp
-        for publisher, message in self._state_messages:
-            publisher.publish(message)
-        if has_image and self._camera is not None:
-            if not self._camera.submit(stamp, simulation.configuration(), wait=self._lockstep):
-                self.diagnostics.count("dropped_images")
 
     def _publish_image(self, stamp: int, pixels: np.ndarray) -> None:
         """Called in the camera's thread."""
