@@ -94,6 +94,17 @@ def test_equal_messages_at_different_times_are_both_kept():
     assert [s for s, topic, _ in result if topic.name == "target_gains"] == [0, PERIOD]
 
 
+def test_an_episode_begins_with_its_goal():
+    goal = BY_NAME["goal_pose"]
+    messages = sorted([*run(60), (goal, pose(30), 29_900, 0)], key=lambda m: m[2])
+    out = []
+    sequencer = Sequencer(lambda *item: out.append(item), begin_at=goal)
+    for message in messages:
+        sequencer.add(*message)
+    sequencer.flush()
+    assert out == [item for item in sequence(messages)[0] if item[0] >= 30 * PERIOD]
+
+
 def test_a_bag_holds_what_was_recorded(tmp_path):
     with Recording(record(tmp_path / "bag"), required=["joint_states", "phase"]) as recording:
         assert recording.information == {"seed": 3}

@@ -8,6 +8,7 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(),
+    package_data={package_name: ['data/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -22,6 +23,14 @@ setup(
     description='Launch files, the demo, recorder, replayer, evaluation, report and bench.',
     license='Apache-2.0',
     entry_points={
-        'console_scripts': [],
+        'console_scripts': [
+            'bench = np_bringup.commands.bench:main',
+            'demo = np_bringup.commands.demo:main',
+            'evaluate = np_bringup.commands.evaluate:main',
+            'keypoint_oracle = np_bringup.nodes.keypoint_oracle_node:main',
+            'recorder = np_bringup.nodes.recorder_node:main',
+            'replay = np_bringup.commands.replay:main',
+            'report = np_bringup.commands.report:main',
+        ],
     },
 )

@@ -26,7 +26,7 @@ TOPICS = (
     Topic("joint_states", "sensor_msgs/msg/JointState"),
     Topic("motor_states", "sensor_msgs/msg/JointState"),
     Topic("camera/image_raw", "sensor_msgs/msg/Image"),
-    Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo", latched=True),
+    Topic("camera/camera_info", "sensor_msgs/msg/CameraInfo"),
     Topic("object_pose", "geometry_msgs/msg/PoseStamped"),
     Topic("goal_pose", "geometry_msgs/msg/PoseStamped", latched=True),
     Topic("goal_keypoints", "sensor_msgs/msg/PointCloud2", latched=True),

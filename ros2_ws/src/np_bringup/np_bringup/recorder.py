@@ -31,12 +31,15 @@ _FOREVER = QosTime(2147483647, 4294967295)
 class Sequencer:
     """Orders serialized messages by time.
 
-    emit(stamp ns, topic, data) is called in the order of (stamp, TOPICS, arrival). `repeated` counts messages that came
+    emit(stamp ns, topic, data) is called in the order of (stamp, TOPICS, arrival). With `begin_at` what is older than the
+    first message of that topic is left out, and nothing is emitted before it comes. `repeated` counts messages that came
     twice, `lost` the gaps in the publishers' own numbering.
     """
 
-    def __init__(self, emit: Callable[[int, Topic, bytes], None]):
+    def __init__(self, emit: Callable[[int, Topic, bytes], None], begin_at: Topic | None = None):
         self._emit = emit
+        self._begin_at = begin_at
+        self._begin = 0
         self._filters = {topic: padding_filter(topic.type) for topic in TOPICS}
         self._rank = {topic: i for i, topic in enumerate(TOPICS)}
         self._published: list[int] = []  # the timeline: when joint states were published, by the wall, ...
@@ -67,7 +70,7 @@ class Sequencer:
             self._stamp_what_waits()
             if len(self._stamps) > 2 * _TIMELINE_LENGTH:
                 del self._published[:_TIMELINE_LENGTH], self._stamps[:_TIMELINE_LENGTH]
-            while self._heap and self._heap[0][0] < stamp - HORIZON:
+            while self._begin_at is None and self._heap and self._heap[0][0] < stamp - HORIZON:
                 self._pop()
 
     def flush(self) -> None:
@@ -92,12 +95,15 @@ class Sequencer:
             self.repeated += 1
             return
         self._last[topic] = (stamp, data)
+        if topic is self._begin_at:
+            self._begin, self._begin_at = stamp, None
         self._arrivals += 1
         heapq.heappush(self._heap, (stamp, self._rank[topic], self._arrivals, topic, data))
 
     def _pop(self) -> None:
         stamp, _, _, topic, data = heapq.heappop(self._heap)
-        self._emit(stamp, topic, data)
+        if stamp >= self._begin:
+            self._emit(stamp, topic, data)
 
 
 class BagWriter:

@@ -13,7 +13,7 @@ from np_ros.node import Diagnostics, parameter, run
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from np_bringup.contract import TOPICS, Topic
+from np_bringup.contract import BY_NAME, TOPICS, Topic
 from np_bringup.recorder import BagWriter, Sequencer
 
 _QUIET = 0.05  # s without a message after which everything sent before is taken to be here
@@ -22,7 +22,7 @@ _QUIET = 0.05  # s without a message after which everything sent before is taken
 class Recorder(Node):
     """Bags are called <bag>_000, <bag>_001, ...; an existing one is never overwritten.
 
-    `~/start` fails while a topic of `required` has no publisher yet, saying which. `~/stop` answers with JSON: bag,
+    A bag begun by `~/start` begins with the state of the next reset (the stamp of `goal_pose`). `~/start` fails while a topic of `required` has no publisher yet, saying which. `~/stop` answers with JSON: bag,
     messages, repeated, lost. SIGINT and SIGTERM close an open bag like `~/stop`.
     """
 
@@ -48,7 +48,7 @@ class Recorder(Node):
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/stop", self._on_stop)
         if at_once:
-            self._open()
+            self._open(None)
 
     def destroy_node(self) -> None:
         """Close an open bag, then the node."""
@@ -70,12 +70,12 @@ class Recorder(Node):
                 self.get_logger().error(f"{topic.name}: {error}")
         return receive
 
-    def _open(self) -> None:
+    def _open(self, begin_at: Topic | None) -> None:
         number = 0
         while (path := Path(f"{self._path}_{number:03d}")).exists():
             number += 1
         self._writer = BagWriter(path, json.loads(self._information))
-        self._sequencer = Sequencer(self._writer.write)
+        self._sequencer = Sequencer(self._writer.write, begin_at)
         self._diagnostics.report(DiagnosticStatus.OK, f"recording {path}")
 
     def _close(self) -> dict:
@@ -86,11 +86,7 @@ class Recorder(Node):
             sequencer.flush()
         finally:
             writer.close()
-        result = {"bag": str(writer.path), "messages": writer.count, "repeated": sequencer.repeated, "lost": sequencer.lost}
-        self._diagnostics.values.update(result)
-        lost = f", {sequencer.lost} messages lost" if sequencer.lost else ""
-        self._diagnostics.report(DiagnosticStatus.WARN if lost else DiagnosticStatus.OK, f"closed {writer.path}{lost}")
-        return result
+        return {"bag": str(writer.path), "messages": writer.count, "repeated": sequencer.repeated, "lost": sequencer.lost}
 
     def _take_what_is_under_way(self) -> None:
         quiet_since = time.monotonic()
@@ -109,7 +105,7 @@ class Recorder(Node):
             response.message = f"no publisher yet of {', '.join(missing)}"
         else:
             try:
-                self._open()
+                self._open(BY_NAME["goal_pose"])
                 response.success, response.message = True, str(self._writer.path)
             except OSError as error:
                 response.message = str(error)
@@ -120,7 +116,11 @@ class Recorder(Node):
             response.message = "expected an open bag, nothing is being recorded"
             return response
         try:
-            response.success, response.message = True, json.dumps(self._close())
+            result = self._close()
+            response.success, response.message = True, json.dumps(result)
+            self._diagnostics.values.update(result)
+            self._diagnostics.report(DiagnosticStatus.WARN if result["lost"] else DiagnosticStatus.OK,
+                                     f"closed {result['bag']}, {result['lost']} messages lost")
         except OSError as error:
             response.success, response.message = False, str(error)
             self._diagnostics.report(DiagnosticStatus.ERROR, str(error))

@@ -1,0 +1,75 @@
+"""The recorder as a process: nothing is lost, however it is ended."""
+
+import json
+import signal
+
+import numpy as np
+import pytest
+from np_bringup.bag import Recording
+from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_ros import qos
+from np_ros.messages import joint_state_message, pose_message
+from sensor_msgs.msg import JointState
+from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import String
+
+PERIOD = 2_000_000
+
+
+def publish_run(probe, start, count, phase="post"):
+    """`count` states and answers from step `start`, with a phase after the first."""
+    for step in range(start, start + count):
+        values = np.full((3, 9), float(step))
+        probe.publish("joint_states", joint_state_message(step * PERIOD, STATE_NAMES, *values), qos.RECORDER)
+        probe.publish("effort_command", joint_state_message(step * PERIOD, JOINT_NAMES, *values[:, :7]), qos.RECORDER)
+        if step == start:
+            probe.publish("phase", String(data=phase), qos.LATCHED)
+
+
+@pytest.fixture
+def recorder(graph, probe, tmp_path):
+    def start(**parameters):
+        graph.run("np_bringup", "recorder", {"bag": str(tmp_path / "bag"), **parameters})
+        for topic, kind, profile in (("joint_states", JointState, qos.RECORDER), ("effort_command", JointState, qos.RECORDER),
+                                     ("phase", String, qos.LATCHED), ("goal_pose", PoseStamped, qos.LATCHED)):
+            probe.advertise(topic, kind, profile)
+        probe.wait_until(lambda: all(map(probe.matched, ("joint_states", "effort_command", "phase", "goal_pose"))),
+                         what="the recorder's subscriptions")
+        return tmp_path / "bag_000"
+    return start
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_everything_is_in_the_bag_when_the_recorder_is_ended(graph, probe, recorder, end):
+    bag = recorder(run_info=json.dumps({"seed": 7}))
+    publish_run(probe, 0, 1500)
+    assert graph.kill("recorder", end) == 0
+    with Recording(bag) as recording:
+        assert recording.counts["joint_states"] == recording.counts["effort_command"] == 1500
+        assert recording.information == {"seed": 7}
+        assert [m.stamp for m in recording.messages("joint_states")] == [i * PERIOD for i in range(1500)]
+        assert [(m.stamp, m.decode().data) for m in recording.messages("phase")] == [(0, "post")]
+
+
+def test_one_bag_for_each_start_and_stop(graph, probe, recorder):
+    recorder(record_at_start=False, required="joint_states,tick")
+    refused = probe.call("recorder/start")
+    assert not refused.success and refused.message == "no publisher yet of tick"
+    assert not probe.call("recorder/stop").success
+    from std_msgs.msg import Header
+    probe.advertise("tick", Header)
+    probe.wait_until(lambda: probe.matched("tick"))
+    digests = []
+    for start in (0, 500):
+        probe.wait_until(lambda: probe.call("recorder/start").success)
+        publish_run(probe, start, 1)
+        pose = pose_message((start + 5) * PERIOD, "panda_link0", np.zeros(3), np.array([1.0, 0, 0, 0]))
+        probe.publish("goal_pose", pose, qos.LATCHED)
+        publish_run(probe, start + 5, 100)
+        answer = probe.call("recorder/stop")
+        result = json.loads(answer.message)
+        assert answer.success and (result["lost"], result["repeated"]) == (0, 0)
+        with Recording(result["bag"]) as recording:
+            assert recording.start == (start + 5) * PERIOD and recording.counts["joint_states"] == 100
+            digests.append(recording.digest())
+    assert digests[0] != digests[1]
