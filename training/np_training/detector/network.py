@@ -16,6 +16,8 @@ from torch.nn import functional
 
 from np_description.keypoints import COUNT
 
+RELIABLE = 3.0  # px: a score is the probability that its keypoint is this near to the true corner
+
 
 @dataclass(frozen=True)
 class NetworkConfig:
@@ -113,3 +115,20 @@ def decode(logits: Tensor, peak: Tensor, window: int) -> Tensor:
     u = (weights.sum(dim=2) * columns).sum(dim=-1)
     v = (weights.sum(dim=3) * rows).sum(dim=-1)
     return torch.stack([u, v], dim=-1)
+
+
+def heatmap_loss(logits: Tensor, truth: Tensor, sigma: float) -> Tensor:
+    """Divergence (n, 8) of heatmaps (logits (n, 8, h, w)) from Gaussians of `sigma` px at truth (n, 8, 2), up to a constant.
+
+    KL(target || softmax) less the target's entropy (Kim et al., IROS 2023). The Gaussian is separable, so the target's
+    map is never built.
+    """
+    height, width = logits.shape[2:]
+
+    def axis(centre: Tensor, size: int) -> Tensor:
+        offset = torch.arange(size, device=logits.device, dtype=logits.dtype) - centre[..., None]
+        return (-0.5 * (offset / sigma) ** 2).softmax(dim=-1)
+
+    columns, rows = axis(truth[..., 0], width), axis(truth[..., 1], height)
+    expected = torch.einsum("nkh,nkhw,nkw->nk", rows, logits, columns)
+    return logits.flatten(2).logsumexp(dim=-1) - expected

@@ -7,7 +7,7 @@ hand and fingers is the normal case.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import pi
 
 import torch
@@ -52,9 +52,7 @@ def sample_states(domain: Domain, count: int, generator: torch.Generator, config
     def chance(share: float) -> torch.Tensor:
         return torch.rand(count, generator=generator, device=generator.device) < share
 
-    action = 2 * torch.rand(count, contact.SIZE, generator=generator, device=generator.device) - 1
-    action[:, 3] = torch.where(chance(config.closed), -torch.ones_like(action[:, 3]), action[:, 3])
-    contacts = contact.resolve(domain, action, objects)
+    contacts = sample_contacts(domain, objects, generator, config)
     kind = torch.rand(count, generator=generator, device=generator.device)
     beside = (kind >= config.touching) & (kind < config.touching + config.beside)
     waits = kind >= config.touching + config.beside
@@ -76,6 +74,24 @@ def sample_states(domain: Domain, count: int, generator: torch.Generator, config
     position = objects.position.clone()
     position[:, 2] = torch.where(chance(config.absent), -torch.ones_like(kind), position[:, 2])
     return torch.cat([q, fingers.clamp(0, FINGER_MAX), position, objects.quaternion], dim=-1)
+
+
+def sample_contacts(domain: Domain, objects: Poses, generator: torch.Generator, config: SceneConfig, tries: int = 3):
+    """A contact of the pre-contact policy's kind on each object, feasible if one of `tries` random ones is."""
+    count = len(objects.position)
+    best = None
+    for _ in range(tries):
+        action = 2 * torch.rand(count, contact.SIZE, generator=generator, device=generator.device) - 1
+        closed = torch.rand(count, generator=generator, device=generator.device) < config.closed
+        action[:, 3] = torch.where(closed, -torch.ones_like(action[:, 3]), action[:, 3])
+        new = contact.resolve(domain, action, objects)
+        if best is None:
+            best = new
+            continue
+        keep = best.feasible
+        best = contact.Contacts(*(torch.where(keep.view(-1, *[1] * (old.ndim - 1)), old, fresh) for old, fresh in (
+            (getattr(best, f.name), getattr(new, f.name)) for f in fields(contact.Contacts))))
+    return best
 
 
 def sample_objects(domain: Domain, count: int, generator: torch.Generator, config: SceneConfig) -> Poses:
