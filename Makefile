@@ -12,8 +12,7 @@ EFFECTS ?= none
 ARGS ?=
 PYTEST_ARGS ?=
 
-PACKAGES := $(wildcard ros2_ws/src/*)
-BUILT_FROM := $(foreach p,$(PACKAGES),$(wildcard $(p)/setup.py $(p)/setup.cfg $(p)/package.xml $(p)/launch/* $(p)/config/*))
+BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ENV := . ./env.sh &&
 
 .PHONY: help setup demo test bench evaluate train lock clean distclean
@@ -23,7 +22,8 @@ help: ## this list
 
 setup: ros2_ws/install/.built ## .venv from requirements.lock, then colcon build
 
-.venv/.installed: requirements.lock tools/install.sh tools/python.sh $(wildcard tools/ros2_lite/*.toml tools/ros2_lite/ros2_lite/*.py)
+.venv/.installed: requirements.lock tools/install.sh tools/python.sh \
+		$(wildcard tools/ros2_lite/*.toml tools/ros2_lite/ros2_lite/*.py)
 	@tools/install.sh
 	@touch $@
 

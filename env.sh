@@ -20,5 +20,6 @@ case ":${PYTHONPATH:-}:" in
     *) export PYTHONPATH="$_np_root/training${PYTHONPATH:+:$PYTHONPATH}" ;;
 esac
 export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
-export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$_np_root/ros2_ws/src/np_bringup/np_bringup/data/fastdds.xml}"
-unset _np_root
+_np_profile="$_np_root/ros2_ws/src/np_bringup/np_bringup/data/fastdds.xml"
+export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$_np_profile}"
+unset _np_root _np_profile

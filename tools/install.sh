@@ -9,14 +9,14 @@ python=$(tools/python.sh)
 echo "creating .venv with $python ($("$python" --version))"
 "$python" -m venv --clear .venv
 
-# torch is the one package with builds to choose from. Without a GPU its CPU build saves 3 GB; that is on PyTorch's own index.
-# TORCH_INDEX= (empty) takes whatever the configured package index has; where the index cannot be reached, so do we.
+# torch is the one package with builds to choose from. Without a GPU its CPU build, which is on PyTorch's own index, saves
+# 3 GB. TORCH_INDEX= (empty) takes what the configured package index has; so do we where PyTorch's cannot be reached.
 if [ -z "${TORCH_INDEX+set}" ]; then
     TORCH_INDEX=https://download.pytorch.org/whl/cpu
     command -v nvidia-smi > /dev/null && TORCH_INDEX=
 fi
-if [ -n "$TORCH_INDEX" ] && ! .venv/bin/python -c \
-        'import sys, urllib.request as u; u.urlopen(sys.argv[1] + "/torch/", timeout=10)' "$TORCH_INDEX" 2> /dev/null; then
+reachable='import sys, urllib.request; urllib.request.urlopen(sys.argv[1] + "/torch/", timeout=10)'
+if [ -n "$TORCH_INDEX" ] && ! .venv/bin/python -c "$reachable" "$TORCH_INDEX" 2> /dev/null; then
     echo "$TORCH_INDEX cannot be reached; taking torch from the default index"
     TORCH_INDEX=
 fi
