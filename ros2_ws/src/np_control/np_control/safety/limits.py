@@ -54,7 +54,7 @@ class SafetyLimits:
     workspace_lower: np.ndarray = _constant(0.20, -0.50, -0.06)
     workspace_upper: np.ndarray = _constant(0.80, 0.50, 0.80)
     workspace_slack: float = 0.10
-    gain_slew: float = 20.0  # 1/s: the whole range of a gain takes at least 1 / gain_slew seconds
+    gain_slew: float = 50.0  # 1/s: the whole range of a gain takes at least 1 / gain_slew seconds
     start_tolerance: float = 0.10
     rest_speed: float = 0.05  # rad/s, below which the arm counts as at rest
     late_periods: int = 3
