@@ -1,0 +1,125 @@
+"""The backends that the contract suite judges, and the harness that plays the rest of the graph against one.
+
+To have another backend judged, add it to BACKENDS: the tests only use what docs/graph.md promises.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from diagnostic_msgs.msg import DiagnosticArray
+from np_control.safety import LIMITS
+from np_description.panda import JOINT_NAMES
+from np_ros import qos
+from np_ros.messages import joint_state_message, stamp_nanoseconds
+from sensor_msgs.msg import JointState
+
+PERIOD = LIMITS.period_ns
+
+
+@dataclass(frozen=True)
+class Backend:
+    """One backend: its executable, the parameters of each mode it has, and whether it draws tasks and images."""
+
+    package: str
+    name: str
+    modes: dict[str, dict] = field(default_factory=dict)
+    has_tasks: bool = False
+    has_camera: bool = False
+
+
+BACKENDS = {
+    "sim_bridge": Backend(
+        "np_sim_bridge", "sim_bridge", has_tasks=True, has_camera=True,
+        modes={"lockstep": {"mode": "lockstep", "tick_barrier": False, "camera": False},
+               "realtime": {"mode": "realtime", "camera": False}}),
+}
+
+
+class Harness:
+    """A backend as a process, with the test as its controller.
+
+    `answer(state)` gives the effort command for a state, or None for silence; change it at will. `states` are all
+    states received, `status` the newest values of the backend's diagnostics.
+    """
+
+    def __init__(self, graph, probe, backend: Backend, mode: str, **parameters):
+        self.graph, self.probe, self.backend = graph, probe, backend
+        self.answer: Callable[[JointState], JointState | None] = lambda state: None
+        self.status: dict[str, str] = {}
+        self.level = b""
+        self.message = ""
+        self.states = probe.collect("joint_states", JointState, callback=self._on_state)
+        probe.collect("diagnostics", DiagnosticArray, qos.EVENT, callback=self._on_diagnostics)
+        probe.advertise("effort_command", JointState)
+        graph.run(backend.package, backend.name, {**backend.modes[mode], **parameters})
+        self.wait(lambda: probe.matched("effort_command") and self.states, "the first state")
+
+    def _on_state(self, state: JointState) -> None:
+        command = self.answer(state)
+        if command is not None:
+            self.probe.publish("effort_command", command)
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            if status.name == f"/{self.backend.name}":
+                self.level, self.message = status.level, status.message
+                self.status = {pair.key: pair.value for pair in status.values}
+
+    @property
+    def stamp(self) -> int:
+        """Stamp (ns) of the newest state."""
+        return stamp_nanoseconds(self.states[-1].header.stamp)
+
+    def wait(self, condition: Callable[[], object], what: str) -> None:
+        """Spin until the condition holds."""
+        self.probe.wait_until(condition, what=what)
+
+    def wait_state(self, *states: str) -> None:
+        """Wait until the backend says that it is in one of these states."""
+        self.wait(lambda: self.status.get("state") in states, f"state {' or '.join(states)}")
+
+    def send(self, command: JointState) -> None:
+        """Publish one command."""
+        self.probe.publish("effort_command", command)
+
+    def send_until_refused(self, make: Callable[[JointState], JointState], reason: str) -> int:
+        """Answer states with `make(state)` until the count of refusals for `reason` has grown; the growth."""
+        before = self.refused(reason)
+        self.answer = make
+        self.send(make(self.states[-1]))
+        self.wait(lambda: self.refused(reason) > before, f"a refusal for {reason}")
+        self.answer = lambda state: None
+        return self.refused(reason) - before
+
+    def refused(self, reason: str) -> int:
+        """How many commands were refused for this reason."""
+        return int(self.status.get(f"refused_{reason}", 0))
+
+    def call(self, service: str, request: bool | None = None):
+        """Response of one of the backend's services."""
+        return self.probe.call(f"{self.backend.name}/{service}", request)
+
+    def follow(self, answer: Callable[[JointState], JointState], until: Callable[[], object], what: str) -> None:
+        """Answer every state, beginning with the newest, until the condition holds; then be silent."""
+        self.answer = answer
+        self.send(answer(self.states[-1]))
+        self.wait(until, what)
+        self.answer = lambda state: None
+
+
+def stay(state: JointState, **changes) -> JointState:
+    """The command that asks for the present posture with no torque; fields replaced by keyword."""
+    fields = dict(stamp=stamp_nanoseconds(state.header.stamp), names=JOINT_NAMES, position=list(state.position[:7]),
+                  velocity=[0.0] * 7, effort=[0.0] * 7)
+    fields.update(changes)
+    return joint_state_message(fields["stamp"], fields["names"], fields["position"], fields["velocity"],
+                               fields["effort"])
+
+
+def pushing(torque: float, joint: int = 6) -> Callable[[JointState], JointState]:
+    """A controller that asks for the present posture, and for `torque` Nm on one joint."""
+    effort = [0.0] * 7
+    effort[joint] = torque
+    return lambda state: stay(state, effort=effort)

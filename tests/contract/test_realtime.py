@@ -1,0 +1,57 @@
+"""What a backend keeps in real time: it waits for nobody, and silence brings the arm to rest."""
+
+from backends import PERIOD, pushing, stay
+from np_control.safety import LIMITS
+from np_ros.messages import stamp_nanoseconds
+from sensor_msgs.msg import Image, JointState
+
+
+def test_states_come_without_answers_and_the_arm_holds(realtime_start):
+    harness = realtime_start()
+    first = list(harness.states[-1].position[:7])
+    start = harness.stamp
+    harness.wait(lambda: harness.stamp >= start + 100 * PERIOD, "a hundred periods")
+    assert harness.status.get("state", "ready") == "ready"
+    assert all(abs(a - b) < 1e-3 for a, b in zip(first, harness.states[-1].position[:7]))
+
+
+def test_a_silent_controller_leads_to_hold_and_then_to_rest(realtime_start):
+    harness = realtime_start()
+    seen = []
+    applied = harness.probe.collect("applied_command", JointState)
+    first = harness.states[-1].position[6]
+    harness.follow(pushing(1.5), lambda: harness.states[-1].position[6] > first + 0.02, "joint 7 to turn")
+    silent_since = harness.stamp
+    harness.wait(lambda: seen.append(harness.status.get("state")) or seen[-1] == "stopped", "the stop")
+    assert "holding" in seen and "silence" in harness.message
+    assert harness.stamp >= silent_since + LIMITS.silence_ns - (LIMITS.late_periods + 1) * PERIOD
+    harness.wait(lambda: max(map(abs, harness.states[-1].velocity[:7])) < LIMITS.rest_speed, "rest")
+    harness.wait(lambda: max(map(abs, applied[-1].effort)) < 1.0, "torque to fade")
+    assert harness.call("recover").success
+    harness.follow(stay, lambda: harness.status.get("state") == "moving", "commands to be taken again")
+
+
+def test_images_come_at_their_own_rate(realtime_start):
+    harness = realtime_start(camera=True)
+    images = harness.probe.collect("camera/image_raw", Image)
+    harness.wait(lambda: len(images) >= 5, "images")
+    stamps = [stamp_nanoseconds(image.header.stamp) for image in images]
+    assert all(later > earlier for earlier, later in zip(stamps, stamps[1:]))
+    # Multiples of 1/30 s, rounded to the period of 2 ms.
+    assert all(min(abs(stamp - round(k * 1e9 / 30)) for k in (stamp * 30 // 10**9, stamp * 30 // 10**9 + 1)) <= PERIOD // 2
+               for stamp in stamps)
+
+
+def test_pause_stops_time_and_step_takes_one_period(realtime_start):
+    harness = realtime_start()
+    assert not harness.call("step").success
+    assert harness.call("pause", True).success
+    harness.states.clear()
+    assert harness.call("step").success
+    harness.wait(lambda: harness.states, "the state after the step")
+    stepped = harness.stamp
+    assert harness.call("step").success
+    harness.wait(lambda: harness.stamp > stepped, "the state after another step")
+    assert harness.stamp == stepped + PERIOD
+    assert harness.call("pause", False).success
+    harness.wait(lambda: harness.stamp > stepped + 50 * PERIOD, "time to go on")
