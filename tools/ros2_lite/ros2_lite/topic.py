@@ -93,12 +93,13 @@ def echo(topic: str, once: bool, full_length: bool) -> int:
     with _node() as node:
         name, message_type = _wait_for_topic(node, topic)
         received = deque()
-        node.create_subscription(message_type, name, received.append, _profile(node, name))
+        node.create_subscription(message_type, name, lambda message: received.append(message),
+                                 _profile(node, name))
         while True:
             _spin_once(node, 1.0)
             while received:
                 document = plain(received.popleft(), None if full_length else MAX_ITEMS)
-                text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None)
+                text = yaml.safe_dump(document, sort_keys=False, default_flow_style=False)
                 print(text, end="---\n", flush=True)
                 if once:
                     return 0

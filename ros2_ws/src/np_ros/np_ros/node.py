@@ -36,6 +36,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fas
     called in every case, and is where a node flushes or brings to rest what it owns. `fast=False` uses
     rclpy's executor.
     """
+    node = spinner = None
     try:
         rclpy.init(args=args)
         try:
@@ -45,14 +46,14 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fas
             rclpy.logging.get_logger(name).fatal(f"cannot start: {error}")
             return 1
         spinner = Spinner(node, allow_fast=fast)
-        try:
-            spinner.spin()
-        finally:
-            spinner.close()
-            node.destroy_node()
+        spinner.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        if spinner is not None:
+            spinner.close()
+        if node is not None:
+            node.destroy_node()
         rclpy.try_shutdown()
     return 0
 

@@ -1,0 +1,148 @@
+"""The `ros2` command on a live graph: run, topic list|echo|hz and launch, on nodes in processes of their own."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from std_msgs.msg import Float64
+
+ROOT = Path(__file__).resolve().parents[2]
+
+TALKER = f"""#!{sys.executable}
+import os, sys
+from np_ros.node import parameter, run
+from np_ros.qos import LATCHED, LOCKSTEP
+from rclpy.node import Node
+from std_msgs.msg import Float64, String
+
+class Talker(Node):
+    def __init__(self):
+        super().__init__("talker")
+        self.opening = parameter(self, "opening", 0.02, "Opening of one finger, m.", 0.0, 0.04)
+        self.command = self.create_publisher(Float64, "gripper_command", LOCKSTEP)
+        self.phase = self.create_publisher(String, "phase", LATCHED)
+        self.phase.publish(String(data="idle"))
+        self.create_timer(0.02, self.say)
+    def say(self):
+        self.command.publish(Float64(data=self.opening))
+        print("pid", os.getpid(), flush=True)
+    def destroy_node(self):
+        print("at rest", flush=True)
+        super().destroy_node()
+
+sys.exit(run(Talker))
+"""
+
+LAUNCH_FILE = """
+from np_bringup.graph import LaunchArgument, NodeSpec
+ARGUMENTS = [LaunchArgument("opening", "0.03", "Opening of one finger, m.")]
+def graph(arguments):
+    return [NodeSpec("pushers", "talker", "left", {"opening": float(arguments["opening"])},
+                     [("gripper_command", "left/gripper_command")])]
+"""
+
+
+class Ros2:
+    """Starts `ros2 ...` in the domain of a graph, with the package `pushers` installed, and ends what it started."""
+
+    def __init__(self, graph, prefix: Path):
+        marker = prefix / "share/ament_index/resource_index/packages/pushers"
+        marker.parent.mkdir(parents=True)
+        marker.touch()
+        talker = prefix / "lib/pushers/talker"
+        talker.parent.mkdir(parents=True)
+        talker.write_text(TALKER)
+        talker.chmod(0o755)
+        launch_file = prefix / "share/pushers/launch/talk.launch.py"
+        launch_file.parent.mkdir(parents=True)
+        launch_file.write_text(LAUNCH_FILE)
+        code = "import sys; from ros2_lite.main import main; sys.exit(main())"
+        real = shutil.which("ros2")
+        self._command = [real] if real else [sys.executable, "-c", code]
+        paths = [str(ROOT / "tools" / "ros2_lite"), *filter(None, sys.path)]
+        ament = [str(prefix), *filter(None, [os.environ.get("AMENT_PREFIX_PATH")])]
+        self._environment = {**os.environ, **graph.environment, "PYTHONPATH": os.pathsep.join(paths),
+                             "AMENT_PREFIX_PATH": os.pathsep.join(ament)}
+        self._processes = []
+
+    def start(self, *arguments: str) -> subprocess.Popen:
+        process = subprocess.Popen([*self._command, *arguments], env=self._environment, text=True,
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        self._processes.append(process)
+        return process
+
+    def close(self):
+        for process in self._processes:
+            if process.poll() is None:
+                process.kill()
+            process.communicate()
+
+
+@pytest.fixture
+def ros2(graph, tmp_path):
+    command = Ros2(graph, tmp_path / "prefix")
+    yield command
+    command.close()
+
+
+def line(process: subprocess.Popen, start: str) -> str:
+    """The next line of output that starts so; fails with what the process said if it ends before."""
+    for text in process.stdout:
+        if text.startswith(start):
+            return text
+    raise AssertionError(f"no line '{start}...'; the process ended with {process.wait()}: {process.stderr.read()}")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_run_becomes_the_node_and_signals_reach_it(ros2, number):
+    process = ros2.start("run", "pushers", "talker")
+    assert line(process, "pid").split()[1] == str(process.pid)
+    process.send_signal(number)
+    assert process.wait() == 0
+    assert line(process, "at rest")
+
+
+def test_run_passes_parameters_and_refuses_those_out_of_range(ros2, probe):
+    received = probe.collect("gripper_command", Float64)
+    ros2.start("run", "pushers", "talker", "--ros-args", "-p", "opening:=0.01")
+    probe.wait_until(lambda: received)
+    assert received[0].data == 0.01
+    refused = ros2.start("run", "pushers", "talker", "--ros-args", "-p", "opening:=0.5")
+    assert refused.wait() == 1
+    assert "cannot start" in refused.stderr.read()
+
+
+def test_topic_list_echo_and_hz(ros2):
+    line(ros2.start("run", "pushers", "talker"), "pid")
+    echo = ros2.start("topic", "echo", "--once", "/phase")
+    assert yaml.safe_load(line(echo, "data:")) == {"data": "idle"}
+    assert echo.wait() == 0
+    listed = ros2.start("topic", "list", "-t").stdout.read().splitlines()
+    assert "/gripper_command [std_msgs/msg/Float64]" in listed
+    hz = ros2.start("topic", "hz", "/gripper_command")
+    assert float(line(hz, "average rate").split()[-1]) > 0
+    hz.send_signal(signal.SIGINT)
+    assert hz.wait() in (0, -signal.SIGINT)
+
+
+def test_launch_runs_the_table_and_stops_it(ros2, probe):
+    received = probe.collect("left/gripper_command", Float64)
+    process = ros2.start("launch", "pushers", "talk.launch.py", "opening:=0.04")
+    node = int(line(process, "[left] pid").split()[-1])
+    probe.wait_until(lambda: received)
+    assert received[0].data == 0.04
+    process.send_signal(signal.SIGINT)
+    assert process.wait() == 0
+    with pytest.raises(ProcessLookupError):
+        os.kill(node, 0)
+
+
+def test_launch_names_an_unknown_argument(ros2):
+    process = ros2.start("launch", "pushers", "talk.launch.py", "width:=1")
+    assert process.wait() == 1
+    assert "width: expected one of opening" in process.stderr.read()

@@ -1,0 +1,93 @@
+"""tools/ros2_lite: the parts of the `ros2` command that need no graph."""
+
+import sys
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from np_description.panda import JOINT_NAMES
+from np_ros import messages
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "tools" / "ros2_lite"))
+from ros2_lite import launch, main, packages, topic  # noqa: E402
+
+
+def executable(path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("#!/bin/sh\n")
+    path.chmod(0o755)
+    return path
+
+
+@pytest.fixture
+def prefix(tmp_path, monkeypatch):
+    """An install prefix with the package `pushers`: two executables and a data file."""
+    marker = tmp_path / "share/ament_index/resource_index/packages/pushers"
+    marker.parent.mkdir(parents=True)
+    marker.touch()
+    executable(tmp_path / "lib/pushers/pull")
+    executable(tmp_path / "lib/pushers/push")
+    (tmp_path / "lib/pushers/notes.txt").touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    return tmp_path
+
+
+def test_steps_aside_for_a_real_ros2(tmp_path):
+    ours = executable(tmp_path / "venv" / "ros2").parent
+    assert main.real_ros2(f"{ours}:{tmp_path}/empty", ours) is None
+    real = executable(tmp_path / "opt" / "ros2")
+    assert main.real_ros2(f"{ours}:{real.parent}", ours) == str(real)
+    assert main.real_ros2(f"{real.parent}:{ours}", ours) == str(real)
+
+
+def test_executables_are_those_of_the_ament_index(prefix, capsys):
+    assert [p.name for p in packages.executables("pushers")] == ["pull", "push"]
+    assert packages.list_executables(None) == 0
+    assert capsys.readouterr().out == "pushers pull\npushers push\n"
+
+
+def test_what_is_not_there_is_named(prefix):
+    with pytest.raises(LookupError, match=f"'shovers' not found.*{prefix}"):
+        packages.run("shovers", "push", [])
+    with pytest.raises(LookupError, match="No executable 'lift' in package 'pushers'; it has: pull, push"):
+        packages.run("pushers", "lift", [])
+    with pytest.raises(LookupError, match="No launch file 'a.launch.py' in package 'pushers'; it has: none"):
+        launch.load("pushers", "a.launch.py")
+
+
+def test_launch_arguments():
+    assert launch.parse(["domain:=card", "goal:=a:=b", "empty:="]) == {"domain": "card", "goal": "a:=b", "empty": ""}
+    with pytest.raises(ValueError, match="expected name:=value, got 'domain=card'"):
+        launch.parse(["domain=card"])
+
+
+def test_ros_arguments_are_passed_on_untouched():
+    line = ["run", "np_policy", "episode", "--ros-args", "-p", "rate:=10.0", "--once"]
+    arguments = main.parser().parse_args(line)
+    assert arguments.arguments == line[3:]
+
+
+def test_messages_print_as_yaml_that_reads_back():
+    message = messages.joint_state_message(1_500_000_000, JOINT_NAMES, *np.arange(21.0).reshape(3, 7))
+    got = yaml.safe_load(yaml.safe_dump(topic.plain(message, None)))
+    assert got["header"]["stamp"] == {"sec": 1, "nanosec": 500_000_000}
+    assert got["name"] == list(JOINT_NAMES)
+    assert got["effort"] == [14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0]
+
+
+def test_long_arrays_are_cut_unless_asked_for():
+    message = messages.image_message(0, "camera_optical", np.full((20, 20, 3), 7, np.uint8))
+    assert topic.plain(message, 5)["data"] == [7] * 5 + ["..."]
+    assert topic.plain(message, None)["data"] == [7] * 1200
+
+
+@given(st.floats(1e-3, 10.0), st.integers(2, 50))
+def test_rate_of_an_even_stream(gap, count):
+    line = topic.rate_line(deque(gap * i for i in range(count)))
+    rate = float(line.split("average rate: ")[1].split()[0])
+    assert rate == pytest.approx(1 / gap, rel=1e-3, abs=1e-3)
+    assert line.endswith(f"window: {count}")
