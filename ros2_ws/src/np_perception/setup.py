@@ -19,6 +19,8 @@ setup(
     license='Apache-2.0',
     entry_points={
         # executable = node name = 'np_perception.nodes.<name>_node:main'
-        'console_scripts': [],
+        'console_scripts': [
+            'keypoint_detector = np_perception.nodes.keypoint_detector_node:main',
+        ],
     },
 )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
 from pathlib import Path
 
 import torch
@@ -11,30 +9,9 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import nn
 
-ENVIRONMENT_VARIABLE = "NP_WEIGHTS"
+from np_description.released import ENVIRONMENT_VARIABLE, WeightsError, sha256, weights_folder
 
-
-class WeightsError(RuntimeError):
-    """Weights are missing or do not fit the network; the message names the file and what was expected."""
-
-
-def weights_folder(folder: str | Path = "") -> Path:
-    """The folder with released weights: `folder` if given, $NP_WEIGHTS, or `weights` in a parent of this file or of
-    the working directory.
-
-    Raises WeightsError if there is none.
-    """
-    if folder or os.environ.get(ENVIRONMENT_VARIABLE):
-        found = Path(folder or os.environ[ENVIRONMENT_VARIABLE])
-        if not found.is_dir():
-            raise WeightsError(f"weights: expected a folder, got {found}")
-        return found
-    starts = [Path(__file__).resolve(), Path.cwd() / "_"]
-    for parent in (p for start in starts for p in start.parents):
-        if (parent / "weights").is_dir() and any((parent / "weights").glob("*.safetensors")):
-            return parent / "weights"
-    raise WeightsError(f"weights: no folder `weights` with safetensors beside the code or the working directory; "
-                       f"set ${ENVIRONMENT_VARIABLE}, or train with `make train`")
+__all__ = ["ENVIRONMENT_VARIABLE", "WeightsError", "load", "save", "sha256", "weights_folder"]
 
 
 def save(module: nn.Module, path: str | Path, metadata: dict[str, str] | None = None) -> None:
@@ -56,8 +33,3 @@ def load(module: nn.Module, path: str | Path) -> nn.Module:
     except (SafetensorError, RuntimeError) as error:
         raise WeightsError(f"weights: {path} does not fit {type(module).__name__}: {error}") from error
     return module.eval()
-
-
-def sha256(path: str | Path) -> str:
-    """Hex digest of a file, as model cards and bags name weights."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
