@@ -49,6 +49,9 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fas
         spinner.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RuntimeError:
+        if rclpy.ok():
+            raise  # else a signal came while a callback ran: whatever it took or sent after that fails so
     finally:
         if spinner is not None:
             spinner.close()
@@ -63,8 +66,8 @@ def parameter(node: Node, name: str, default: Value, description: str, minimum: 
     """Declare a read-only parameter with a description and a range, and return its value.
 
     minimum and maximum are inclusive and of the default's type (give both or neither); `choices` lists the
-    allowed strings. Raises ValueError for a value outside, and rclpy's ParameterException for one of
-    another type.
+    allowed strings. Raises rclpy's ParameterException for a value of another type or out of range, ValueError
+    for one that is not among the choices.
     """
     descriptor = ParameterDescriptor(description=description, read_only=True)
     if choices:

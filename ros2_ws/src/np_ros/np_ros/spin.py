@@ -13,9 +13,11 @@ import inspect
 import os
 import time
 
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 
 _EVENT_PERIOD = 0.2  # s, how often events that only lead to log lines are looked for
 
@@ -66,59 +68,74 @@ class Spinner:
         self._executor.remove_node(self._node)
         self._executor.shutdown(timeout_sec=0)
 
+    def _current(self) -> list[tuple]:
+        node = self._node
+        return [tuple(node.subscriptions), tuple(node.timers), tuple(node.clients), tuple(node.services),
+                tuple(node.guards)]
+
     def _build(self) -> None:
         """Make the wait set anew; needed whenever the node has gained or lost an entity."""
         from rclpy.impl.implementation_singleton import rclpy_implementation as implementation
 
-        node, executor = self._node, self._executor
-        self._subscriptions = {s.handle.pointer: s for s in node.subscriptions}
-        self._timers = {t.handle.pointer: t for t in node.timers}
-        self._services, self._clients = list(node.services), list(node.clients)
-        # The executor's own guard reports new and lost entities, its signal guard a shutdown.
-        self._changed = executor._guard.handle
-        self._guards = [self._changed, executor._sigint_gc.handle, *(g.handle for g in node.guards)]
-        with node.context.handle:
+        self._entities = subscriptions, timers, clients, services, guards = self._current()
+        self._subscriptions = {s.handle.pointer: s for s in subscriptions}
+        self._timers = {t.handle.pointer: t for t in timers}
+        # The executor's two guards wake us when the node changes and when the process is to end.
+        self._guards = [self._executor._guard, self._executor._sigint_gc, *guards]
+        context = self._node.context.handle
+        with context:
             self._wait_set = implementation.WaitSet(
-                len(self._subscriptions), len(self._guards), len(self._timers), len(self._clients),
-                len(self._services), 0, node.context.handle)
+                len(subscriptions), len(self._guards), len(timers), len(clients), len(services), 0, context)
 
     def _wait(self, timeout: float) -> None:
+        if self._current() != self._entities:
+            self._build()
+        subscriptions, timers, clients, services, _ = self._entities
         wait_set = self._wait_set
         wait_set.clear_entities()
-        for subscription in self._subscriptions.values():
+        for subscription in subscriptions:
             wait_set.add_subscription(subscription.handle)
-        for timer in self._timers.values():
+        for timer in timers:
             wait_set.add_timer(timer.handle)
-        for client in self._clients:
+        for client in clients:
             wait_set.add_client(client.handle)
-        for service in self._services:
+        for service in services:
             wait_set.add_service(service.handle)
         for guard in self._guards:
-            wait_set.add_guard_condition(guard)
+            wait_set.add_guard_condition(guard.handle)
         wait_set.wait(max(0, int(timeout * 1e9)))
 
     def _run_ready(self) -> None:
         ready = self._wait_set.get_ready_entities
-        subscriptions, timers = ready("subscription"), ready("timer")
-        guards, services, clients = ready("guard_condition"), ready("service"), ready("client")
-        current_subscriptions, current_timers = self._subscriptions, self._timers
-        if self._changed.pointer in guards:
-            self._build()
+        timers, subscriptions = ready("timer"), ready("subscription")
+        rare = ready("guard_condition") or ready("service") or ready("client")
         for pointer in timers:
-            timer = current_timers[pointer]
-            if timer.handle.is_timer_ready():  # may have been cancelled meanwhile
-                timer.handle.call_timer()
-                timer.callback()
+            self._call(self._timers[pointer])
         for pointer in subscriptions:
-            self._take(current_subscriptions[pointer])
+            self._take(self._subscriptions[pointer])
         now = time.monotonic()
-        if guards or services or clients or now >= self._next_events:
+        if rare or now >= self._next_events:
             self._next_events = now + _EVENT_PERIOD
             self._executor.spin_once(0)
 
     @staticmethod
+    def _call(timer: Timer) -> None:
+        try:
+            with timer.handle:
+                if not timer.handle.is_timer_ready():  # cancelled by an earlier callback
+                    return
+                timer.handle.call_timer()
+        except InvalidHandle:  # destroyed by an earlier callback
+            return
+        timer.callback()
+
+    @staticmethod
     def _take(subscription: Subscription) -> None:
-        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        try:
+            with subscription.handle:
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        except InvalidHandle:
+            return
         if taken is None:
             return
         if subscription._callback_type is Subscription.CallbackType.MessageOnly:

@@ -1,0 +1,177 @@
+"""np_ros.node and np_ros.spin: every kind of callback runs, both ways of spinning; parameters and diagnostics."""
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from np_ros.node import Diagnostics, parameter
+from np_ros.qos import EVENT, LOCKSTEP
+from np_ros.spin import Spinner
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import Int64
+from std_srvs.srv import Trigger
+
+TIMEOUT = 60.0  # s; only how long a broken spinner takes to fail
+
+
+@pytest.fixture(params=[True, False], ids=["kept wait set", "executor"])
+def spun(graph, request, monkeypatch):
+    """A node in a context and domain of its own, and the spinner that runs it."""
+    for key, value in graph.environment.items():
+        monkeypatch.setenv(key, value)
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=graph.domain_id)
+    node = Node("spun", context=context)
+    spinner = Spinner(node, allow_fast=request.param)
+    assert spinner.is_fast == request.param
+    yield node, spinner
+    spinner.close()
+    node.destroy_node()
+    rclpy.try_shutdown(context=context)
+
+
+def spin_until(node, spinner, condition):
+    """Spin until the condition holds."""
+    clock = node.get_clock()
+    start = clock.now().nanoseconds
+    while not condition():
+        assert clock.now().nanoseconds - start < TIMEOUT * 1e9, "the condition did not come true"
+        spinner.spin_once(0.1)
+
+
+def test_entities_made_while_spinning_are_served(spun):
+    node, spinner = spun
+    numbers, ticks = [], []
+    node.create_subscription(Int64, "numbers", lambda message: numbers.append(message.data), LOCKSTEP)
+    publisher = node.create_publisher(Int64, "numbers", LOCKSTEP)
+    timer = node.create_timer(0.001, lambda: ticks.append(None))
+    spin_until(node, spinner, lambda: len(ticks) >= 3 and publisher.get_subscription_count())
+    timer.cancel()
+    for number in range(50):
+        publisher.publish(Int64(data=number))
+    spin_until(node, spinner, lambda: len(numbers) == 50)
+    assert numbers == list(range(50))
+
+
+def test_destroyed_entities_are_left_alone(spun):
+    node, spinner = spun
+    first, second = [], []
+
+    def once(message):
+        first.append(message.data)
+        node.destroy_subscription(subscription)
+
+    subscription = node.create_subscription(Int64, "numbers", once, LOCKSTEP)
+    node.create_subscription(Int64, "numbers", lambda message: second.append(message.data), LOCKSTEP)
+    publisher = node.create_publisher(Int64, "numbers", LOCKSTEP)
+    spin_until(node, spinner, lambda: publisher.get_subscription_count() == 2)
+    for number in range(5):
+        publisher.publish(Int64(data=number))
+    spin_until(node, spinner, lambda: len(second) == 5)
+    assert first == [0]
+
+
+def test_callback_may_ask_for_the_publisher(spun):
+    node, spinner = spun
+    infos = []
+    node.create_subscription(Int64, "numbers", lambda message, info: infos.append(info), LOCKSTEP)
+    publisher = node.create_publisher(Int64, "numbers", LOCKSTEP)
+    spin_until(node, spinner, publisher.get_subscription_count)
+    publisher.publish(Int64(data=1))
+    spin_until(node, spinner, lambda: infos)
+    assert infos[0]["source_timestamp"] > 0
+
+
+def test_services_and_clients_are_served(spun):
+    node, spinner = spun
+
+    def answer(request, response):
+        response.success, response.message = True, "done"
+        return response
+
+    node.create_service(Trigger, "stop", answer)
+    client = node.create_client(Trigger, "stop")
+    spin_until(node, spinner, client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    spin_until(node, spinner, future.done)
+    assert future.result().message == "done"
+
+
+def test_exceptions_and_shutdown_reach_the_caller(spun):
+    node, spinner = spun
+
+    def fail():
+        raise RuntimeError("joint 3 is on fire")
+
+    timer = node.create_timer(0.001, fail)
+    with pytest.raises(RuntimeError, match="joint 3"):
+        spin_until(node, spinner, lambda: False)
+    node.destroy_timer(timer)
+    node.create_timer(0.001, lambda: rclpy.try_shutdown(context=node.context))
+    with pytest.raises(ExternalShutdownException):
+        spinner.spin()
+
+
+def test_another_rclpy_falls_back_to_the_executor(spun, monkeypatch):
+    node, _ = spun
+    from rclpy.impl.implementation_singleton import rclpy_implementation
+
+    monkeypatch.delattr(rclpy_implementation, "WaitSet")
+    spinner = Spinner(node)
+    assert not spinner.is_fast
+    spinner.close()
+
+
+def test_parameters_are_described_ranged_and_read_only(spun):
+    node, _ = spun
+    assert parameter(node, "rate", 30.0, "Images a second.", 1.0, 60.0) == 30.0
+    assert parameter(node, "mode", "camera", "Where keypoints come from.", choices=("camera", "truth")) == "camera"
+    assert parameter(node, "depth", 3, "Frames.", 1, 5) == 3
+    assert parameter(node, "lockstep", True, "Whether time waits.") is True
+    descriptor = node.describe_parameter("rate")
+    assert descriptor.description == "Images a second."
+    assert (descriptor.floating_point_range[0].from_value, descriptor.floating_point_range[0].to_value) == (1.0, 60.0)
+    assert node.describe_parameter("depth").integer_range[0].to_value == 5
+    assert not node.set_parameters([Parameter("rate", value=10.0)])[0].successful
+
+
+@pytest.mark.parametrize("override, error, text", [
+    (Parameter("rate", value=61.0), InvalidParameterValueException, "rate out of range"),
+    (Parameter("rate", value="fast"), InvalidParameterTypeException, "rate"),
+    (Parameter("mode", value="lidar"), ValueError, "expected one of \\['camera', 'truth'\\], got 'lidar'"),
+])
+def test_parameters_out_of_range_are_refused(graph, override, error, text):
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=graph.domain_id)
+    node = Node("strict", context=context, parameter_overrides=[override])
+    try:
+        with pytest.raises(error, match=text):
+            parameter(node, "rate", 30.0, "Images a second.", 1.0, 60.0)
+            parameter(node, "mode", "camera", "Where keypoints come from.", choices=("camera", "truth"))
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+def test_diagnostics_say_counts_and_problems(spun):
+    node, spinner = spun
+    received = []
+    node.create_subscription(DiagnosticArray, "diagnostics", lambda m: received.append(m.status[0]), EVENT)
+    diagnostics = Diagnostics(node, period=0.05)
+    diagnostics.values["mode"] = "lockstep"
+    spin_until(node, spinner, lambda: received)
+    assert (received[-1].level, received[-1].name) == (DiagnosticStatus.OK, "/spun")
+
+    diagnostics.count("refused: finite")
+    diagnostics.count("refused: finite")
+    spin_until(node, spinner, lambda: received[-1].level == DiagnosticStatus.WARN)
+    assert {v.key: v.value for v in received[-1].values} == {"mode": "lockstep", "refused: finite": "2"}
+    assert received[-1].message == "refused: finite"
+    spin_until(node, spinner, lambda: received[-1].level == DiagnosticStatus.OK)
+
+    diagnostics.report(DiagnosticStatus.ERROR, "no plan")
+    diagnostics.count("replanned", problem=False)
+    spin_until(node, spinner, lambda: received[-1].level == DiagnosticStatus.ERROR)
+    assert received[-1].message == "no plan"
