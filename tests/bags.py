@@ -1,0 +1,58 @@
+"""A recorded episode made by hand, for tests of what reads bags."""
+
+import numpy as np
+from np_bringup.contract import BY_NAME, TIMELINE
+from np_bringup.recorder import BagWriter, Sequencer
+from np_description.camera import CAMERA
+from np_description.domains import CARD, Pose
+from np_description.keypoints import box_keypoints
+from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_description.rotations import yaw_quaternion
+from np_ros.messages import header_message, image_message, joint_state_message, keypoints_message, pose_message
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+
+PERIOD = 2_000_000
+GOAL = Pose(np.array([0.55, 0.05, 0.0025]), yaw_quaternion(np.asarray(0.9)))
+PHASES = {0: "pre", 50: "approach", 550: "post", 1450: "succeeded"}
+KEYPOINT_OFFSET = 1.5  # px, in u
+
+
+def object_pose(step: int, count: int) -> Pose:
+    """The object slides from its start to the goal during the last two thirds of the episode."""
+    share = np.clip((step / count - 0.35) / 0.6, 0, 1)
+    start = Pose(np.array([0.45, -0.08, 0.0025]), yaw_quaternion(np.asarray(0.1)))
+    return Pose(start.position + share * (GOAL.position - start.position), yaw_quaternion(np.asarray(0.1 + 0.8 * share)))
+
+
+def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=()):
+    """Write a bag of `count` control periods, without the topics in `leave_out`, to `path` and return it."""
+    writer = BagWriter(path, {"seed": 0, "domain": "card", "image_rate": 10, **(information or {})})
+    sequencer = Sequencer(writer.write)
+
+    def add(name, step, message):
+        if name not in leave_out:
+            sequencer.add(BY_NAME[name], serialize_message(message), step * 1000 + (name != TIMELINE.name))
+
+    for step in range(count):
+        stamp, time = step * PERIOD, step * PERIOD / 1e9
+        wave = np.sin(time + np.arange(9))
+        add("joint_states", step, joint_state_message(stamp, STATE_NAMES, 0.1 * wave, wave, 5 * wave))
+        torque = 0.5 * NOMINAL.torque_limit * wave[:7]
+        add("effort_command", step, joint_state_message(stamp, JOINT_NAMES, 0.1 * wave[:7] + 0.01, wave[:7], torque))
+        if step in phases:
+            add("phase", step, String(data=phases[step]))
+        if step == 0:
+            add("goal_pose", step, pose_message(stamp, BASE_FRAME, GOAL.position, GOAL.quaternion))
+        if step % 50 == 0:
+            pose = object_pose(step, count)
+            corners = CAMERA.project(box_keypoints(np.asarray(CARD.half_size), pose.position, pose.quaternion))[0]
+            keypoints = np.column_stack([corners + [KEYPOINT_OFFSET, 0], np.full(8, 0.9)])
+            image = np.full((CAMERA.height, CAMERA.width, 3), 120, np.uint8)
+            add("object_pose", step, pose_message(stamp, BASE_FRAME, pose.position, pose.quaternion))
+            add("camera/image_raw", step, image_message(stamp, "camera", image))
+            add("keypoints", step, keypoints_message(stamp, "camera", keypoints))
+            add("tick", step, header_message(stamp, "post"))
+    sequencer.flush()
+    writer.close()
+    return path

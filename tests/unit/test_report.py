@@ -1,0 +1,121 @@
+"""Scores, intervals and the report, on recordings made by hand."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from bags import KEYPOINT_OFFSET, PERIOD, record_episode
+from hypothesis import given
+from hypothesis import strategies as st
+from np_bringup.bag import BagError, Recording
+from np_bringup.commands import report as command
+from np_bringup.episode import images, load_episode, score
+from np_bringup.intervals import wilson_interval
+from np_bringup.report import make_section, write_report
+from np_bringup.video import write_video
+from np_description.domains import CARD, WALL, Pose
+from np_description.rotations import yaw_quaternion
+
+
+@pytest.mark.parametrize("successes, trials, low, high", [
+    # Newcombe, Statistics in Medicine 1998, table I, method 3.
+    (81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)])
+def test_wilson_interval_agrees_with_published_values(successes, trials, low, high):
+    assert wilson_interval(successes, trials) == pytest.approx((low, high), abs=5e-5)
+
+
+@given(st.integers(0, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_wilson_interval_holds_the_rate_and_is_symmetric(case):
+    successes, trials = case
+    low, high = wilson_interval(successes, trials)
+    assert 0 <= low <= (successes / trials if trials else 0.5) <= high <= 1
+    mirrored = wilson_interval(trials - successes, trials)
+    assert mirrored == pytest.approx((1 - high, 1 - low), abs=1e-12)
+
+
+def test_wilson_interval_refuses_nonsense():
+    with pytest.raises(ValueError, match="got 3 of 2"):
+        wilson_interval(3, 2)
+
+
+def pose(x, yaw=0.0):
+    return Pose(np.array([x, 0.0, 0.0]), yaw_quaternion(np.asarray(yaw)))
+
+
+@pytest.mark.parametrize("domain, x, yaw, success", [
+    (CARD, 0.009, 0.09, True), (CARD, 0.011, 0.0, False), (CARD, 0.0, 0.11, False), (WALL, 0.009, 1.0, True)])
+def test_the_truth_decides(domain, x, yaw, success):
+    outcome = score(domain, "succeeded", "", pose(x, yaw), pose(0.0), 3.0)
+    assert outcome.success is success
+    assert outcome.failed_in == ("" if success else "post")
+    assert (outcome.distance, outcome.angle) == pytest.approx((x, yaw), abs=1e-9)
+
+
+@pytest.mark.parametrize("declared, reason, failed_in", [
+    ("failed", "approach: no path in 2.0 s", "approach"), ("failed", "pre: no keypoints", "pre"),
+    ("fault", "hold", "fault"), ("unfinished", "", "unfinished")])
+def test_failures_are_named_by_their_phase(declared, reason, failed_in):
+    assert score(CARD, declared, reason, pose(0.1), pose(0.0), 3.0).failed_in == failed_in
+
+
+def test_an_episode_is_read_as_recorded(tmp_path):
+    with Recording(record_episode(tmp_path / "bag")) as recording:
+        episode = load_episode(recording)
+        assert len(list(images(recording))) == 30
+    assert [text for _, text in episode.phases] == ["pre", "approach", "post", "succeeded"]
+    assert episode.phases[1][0] == 50 * PERIOD / 1e9
+    assert episode.keypoint_error.values == pytest.approx(np.full((30, 8), KEYPOINT_OFFSET), abs=1e-4)
+    assert episode.outcome.success and episode.outcome.declared == "succeeded"
+    assert episode.position.values.shape == (1500, 7) and episode.command.values.shape == (1500, 7)
+    assert episode.distance.values[0] > 0.1 and episode.distance.values[-1] < 0.01
+
+
+def test_an_episode_cut_short_is_unfinished(tmp_path):
+    phases = {0: "pre", 50: "approach", 550: "post"}
+    with Recording(record_episode(tmp_path / "bag", count=600, phases=phases)) as recording:
+        outcome = load_episode(recording).outcome
+    assert (outcome.declared, outcome.reason, outcome.duration) == ("unfinished", "", 599 * PERIOD / 1e9)
+
+
+def test_a_bag_without_the_truth_is_named(tmp_path):
+    with Recording(record_episode(tmp_path / "bag", leave_out=["goal_pose"])) as recording, pytest.raises(BagError, match="goal_pose for a report"):
+        load_episode(recording)
+
+
+def test_the_video_plays_back_what_was_drawn(tmp_path):
+    with Recording(record_episode(tmp_path / "bag")) as recording:
+        episode = load_episode(recording)
+        assert write_video(tmp_path / "v.webm", episode, images(recording), 10.0) == 30
+        assert write_video(tmp_path / "none.webm", episode, [], 10.0) == 0
+    assert not (tmp_path / "none.webm").exists()
+    capture = cv2.VideoCapture(str(tmp_path / "v.webm"))
+    frames = []
+    while (read := capture.read())[0]:
+        frames.append(read[1])
+    assert len(frames) == 30 and frames[0].shape == (448, 448, 3)
+    # The goal's outline is drawn in green on a grey image.
+    excess = frames[0][60:, :, 1].astype(int) - frames[0][60:, :, 2]
+    assert (excess > 60).sum() > 50
+
+
+def test_the_report_is_one_file_with_everything(tmp_path, capsys):
+    bag = record_episode(tmp_path / "episode_000", information={"weights": "sha256:abc"})
+    assert command.main([str(bag), "--out", str(tmp_path / "report.html")]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["successes"] == 1
+    text = (tmp_path / "report.html").read_text()
+    assert text.count("<svg") == 5 and "data:video/webm;base64," in text
+    for expected in ("episode_000", "succeeded", "sha256:abc", "approach", "effort_command", "1 of 1 episodes"):
+        assert expected in text
+    assert "src=\"http" not in text and "href=\"http" not in text.replace('href="http://www.w3.org', "")
+
+
+def test_a_reason_cannot_break_the_page(tmp_path):
+    bag = record_episode(tmp_path / "bag", phases={0: "pre", 700: "failed: pre: <script>alert(1)</script>"})
+    write_report(tmp_path / "r.html", [make_section(bag)])
+    assert "<script>" not in (tmp_path / "r.html").read_text()
+
+
+def test_the_command_names_a_broken_bag(tmp_path, capsys):
+    assert command.main([str(tmp_path / "nothing")]) == 1
+    assert "does not exist" in capsys.readouterr().err
