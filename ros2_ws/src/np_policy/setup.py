@@ -19,6 +19,11 @@ setup(
     license='Apache-2.0',
     entry_points={
         # executable = node name = 'np_policy.nodes.<name>_node:main'
-        'console_scripts': [],
+        'console_scripts': [
+            'approach = np_policy.nodes.approach_node:main',
+            'episode = np_policy.nodes.episode_node:main',
+            'post_contact = np_policy.nodes.post_contact_node:main',
+            'pre_contact = np_policy.nodes.pre_contact_node:main',
+        ],
     },
 )

@@ -123,7 +123,7 @@ def _timed(collision: CollisionModel, leave, path, arrive, lift: float, config: 
         points, _ = forward_kinematics(fast.positions)
         speed = np.linalg.norm(np.diff(points, axis=0), axis=1) / np.diff(fast.times)
         share = min(1.0, config.contact_speed / speed.max())
-        return retime(line, velocity * share, acceleration * share)
+        return Trajectory(fast.times / share, fast.positions, fast.velocities * share)
 
     parts = [slowly(leave)] if len(leave) > 1 else []
     if np.linalg.norm(path[-1] - path[0]) > 1e-6:

@@ -18,6 +18,7 @@ from np_description.keypoints import CORNERS
 from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 
 MIN_POINTS = 6
+_GOOD = 1.0  # px, error of a fit that needs no second look
 _HUBER = 1.5  # px, residual from which a keypoint counts less
 _ITERATIONS = 30
 
@@ -58,7 +59,7 @@ def estimate_pose(keypoints, domain: Domain, *, min_score: float = 0.3, max_rms:
     starts = sorted(fit.resting_starts(sorted(surfaces)), key=lambda start: fit.rms(*start))
     resting = _best(fit.refine(*start, planar=True) for start in starts[:2])
     free = fit.refine(*resting[:2], planar=False)
-    if not _explains(resting, free):
+    if resting[2] > _GOOD or not _explains(resting, free):  # or both are in a wrong valley
         free = _best([free, *(fit.refine(*start, planar=False) for start in fit.free_starts())])
     position, rotation, rms = resting if _explains(resting, free) else free
     is_resting = rms == resting[2]

@@ -1,0 +1,261 @@
+"""The phases of an episode, as a state machine without clocks, threads or ROS.
+
+Inputs are method calls with stamps; each returns what has to be published, in order. In lockstep decisions fall on policy
+ticks only, whatever the wall clock does; it enters through `overdue` alone, which can only end an episode.
+The contract is docs/graph.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_description.domains import Domain, Pose, is_lost, is_success, pose_error
+from np_policy.policy import goal_keypoints
+from np_policy.pose_estimation import MIN_POINTS, PoseError, estimate_pose, usable
+
+SECOND = 1_000_000_000
+IDLE, PRE, APPROACH, POST, SUCCEEDED, FAILED, FAULT = "idle", "pre", "approach", "post", "succeeded", "failed", "fault"
+ACTIVE = (PRE, APPROACH, POST)
+
+
+@dataclass(frozen=True)
+class PhaseChange:
+    """The phase from now on, and why, where there is something to explain."""
+
+    phase: str
+    reason: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.phase}: {self.reason}" if self.reason else self.phase
+
+
+@dataclass(frozen=True)
+class Tick:
+    """A policy tick: stamp ns and the phase in force from then on."""
+
+    stamp: int
+    phase: str
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Goal keypoints (8, 3) u px, v px, score 1, in force from stamp ns on."""
+
+    stamp: int
+    keypoints: np.ndarray
+
+
+Event = PhaseChange | Tick | Goal
+
+
+class Refused(ValueError):
+    """An input that makes no sense now; the message says why."""
+
+
+@dataclass(frozen=True)
+class EpisodeConfig:
+    """domain; lockstep or real time; policy_period ns; limits of the phases in s, see docs/graph.md.
+
+    pre_timeout, post_blind: how long keypoints may be unusable; success_frames: ticks in a row within tolerance;
+    min_score: of a usable keypoint; silence, planning: how long by the wall clock nothing may come at all.
+    """
+
+    domain: Domain
+    lockstep: bool = True
+    policy_period: int = SECOND // 10
+    pre_timeout: float = 2.0
+    settle: float = 0.3
+    post_timeout: float = 15.0
+    post_blind: float = 1.0
+    success_frames: int = 5
+    min_score: float = 0.3
+    silence: float = 30.0
+    planning: float = 60.0
+
+
+class Episode:
+    """Who is asked to act, from one start to success or failure."""
+
+    def __init__(self, config: EpisodeConfig) -> None:
+        self.config = config
+        self.phase = IDLE
+        self.distance = self.angle = float("nan")
+        """Error of the object's estimated pose, m and rad; NaN where there is none."""
+        self._goal: Goal | None = None
+        self._goal_pose: Pose | None = None
+        self._goal_used = False
+        self._fault = ""
+        self._newest: tuple[int, np.ndarray | None] | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        self._planned_from: int | None = None  # stamp of the keypoints that a plan is awaited for
+        self._last_tick = -1
+        self._motion_ends = self._post_began = 0
+        self._blind_since: int | None = None
+        self._near = self._gone = 0
+
+    @property
+    def is_active(self) -> bool:
+        """Whether an episode is under way."""
+        return self.phase in ACTIVE
+
+    def start(self) -> list[Event]:
+        """Begin an episode with the newest goal. Raises Refused while one is under way or the backend holds."""
+        if self.is_active:
+            raise Refused(f"an episode is under way, in phase {self.phase}")
+        if self._fault:
+            raise Refused(f"the backend reports: {self._fault}")
+        self._forget()
+        self.phase = PRE
+        events: list[Event] = [PhaseChange(PRE)]
+        if self._goal_used and not self.config.lockstep and self._newest is not None:
+            # The same goal once more: stamped anew, so that pre_contact knows it for another task.
+            self._goal, self._goal_used = Goal(self._newest[0], self._goal.keypoints), False
+            events.append(self._goal)
+        return events + self._decide()
+
+    def stop(self) -> list[Event]:
+        """End the episode on request. Raises Refused if there is none."""
+        if not self.is_active:
+            raise Refused(f"no episode is under way, the phase is {self.phase}")
+        return self._fail("stopped on request")
+
+    def goal(self, stamp: int, pose: Pose) -> list[Event]:
+        """A new task: the object's goal from stamp ns on. Raises ValueError for a goal outside the camera's view."""
+        goal = Goal(stamp, goal_keypoints(self.config.domain, pose))
+        if self._goal is not None and not self._goal_used and stamp == self._goal.stamp:
+            return []
+        ended = self._fail("the task was reset") if self.is_active and self._begun else []
+        self._goal, self._goal_pose, self._goal_used = goal, pose, False
+        return [*ended, goal, *self._decide()]
+
+    def keypoints(self, stamp: int, keypoints: np.ndarray | None) -> list[Event]:
+        """Keypoints (8, 3) of the image taken at stamp ns; None for a message that could not be read."""
+        if self._newest is not None and stamp <= self._newest[0]:
+            return []
+        self._newest = stamp, keypoints
+        return self._decide()
+
+    def trajectory(self, stamp: int, duration: float | None, reason: str = "") -> list[Event]:
+        """The plan for the keypoints of stamp ns: its duration s, or None and the reason why there is none.
+
+        Raises Refused for a plan that nobody waits for.
+        """
+        awaited = self._planned_from
+        if self.phase != PRE or awaited is None or not (
+                stamp == awaited if self.config.lockstep else stamp >= self._goal.stamp):
+            raise Refused(f"a plan for {stamp} ns, while the phase is {self.phase} and one is awaited for {awaited} ns")
+        self.phase = APPROACH
+        if duration is None:
+            return self._fail(reason or "no plan")
+        begins = stamp if self.config.lockstep else self._newest[0]
+        self._motion_ends = begins + round((duration + self.config.settle) * SECOND)
+        return [PhaseChange(APPROACH), *([Tick(stamp, APPROACH)] if self.config.lockstep else [])]
+
+    def backend(self, fault: str) -> list[Event]:
+        """What the backend reports: "" while it follows commands, else why it does not."""
+        self._fault = fault
+        if not (fault and self.is_active):
+            return []
+        self.phase = FAULT
+        return [PhaseChange(FAULT, fault)]
+
+    @property
+    def awaits(self) -> str:
+        """The topic without which the episode cannot go on, or "" if there is none under way."""
+        if not self.is_active:
+            return ""
+        if not self._begun and (self._goal is None or self._goal_used):
+            return "goal_pose"
+        return "joint_trajectory" if self.phase == PRE and self._planned_from is not None else "keypoints"
+
+    def overdue(self, waited: float) -> list[Event]:
+        """End an episode that has been waiting for `awaits` for so many seconds by the wall clock, if that is too long."""
+        topic = self.awaits
+        limit = self.config.planning if topic == "joint_trajectory" else self.config.silence
+        if not topic or waited <= limit:
+            return []
+        if topic == "joint_trajectory":
+            self.phase = APPROACH  # pre_contact or approach did not answer: where the episode got stuck
+        return self._fail(f"no {topic} within {limit:g} s")
+
+    @property
+    def _begun(self) -> bool:
+        """Whether the goal is in use."""
+        return self._last_tick >= 0 or self._planned_from is not None
+
+    def _decide(self) -> list[Event]:
+        """What the newest keypoints mean."""
+        if not self.is_active or self._newest is None or self._goal is None or (self._goal_used and not self._begun):
+            return []
+        stamp, keypoints = self._newest
+        config = self.config
+        due = stamp % config.policy_period == 0 if config.lockstep else \
+            stamp >= self._last_tick + 0.9 * config.policy_period or self._last_tick < 0
+        if stamp < self._goal.stamp or stamp <= self._last_tick or not due:
+            return []
+        good = keypoints is not None and usable(keypoints, config.min_score).sum() >= MIN_POINTS
+        if self.phase == PRE:
+            return self._decide_pre(stamp, good)
+        events: list[Event] = []
+        if self.phase == APPROACH and stamp >= self._motion_ends:
+            self.phase, self._post_began, self._blind_since = POST, stamp, None
+            events.append(PhaseChange(POST))
+        if self.phase == POST:
+            end = self._judge(stamp, keypoints if good else None)
+            if end:
+                return events + end
+        return [*events, self._tick(stamp)]
+
+    def _decide_pre(self, stamp: int, good: bool) -> list[Event]:
+        self._goal_used = True
+        if self._planned_from is None:
+            if good:
+                self._planned_from = stamp
+            elif self._blind_for(stamp) >= self.config.pre_timeout:
+                return self._fail(f"fewer than {MIN_POINTS} usable keypoints for {self.config.pre_timeout:g} s")
+        # In lockstep time stands still while the planner thinks.
+        return [] if good and self.config.lockstep else [self._tick(stamp)]
+
+    def _judge(self, stamp: int, keypoints) -> list[Event]:
+        """Success, failure, or nothing to say about the object at a tick of phase post."""
+        config = self.config
+        try:
+            if keypoints is None:
+                raise PoseError(f"fewer than {MIN_POINTS} usable keypoints")
+            pose = estimate_pose(keypoints, config.domain, min_score=config.min_score).pose
+        except PoseError as error:
+            self.distance = self.angle = float("nan")
+            self._near = 0
+            if self._blind_for(stamp) >= config.post_blind:
+                return self._fail(f"keypoints: {error} for {config.post_blind:g} s")
+        else:
+            self._blind_since = None
+            goal = self._goal_pose
+            self.distance, self.angle = map(float, pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion))
+            self._near = self._near + 1 if is_success(config.domain, self.distance, self.angle) else 0
+            self._gone = self._gone + 1 if is_lost(config.domain, pose.position) else 0
+            if self._near >= config.success_frames:
+                self.phase = SUCCEEDED
+                return [PhaseChange(SUCCEEDED)]
+            if self._gone >= config.success_frames:
+                return self._fail("the object left the workspace")
+        if stamp - self._post_began >= config.post_timeout * SECOND:
+            return self._fail("timeout")
+        return []
+
+    def _blind_for(self, stamp: int) -> float:
+        """Seconds since keypoints became unusable, which they are at stamp ns."""
+        self._blind_since = stamp if self._blind_since is None else self._blind_since
+        return (stamp - self._blind_since) / SECOND
+
+    def _tick(self, stamp: int) -> Tick:
+        self._last_tick = stamp
+        return Tick(stamp, self.phase)
+
+    def _fail(self, reason: str) -> list[Event]:
+        where, self.phase = self.phase, FAILED
+        return [PhaseChange(FAILED, f"{where}: {reason}")]

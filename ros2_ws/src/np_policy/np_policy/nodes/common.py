@@ -1,0 +1,103 @@
+"""What the four nodes of this package share: parameters, streams that are kept until they are needed."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState, PointCloud2
+
+from np_description.domains import DOMAINS, Domain, find_domain
+from np_description.panda import STATE_NAMES
+from np_ros import qos
+from np_ros.messages import NANOSECONDS, BadMessage, joint_state_arrays, keypoints_array, stamp_nanoseconds
+from np_ros.node import Diagnostics, parameter
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Parameters of every node here; policy_period ns."""
+
+    domain: Domain
+    lockstep: bool
+    policy_period: int
+    min_score: float
+
+    def is_policy_tick(self, stamp: int) -> bool:
+        """Whether something may be decided at stamp ns: always in real time, at policy ticks in lockstep."""
+        return not self.lockstep or stamp % self.policy_period == 0
+
+
+def declare_settings(node: Node) -> Settings:
+    """Declare and read the parameters that every node of this package has."""
+    domain = parameter(node, "domain", "card", "Task family.", choices=tuple(DOMAINS))
+    mode = parameter(node, "mode", "lockstep", "Who waits: time for the answers, or nobody.",
+                     choices=("lockstep", "realtime"))
+    rate = parameter(node, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500)
+    score = parameter(node, "min_score", 0.3, "Score from which a keypoint is used.", 0.0, 1.0)
+    return Settings(find_domain(domain), mode == "lockstep", NANOSECONDS // rate, score)
+
+
+def declare_weights(node: Node) -> str:
+    """Declare and read the parameter `weights`."""
+    return parameter(node, "weights", "", "Folder with released weights; empty: $NP_WEIGHTS, or the project's own.")
+
+
+def refuse(node: Node, diagnostics: Diagnostics, error: BadMessage) -> None:
+    """Count and log a message that was not accepted."""
+    diagnostics.count(f"refused_{error.kind}")
+    node.get_logger().warn(f"refused: {error}", throttle_duration_sec=1.0)
+
+
+def subscribe_keypoints(node: Node, diagnostics: Diagnostics, lockstep: bool,
+                        callback: Callable[[int, np.ndarray | None], None]) -> None:
+    """Call `callback` with stamp ns and keypoints (8, 3), or with None for keypoints that had to be refused."""
+
+    def receive(message: PointCloud2) -> None:
+        try:
+            stamp = stamp_nanoseconds(message.header.stamp)
+        except BadMessage as error:
+            return refuse(node, diagnostics, error)
+        try:
+            keypoints = keypoints_array(message)
+        except BadMessage as error:
+            refuse(node, diagnostics, error)
+            keypoints = None
+        callback(stamp, keypoints)
+
+    node.create_subscription(PointCloud2, "keypoints", receive, qos.subscriber(lockstep))
+
+
+class StateStream:
+    """The joint state that decisions are made on: in lockstep that of the last policy tick, else the newest.
+
+    States come 500 times a second and are needed ten times: only those are decoded.
+    """
+
+    def __init__(self, node: Node, diagnostics: Diagnostics, settings: Settings, callback: Callable[[], None]) -> None:
+        self._node, self._diagnostics, self._settings, self._callback = node, diagnostics, settings, callback
+        self._raw: bytes | None = None
+        self.stamp = -1
+        node.create_subscription(JointState, "joint_states", self._receive, qos.subscriber(settings.lockstep), raw=True)
+
+    def has(self, stamp: int) -> bool:
+        """Whether a state is there to decide on about the image of stamp ns."""
+        return self.stamp == stamp if self._settings.lockstep else self._raw is not None
+
+    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities (9,) of joints and fingers: rad, m and per s. Raises BadMessage."""
+        message = deserialize_message(self._raw, JointState)
+        return joint_state_arrays(message, STATE_NAMES)[:2]
+
+    def _receive(self, raw: bytes) -> None:
+        # CDR: four bytes of encapsulation, the second of which names the byte order, then the header's stamp.
+        seconds, rest = struct.unpack_from("<iI" if raw[1] else ">iI", raw, 4)
+        stamp = seconds * NANOSECONDS + rest
+        if self._settings.is_policy_tick(stamp):
+            self._raw, self.stamp = raw, stamp
+            if self._settings.lockstep:
+                self._callback()

@@ -1,0 +1,132 @@
+"""`episode`: owns the phases. Messages in, to `np_policy.episode.Episode`, and what it decides out."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header, String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from np_description.domains import Pose
+from np_description.panda import BASE_FRAME, JOINT_NAMES
+from np_description.scene import CAMERA_NAME
+from np_policy.episode import Episode, EpisodeConfig, Event, Goal, PhaseChange, Refused, Tick
+from np_policy.nodes.common import declare_settings, refuse, subscribe_keypoints
+from np_ros import qos
+from np_ros.messages import BadMessage, header_message, keypoints_message, pose_arrays, stamp_nanoseconds, \
+    trajectory_arrays
+from np_ros.node import Diagnostics, parameter, run
+
+_FIELDS = ("settle", "pre_timeout", "post_timeout", "post_blind", "success_frames", "planning")
+_HELP = {
+    "settle": ("Rest between approach and post, s.", 0.0, 10.0),
+    "pre_timeout": ("How long keypoints may be unusable in phase pre, s.", 0.0, 600.0),
+    "post_timeout": ("Longest phase post, s.", 0.1, 3600.0),
+    "post_blind": ("How long keypoints may be unusable in phase post, s.", 0.0, 600.0),
+    "success_frames": ("Ticks in a row within the domain's tolerance that make a success.", 1, 100),
+    "planning": ("Wall time in which a trajectory must come, s.", 0.1, 3600.0),
+}
+
+
+class EpisodeNode(Node):
+    """Translates; decides nothing."""
+
+    def __init__(self) -> None:
+        super().__init__("episode")
+        settings = declare_settings(self)
+        defaults = EpisodeConfig(settings.domain)
+        values = {name: parameter(self, name, getattr(defaults, name), *_HELP[name]) for name in _FIELDS}
+        values["silence"] = parameter(self, "silence", 0.0, "Wall time s in which keypoints must come; 0: 2 s in real "
+                                      "time, 30 s in lockstep, where slow is no fault.", 0.0, 3600.0) \
+            or (30.0 if settings.lockstep else 2.0)
+        self._backend = parameter(self, "backend", "sim_bridge", "Name of the node whose diagnostics tell of a hold.")
+        self._episode = Episode(EpisodeConfig(
+            settings.domain, lockstep=settings.lockstep, policy_period=settings.policy_period,
+            min_score=settings.min_score, **values))
+        self._waits_for, self._waits_since = "", time.monotonic()
+        self.diagnostics = Diagnostics(self)
+        self._phase = self.create_publisher(String, "phase", qos.LATCHED)
+        self._tick = self.create_publisher(Header, "tick", qos.publisher(settings.lockstep))
+        self._goal = self.create_publisher(PointCloud2, "goal_keypoints", qos.LATCHED)
+        self.create_subscription(PoseStamped, "goal_pose", self._on_goal, qos.LATCHED)
+        self.create_subscription(JointTrajectory, "joint_trajectory", self._on_trajectory, qos.EVENT)
+        self.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, qos.EVENT)
+        subscribe_keypoints(self, self.diagnostics, settings.lockstep, self._on_keypoints)
+        self.create_service(Trigger, "~/start", lambda _, response: self._serve(self._episode.start, response))
+        self.create_service(Trigger, "~/stop", lambda _, response: self._serve(self._episode.stop, response))
+        self.create_timer(0.1, self._on_timer)
+        self._publish([PhaseChange(self._episode.phase)])
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        try:
+            pose = Pose(*pose_arrays(message, BASE_FRAME))
+            events = self._episode.goal(stamp_nanoseconds(message.header.stamp), pose)
+        except BadMessage as error:
+            return refuse(self, self.diagnostics, error)
+        except ValueError as error:
+            return refuse(self, self.diagnostics, BadMessage("range", str(error)))
+        self._publish(events)
+
+    def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
+        if self._waits_for == "keypoints":
+            self._waits_since = time.monotonic()
+        self._publish(self._episode.keypoints(stamp, keypoints))
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        try:
+            times, _, _ = trajectory_arrays(message, JOINT_NAMES)
+            duration = float(times[-1]) if len(times) else None
+            events = self._episode.trajectory(stamp_nanoseconds(message.header.stamp), duration,
+                                              "" if len(times) else message.header.frame_id)
+        except BadMessage as error:
+            return refuse(self, self.diagnostics, error)
+        except Refused as error:
+            return refuse(self, self.diagnostics, BadMessage("order", str(error)))
+        self._publish(events)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.rsplit("/", 1)[-1] == self._backend:
+                failed = status.level == DiagnosticStatus.ERROR
+                self._publish(self._episode.backend(status.message if failed else ""))
+
+    def _on_timer(self) -> None:
+        self._publish(self._episode.overdue(time.monotonic() - self._waits_since))
+
+    def _serve(self, action, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self._publish(action())
+            response.success, response.message = True, self._episode.phase
+        except Refused as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _publish(self, events: list[Event]) -> None:
+        for event in events:
+            match event:
+                case PhaseChange():
+                    self._phase.publish(String(data=str(event)))
+                    self.get_logger().info(str(event))
+                case Tick():
+                    self._tick.publish(header_message(event.stamp, event.phase))
+                case Goal():
+                    self._goal.publish(keypoints_message(event.stamp, CAMERA_NAME, event.keypoints))
+        if self._episode.awaits != self._waits_for:
+            self._waits_for, self._waits_since = self._episode.awaits, time.monotonic()
+        self.diagnostics.values.update(phase=self._episode.phase, waits_for=self._waits_for,
+                                       distance=f"{self._episode.distance:.4f}", angle=f"{self._episode.angle:.4f}")
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the executable `episode`."""
+    return run(EpisodeNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,101 @@
+"""`post_contact`: at every policy tick of phase `post`, a target pose and joint gains."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+import numpy as np
+import torch
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Float64MultiArray, Header
+
+from np_description.panda import BASE_FRAME
+from np_description.rotations import quaternion_from_matrix
+from np_policy.episode import POST
+from np_policy.nodes.common import StateStream, declare_settings, declare_weights, refuse, subscribe_keypoints
+from np_policy.policy import PolicyError, PostContactController, weights_file
+from np_policy.weights import WeightsError
+from np_ros import qos
+from np_ros.messages import BadMessage, gains_message, keypoints_array, pose_message, stamp_nanoseconds
+from np_ros.node import Diagnostics, run
+
+_KEPT = 8  # keypoints messages that wait for their tick
+
+
+class PostContactNode(Node):
+    """Pairs tick, keypoints and state of one stamp and asks the policy."""
+
+    def __init__(self) -> None:
+        super().__init__("post_contact")
+        torch.set_num_threads(1)
+        self._settings = declare_settings(self)
+        try:
+            file = weights_file("post_contact", self._settings.domain, declare_weights(self))
+            self._policy = PostContactController(file, self._settings.domain, min_score=self._settings.min_score)
+        except WeightsError as error:
+            raise ValueError(error) from error
+        self.diagnostics = Diagnostics(self)
+        self._goal: np.ndarray | None = None
+        self._keypoints: OrderedDict[int, np.ndarray | None] = OrderedDict()
+        self._phase = ""
+        self._pending: int | None = None  # stamp of the tick that is to be answered
+        stream = qos.publisher(self._settings.lockstep)
+        self._gains = self.create_publisher(Float64MultiArray, "target_gains", stream)
+        self._pose = self.create_publisher(PoseStamped, "target_pose", stream)
+        self.create_subscription(PointCloud2, "goal_keypoints", self._on_goal, qos.LATCHED)
+        self.create_subscription(Header, "tick", self._on_tick, qos.subscriber(self._settings.lockstep))
+        subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
+        self._state = StateStream(self, self.diagnostics, self._settings, self._act)
+
+    def _on_goal(self, message: PointCloud2) -> None:
+        try:
+            self._goal = keypoints_array(message)
+        except BadMessage as error:
+            return refuse(self, self.diagnostics, error)
+        self._act()
+
+    def _on_tick(self, tick: Header) -> None:
+        try:
+            stamp = stamp_nanoseconds(tick.stamp)
+        except BadMessage as error:
+            return refuse(self, self.diagnostics, error)
+        if tick.frame_id == POST and self._phase != POST:
+            self._policy.reset()
+        self._phase = tick.frame_id
+        self._pending = stamp if self._phase == POST else None
+        self._act()
+
+    def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
+        self._keypoints[stamp] = keypoints
+        while len(self._keypoints) > _KEPT:
+            self._keypoints.popitem(last=False)
+        self._act()
+
+    def _act(self) -> None:
+        stamp = self._pending
+        if stamp is None or stamp not in self._keypoints or self._goal is None or not self._state.has(stamp):
+            return
+        try:
+            q, dq = self._state.arrays()
+            self._pending = None
+            target = self._policy.act(q, dq, self._keypoints[stamp], self._goal)
+        except BadMessage as error:
+            return refuse(self, self.diagnostics, error)
+        except PolicyError as error:
+            self.get_logger().error(str(error), throttle_duration_sec=1.0)
+            return self.diagnostics.count("refused_action")
+        # Gains first: the receiver pairs a pose with the newest gains before it.
+        self._gains.publish(gains_message(np.stack([target.stiffness, target.damping_ratio])))
+        self._pose.publish(pose_message(stamp, BASE_FRAME, target.position, quaternion_from_matrix(target.rotation)))
+        self.diagnostics.values["stamp"] = stamp
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the executable `post_contact`."""
+    return run(PostContactNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

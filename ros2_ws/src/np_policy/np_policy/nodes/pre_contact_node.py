@@ -1,0 +1,85 @@
+"""`pre_contact`: keypoints and goal to the hand pose and finger opening wanted before contact."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Float64, String
+
+from np_description.panda import BASE_FRAME
+from np_policy.nodes.common import declare_settings, declare_weights, refuse, subscribe_keypoints
+from np_policy.policy import PolicyError, PreContactPlanner, weights_file
+from np_policy.pose_estimation import MIN_POINTS, usable
+from np_policy.weights import WeightsError
+from np_ros import qos
+from np_ros.messages import BadMessage, keypoints_array, pose_message, stamp_nanoseconds
+from np_ros.node import Diagnostics, run
+
+
+class PreContactNode(Node):
+    """Answers every new goal once, with the first good keypoints of phase `pre`."""
+
+    def __init__(self) -> None:
+        super().__init__("pre_contact")
+        torch.set_num_threads(1)
+        self._settings = declare_settings(self)
+        try:
+            self._planner = PreContactPlanner(weights_file("pre_contact", self._settings.domain, declare_weights(self)))
+        except WeightsError as error:
+            raise ValueError(error) from error
+        self.diagnostics = Diagnostics(self)
+        self._goal: tuple[int, np.ndarray] | None = None
+        self._answered = -1  # stamp of the last goal that was answered
+        self._keypoints: tuple[int, np.ndarray] | None = None
+        self._in_phase = False
+        self._gripper = self.create_publisher(Float64, "gripper_command", qos.EVENT)
+        self._pose = self.create_publisher(PoseStamped, "pre_contact_pose", qos.EVENT)
+        self.create_subscription(String, "phase", self._on_phase, qos.LATCHED)
+        self.create_subscription(PointCloud2, "goal_keypoints", self._on_goal, qos.LATCHED)
+        subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
+
+    def _on_phase(self, message: String) -> None:
+        self._in_phase = message.data.split(":")[0] == "pre"
+        self._act()
+
+    def _on_goal(self, message: PointCloud2) -> None:
+        try:
+            self._goal = stamp_nanoseconds(message.header.stamp), keypoints_array(message)
+        except BadMessage as error:
+            return refuse(self, self.diagnostics, error)
+        self._act()
+
+    def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
+        good = keypoints is not None and usable(keypoints, self._settings.min_score).sum() >= MIN_POINTS
+        if self._settings.is_policy_tick(stamp):
+            self._keypoints = (stamp, keypoints) if good else None
+            self._act()
+
+    def _act(self) -> None:
+        if not self._in_phase or self._goal is None or self._keypoints is None:
+            return
+        (began, goal), (stamp, keypoints) = self._goal, self._keypoints
+        if began <= self._answered or stamp < began:
+            return
+        self._answered = began
+        try:
+            wanted = self._planner.propose(keypoints, goal)
+        except PolicyError as error:
+            self.get_logger().error(str(error))
+            return self.diagnostics.count("refused_action")
+        # The opening first: approach plans with the fingers as they will be.
+        self._gripper.publish(Float64(data=wanted.opening))
+        self._pose.publish(pose_message(stamp, BASE_FRAME, wanted.pose.position, wanted.pose.quaternion))
+        self.diagnostics.values.update(stamp=stamp, opening=round(wanted.opening, 4))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point of the executable `pre_contact`."""
+    return run(PreContactNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,134 @@
+"""The trained policies as the nodes use them: keypoints in, hand poses and gains out. Pixels in, SI units out.
+
+Inference is single-threaded PyTorch on one sample, so that equal inputs give equal bits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from np_control.kinematics import forward_kinematics
+from np_description.camera import CAMERA, Camera
+from np_description.domains import Domain, Pose
+from np_description.keypoints import box_keypoints
+from np_description.panda import FINGER_MAX
+from np_description.rotations import matrix_from_six, quaternion_from_matrix
+from np_policy import action, weights
+from np_policy.networks import TCP_CENTRE, TCP_RANGE, PostContactPolicy, PreContactStudent
+from np_policy.observation import post_contact_observation, student_observation
+from np_policy.pose_estimation import PoseError, estimate_pose, usable
+
+
+class PolicyError(RuntimeError):
+    """A network gave something that is no action; the message says what."""
+
+
+@dataclass(frozen=True)
+class PreContact:
+    """pose: T_E wanted before contact, in the base frame; opening: of each finger, m."""
+
+    pose: Pose
+    opening: float
+
+
+def weights_file(kind: str, domain: Domain, folder: str | Path = "") -> Path:
+    """The file with the weights of `kind` ("pre_contact" or "post_contact") for a domain.
+
+    folder: as for `weights.weights_folder`. Raises WeightsError if there is no folder.
+    """
+    return weights.weights_folder(folder) / f"{kind}_{domain.name}.safetensors"
+
+
+def goal_keypoints(domain: Domain, goal: Pose, camera: Camera = CAMERA) -> np.ndarray:
+    """Keypoints (8, 3) u px, v px, score 1 of the object at its goal.
+
+    Raises ValueError if a corner is not in front of the camera.
+    """
+    pixels, depth = camera.project(box_keypoints(domain.half_size, goal.position, goal.quaternion))
+    if not (np.isfinite(pixels).all() and (depth > 0).all()):
+        raise ValueError(f"goal: expected a pose in front of the camera, got position {goal.position.tolist()}")
+    return np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
+
+
+def student_output(output) -> PreContact:
+    """What the student's output (10,) means. Raises PolicyError if it is not finite or gives no rotation."""
+    output = np.asarray(output, float)
+    rotation = matrix_from_six(output[:6])
+    if not (np.isfinite(output).all() and np.isfinite(rotation).all()):
+        raise PolicyError(f"pre-contact policy: expected 10 finite numbers that give a rotation, got {output.tolist()}")
+    position = np.array(TCP_CENTRE) + TCP_RANGE * output[6:9]
+    return PreContact(Pose(position, quaternion_from_matrix(rotation)), float(FINGER_MAX * np.clip(output[9], 0.0, 1.0)))
+
+
+class PreContactPlanner:
+    """The pre-contact student. Raises WeightsError if its weights are missing or do not fit."""
+
+    def __init__(self, file: str | Path, camera: Camera = CAMERA) -> None:
+        self._network, self._camera = weights.load(PreContactStudent(), file), camera
+
+    def propose(self, keypoints, goal) -> PreContact:
+        """From keypoints and goal keypoints (8, 3): u px, v px, score. Raises PolicyError."""
+        here, there = (self._camera.normalise(np.asarray(points)[:, :2]) for points in (keypoints, goal))
+        return student_output(_infer(self._network, student_observation(here, there)))
+
+
+class PostContactController:
+    """The post-contact policy with its memory: the last action and the last good keypoints.
+
+    Raises WeightsError if its weights are missing or do not fit.
+    """
+
+    def __init__(self, file: str | Path, domain: Domain, *, min_score: float = 0.3, camera: Camera = CAMERA) -> None:
+        self._network, self._camera = weights.load(PostContactPolicy(), file), camera
+        self._domain, self._min_score = domain, min_score
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last episode."""
+        self.last_action = np.zeros(action.SIZE)
+        self._keypoints: np.ndarray | None = None
+
+    def act(self, q, dq, keypoints, goal) -> action.Target:
+        """One policy step.
+
+        q, dq (9,): joints rad, rad/s, fingers m, m/s; keypoints (8, 3) u px, v px, score, or None if there were none
+        worth reading; goal (8, 3). Without any keypoints since `reset` the target is the pose of now. Raises
+        PolicyError.
+        """
+        position, rotation = forward_kinematics(np.asarray(q, float)[:7])
+        seen = self._fill(keypoints)
+        if seen is None:
+            return action.decode(np.zeros(action.SIZE), position, rotation)
+        here, there = self._camera.normalise(seen), self._camera.normalise(np.asarray(goal)[:, :2])
+        state = post_contact_observation(np.asarray(q), np.asarray(dq), here, there, position, rotation, self.last_action)
+        chosen = _infer(self._network, state)
+        if not np.isfinite(chosen).all():
+            raise PolicyError(f"post-contact policy: expected 20 finite numbers, got {chosen.tolist()}")
+        self.last_action = chosen
+        return action.decode(chosen, position, rotation)
+
+    def _fill(self, keypoints) -> np.ndarray | None:
+        """Pixels (8, 2): those seen well, the others from the pose that explains them, or as they were last."""
+        if keypoints is None:
+            return self._keypoints
+        keypoints = np.asarray(keypoints, float)
+        good = usable(keypoints, self._min_score)
+        pixels = keypoints[:, :2]
+        if not good.all():
+            try:
+                estimate = estimate_pose(keypoints, self._domain, min_score=self._min_score, camera=self._camera)
+                others = goal_keypoints(self._domain, estimate.pose, self._camera)[:, :2]
+            except (PoseError, ValueError):
+                others = self._keypoints if self._keypoints is not None else pixels
+            pixels = np.where(good[:, None], pixels, others)
+        self._keypoints = pixels
+        return pixels
+
+
+def _infer(network: torch.nn.Module, state: np.ndarray) -> np.ndarray:
+    with torch.inference_mode():
+        return network(torch.from_numpy(state.astype(np.float32))).numpy().astype(float)

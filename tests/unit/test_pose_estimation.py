@@ -1,0 +1,99 @@
+"""The object's pose from keypoints: exact without noise, close with it, and refused where nothing fits."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from np_description.camera import CAMERA
+from np_description.domains import CARD, DOMAINS, Pose, pose_error, sample_task
+from np_description.keypoints import box_keypoints
+from np_description.rotations import matrix_from_vector, quaternion_from_matrix, quaternion_multiply
+from np_policy.pose_estimation import MIN_POINTS, PoseError, estimate_pose
+
+
+def seen(domain, pose, noise=0.0, rng=None):
+    """Keypoints (8, 3) with score 1."""
+    pixels, _ = CAMERA.project(box_keypoints(domain.half_size, pose.position, pose.quaternion))
+    if noise:
+        pixels = pixels + rng.normal(0, noise, pixels.shape)
+    return np.concatenate([pixels, np.ones((8, 1))], axis=1)
+
+
+def error(estimate, pose):
+    return pose_error(estimate.pose.position, estimate.pose.quaternion, pose.position, pose.quaternion)
+
+
+@pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_resting_poses_are_found_exactly(domain, seed):
+    for pose in sample_task(domain, np.random.default_rng(seed)):
+        estimate = estimate_pose(seen(domain, pose), domain)
+        distance, angle = error(estimate, pose)
+        assert estimate.resting
+        assert distance < 1e-5 and angle < 1e-4 and estimate.rms < 1e-2
+
+
+@pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
+def test_half_a_pixel_of_noise_stays_within_the_tolerance_of_success(domain):
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        pose, _ = sample_task(domain, rng)
+        distance, angle = error(estimate_pose(seen(domain, pose, 0.5, rng), domain), pose)
+        assert distance < 0.004 and angle < 0.06
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_a_tilted_card_in_the_air_is_not_pressed_onto_the_table(seed):
+    rng = np.random.default_rng(seed)
+    start, _ = sample_task(CARD, rng)
+    axis = matrix_from_vector(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))[:, 0]
+    tilt = quaternion_from_matrix(matrix_from_vector(rng.uniform(0.4, 0.8) * axis))
+    pose = Pose(start.position + [0, 0, 0.06], quaternion_multiply(tilt, start.quaternion))
+    estimate = estimate_pose(seen(CARD, pose), CARD)
+    distance, angle = error(estimate, pose)
+    assert not estimate.resting
+    assert distance < 1e-3 and angle < 1e-2
+
+
+def test_one_wild_keypoint_does_not_move_the_pose_far():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        pose, _ = sample_task(CARD, rng)
+        keypoints = seen(CARD, pose, 0.3, rng)
+        keypoints[rng.integers(8), :2] += 12 * np.array([np.cos(a := rng.uniform(0, 7)), np.sin(a)])
+        distance, angle = error(estimate_pose(keypoints, CARD), pose)
+        assert distance < 0.006 and angle < 0.15
+
+
+def test_low_scores_are_left_out():
+    rng = np.random.default_rng(2)
+    pose, _ = sample_task(CARD, rng)
+    keypoints = seen(CARD, pose)
+    keypoints[[1, 6], :2] += 40
+    keypoints[[1, 6], 2] = 0.1
+    distance, angle = error(estimate_pose(keypoints, CARD), pose)
+    assert distance < 1e-5 and angle < 1e-4
+
+
+def test_too_few_keypoints_are_refused_with_numbers():
+    pose, _ = sample_task(CARD, np.random.default_rng(3))
+    keypoints = seen(CARD, pose)
+    keypoints[:3, 2] = 0.0
+    with pytest.raises(PoseError, match=f"at least {MIN_POINTS} of 8 .* got 5"):
+        estimate_pose(keypoints, CARD)
+
+
+def test_keypoints_of_no_box_are_refused():
+    rng = np.random.default_rng(4)
+    keypoints = np.concatenate([rng.uniform(20, 200, (8, 2)), np.ones((8, 1))], axis=1)
+    with pytest.raises(PoseError, match="reprojects within"):
+        estimate_pose(keypoints, CARD)
+
+
+def test_nan_is_a_missing_keypoint():
+    pose, _ = sample_task(CARD, np.random.default_rng(5))
+    keypoints = seen(CARD, pose)
+    keypoints[4] = np.nan
+    assert error(estimate_pose(keypoints, CARD), pose)[0] < 1e-5
