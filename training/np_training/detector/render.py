@@ -30,8 +30,9 @@ class Randomisation:
     """Spread of what differs from image to image; all uniform within +-.
 
     camera_position m, camera_angle rad (each axis); light_position m, light_target m; light_power: range of a factor on
-    each light; object_colour, robot_colour: on each channel of RGB; any_table: share of tables of any colour at all;
-    shadowless: share of images without shadows.
+    each light; light_tint: on each channel of its colour; object_colour, robot_colour: on each channel of RGB; dim_robot:
+    share of robots each part of which is darker by any factor; any_table: share of tables and obstacles of any colour at
+    all; shadowless: share of images without shadows.
     """
 
     camera_position: float = 0.01
@@ -39,13 +40,15 @@ class Randomisation:
     light_position: float = 0.5
     light_target: float = 0.15
     light_power: tuple[float, float] = (0.5, 1.3)
+    light_tint: float = 0.1
     object_colour: float = 0.10
     robot_colour: float = 0.15
+    dim_robot: float = 0.3
     any_table: float = 0.5
     shadowless: float = 0.2
 
 
-NOMINAL_LOOK = Randomisation(0, 0, 0, 0, (1, 1), 0, 0, 0, 0)
+NOMINAL_LOOK = Randomisation(0, 0, 0, 0, (1, 1), 0, 0, 0, 0, 0, 0)
 
 
 @dataclass
@@ -67,37 +70,33 @@ class SceneRenderer:
     """Renders `worlds` states of a domain at once, and labels them."""
 
     def __init__(self, domain: Domain, worlds: int, device: str, look: Randomisation = Randomisation()) -> None:
-        self.domain, self.worlds, self.look, self.device = domain, worlds, look, torch.device(device)
+        self.domain, self.worlds, self.device = domain, worlds, torch.device(device)
         self.size = CAMERA.width * OVERSAMPLING
         model = load_model(domain)
         self.blocks = corner_blocks(model)
         self.table = model.geom("table").id
-        self._object_geoms = torch.as_tensor(model.geom_bodyid == model.body(OBJECT).id, device=self.device)
-        self._robot_geoms = torch.as_tensor(model.geom_group == 1, device=self.device)
+        self.looks = Looks(model, look, self.device)
         self._wp_device = wp.get_device(device)
         if self._wp_device.is_cuda:
             torch.cuda.set_stream(wp.stream_to_torch(wp.get_stream(self._wp_device)))  # one queue: no synchronising
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        varied = ("cam_pos", "cam_quat", "geom_rgba", "light_pos", "light_dir", "light_diffuse", "light_castshadow")
         with wp.ScopedDevice(self._wp_device):
-            self.model = mjw.put_model(model, batch_sizes={name: worlds for name in varied})
+            self.model = mjw.put_model(model, batch_sizes={name: worlds for name in Looks.fields})
             self.data = mjw.put_data(model, data, nworld=worlds)
             self.context = mjw.create_render_context(
-                model, nworld=worlds, cam_res=(self.size, self.size), render_rgb=True, render_seg=True, use_shadows=True)
+                model, nworld=worlds, cam_res=(self.size, self.size), render_rgb=True, render_seg=True, use_shadows=True,
+                shadow_light_fraction=0.0)  # as in OpenGL
             self._rgb = wp.zeros((worlds, self.size, self.size), dtype=wp.vec3)
             self._segments = wp.zeros((worlds, self.size, self.size), dtype=wp.vec2i)
-        self.fields = {name: wp.to_torch(getattr(self.model, name)) for name in varied}
-        self._nominal = {name: torch.as_tensor(np.array(getattr(model, name)), device=self.device).to(field.dtype)
-                         for name, field in self.fields.items()}
+        self.fields = {name: wp.to_torch(getattr(self.model, name)) for name in Looks.fields}
         self._qpos = wp.to_torch(self.data.qpos)
 
     def render(self, states: torch.Tensor, generator: torch.Generator) -> Frames:
         """Frames of states (worlds, 16), each under a look of its own. The images are overwritten by the next call."""
         if states.shape != (self.worlds, STATE_SIZE):
             raise ValueError(f"states: expected {(self.worlds, STATE_SIZE)}, got {tuple(states.shape)}")
-        for name, value in sample_look(self._nominal, self._object_geoms, self._robot_geoms, self.table, self.worlds,
-                                       self.look, generator).items():
+        for name, value in self.looks.sample(self.worlds, generator).items():
             self.fields[name].copy_(value)
         self._qpos.copy_(states)
         with wp.ScopedDevice(self._wp_device):
@@ -111,7 +110,7 @@ class SceneRenderer:
         geoms = wp.to_torch(self._segments)[..., 0]
         pixels = project_corners(self.domain, states, self.fields["cam_pos"][:, 0], self.fields["cam_quat"][:, 0])
         visible = corner_visibility(geoms, pixels, self.blocks)
-        area = self._object_geoms[geoms.clamp(min=0)].logical_and_(geoms >= 0).sum((1, 2)) / OVERSAMPLING**2
+        area = object_area(geoms, self.blocks)
         return Frames(wp.to_torch(self._rgb), (geoms == self.table) | (geoms < 0), pixels, visible, area)
 
 
@@ -121,42 +120,63 @@ def corner_blocks(model: mujoco.MjModel) -> list[int]:
             if model.geom_bodyid[g] == model.body(OBJECT).id and model.geom_group[g] == 2]
 
 
-def sample_look(nominal: dict[str, torch.Tensor], object_geoms: torch.Tensor, robot_geoms: torch.Tensor, table: int,
-                count: int, look: Randomisation, generator: torch.Generator) -> dict[str, torch.Tensor]:
-    """Model fields (count, ...) of so many worlds, from nominal fields by name; geoms are given by masks (geoms,)."""
-    def spread(shape: tuple[int, ...], width: float) -> torch.Tensor:
-        return width * (2 * torch.rand(count, *shape, generator=generator, device=generator.device) - 1)
+def object_area(geoms: torch.Tensor, blocks: list[int]) -> torch.Tensor:
+    """Pixels (n,) of the camera that show the object, from geom ids (n, h, w) at any multiple of its resolution."""
+    seen = (geoms >= min(blocks)) & (geoms <= max(blocks))
+    return seen.sum((1, 2)) * (CAMERA.height / geoms.shape[1]) ** 2
 
-    def chance(share: float, *shape: int) -> torch.Tensor:
-        return torch.rand(count, *shape, generator=generator, device=generator.device) < share
 
-    rotation = matrix_from_quaternion(nominal["cam_quat"]) @ matrix_from_vector(spread((1, 3), look.camera_angle))
-    lights = nominal["light_pos"].shape[0]
-    light_position = nominal["light_pos"] + spread((lights, 3), look.light_position)
-    # A light keeps pointing at what it nominally lights: a spot on the table, moved a little.
-    reach = -nominal["light_pos"][:, 2:] / nominal["light_dir"][:, 2:]
-    target = nominal["light_pos"] + reach * nominal["light_dir"] + spread((lights, 3), look.light_target)
-    direction = target - light_position
-    low, high = look.light_power
-    power = low + (high - low) * torch.rand(count, lights, 1, generator=generator, device=generator.device)
-    tint = 1 + spread((lights, 3), 0.1 if high > low else 0.0)
+class Looks:
+    """Random cameras, lights and colours of a model."""
 
-    rgba = nominal["geom_rgba"].expand(count, -1, -1).clone()
-    geoms = rgba.shape[1]
-    width = look.object_colour * object_geoms + look.robot_colour * robot_geoms
-    rgba[..., :3] += width[:, None] * spread((geoms, 3), 1.0)
-    # Robots and tables of quite another brightness or colour.
-    dimmed = torch.rand(count, geoms, 1, generator=generator, device=generator.device)
-    dim = robot_geoms[None, :, None] & chance(2 * look.robot_colour, 1, 1)
-    rgba[..., :3] = torch.where(dim, rgba[..., :3] * dimmed, rgba[..., :3])
-    colours = torch.rand(count, geoms, 3, generator=generator, device=generator.device)
-    fixed = ~(object_geoms | robot_geoms)[None, :, None] & chance(look.any_table, 1, 1)
-    rgba[..., :3] = torch.where(fixed, colours, rgba[..., :3]).clamp(0, 1)
-    return {"cam_pos": nominal["cam_pos"] + spread((1, 3), look.camera_position),
-            "cam_quat": quaternion_from_matrix(rotation), "light_pos": light_position,
-            "light_dir": direction / direction.norm(dim=-1, keepdim=True),
-            "light_diffuse": nominal["light_diffuse"] * power * tint, "geom_rgba": rgba,
-            "light_castshadow": nominal["light_castshadow"] & ~chance(look.shadowless, 1)}
+    fields = ("cam_pos", "cam_quat", "geom_rgba", "light_pos", "light_dir", "light_diffuse", "light_castshadow")
+
+    def __init__(self, model: mujoco.MjModel, look: Randomisation, device: str | torch.device) -> None:
+        self.look = look
+        self.nominal = {name: torch.as_tensor(np.array(getattr(model, name)), device=device) for name in self.fields}
+        self.nominal = {name: t.bool() if name == "light_castshadow" else t.float() for name, t in self.nominal.items()}
+        self.object_geoms = torch.as_tensor(model.geom_bodyid == model.body(OBJECT).id, device=device)
+        self.robot_geoms = torch.as_tensor(model.geom_group == 1, device=device)
+
+    def sample(self, count: int, generator: torch.Generator) -> dict[str, torch.Tensor]:
+        """Values (count, ...) of the model's `fields`."""
+        look, nominal = self.look, self.nominal
+
+        def spread(shape: tuple[int, ...], width: float) -> torch.Tensor:
+            return width * (2 * torch.rand(count, *shape, generator=generator, device=generator.device) - 1)
+
+        def chance(share: float, *shape: int) -> torch.Tensor:
+            return torch.rand(count, *shape, generator=generator, device=generator.device) < share
+
+        rotation = matrix_from_quaternion(nominal["cam_quat"]) @ matrix_from_vector(spread((1, 3), look.camera_angle))
+        lights = nominal["light_pos"].shape[0]
+        light_position = nominal["light_pos"] + spread((lights, 3), look.light_position)
+        # A light keeps pointing at what it nominally lights on the table, give or take.
+        reach = -nominal["light_pos"][:, 2:] / nominal["light_dir"][:, 2:]
+        target = nominal["light_pos"] + reach * nominal["light_dir"] + spread((lights, 3), look.light_target)
+        direction = target - light_position
+        low, high = look.light_power
+        power = low + (high - low) * torch.rand(count, lights, 1, generator=generator, device=generator.device)
+        tint = 1 + spread((lights, 3), look.light_tint)
+        return {"cam_pos": nominal["cam_pos"] + spread((1, 3), look.camera_position),
+                "cam_quat": quaternion_from_matrix(rotation), "light_pos": light_position,
+                "light_dir": direction / direction.norm(dim=-1, keepdim=True),
+                "light_diffuse": nominal["light_diffuse"] * power * tint,
+                "light_castshadow": nominal["light_castshadow"] & ~chance(look.shadowless, 1),
+                "geom_rgba": self._colours(count, generator, spread, chance)}
+
+    def _colours(self, count: int, generator: torch.Generator, spread, chance) -> torch.Tensor:
+        look, rgba = self.look, self.nominal["geom_rgba"].expand(count, -1, -1).clone()
+        geoms = rgba.shape[1]
+        width = look.object_colour * self.object_geoms + look.robot_colour * self.robot_geoms
+        rgba[..., :3] += width[:, None] * spread((geoms, 3), 1.0)
+        factor = torch.rand(count, geoms, 1, generator=generator, device=generator.device)
+        dim = self.robot_geoms[:, None] & chance(look.dim_robot, 1, 1)
+        rgba[..., :3] = torch.where(dim, rgba[..., :3] * factor, rgba[..., :3])
+        colours = torch.rand(count, geoms, 3, generator=generator, device=generator.device)
+        surroundings = ~(self.object_geoms | self.robot_geoms)[:, None] & chance(look.any_table, 1, 1)
+        rgba[..., :3] = torch.where(surroundings, colours, rgba[..., :3])
+        return rgba.clamp(0, 1)
 
 
 def project_corners(domain: Domain, states: torch.Tensor, position: torch.Tensor, quaternion: torch.Tensor):

@@ -29,7 +29,7 @@ from np_description.domains import DOMAINS, Domain, find_domain
 from np_training.detector.augment import augment
 from np_training.detector.metrics import summarise
 from np_training.detector.network import RELIABLE, KeypointNetwork, NetworkConfig, heatmap_loss
-from np_training.detector.render import Frames, SceneRenderer
+from np_training.detector.render import SceneRenderer
 from np_training.detector.scenes import sample_states
 
 LEAST_AREA = 12.0  # px of the object: below it, where the corners are cannot be asked
@@ -57,7 +57,10 @@ class TrainConfig:
 
 
 class Samples:
-    """Endless labelled images: (images (n, 3, 224, 224), pixels (n, 8, 2), visible (n, 8), present (n, 8))."""
+    """Endless labelled images: (images (n, 3, 224, 224), pixels (n, 8, 2), visible (n, 8), present (n, 8)).
+
+    A corner is present if it lies inside an image that shows something of the object: hidden ones are to be inferred.
+    """
 
     def __init__(self, domain: Domain, renderer: SceneRenderer, pool: int, generator: torch.Generator) -> None:
         self.domain, self.renderer, self.generator = domain, renderer, generator
@@ -72,14 +75,13 @@ class Samples:
         self._next += count
         frames = self.renderer.render(states, self.generator)
         images, pixels = augment(frames, self.generator)
-        return images, pixels, frames.visible, present(frames, pixels)
+        return images, pixels, frames.visible, inside_image(pixels) & (frames.object_area >= LEAST_AREA)[:, None]
 
 
-def present(frames: Frames, pixels: Tensor) -> Tensor:
-    """Whether (n, 8) a corner lies inside an image that shows something of the object."""
+def inside_image(pixels: Tensor) -> Tensor:
+    """Whether (n, 8) pixels (n, 8, 2) lie inside the image."""
     limit = torch.tensor([CAMERA.width, CAMERA.height], device=pixels.device) - 0.5
-    inside = ((pixels > -0.5) & (pixels < limit)).all(dim=-1)
-    return inside & (frames.object_area >= LEAST_AREA)[:, None]
+    return ((pixels > -0.5) & (pixels < limit)).all(dim=-1)
 
 
 class Trainer:
