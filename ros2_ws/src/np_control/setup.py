@@ -19,6 +19,6 @@ setup(
     license='Apache-2.0',
     entry_points={
         # executable = node name = 'np_control.nodes.<name>_node:main'
-        'console_scripts': [],
+        'console_scripts': ['joint_impedance = np_control.nodes.joint_impedance_node:main'],
     },
 )

@@ -1,0 +1,230 @@
+"""The joint impedance controller: from measured states and targets to joint targets and torques.
+
+A function of what it was given, in order: no clock, no ROS. The arm holds the pose it was found in until it is told
+otherwise; then it follows a trajectory, or targets of T_E with gains of their own.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from np_control.dynamics import Dynamics
+from np_control.impedance import STIFFNESS_MAX, damping, torque as impedance_torque
+from np_control.kinematics import pose_distance, solve_ik
+from np_control.safety import LIMITS, Reason, Refusal, SafetyLimits, check_finite, limit_gains, limit_target, \
+    limit_torque, slew_gains
+from np_control.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerConfig:
+    """Gains and times.
+
+    stiffness (7,) Nm/rad, damping_ratio: gains while holding and on trajectories. policy_latency_ns: a target that
+    answers the state of t takes effect at t + policy_latency. reach_position m, reach_angle rad: how far inverse
+    kinematics may miss a target before it is refused. largest_gap_ns: a longer time between two states, or a step no
+    arm can make, is a new beginning. largest_target_age_ns: an older target is refused; states are kept that long, to
+    resolve a target at the state it answers.
+    """
+
+    stiffness: np.ndarray = field(default_factory=STIFFNESS_MAX.copy)
+    damping_ratio: float = 1.0
+    policy_latency_ns: int = 20_000_000
+    reach_position: float = 0.05
+    reach_angle: float = 0.2
+    largest_gap_ns: int = 200_000_000
+    largest_target_age_ns: int = 500_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What answers the state of `stamp` ns: joint target (7,) rad, its velocity (7,) rad/s, torque (7,) Nm without gravity.
+
+    limited: names of the guards that changed the torque.
+    """
+
+    stamp: int
+    position: np.ndarray
+    velocity: np.ndarray
+    torque: np.ndarray
+    limited: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    stamp: int
+    q: np.ndarray
+    dq: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _JointTarget:
+    """A resolved target of T_E: from `stamp` ns on, joints (7,) rad and gains (2, 7)."""
+
+    stamp: int
+    position: np.ndarray
+    gains: np.ndarray
+
+
+class Controller:
+    """One arm's controller: `observe` every state in order, give trajectories and targets, take the `answer`."""
+
+    def __init__(self, config: ControllerConfig = ControllerConfig(), limits: SafetyLimits = LIMITS,
+                 dynamics: Dynamics | None = None):
+        self.config, self.limits = config, limits
+        self._dynamics = dynamics or Dynamics()
+        self._own_gains = np.stack(limit_gains(config.stiffness, np.full(7, config.damping_ratio)))
+        self._states: deque[_State] = deque(maxlen=config.largest_target_age_ns // limits.period_ns + 1)
+        self._answer: Answer | None = None
+        self._begin_at(np.zeros(7))
+
+    @property
+    def stamp(self) -> int | None:
+        """Stamp ns of the newest state."""
+        return self._states[-1].stamp if self._states else None
+
+    @property
+    def is_following(self) -> bool:
+        """Whether a trajectory has been given and is not over."""
+        return self._trajectory is not None
+
+    def observe(self, stamp: int, q: np.ndarray, dq: np.ndarray) -> bool:
+        """Take the state of `stamp` ns: q (7,) rad, dq (7,) rad/s. Returns whether it is a new beginning.
+
+        A state that the arm cannot have reached since the one before (a reset, a restarted backend, a long gap) is one:
+        trajectory and targets are dropped, and the arm is held where it is. The same state again changes nothing.
+        Raises Refusal(not_finite).
+        """
+        check_finite(q=q, dq=dq)
+        state = _State(stamp, np.array(q, dtype=float), np.array(dq, dtype=float))
+        if self._is_repetition(state):
+            return False
+        begins = self._is_beginning(state)
+        if begins:
+            self._begin_at(state.q)
+        self._states.append(state)
+        self._answer = None
+        return begins
+
+    def answer(self) -> Answer:
+        """Joint target and torque for the newest state; the same again, however often it is asked for."""
+        if not self._states:
+            raise Refusal(Reason.STATE, "no joint state has come yet")
+        if self._answer is None:
+            state = self._states[-1]
+            wanted, velocity = self._wanted(state)
+            self._torque, limited = limit_torque(self.limits, wanted, self._torque, state.q, state.dq)
+            self._answer = Answer(state.stamp, self._position, velocity, self._torque, tuple(limited))
+        return self._answer
+
+    def follow(self, trajectory: Trajectory, start: int | None = None) -> None:
+        """Follow a trajectory from the state of `start` ns on, or from the next state that is answered.
+
+        Targets given before are dropped. Raises Refusal(start) where the trajectory does not begin at the measured pose.
+        """
+        if not self._states:
+            raise Refusal(Reason.STATE, "no joint state has come yet")
+        error = np.abs(trajectory.positions[0] - self._states[-1].q)
+        if (error > self.limits.start_tolerance).any():
+            i = int(error.argmax())
+            raise Refusal(Reason.START, f"trajectory begins with {self.limits.joints[i]} at {trajectory.positions[0][i]:.3f} rad, "
+                          f"{error[i]:.3f} rad from the measured position; allowed are {self.limits.start_tolerance}")
+        self._trajectory, self._start = trajectory, start
+        self._targets.clear()
+        self._gains_target = self._own_gains
+
+    def set_target(self, stamp: int, position: np.ndarray, rotation: np.ndarray, stiffness: np.ndarray,
+                   ratio: np.ndarray) -> bool:
+        """Move T_E to position (3,) m, rotation (3, 3) in the base frame, with gains (7,) Nm/rad and (7,).
+
+        stamp: ns of the state that the target answers; inverse kinematics starts from the joints measured then, as in
+        training. Takes effect with the first state at or after stamp + policy_latency; a running trajectory ends.
+        Returns whether the target was cut to the workspace. Raises Refusal (not_finite, workspace, gains, order,
+        late, future, unreachable) and leaves everything as it was.
+        """
+        if not self._states:
+            raise Refusal(Reason.STATE, "no joint state has come yet")
+        position, clamped = limit_target(self.limits, np.asarray(position, dtype=float))
+        check_finite(rotation=rotation)
+        gains = np.stack(limit_gains(np.asarray(stiffness, dtype=float), np.asarray(ratio, dtype=float)))
+        if stamp < self._newest_target:
+            raise Refusal(Reason.ORDER, f"target of {stamp} ns is older than the one before it, of {self._newest_target} ns")
+        age = self._states[-1].stamp - stamp
+        if age > self.config.largest_target_age_ns:
+            raise Refusal(Reason.LATE, f"target of {stamp} ns answers a state {age / 1e6:.0f} ms ago")
+        if age < -self.config.largest_gap_ns:
+            raise Refusal(Reason.FUTURE, f"target of {stamp} ns is {-age / 1e6:.0f} ms ahead of the newest state")
+        measured = next((state for state in reversed(self._states) if state.stamp <= stamp), self._states[0])
+        joints = solve_ik(measured.q, position, rotation)
+        distance, angle = pose_distance(joints, position, rotation)
+        if distance > self.config.reach_position or angle > self.config.reach_angle:
+            raise Refusal(Reason.UNREACHABLE, f"target {np.round(position, 3)} m: inverse kinematics misses it by "
+                                              f"{distance:.3f} m and {angle:.2f} rad")
+        self._newest_target = stamp
+        self._targets.append(_JointTarget(stamp + self.config.policy_latency_ns, joints, gains))
+        return clamped
+
+    def hold(self) -> None:
+        """Drop trajectory and targets, and hold the present joint target with the controller's own gains."""
+        self._trajectory, self._start = None, None
+        self._targets.clear()
+        self._gains_target = self._own_gains
+
+    def release(self) -> None:
+        """Hold whatever pose the next state has: for an arm that something else is stopping."""
+        self._states.clear()
+
+    def _is_repetition(self, state: _State) -> bool:
+        last = self._states[-1] if self._states else None
+        return last is not None and state.stamp == last.stamp and np.array_equal(state.q, last.q)
+
+    def _is_beginning(self, state: _State) -> bool:
+        if not self._states:
+            return True
+        last = self._states[-1]
+        gap = state.stamp - last.stamp
+        if not 0 < gap <= self.config.largest_gap_ns:
+            return True
+        # Twice the speed limit is beyond what an arm does before its own brakes end it.
+        reach = 2 * self.limits.velocity * gap * 1e-9 + 1e-3
+        return bool((np.abs(state.q - last.q) > reach).any())
+
+    def _begin_at(self, q: np.ndarray) -> None:
+        self._states.clear()
+        self._position = np.clip(q, self.limits.position_lower, self.limits.position_upper)
+        self._gains = self._gains_target = self._own_gains
+        self._torque = np.zeros(7)
+        self._trajectory: Trajectory | None = None
+        self._start: int | None = None
+        self._targets: deque[_JointTarget] = deque()
+        self._newest_target = -1
+
+    def _wanted(self, state: _State) -> tuple[np.ndarray, np.ndarray]:
+        """Torque of the impedance law, and velocity of the joint target; brings target and gains up to date."""
+        velocity = acceleration = np.zeros(7)
+        if self._trajectory is not None:
+            self._start = state.stamp if self._start is None else self._start
+            elapsed = (state.stamp - self._start) * 1e-9
+            self._position, velocity, acceleration = self._trajectory.sample_with_acceleration(elapsed)
+            if elapsed >= self._trajectory.duration:
+                self._trajectory = None
+        while self._targets and self._targets[0].stamp <= state.stamp:
+            target = self._targets.popleft()
+            self._trajectory = None
+            self._position, self._gains_target = target.position, target.gains
+            velocity = acceleration = np.zeros(7)
+        if self._gains is not self._gains_target:
+            self._gains = slew_gains(self.limits, self._gains, self._gains_target, self.limits.period)
+            if np.array_equal(self._gains, self._gains_target):
+                self._gains = self._gains_target
+        stiffness, ratio = self._gains
+        # The law damps absolute velocity. A target ahead by kd/kp times its velocity turns that into damping of the
+        # velocity error, so that a moving target is not trailed.
+        lead = self._position + damping(stiffness, ratio) / stiffness * velocity
+        feedforward = self._dynamics.coriolis(state.q, state.dq)
+        if acceleration.any():
+            feedforward = feedforward + self._dynamics.mass_matrix(state.q) @ acceleration
+        return impedance_torque(state.q, state.dq, lead, stiffness, ratio, feedforward), velocity

@@ -1,0 +1,90 @@
+"""The controller's side of the lockstep barrier: what must be there before the state of a policy tick is answered.
+
+Messages of different topics arrive in any order. The gate keeps them until the state they belong to is due, so that a
+run does not depend on that order. See docs/graph.md, Lockstep.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+TrajectoryT = TypeVar("TrajectoryT")
+PoseT = TypeVar("PoseT")
+GainsT = TypeVar("GainsT")
+
+
+@dataclass(frozen=True)
+class TickInputs(Generic[TrajectoryT, PoseT, GainsT]):
+    """What takes effect at a tick: phase, and a trajectory or a target (pose, gains) where one belongs to it."""
+
+    phase: str
+    trajectory: TrajectoryT | None = None
+    target: tuple[PoseT, GainsT] | None = None
+
+
+class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
+    """Collects tick, trajectory and target of the policy ticks, multiples of `policy_period_ns`.
+
+    None stands for a trajectory, pose or gains that came but were refused: an answer all the same, that changes nothing.
+    """
+
+    def __init__(self, policy_period_ns: int):
+        self._period = policy_period_ns
+        self._tick: tuple[int, str] | None = None
+        self._trajectory: tuple[int, TrajectoryT | None] | None = None
+        self.begin()
+
+    def begin(self) -> None:
+        """A new beginning: drop what no stamp ties to a tick to come."""
+        self._pose: tuple[int, PoseT | None] | None = None
+        self._gains: tuple[GainsT | None] | None = None
+        self._planned = False  # whether the trajectory of this approach has come
+
+    def tick(self, stamp: int, phase: str) -> None:
+        """The tick of `stamp` ns, with the phase in force from then on."""
+        self._tick = stamp, phase
+
+    def trajectory(self, stamp: int, trajectory: TrajectoryT | None) -> None:
+        """The plan that answers the tick of `stamp` ns; None also where planning failed."""
+        self._trajectory = stamp, trajectory
+
+    def gains(self, gains: GainsT | None) -> None:
+        """Gains for the pose that comes next, or that is already there without any."""
+        self._gains = (gains,)
+
+    def pose(self, stamp: int, pose: PoseT | None) -> None:
+        """The target that answers the tick of `stamp` ns."""
+        self._pose = stamp, pose
+
+    def missing(self, stamp: int) -> str | None:
+        """The topic that must still speak before the state of `stamp` ns is answered, or None."""
+        if stamp % self._period:
+            return None
+        if self._tick is None or self._tick[0] != stamp:
+            return "tick"
+        phase = self._tick[1]
+        if phase == "approach" and not self._planned and (self._trajectory is None or self._trajectory[0] != stamp):
+            return "joint_trajectory"
+        if phase == "post":
+            if self._pose is None or self._pose[0] != stamp:
+                return "target_pose"
+            if self._gains is None:
+                return "target_gains"
+        return None
+
+    def take(self, stamp: int) -> TickInputs[TrajectoryT, PoseT, GainsT] | None:
+        """What takes effect at the state of `stamp` ns, for which nothing is missing; None between ticks."""
+        if stamp % self._period:
+            return None
+        phase = self._tick[1]
+        trajectory = target = None
+        if phase == "approach" and not self._planned:
+            trajectory, self._planned = self._trajectory[1], True
+        elif phase == "post":
+            target = self._pose[1], self._gains[0]
+            target = None if any(part is None for part in target) else target
+            self._pose = self._gains = None
+        if phase != "approach":
+            self._planned = False
+        return TickInputs(phase, trajectory, target)

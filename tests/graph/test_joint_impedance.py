@@ -1,0 +1,216 @@
+"""The joint_impedance node over real topics: the test is the backend, or the sim bridge is."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from np_control.impedance import STIFFNESS_MIN
+from np_control.kinematics import forward_kinematics, pose_distance
+from np_control.safety import LIMITS
+from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_description.rotations import quaternion_from_matrix
+from np_ros import qos
+from np_ros.messages import gains_message, header_message, joint_state_arrays, joint_state_message, pose_message, \
+    stamp_nanoseconds, trajectory_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Header, String
+from trajectory_msgs.msg import JointTrajectory
+
+PERIOD = LIMITS.period_ns
+TICK = 50 * PERIOD
+GAINS = np.stack([2 * STIFFNESS_MIN, np.ones(7)])
+POSITION, ROTATION = forward_kinematics(NOMINAL.ready)
+QUATERNION = quaternion_from_matrix(ROTATION)
+
+
+@pytest.fixture
+def start(graph, probe):
+    """Starts the node with these parameters, everything matched."""
+    def started(**parameters):
+        inputs = [("joint_states", JointState, qos.LOCKSTEP), ("tick", Header, qos.LOCKSTEP),
+                  ("joint_trajectory", JointTrajectory, qos.EVENT), ("phase", String, qos.LATCHED),
+                  ("target_gains", Float64MultiArray, qos.LOCKSTEP), ("target_pose", PoseStamped, qos.LOCKSTEP)]
+        for topic, kind, profile in inputs:
+            probe.advertise(topic, kind, profile)
+        probe.collect("effort_command", JointState)
+        probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
+        graph.run("np_control", "joint_impedance", parameters)
+        probe.wait_until(lambda: all(probe.matched(topic) for topic, _, _ in inputs)
+                         and probe.publishers("effort_command"), what="the controller")
+    return started
+
+
+@pytest.fixture
+def state(probe):
+    """Publishes the state of a stamp: the ready posture, or another."""
+    def publish(stamp, joints=NOMINAL.ready, fingers=(0.0, 0.0)):
+        probe.publish("joint_states", joint_state_message(stamp, STATE_NAMES, [*joints, *fingers], np.zeros(9), np.zeros(9)))
+    return publish
+
+
+def answers(probe):
+    return [stamp_nanoseconds(message.header.stamp) for message in probe.messages["effort_command"]]
+
+
+def answered(probe, stamp):
+    probe.wait_until(lambda: stamp in answers(probe), what=f"the answer to {stamp} ns")
+    last = [m for m in probe.messages["effort_command"] if stamp_nanoseconds(m.header.stamp) == stamp][-1]
+    return joint_state_arrays(last, JOINT_NAMES)
+
+
+def counted(probe, key):
+    def there():
+        return any(pair.key == key and int(pair.value) >= 1 for array in probe.messages["diagnostics"]
+                   for status in array.status for pair in status.values)
+    probe.wait_until(there, what=f"{key} in diagnostics")
+
+
+def test_the_arm_is_held_where_it_was_found(start, state, probe):
+    start(tick_barrier=False)
+    state(10 * PERIOD)
+    position, velocity, effort = answered(probe, 10 * PERIOD)
+    np.testing.assert_array_equal(position, NOMINAL.ready)
+    np.testing.assert_allclose([velocity, effort], 0, atol=1e-12)
+    moved = NOMINAL.ready + 0.001
+    state(11 * PERIOD, moved)
+    position, _, effort = answered(probe, 11 * PERIOD)
+    np.testing.assert_array_equal(position, NOMINAL.ready)
+    assert (effort < 0).all()
+
+
+def test_every_state_is_answered_and_a_repeated_one_alike(start, state, probe):
+    start(tick_barrier=False)
+    stamps = [k * PERIOD for k in range(1, 80)]
+    for k, stamp in enumerate(stamps):
+        state(stamp, NOMINAL.ready + 1e-4 * np.sin(k))
+    answered(probe, stamps[-1])
+    assert answers(probe) == stamps
+    first = answered(probe, stamps[-1])
+    state(stamps[-1], NOMINAL.ready + 1e-4 * np.sin(len(stamps) - 1))
+    probe.wait_until(lambda: len(probe.messages["effort_command"]) == len(stamps) + 1)
+    np.testing.assert_array_equal(answered(probe, stamps[-1]), first)
+
+
+def test_bad_states_are_counted_and_the_next_good_one_is_answered(start, state, probe):
+    start(tick_barrier=False)
+    state(PERIOD, NOMINAL.ready * np.nan)
+    counted(probe, "refused_finite")
+    probe.publish("joint_states", joint_state_message(PERIOD, STATE_NAMES[::-1], np.zeros(9), np.zeros(9), np.zeros(9)))
+    counted(probe, "refused_names")
+    state(2 * PERIOD)
+    answered(probe, 2 * PERIOD)
+    assert answers(probe) == [2 * PERIOD]
+
+
+def test_a_tick_state_waits_for_tick_then_trajectory_then_target(start, state, probe):
+    """Each input is sent only after the node has been shown not to answer without it."""
+    start()
+
+    def waits_for(topic):
+        def said():
+            last = next((s for array in reversed(probe.messages["diagnostics"]) for s in array.status), None)
+            return last is not None and any(p.key == "waiting_for" and p.value == topic for p in last.values)
+        probe.wait_until(said, what=f"the controller to wait for {topic}")
+
+    state(TICK)
+    waits_for("tick")
+    probe.publish("tick", header_message(TICK, "approach"))
+    waits_for("joint_trajectory")
+    assert answers(probe) == []
+    goal = NOMINAL.ready + 0.02
+    probe.publish("joint_trajectory", trajectory_message(TICK, JOINT_NAMES, [0.0, 0.05], [NOMINAL.ready, goal], np.zeros((2, 7))),
+                  qos.EVENT)
+    np.testing.assert_array_equal(answered(probe, TICK)[0], NOMINAL.ready)
+    stamps = range(TICK + PERIOD, 2 * TICK, PERIOD)
+    for stamp in stamps:
+        state(stamp)
+    answered(probe, stamps[-1])
+    np.testing.assert_array_equal(answered(probe, TICK + 25 * PERIOD)[0], goal)
+
+    state(2 * TICK)
+    probe.publish("tick", header_message(2 * TICK, "post"))
+    waits_for("target_pose")
+    probe.publish("target_pose", pose_message(2 * TICK, BASE_FRAME, POSITION + [0, 0, 0.01], QUATERNION))
+    waits_for("target_gains")
+    assert answers(probe)[-1] == stamps[-1]
+    probe.publish("target_gains", gains_message(GAINS))
+    np.testing.assert_array_equal(answered(probe, 2 * TICK)[0], goal)  # not before the policy's latency
+    for k in range(1, 11):
+        state(2 * TICK + k * PERIOD)
+    np.testing.assert_array_equal(answered(probe, 2 * TICK + 9 * PERIOD)[0], goal)
+    joints = answered(probe, 2 * TICK + 10 * PERIOD)[0]
+    distance, angle = pose_distance(joints, POSITION + [0, 0, 0.01], ROTATION)
+    assert distance < 1e-4 and angle < 1e-3
+
+
+def test_a_refused_target_is_an_answer_that_changes_nothing(start, state, probe):
+    start()
+    state(TICK)
+    probe.publish("tick", header_message(TICK, "post"))
+    probe.publish("target_gains", gains_message(GAINS))
+    broken = pose_message(TICK, BASE_FRAME, POSITION, QUATERNION)
+    broken.pose.position.x = float("nan")
+    probe.publish("target_pose", broken)
+    np.testing.assert_array_equal(answered(probe, TICK)[0], NOMINAL.ready)
+    counted(probe, "refused_finite")
+
+
+def test_a_pose_without_gains_is_refused_in_real_time(start, state, probe):
+    start(mode="realtime")
+    state(TICK)
+    answered(probe, TICK)
+    probe.publish("target_pose", pose_message(TICK, BASE_FRAME, POSITION, QUATERNION))
+    counted(probe, "refused_unpaired")
+
+
+def test_a_bad_trajectory_leaves_the_arm_where_it_is(start, state, probe):
+    start(tick_barrier=False)
+    state(PERIOD)
+    answered(probe, PERIOD)
+    far = trajectory_message(PERIOD, JOINT_NAMES, [0.0, 0.1], [NOMINAL.ready, NOMINAL.ready + 1], np.zeros((2, 7)))
+    probe.publish("joint_trajectory", far, qos.EVENT)
+    counted(probe, "refused_velocity")
+    state(2 * PERIOD)
+    np.testing.assert_array_equal(answered(probe, 2 * PERIOD)[0], NOMINAL.ready)
+
+
+def test_in_a_fault_the_target_goes_along_with_the_arm(start, state, probe):
+    start(tick_barrier=False)
+    state(PERIOD)
+    answered(probe, PERIOD)
+    probe.publish("phase", String(data="fault: test"), qos.LATCHED)
+    stamp = PERIOD
+    sagged = NOMINAL.ready + 0.003
+
+    def followed():
+        nonlocal stamp
+        stamp += PERIOD
+        state(stamp, sagged)
+        return (answered(probe, stamp)[0] == sagged).all()
+    probe.wait_until(followed, what="the target to go along")
+
+
+def test_with_the_sim_bridge_the_arm_arrives(graph, probe, tmp_path):
+    """Lockstep, no episode: the bridge's physics carries the arm along a trajectory to its end."""
+    goal = NOMINAL.ready + [0.3, 0.2, -0.2, 0.2, 0.2, -0.2, 0.3]
+    probe.collect("joint_states", JointState)
+    probe.advertise("joint_trajectory", JointTrajectory, qos.EVENT)
+    graph.run("np_control", "joint_impedance", {"tick_barrier": False})
+    graph.run("np_sim_bridge", "sim_bridge", {"tick_barrier": False, "camera": False})
+    probe.wait_until(lambda: probe.matched("joint_trajectory") and len(probe.messages["joint_states"]) > 5,
+                     what="time to run")
+    plan = trajectory_message(0, JOINT_NAMES, [0.0, 1.0], [NOMINAL.ready, goal], np.zeros((2, 7)))
+    probe.publish("joint_trajectory", plan, qos.EVENT)
+
+    def error():
+        return np.abs(joint_state_arrays(probe.messages["joint_states"][-1], STATE_NAMES)[0][:7] - goal).max()
+    probe.wait_until(lambda: error() < 0.003, what="the arm to arrive")
+
+
+def test_the_controller_does_not_import_torch():
+    """Its start-up and its 500 Hz loop have no use for a deep learning library."""
+    code = "import sys, np_control.nodes.joint_impedance_node; assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
