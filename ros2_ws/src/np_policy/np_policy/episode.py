@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_description.domains import Domain, Pose, is_lost, is_success, pose_error
-from np_policy.policy import goal_keypoints
-from np_policy.pose_estimation import MIN_POINTS, PoseError, estimate_pose, usable
+from np_policy.pose_estimation import MIN_POINTS, PoseError, estimate_pose, project_keypoints, usable
 
 SECOND = 1_000_000_000
 IDLE, PRE, APPROACH, POST, SUCCEEDED, FAILED, FAULT = "idle", "pre", "approach", "post", "succeeded", "failed", "fault"
@@ -88,11 +87,12 @@ class Episode:
         self._goal_used = False
         self._fault = ""
         self._newest: tuple[int, np.ndarray | None] | None = None
+        self._last_tick = -1
         self._forget()
 
     def _forget(self) -> None:
+        self._begun = False  # whether the goal is in use
         self._planned_from: int | None = None  # stamp of the keypoints that a plan is awaited for
-        self._last_tick = -1
         self._motion_ends = self._post_began = 0
         self._blind_since: int | None = None
         self._near = self._gone = 0
@@ -124,8 +124,8 @@ class Episode:
         return self._fail("stopped on request")
 
     def goal(self, stamp: int, pose: Pose) -> list[Event]:
-        """A new task: the object's goal from stamp ns on. Raises ValueError for a goal outside the camera's view."""
-        goal = Goal(stamp, goal_keypoints(self.config.domain, pose))
+        """A new task: the object's goal from stamp ns on. Raises ValueError for a goal behind the camera."""
+        goal = Goal(stamp, project_keypoints(self.config.domain, pose))
         if self._goal is not None and not self._goal_used and stamp == self._goal.stamp:
             return []
         ended = self._fail("the task was reset") if self.is_active and self._begun else []
@@ -182,11 +182,6 @@ class Episode:
             self.phase = APPROACH  # pre_contact or approach did not answer: where the episode got stuck
         return self._fail(f"no {topic} within {limit:g} s")
 
-    @property
-    def _begun(self) -> bool:
-        """Whether the goal is in use."""
-        return self._last_tick >= 0 or self._planned_from is not None
-
     def _decide(self) -> list[Event]:
         """What the newest keypoints mean."""
         if not self.is_active or self._newest is None or self._goal is None or (self._goal_used and not self._begun):
@@ -211,7 +206,7 @@ class Episode:
         return [*events, self._tick(stamp)]
 
     def _decide_pre(self, stamp: int, good: bool) -> list[Event]:
-        self._goal_used = True
+        self._goal_used = self._begun = True
         if self._planned_from is None:
             if good:
                 self._planned_from = stamp

@@ -14,13 +14,12 @@ import torch
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
-from np_description.keypoints import box_keypoints
 from np_description.panda import FINGER_MAX
 from np_description.rotations import matrix_from_six, quaternion_from_matrix
 from np_policy import action, weights
 from np_policy.networks import TCP_CENTRE, TCP_RANGE, PostContactPolicy, PreContactStudent
 from np_policy.observation import post_contact_observation, student_observation
-from np_policy.pose_estimation import PoseError, estimate_pose, usable
+from np_policy.pose_estimation import PoseError, estimate_pose, project_keypoints, usable
 
 
 class PolicyError(RuntimeError):
@@ -43,24 +42,15 @@ def weights_file(kind: str, domain: Domain, folder: str | Path = "") -> Path:
     return weights.weights_folder(folder) / f"{kind}_{domain.name}.safetensors"
 
 
-def goal_keypoints(domain: Domain, goal: Pose, camera: Camera = CAMERA) -> np.ndarray:
-    """Keypoints (8, 3) u px, v px, score 1 of the object at its goal.
-
-    Raises ValueError if a corner is not in front of the camera.
-    """
-    pixels, depth = camera.project(box_keypoints(domain.half_size, goal.position, goal.quaternion))
-    if not (np.isfinite(pixels).all() and (depth > 0).all()):
-        raise ValueError(f"goal: expected a pose in front of the camera, got position {goal.position.tolist()}")
-    return np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
-
-
 def student_output(output) -> PreContact:
     """What the student's output (10,) means. Raises PolicyError if it is not finite or gives no rotation."""
     output = np.asarray(output, float)
-    rotation = matrix_from_six(output[:6])
-    if not (np.isfinite(output).all() and np.isfinite(rotation).all()):
+    first, second = output[:3], output[3:6]
+    spread = np.linalg.norm(np.cross(first, second))
+    if not np.isfinite(output).all() or spread <= 1e-6 * np.linalg.norm(first) * np.linalg.norm(second):
         raise PolicyError(f"pre-contact policy: expected 10 finite numbers that give a rotation, got {output.tolist()}")
     position = np.array(TCP_CENTRE) + TCP_RANGE * output[6:9]
+    rotation = matrix_from_six(output[:6])
     return PreContact(Pose(position, quaternion_from_matrix(rotation)), float(FINGER_MAX * np.clip(output[9], 0.0, 1.0)))
 
 
@@ -121,7 +111,7 @@ class PostContactController:
         if not good.all():
             try:
                 estimate = estimate_pose(keypoints, self._domain, min_score=self._min_score, camera=self._camera)
-                others = goal_keypoints(self._domain, estimate.pose, self._camera)[:, :2]
+                others = project_keypoints(self._domain, estimate.pose, self._camera)[:, :2]
             except (PoseError, ValueError):
                 others = self._keypoints if self._keypoints is not None else pixels
             pixels = np.where(good[:, None], pixels, others)

@@ -14,7 +14,7 @@ import numpy as np
 
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
-from np_description.keypoints import CORNERS
+from np_description.keypoints import CORNERS, box_keypoints
 from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 
 MIN_POINTS = 6
@@ -40,6 +40,17 @@ def usable(keypoints, min_score: float) -> np.ndarray:
     """Which of keypoints (8, 3) u px, v px, score may be used: finite and with at least `min_score`; (8,) bool."""
     keypoints = np.asarray(keypoints, float)
     return np.isfinite(keypoints).all(axis=1) & (keypoints[:, 2] >= min_score)
+
+
+def project_keypoints(domain: Domain, pose: Pose, camera: Camera = CAMERA) -> np.ndarray:
+    """Keypoints (8, 3) u px, v px, score 1 of the object at a pose: goals, for instance.
+
+    Raises ValueError if a corner is not in front of the camera.
+    """
+    pixels, depth = camera.project(box_keypoints(domain.half_size, pose.position, pose.quaternion))
+    if not (np.isfinite(pixels).all() and (depth > 0).all()):
+        raise ValueError(f"keypoints: expected a pose in front of the camera, got position {pose.position.tolist()}")
+    return np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
 
 
 def estimate_pose(keypoints, domain: Domain, *, min_score: float = 0.3, max_rms: float = 4.0, camera: Camera = CAMERA,

@@ -1,0 +1,116 @@
+"""The networks as the nodes use them: right meaning of the output, memory, reproducible, clear about missing weights."""
+
+import numpy as np
+import pytest
+import torch
+from np_control.impedance import STIFFNESS_MAX, STIFFNESS_MIN
+from np_control.kinematics import forward_kinematics
+from np_description.domains import CARD, sample_task
+from np_description.panda import FINGER_MAX, NOMINAL
+from np_description.rotations import matrix_from_quaternion, six_from_matrix
+from np_policy.action import TIGHT
+from np_policy.networks import TCP_CENTRE, TCP_RANGE, PostContactPolicy, PreContactStudent
+from np_policy.policy import PolicyError, PostContactController, PreContactPlanner, student_output, weights_file
+from np_policy.pose_estimation import project_keypoints
+from np_policy.weights import WeightsError, save
+
+START, GOAL = (project_keypoints(CARD, pose) for pose in sample_task(CARD, np.random.default_rng(0)))
+Q = np.concatenate([NOMINAL.ready, [0.01, 0.01]])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    torch.manual_seed(0)
+    for kind, network in (("pre_contact", PreContactStudent()), ("post_contact", PostContactPolicy())):
+        for parameter in network.parameters():
+            torch.nn.init.normal_(parameter, std=0.1)
+        save(network, weights_file(kind, CARD, tmp_path))
+    return tmp_path
+
+
+@pytest.fixture
+def controller(folder):
+    return PostContactController(weights_file("post_contact", CARD, folder), CARD)
+
+
+def test_the_students_output_is_a_pose_and_an_opening():
+    rotation = np.diag([1.0, -1.0, -1.0])
+    wanted = student_output(np.concatenate([2 * six_from_matrix(rotation), [0.5, -0.25, 0.0], [0.25]]))
+    np.testing.assert_allclose(matrix_from_quaternion(wanted.pose.quaternion), rotation, atol=1e-12)
+    np.testing.assert_allclose(wanted.pose.position, np.array(TCP_CENTRE) + TCP_RANGE * np.array([0.5, -0.25, 0.0]))
+    assert wanted.opening == pytest.approx(FINGER_MAX / 4)
+    assert student_output(np.concatenate([six_from_matrix(rotation), [0, 0, 0], [7.0]])).opening == FINGER_MAX
+
+
+@pytest.mark.parametrize("output", [np.zeros(10), np.full(10, np.nan), np.ones(10)])
+def test_an_output_without_a_rotation_is_refused(output):
+    with pytest.raises(PolicyError, match="give a rotation"):
+        student_output(output)
+
+
+def test_the_student_gives_equal_bits_for_equal_keypoints(folder):
+    first, second = (PreContactPlanner(weights_file("pre_contact", CARD, folder)) for _ in range(2))
+    a, b = first.propose(START, GOAL), second.propose(START, GOAL)
+    assert a.pose.position.tobytes() == b.pose.position.tobytes() and a.opening == b.opening
+    assert a.pose.position.tobytes() != first.propose(GOAL, START).pose.position.tobytes()
+
+
+def test_targets_stay_within_the_residual_and_gain_limits(controller):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        q = Q + np.concatenate([rng.normal(0, 0.2, 7), [0, 0]])
+        target = controller.act(q, rng.normal(0, 0.5, 9), START, GOAL)
+        position, rotation = forward_kinematics(q[:7])
+        assert np.abs(target.position - position).max() <= TIGHT.position + 1e-12
+        assert np.arccos(np.clip((np.trace(target.rotation @ rotation.T) - 1) / 2, -1, 1)) <= TIGHT.rotation * 3**0.5 + 1e-6
+        assert (target.stiffness >= STIFFNESS_MIN - 1e-9).all() and (target.stiffness <= STIFFNESS_MAX + 1e-9).all()
+        assert (target.damping_ratio >= 0.5).all()
+
+
+def test_the_last_action_is_seen_and_forgotten_on_reset(controller):
+    def run():
+        return [controller.act(Q, np.zeros(9), START, GOAL).position.tobytes() for _ in range(3)]
+
+    first = run()
+    assert first[0] != first[1]  # same inputs, but an action was taken in between
+    controller.reset()
+    assert run() == first
+
+
+def test_a_keypoint_with_a_low_score_is_replaced_by_where_the_box_puts_it(controller):
+    clear = controller.act(Q, np.zeros(9), START, GOAL)
+    controller.reset()
+    hidden = START.copy()
+    hidden[3] = 5.0, 200.0, 0.01
+    np.testing.assert_allclose(controller.act(Q, np.zeros(9), hidden, GOAL).position, clear.position, atol=1e-5)
+
+
+def test_without_keypoints_the_last_ones_are_used_and_without_any_the_hand_stays(controller):
+    position, rotation = forward_kinematics(NOMINAL.ready)
+    target = controller.act(Q, np.zeros(9), None, GOAL)
+    np.testing.assert_allclose(target.position, position)
+    np.testing.assert_allclose(target.rotation, rotation)
+    assert not controller.last_action.any()
+    controller.act(Q, np.zeros(9), START, GOAL)
+    with_memory = controller.act(Q, np.zeros(9), None, GOAL)
+    controller.reset()
+    controller.act(Q, np.zeros(9), START, GOAL)
+    assert with_memory.position.tobytes() == controller.act(Q, np.zeros(9), START, GOAL).position.tobytes()
+
+
+def test_a_network_that_gives_nan_is_refused(tmp_path):
+    network = PostContactPolicy()
+    torch.nn.init.constant_(network.net[-1].bias, float("nan"))
+    save(network, tmp_path / "broken.safetensors")
+    with pytest.raises(PolicyError, match="20 finite numbers"):
+        PostContactController(tmp_path / "broken.safetensors", CARD).act(Q, np.zeros(9), START, GOAL)
+
+
+def test_missing_and_foreign_weights_are_named(folder):
+    with pytest.raises(WeightsError, match="post_contact_card.safetensors, which does not exist"):
+        (folder / "post_contact_card.safetensors").unlink()
+        PostContactController(weights_file("post_contact", CARD, folder), CARD)
+    with pytest.raises(WeightsError, match="does not fit PostContactPolicy"):
+        PostContactController(weights_file("pre_contact", CARD, folder), CARD)
+    with pytest.raises(WeightsError, match="expected a folder"):
+        weights_file("pre_contact", CARD, folder / "nowhere")
