@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 
@@ -37,3 +37,19 @@ def complete(arguments: Mapping[str, str], known: Sequence[LaunchArgument]) -> d
     if unknown:
         raise ValueError(f"launch argument {', '.join(unknown)}: expected one of {', '.join(names)}")
     return {a.name: str(arguments.get(a.name, a.default)) for a in known}
+
+
+def launch_description(known: Sequence[LaunchArgument], graph: Callable[[Mapping[str, str]], Sequence[NodeSpec]]):
+    """A LaunchDescription that declares the arguments and starts the nodes of `graph`; needs launch_ros."""
+    from launch import LaunchDescription
+    from launch.actions import DeclareLaunchArgument, OpaqueFunction
+    from launch.substitutions import LaunchConfiguration
+    from launch_ros.actions import Node
+
+    def start(context):
+        given = {a.name: LaunchConfiguration(a.name).perform(context) for a in known}
+        return [Node(package=spec.package, executable=spec.executable, name=spec.name, output="screen",
+                     parameters=[dict(spec.parameters)], remappings=list(spec.remappings)) for spec in graph(given)]
+
+    declared = [DeclareLaunchArgument(a.name, default_value=a.default, description=a.description) for a in known]
+    return LaunchDescription([*declared, OpaqueFunction(function=start)])

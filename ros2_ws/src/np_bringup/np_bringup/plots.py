@@ -49,7 +49,7 @@ def torque_plot(episode: EpisodeData) -> str:
             axes[0].axhline(limit, color="#b02020", lw=1)
         axes[0].set_ylabel("torque (% of limit)")
         axes[0].set_ylim(-115, 115)
-        axes[0].legend(ncol=7, fontsize=7, loc="lower center", frameon=False)
+        figure.legend(fontsize=7, loc="outside right center", frameon=False)
         return _svg(figure)
 
 
@@ -62,6 +62,7 @@ def tracking_plot(episode: EpisodeData) -> str:
         for joint in range(7):
             axes[0].plot(common, error[:, joint], lw=0.8, label=f"joint {joint + 1}")
         axes[0].set_ylabel("target - measured (deg)")
+        figure.legend(fontsize=7, loc="outside right center", frameon=False)
         return _svg(figure)
 
 

@@ -1,0 +1,13 @@
+"""The card graph. ros2 launch np_bringup card.launch.py [name:=value ...]; --show-args lists the arguments."""
+
+from np_bringup.card import ARGUMENTS
+from np_bringup.card import card_graph as graph
+from np_bringup.graph import launch_description
+
+
+def generate_launch_description():
+    """The same table of nodes, for the launch system of a full ROS 2 installation."""
+    return launch_description(ARGUMENTS, graph)
+
+
+__all__ = ["ARGUMENTS", "generate_launch_description", "graph"]

@@ -1,0 +1,114 @@
+"""`evaluate`: lockstep episodes through the whole graph, scored by the true object pose."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+from np_description.domains import DOMAINS
+
+from np_bringup.card import CONTROLLERS, KEYPOINT_SOURCES
+from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin, running_graph
+from np_bringup.evaluation import Result, Results, breakdown, result_of, summary
+from np_bringup.nodes.conductor_node import GraphError
+from np_bringup.supervisor import NodeDied
+
+IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change nothing
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
+    parser.add_argument("--domain", choices=list(DOMAINS), default="card")
+    parser.add_argument("--episodes", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0, help="names the tasks, together with the episode's number")
+    parser.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="camera")
+    parser.add_argument("--controller", choices=list(CONTROLLERS), default="impedance")
+    parser.add_argument("--object", choices=["default"], default="default")
+    parser.add_argument("--effects", choices=["none"], default="none")
+    parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
+    parser.add_argument("--bags", action="store_true", help="record every episode (slower)")
+    parser.add_argument("--out", type=Path, default=Path("runs/evaluate"), help="folder for results, logs and bags")
+    options = parser.parse_args(arguments)
+    if options.episodes < 1:
+        parser.error(f"--episodes: expected at least 1, got {options.episodes}")
+    return options
+
+
+def evaluate(options: argparse.Namespace) -> dict[str, object]:
+    """Run what is missing of the episodes asked for; the summary of all of them.
+
+    A graph that breaks down costs its episode and is started anew; one that does not come up at all raises.
+    """
+    settings = {"domain": options.domain, "seed": options.seed, "keypoints": options.keypoints,
+                "controller": options.controller, "object": options.object, "effects": options.effects,
+                **origin(options.weights)}
+    results = Results(options.out, settings)
+    progress = Progress(options.episodes, f"evaluate {options.domain}")
+    started = time.monotonic()
+    seconds_ready = 0.0
+    while len(results.results) < options.episodes:
+        began = time.monotonic()
+        logs = new_folder(options.out / "log")
+        arguments = {
+            "domain": options.domain, "seed": str(options.seed), "first_episode": str(len(results.results)),
+            "keypoints": options.keypoints, "controller": options.controller, "image_rate": str(IMAGE_RATE),
+            "weights": options.weights, "record_at_start": "false",
+            "bag": str(options.out / "bags" / "episode") if options.bags else "", "run_info": json.dumps(origin(options.weights))}
+        number = len(results.results)
+        with running_graph(arguments, logs, on_tick=lambda s: progress.show(number + min(0.9, s / 15), rate(results))) as conductor:
+            seconds_ready += time.monotonic() - began
+            while (number := len(results.results)) < options.episodes:
+                result, whole = run_one(conductor, number, options.bags)
+                results.add(result)
+                progress.show(number + 1, rate(results))
+                if not whole:
+                    print(f"episode {number}: {result.reason}\nstarting the graph again; logs are in {logs}", file=sys.stderr)
+                    break
+    figures = summary(results.results[:options.episodes])
+    figures["wall_s"] = round(figures["wall_s"] + seconds_ready, 1)
+    figures["this_run_s"] = round(time.monotonic() - started, 1)
+    return {**figures, "results": str(results.path)}
+
+
+def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
+    """One episode, and whether the graph is still whole."""
+    began = time.monotonic()
+    try:
+        if record:
+            conductor.start_recording()
+        outcome = conductor.run_episode()
+        if record:
+            conductor.stop_recording()
+    except (NodeDied, GraphError, TimeoutError) as error:
+        return breakdown(number, str(error), time.monotonic() - began), False
+    return result_of(number, outcome, time.monotonic() - began), outcome.declared != "fault"
+
+
+def rate(results: Results) -> str:
+    """Success so far, for the progress bar."""
+    successes = sum(r.success for r in results.results)
+    return f"success {successes}/{len(results.results)}" if results.results else ""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; the last line printed is one JSON object."""
+    options = parse(arguments)
+    interrupt_on_sigterm()
+    try:
+        figures = evaluate(options)
+    except KeyboardInterrupt:
+        print("interrupted; finished episodes are kept, the same command goes on with the next", file=sys.stderr)
+        return INTERRUPTED
+    except (NodeDied, TimeoutError, LookupError, ValueError) as error:
+        print(f"evaluate: {error}", file=sys.stderr)
+        return 1
+    print(json.dumps(figures))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
