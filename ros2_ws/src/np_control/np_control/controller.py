@@ -150,7 +150,7 @@ class Controller:
         position, clamped = limit_target(self.limits, np.asarray(position, dtype=float))
         check_finite(rotation=rotation)
         gains = np.stack(limit_gains(np.asarray(stiffness, dtype=float), np.asarray(ratio, dtype=float)))
-        if stamp < self._newest_target:
+        if self._newest_target is not None and stamp < self._newest_target:
             raise Refusal(Reason.ORDER, f"target of {stamp} ns is older than the one before it, of {self._newest_target} ns")
         age = self._states[-1].stamp - stamp
         if age > self.config.largest_target_age_ns:
@@ -200,7 +200,7 @@ class Controller:
         self._trajectory: Trajectory | None = None
         self._start: int | None = None
         self._targets: deque[_JointTarget] = deque()
-        self._newest_target = -1
+        self._newest_target: int | None = None
 
     def _wanted(self, state: _State) -> tuple[np.ndarray, np.ndarray]:
         """Torque of the impedance law, and velocity of the joint target; brings target and gains up to date."""

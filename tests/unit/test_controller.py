@@ -1,0 +1,264 @@
+"""The controller in closed loop with MuJoCo, and its rules on targets, beginnings and repetitions."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from np_control.controller import Controller, ControllerConfig
+from np_control.impedance import DAMPING_RATIO_MAX, STIFFNESS_MAX, STIFFNESS_MIN
+from np_control.kinematics import forward_kinematics, pose_distance
+from np_control.lockstep import TickGate
+from np_control.safety import LIMITS, Reason, Refusal, SafetyFilter, State
+from np_control.trajectory import make_trajectory
+from np_description.domains import CARD
+from np_description.panda import NOMINAL
+from np_description.scene import load_model
+
+PERIOD = LIMITS.period_ns
+READY = NOMINAL.ready
+ZERO = np.zeros(7)
+LATENCY = ControllerConfig.policy_latency_ns
+SOFT = STIFFNESS_MIN, np.ones(7)
+
+
+class Arm:
+    """The simulated arm behind a safety filter, one period at a time."""
+
+    def __init__(self, controller, contacts=False):
+        self.model = load_model(CARD)
+        if not contacts:
+            self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
+        self.controller = controller
+        self.safety = SafetyFilter()
+        self.safety.start(self.q)
+        self.stamp = 0
+        self.observe()
+
+    @property
+    def q(self):
+        return self.data.qpos[:7].copy()
+
+    @property
+    def dq(self):
+        return self.data.qvel[:7].copy()
+
+    def observe(self):
+        self.controller.observe(self.stamp, self.q, self.dq)
+
+    def step(self):
+        answer = self.controller.answer()
+        self.safety.offer(answer.stamp, NOMINAL.joints, answer.position, answer.velocity, answer.torque, now=self.stamp)
+        applied = self.safety.apply(self.stamp, self.q, self.dq)
+        np.testing.assert_array_equal(applied.torque, answer.torque)  # the backend's guards agree with the controller's
+        error = answer.position - self.q
+        self.data.ctrl[:7] = applied.torque
+        mujoco.mj_step(self.model, self.data)
+        self.stamp += PERIOD
+        self.observe()
+        return answer, error
+
+
+def quintic(goal, duration, count=21):
+    """Rest to rest from ready, smooth in acceleration."""
+    s = np.linspace(0, 1, count)[:, None]
+    share, rate = s**3 * (10 - 15 * s + 6 * s * s), 30 * s**2 * (1 - s) ** 2 / duration
+    return make_trajectory(s[:, 0] * duration, READY + share * (goal - READY), rate * (goal - READY), LIMITS)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_trajectory_is_tracked_within_5_mrad_and_ends_at_rest(seed):
+    goal = READY + np.random.default_rng(seed).uniform(-0.6, 0.6, 7)
+    trajectory = quintic(goal, 1.2)
+    arm = Arm(Controller())
+    arm.controller.follow(trajectory, 0)
+    errors = [arm.step()[1] for _ in range(int(1.7e9) // PERIOD)]
+    assert np.abs(errors).max() < 5e-3
+    assert np.abs(arm.q - goal).max() < 3e-3 and np.abs(arm.dq).max() < 5e-3
+    assert arm.safety.state is State.MOVING and arm.safety.refusals.total == 0
+    assert not arm.controller.is_following
+
+
+def test_the_same_inputs_give_the_same_torques_bit_for_bit():
+    def run():
+        arm = Arm(Controller())
+        arm.controller.follow(quintic(READY + 0.2, 0.5), 10 * PERIOD)
+        return np.array([arm.step()[0].torque for _ in range(300)])
+    np.testing.assert_array_equal(run(), run())
+
+
+@pytest.mark.parametrize("stiffness", [STIFFNESS_MIN, STIFFNESS_MAX])
+@pytest.mark.parametrize("ratio", [0.5, DAMPING_RATIO_MAX])
+def test_every_corner_of_the_gains_comes_to_rest(stiffness, ratio):
+    """No sampled-data oscillation at 500 Hz, at either end of stiffness and damping."""
+    arm = Arm(Controller())
+    position, rotation = forward_kinematics(READY)
+    arm.controller.set_target(0, position + [0.03, -0.04, 0.05], rotation, stiffness, np.full(7, ratio))
+    for _ in range(1500):
+        arm.step()
+    assert np.abs(arm.dq).max() < 0.02
+    distance, _ = pose_distance(arm.q, position + [0.03, -0.04, 0.05], rotation)
+    assert distance < 0.02  # Coulomb friction over stiffness
+
+
+def test_a_target_takes_effect_after_the_latency_from_the_joints_it_answers():
+    controller = Controller()
+    position, rotation = forward_kinematics(READY)
+    target = position + [0.0, 0.0, 0.02]
+    controller.observe(0, READY, ZERO)
+    controller.answer()
+    drift = READY.copy()
+    for k in range(1, 5):
+        drift = drift + 1e-3
+        controller.observe(k * PERIOD, drift, ZERO)
+        controller.answer()
+    controller.set_target(0, target, rotation, *SOFT)
+    reference = Controller()
+    reference.observe(0, READY, ZERO)
+    reference.set_target(0, target, rotation, *SOFT)
+    for stamp in range(5 * PERIOD, LATENCY + PERIOD, PERIOD):
+        controller.observe(stamp, drift, ZERO)
+        reached = controller.answer().position
+        assert np.array_equal(reached, READY) == (stamp < LATENCY)
+    for stamp in range(PERIOD, LATENCY + PERIOD, PERIOD):
+        reference.observe(stamp, READY, ZERO)
+    np.testing.assert_array_equal(reached, reference.answer().position)
+
+
+@pytest.mark.parametrize("reason, change", [
+    (Reason.NOT_FINITE, dict(position=np.array([0.5, np.nan, 0.1]))),
+    (Reason.NOT_FINITE, dict(rotation=np.full((3, 3), np.nan))),
+    (Reason.WORKSPACE, dict(position=np.array([0.5, 0.0, -0.3]))),
+    (Reason.GAINS, dict(stiffness=STIFFNESS_MAX * 2)),
+    (Reason.UNREACHABLE, dict(position=np.array([0.80, 0.50, 0.80]))),
+    (Reason.LATE, dict(stamp=-10**9)), (Reason.FUTURE, dict(stamp=10**9))])
+def test_each_bad_target_is_refused_and_changes_nothing(reason, change):
+    controller = Controller()
+    controller.observe(0, READY, ZERO)
+    before = controller.answer()
+    position, rotation = forward_kinematics(READY)
+    target = dict(stamp=0, position=position, rotation=rotation, stiffness=STIFFNESS_MIN, ratio=np.ones(7))
+    with pytest.raises(Refusal) as refusal:
+        controller.set_target(**(target | change))
+    assert refusal.value.reason is reason
+    for stamp in range(PERIOD, 2 * LATENCY, PERIOD):
+        controller.observe(stamp, READY, ZERO)
+        np.testing.assert_array_equal(controller.answer().position, before.position)
+
+
+def test_targets_must_come_in_order():
+    controller = Controller()
+    position, rotation = forward_kinematics(READY)
+    for stamp in range(0, 10 * PERIOD, PERIOD):
+        controller.observe(stamp, READY, ZERO)
+        controller.answer()
+    controller.set_target(8 * PERIOD, position, rotation, *SOFT)
+    with pytest.raises(Refusal, match="older than the one before"):
+        controller.set_target(7 * PERIOD, position, rotation, *SOFT)
+
+
+def test_a_target_under_the_table_is_cut_to_the_floor():
+    controller = Controller()
+    low = READY + [0, 0.45, 0, -0.25, 0, 0.7, 0]
+    controller.observe(0, low, ZERO)
+    position, rotation = forward_kinematics(low)
+    assert controller.set_target(0, [*position[:2], -0.1], rotation, *SOFT)
+
+
+@pytest.mark.parametrize("stamp, q", [
+    (PERIOD, READY + [0, 0, 0, 0.1, 0, 0, 0]),  # a jump
+    (10**9, READY + 1e-3),  # a gap
+    (-PERIOD, READY + 1e-3),  # another backend
+    (0, READY + 1e-2)])  # a reset without time passing
+def test_a_state_the_arm_cannot_have_reached_is_a_new_beginning(stamp, q):
+    controller = Controller()
+    assert controller.observe(0, READY, ZERO)
+    controller.follow(quintic(READY + 0.3, 1.0), 0)
+    controller.answer()
+    assert controller.observe(stamp, q, ZERO)
+    answer = controller.answer()
+    np.testing.assert_array_equal(answer.position, q)
+    np.testing.assert_allclose(answer.torque, 0, atol=1e-12)
+    assert not controller.is_following
+
+
+def test_a_repeated_state_gets_the_same_answer_and_no_progress():
+    controller = Controller()
+    controller.observe(0, READY, ZERO)
+    controller.observe(PERIOD, READY + 1e-3, ZERO)
+    first = controller.answer()
+    assert not controller.observe(PERIOD, READY + 1e-3, ZERO)
+    assert controller.answer() is first
+
+
+def test_a_trajectory_from_elsewhere_is_refused():
+    controller = Controller()
+    with pytest.raises(Refusal, match="no joint state"):
+        controller.follow(quintic(READY + 0.1, 1.0))
+    controller.observe(0, READY - 0.2, ZERO)
+    with pytest.raises(Refusal, match="from the measured position") as refusal:
+        controller.follow(quintic(READY + 0.1, 1.0))
+    assert refusal.value.reason is Reason.START
+
+
+def test_hold_keeps_the_joint_target_of_the_moment():
+    controller = Controller()
+    controller.observe(0, READY, ZERO)
+    controller.follow(quintic(READY + 0.1, 1.0))
+    for stamp in range(0, 200 * PERIOD, PERIOD):
+        controller.observe(stamp, READY, ZERO)
+        target = controller.answer().position
+    controller.hold()
+    for stamp in range(200 * PERIOD, 400 * PERIOD, PERIOD):
+        controller.observe(stamp, READY, ZERO)
+        np.testing.assert_array_equal(controller.answer().position, target)
+
+
+TICK = 50 * PERIOD
+
+
+def test_the_gate_opens_only_for_what_belongs_to_the_tick():
+    gate = TickGate(TICK)
+    assert gate.missing(TICK + PERIOD) is None and gate.take(TICK + PERIOD) is None
+    gate.trajectory(TICK, "plan of this tick")
+    gate.tick(0, "approach")
+    assert gate.missing(TICK) == "tick"
+    gate.tick(TICK, "approach")
+    assert gate.missing(TICK) is None
+    assert gate.take(TICK).trajectory == "plan of this tick"
+    gate.tick(2 * TICK, "approach")
+    assert gate.missing(2 * TICK) is None and gate.take(2 * TICK).trajectory is None  # it runs already
+    gate.tick(3 * TICK, "post")
+    gate.pose(2 * TICK, "pose of another tick")
+    assert gate.missing(3 * TICK) == "target_pose"
+    gate.pose(3 * TICK, "pose")
+    assert gate.missing(3 * TICK) == "target_gains"
+    gate.gains("gains")
+    assert gate.missing(3 * TICK) is None
+    assert gate.take(3 * TICK).target == ("pose", "gains")
+    gate.tick(4 * TICK, "post")
+    gate.gains("gains")
+    assert gate.missing(4 * TICK) == "target_pose"
+
+
+def test_the_gate_waits_for_a_plan_in_every_episode():
+    gate = TickGate(TICK)
+    for start in (0, 10 * TICK):
+        gate.tick(start, "pre")
+        assert gate.missing(start) is None
+        gate.take(start)
+        gate.tick(start + TICK, "approach")
+        assert gate.missing(start + TICK) == "joint_trajectory"
+        gate.trajectory(start + TICK, None)
+        assert gate.missing(start + TICK) is None
+        assert gate.take(start + TICK).trajectory is None
+
+
+def test_a_refused_half_of_a_target_answers_the_tick_but_moves_nothing():
+    gate = TickGate(TICK)
+    gate.tick(TICK, "post")
+    gate.gains(None)
+    gate.pose(TICK, "pose")
+    assert gate.missing(TICK) is None
+    assert gate.take(TICK).target is None
