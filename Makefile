@@ -22,13 +22,16 @@ help: ## this list
 
 setup: ros2_ws/install/.built ## .venv from requirements.lock, then colcon build
 
-.venv/.installed: requirements.lock tools/install.sh tools/python.sh \
-		$(wildcard tools/ros2_lite/*.toml tools/ros2_lite/ros2_lite/*.py)
+.venv/.installed: requirements.lock tools/install.sh tools/python.sh
 	@tools/install.sh
 	@touch $@
 
+.venv/.ros2: .venv/.installed $(wildcard tools/ros2_lite/*.toml tools/ros2_lite/ros2_lite/*.py)
+	@.venv/bin/python -m pip --disable-pip-version-check -qq install --no-deps --no-build-isolation ./tools/ros2_lite
+	@touch $@
+
 # Python files are linked, not copied: only new packages, entry points, launch files or settings need a build.
-ros2_ws/install/.built: .venv/.installed $(BUILT_FROM)
+ros2_ws/install/.built: .venv/.ros2 $(BUILT_FROM)
 	@$(ENV) cd ros2_ws && colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
 	@touch $@
 

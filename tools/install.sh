@@ -32,5 +32,4 @@ if [ -n "${ROS_DISTRO:-}" ] && command -v ros2 > /dev/null; then
 fi
 echo "installing $(grep -c == "$lock") packages (about two minutes)"
 pip install -r "$lock"
-pip install --no-deps --no-build-isolation ./tools/ros2_lite
 pip check
