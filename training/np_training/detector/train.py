@@ -195,15 +195,13 @@ def train(trainer: Trainer, out: Path, steps: int | None, seconds: float, say: C
     samples = trainer.samples(trainer.step)
     reported = saved = began
     window: list[dict[str, Tensor]] = []
-    while True:
-        now = time.monotonic()
-        progress = (trainer.step - first) / steps if steps else (now - began) / budget
-        if progress >= 1:
-            break
+    progress = 0.0
+    while progress < 1:
         window.append(trainer.update(samples.draw(), progress))
         now = time.monotonic()
         trainer.seconds = earlier + now - began
-        if now - reported >= config.report:
+        progress = min(1.0, (trainer.step - first) / steps if steps else (now - began) / budget)
+        if now - reported >= config.report or progress == 1:
             means = {key: torch.stack([w[key] for w in window]).nanmean().item() for key in window[0]}
             rate = len(window) * config.batch / (time.monotonic() - reported)
             left = (1 - progress) * (now - began) / max(progress, 1e-6)
@@ -242,7 +240,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder of checkpoint, curves and weights")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=6.0, help="wall clock of this call")
-    parser.add_argument("--steps", type=int, help="stop after so many steps instead")
+    parser.add_argument("--steps", type=int, help="do so many steps instead")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--batch", type=int, default=TrainConfig.batch)
     parser.add_argument("--rate", type=float, default=TrainConfig.rate)
@@ -254,6 +252,8 @@ def main(arguments: list[str] | None = None) -> None:
     def say(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
+    torch.backends.cudnn.benchmark = True
+    torch.set_float32_matmul_precision("high")
     config = TrainConfig(batch=options.batch, rate=options.rate, pool=options.pool, held_out=options.held_out)
     trainer = Trainer(find_domain(options.domain), options.device, options.seed, config, NetworkConfig())
     if (options.out / "checkpoint.pt").exists():

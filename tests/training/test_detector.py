@@ -1,0 +1,150 @@
+"""Detector training at its smallest: labels against the pictures, and a run that is interrupted and continued.
+
+All tests draw with one renderer of four worlds, so that its kernels are compiled once (and kept in Warp's cache).
+"""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+import torch
+from np_description.camera import CAMERA
+from np_description.domains import CARD
+from np_description.keypoints import box_keypoints
+from np_description.panda import NOMINAL
+from np_description.scene import load_model
+from np_training.detector.augment import Augmentation, augment, reduce
+from np_training.detector.evaluate import cast_rays
+from np_training.detector.metrics import summarise
+from np_training.detector.render import NOMINAL_LOOK, OVERSAMPLING, Frames, Looks, SceneRenderer, corner_visibility
+from np_training.detector.scenes import STATE_SIZE, sample_states
+from np_training.detector.train import main
+
+torch.set_num_threads(1)
+WORLDS = 4
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    return SceneRenderer(CARD, WORLDS, "cpu")
+
+
+def free_states() -> torch.Tensor:
+    """The arm out of sight, the card in plain view, tilted, lifted."""
+    states = torch.zeros(WORLDS, STATE_SIZE)
+    states[:, :7] = torch.tensor(NOMINAL.ready)
+    states[:, 0] = 1.5
+    states[:, 9:12] = torch.tensor([[0.45, 0.1, 0.06], [0.55, -0.1, 0.08], [0.5, 0.0, 0.1], [0.6, 0.05, 0.07]])
+    states[:, 12:] = torch.nn.functional.normalize(torch.randn(WORLDS, 4, generator=generator()), dim=1)
+    return states
+
+
+def test_states_are_finite_within_limits_and_of_many_kinds():
+    states = sample_states(CARD, 512, generator())
+    assert states.shape == (512, STATE_SIZE) and states.isfinite().all()
+    q, quaternion = states[:, :7].numpy(), states[:, 12:]
+    touching = q[(q >= NOMINAL.position_lower).all(1) & (q <= NOMINAL.position_upper).all(1)]
+    assert len(touching) > 450  # noise may carry waiting arms out of their limits
+    torch.testing.assert_close(quaternion.norm(dim=1), torch.ones(512))
+    assert (states[:, 11] < 0).any() and (states[:, 11] > CARD.half_size[2] + 1e-3).any()
+    assert np.linalg.norm(q - NOMINAL.ready, axis=1).max() > 0.5
+
+
+def test_labels_lie_on_the_corners_of_what_is_drawn_whatever_the_camera(renderer):
+    states = free_states()
+    frames = renderer.render(states, generator(3))
+    moved = renderer.fields["cam_pos"][:, 0] - torch.tensor(CAMERA.position)
+    assert moved.abs().max() > 1e-3
+    segments = ~frames.surroundings.numpy()
+    for mask, pixels in zip(segments, frames.pixels.numpy()):
+        mask[:40 * OVERSAMPLING] = False  # the arm's base
+        rows, columns = np.nonzero(mask)
+        drawn = np.array([columns.min(), rows.min(), columns.max(), rows.max()])
+        drawn = (drawn + [0, 0, 1, 1]) / OVERSAMPLING - 0.5  # outer edges, in pixels of the camera
+        labels = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+        np.testing.assert_allclose(drawn, labels, atol=0.75)
+
+
+def test_the_nominal_camera_projects_as_everywhere_else():
+    renderer_look = Looks(load_model(CARD), NOMINAL_LOOK, "cpu").sample(WORLDS, generator())
+    from np_training.detector.render import project_corners
+
+    states = free_states()
+    pixels = project_corners(CARD, states, renderer_look["cam_pos"][:, 0], renderer_look["cam_quat"][:, 0])
+    expected, _ = CAMERA.project(box_keypoints(CARD.half_size, states[:, 9:12], states[:, 12:]))
+    torch.testing.assert_close(pixels, expected, atol=2e-3, rtol=0)
+
+
+def test_visibility_from_the_rendering_agrees_with_rays_cast_by_mujoco(renderer):
+    states = sample_states(CARD, WORLDS, generator(5))
+    frames = renderer.render(states, generator(6))
+    model = load_model(CARD)
+    agree = []
+    for i, state in enumerate(states):
+        model.cam_pos[:], model.cam_quat[:] = renderer.fields["cam_pos"][i], renderer.fields["cam_quat"][i]
+        geoms = cast_rays(model, state.double().numpy(), frames.pixels[i].numpy())
+        agree.append(corner_visibility(geoms, frames.pixels[i:i + 1], renderer.blocks)[0] == frames.visible[i])
+    # Half-hidden corners may go either way at half the resolution.
+    assert torch.stack(agree).float().mean() >= 0.9
+    assert frames.visible.any() and not frames.visible.all()
+
+
+@pytest.mark.parametrize("aliased", [0.0, 1.0])
+def test_labels_follow_the_pixels_when_an_image_is_reduced(aliased):
+    size = CAMERA.width * OVERSAMPLING
+    centre = torch.tensor([[60.3, 101.8], [150.0, 20.25]])
+    offset = (torch.arange(size) + 0.5) / OVERSAMPLING - 0.5
+    blob = torch.exp(-0.5 * ((offset[None, None, :] - centre[:, 0, None, None]) ** 2
+                             + (offset[None, :, None] - centre[:, 1, None, None]) ** 2) / 4.0)
+    frames = Frames(blob[..., None].expand(-1, -1, -1, 3).contiguous(), torch.zeros(2, size, size, dtype=torch.bool),
+                    centre[:, None].expand(2, 8, 2), torch.ones(2, 8, dtype=torch.bool), torch.ones(2))
+    images, _, shift = reduce(frames, generator(1), Augmentation(aliased=aliased))
+    weights = images[:, 0] / images[:, 0].sum((1, 2), keepdim=True)
+    grid = torch.arange(CAMERA.width, dtype=torch.float32)
+    found = torch.stack([(weights.sum(1) * grid).sum(1), (weights.sum(2) * grid).sum(1)], dim=-1)
+    torch.testing.assert_close(found, centre - shift, atol=0.02, rtol=0)
+    assert bool((shift != 0).any()) == (aliased == 1.0)
+
+
+def test_augmented_images_are_bounded_bytes_that_differ_in_the_background(renderer):
+    frames = renderer.render(free_states(), generator(3))
+    images, pixels = augment(frames, generator(4), Augmentation(coloured=0.5, textured=0.5))
+    assert images.shape == (WORLDS, 3, CAMERA.height, CAMERA.width) and pixels.shape == (WORLDS, 8, 2)
+    assert images.min() >= 0 and images.max() <= 1
+    torch.testing.assert_close((images * 255).round() / 255, images)
+    corners = images[:, :, -1, -1]
+    assert torch.pdist(corners).min() > 0.02
+
+
+def test_figures_of_perfect_and_useless_detections():
+    truth = np.random.default_rng(0).uniform(0, 224, (50, 8, 2))
+    visible = np.arange(400).reshape(50, 8) % 3 > 0
+    present = np.ones((50, 8), bool)
+    perfect = summarise(truth, np.ones((50, 8)), truth, visible, present)
+    assert perfect["visible"]["median"] == 0 and perfect["hidden"]["within"] == 1 and perfect["calibration_error"] == 0
+    wrong = summarise(truth + [3.0, 4.0], np.ones((50, 8)), truth, visible, present)
+    assert wrong["visible"]["median"] == 5 and wrong["visible"]["within"] == 0 and wrong["calibration_error"] == 1
+
+
+def test_training_writes_weights_and_continues_where_it_stopped(tmp_path, capsys):
+    arguments = ["--out", str(tmp_path), "--device", "cpu", "--batch", str(WORLDS), "--pool", "16", "--held-out", "4"]
+    main([*arguments, "--steps", "2"])
+    main([*arguments, "--steps", "1"])
+    figures = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert figures["images"] == 4
+    assert torch.load(tmp_path / "checkpoint.pt", weights_only=True)["step"] == 3
+    with (tmp_path / "curves.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["step"]) for row in rows] == [2, 3]
+    assert all(np.isfinite(float(row["heatmap"])) for row in rows)
+    from np_training.detector.export import load_weights
+
+    _, record = load_weights(tmp_path / "keypoint_detector_card.safetensors")
+    assert record["steps"] == 3 and record["images"] == 12 and record["held_out"] == figures
+    with pytest.raises(ValueError, match="expected a checkpoint of .*bump"):
+        main([*arguments, "--domain", "bump", "--steps", "1"])
