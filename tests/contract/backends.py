@@ -37,6 +37,10 @@ BACKENDS = {
 }
 
 
+def silent(state: JointState) -> None:
+    """A controller that does not answer."""
+
+
 class Harness:
     """A backend as a process, with the test as its controller.
 
@@ -46,7 +50,7 @@ class Harness:
 
     def __init__(self, graph, probe, backend: Backend, mode: str, **parameters):
         self.graph, self.probe, self.backend = graph, probe, backend
-        self.answer: Callable[[JointState], JointState | None] = lambda state: None
+        self.answer: Callable[[JointState], JointState | None] = silent
         self.status: dict[str, str] = {}
         self.level = b""
         self.message = ""
@@ -59,7 +63,7 @@ class Harness:
     def _on_state(self, state: JointState) -> None:
         command = self.answer(state)
         if command is not None:
-            self.probe.publish("effort_command", command)
+            self.send(command)
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
@@ -84,14 +88,20 @@ class Harness:
         """Publish one command."""
         self.probe.publish("effort_command", command)
 
-    def send_until_refused(self, make: Callable[[JointState], JointState], reason: str) -> int:
-        """Answer states with `make(state)` until the count of refusals for `reason` has grown; the growth."""
+    def send_until_refused(self, make: Callable[[JointState], JointState], reason: str) -> None:
+        """Answer states with `make(state)` until the count of refusals for `reason` has grown."""
         before = self.refused(reason)
         self.answer = make
         self.send(make(self.states[-1]))
         self.wait(lambda: self.refused(reason) > before, f"a refusal for {reason}")
-        self.answer = lambda state: None
-        return self.refused(reason) - before
+        self.answer = silent
+
+    def resume(self) -> None:
+        """Stop the arm, and recover as soon as it is at rest: from here on it is ready."""
+        assert self.call("stop").success
+        while not (response := self.call("recover")).success:
+            assert "still moves" in response.message, response.message
+        self.wait_state("ready")
 
     def refused(self, reason: str) -> int:
         """How many commands were refused for this reason."""
@@ -102,11 +112,19 @@ class Harness:
         return self.probe.call(f"{self.backend.name}/{service}", request)
 
     def follow(self, answer: Callable[[JointState], JointState], until: Callable[[], object], what: str) -> None:
-        """Answer every state, beginning with the newest, until the condition holds; then be silent."""
-        self.answer = answer
+        """Answer every state, beginning with the newest, until the condition holds: the state at which it does so is
+        not answered any more."""
+        done = False
+
+        def answer_until(state: JointState) -> JointState | None:
+            nonlocal done
+            done = done or bool(until())
+            return None if done else answer(state)
+
+        self.answer = answer_until
         self.send(answer(self.states[-1]))
-        self.wait(until, what)
-        self.answer = lambda state: None
+        self.wait(lambda: done or until(), what)
+        self.answer = silent
 
 
 def stay(state: JointState, **changes) -> JointState:

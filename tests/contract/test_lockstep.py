@@ -1,7 +1,7 @@
 """What a backend that owns time keeps in lockstep: barriers, watchdog by simulated periods, resets, equal runs."""
 
 import numpy as np
-from backends import PERIOD, pushing, stay
+from backends import PERIOD, pushing, silent, stay
 from geometry_msgs.msg import PoseStamped
 from np_bringup.cdr import padding_filter
 from np_description.camera import CAMERA
@@ -59,7 +59,7 @@ def test_policy_ticks_wait_for_tick_and_in_post_for_the_target(lockstep_start):
     assert harness.stamp == TICK
     harness.probe.publish("target_pose", pose_message(TICK, BASE_FRAME, [0.5, 0.0, 0.2], [0.0, 1.0, 0.0, 0.0]))
     harness.wait(lambda: harness.stamp == 2 * TICK, "the policy tick after it")
-    harness.answer = lambda state: None
+    harness.answer = silent
 
 
 def test_an_answer_that_never_comes_stops_the_arm_and_is_named(lockstep_start):
