@@ -1,4 +1,4 @@
-# The environment of this project, for bash and zsh:   . ./env.sh
+# The environment of this project:   . ./env.sh   (bash; zsh should do, it has not been tried)
 # Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
 _np_root=$(cd "$(dirname "${BASH_SOURCE[0]:-$0}")" && pwd)
 

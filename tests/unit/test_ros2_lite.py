@@ -1,5 +1,7 @@
 """tools/ros2_lite: the parts of the `ros2` command that need no graph."""
 
+import os
+import subprocess
 import sys
 from collections import deque
 from pathlib import Path
@@ -42,6 +44,16 @@ def test_steps_aside_for_a_real_ros2(tmp_path):
     real = executable(tmp_path / "opt" / "ros2")
     assert main.real_ros2(f"{ours}:{real.parent}", ours) == str(real)
     assert main.real_ros2(f"{real.parent}:{ours}", ours) == str(real)
+
+
+def test_hands_its_arguments_over_to_the_real_ros2(tmp_path):
+    executable(tmp_path / "ros2").write_text('#!/bin/sh\necho real "$@"\n')
+    code = "import sys; from ros2_lite.main import main; sys.exit(main())"
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}",
+                   "PYTHONPATH": os.pathsep.join([str(Path(main.__file__).parents[1]), *sys.path])}
+    done = subprocess.run([sys.executable, "-c", code, "bag", "play", "-s", "mcap", "x"], env=environment,
+                          capture_output=True, text=True, check=True)
+    assert done.stdout == "real bag play -s mcap x\n"
 
 
 def test_executables_are_those_of_the_ament_index(prefix, capsys):
