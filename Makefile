@@ -13,7 +13,7 @@ ARGS ?=
 PYTEST_ARGS ?=
 
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
-ENV := . ./env.sh &&
+ACTIVATE := . ./env.sh &&
 
 .PHONY: help setup demo test bench evaluate train lock clean distclean
 
@@ -32,24 +32,24 @@ setup: ros2_ws/install/.built ## .venv from requirements.lock, then colcon build
 
 # Python files are linked, not copied: only new packages, entry points, launch files or settings need a build.
 ros2_ws/install/.built: .venv/.ros2 $(BUILT_FROM)
-	@$(ENV) cd ros2_ws && colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
+	@$(ACTIVATE) cd ros2_ws && colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
 	@touch $@
 
 demo: setup ## card episodes through the graph: bag, report, video
-	@$(ENV) exec ros2 run np_bringup demo $(ARGS)
+	@$(ACTIVATE) exec ros2 run np_bringup demo $(ARGS)
 
 evaluate: setup ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT EFFECTS: success rate as JSON
-	@$(ENV) exec ros2 run np_bringup evaluate --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \
+	@$(ACTIVATE) exec ros2 run np_bringup evaluate --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \
 		--keypoints $(KEYPOINTS) --controller $(CONTROLLER) --object $(OBJECT) --effects $(EFFECTS) $(ARGS)
 
 bench: setup ## latencies, real-time factor, planning time as JSON
-	@$(ENV) exec ros2 run np_bringup bench $(ARGS)
+	@$(ACTIVATE) exec ros2 run np_bringup bench $(ARGS)
 
 train: setup ## DOMAIN SEED: train its policies on the GPU or CPU that is there
-	@$(ENV) exec python -m np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)
+	@$(ACTIVATE) exec python -m np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)
 
 test: setup ## every test that needs no GPU
-	@$(ENV) exec python -m pytest $(PYTEST_ARGS)
+	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)
 
 lock: setup ## resolve requirements.txt into requirements.lock
 	@.venv/bin/python tools/lock.py > requirements.lock.new && mv requirements.lock.new requirements.lock
