@@ -11,11 +11,13 @@ from dataclasses import dataclass, fields
 from math import pi
 
 import torch
+from torch.nn import functional
 
 from np_control.kinematics import solve_ik
 from np_description.domains import Domain
 from np_description.panda import FINGER_MAX, NOMINAL
-from np_description.rotations import matrix_from_vector, quaternion_from_matrix, quaternion_multiply, yaw_quaternion
+from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix, \
+    quaternion_multiply, yaw_quaternion
 from np_training import contact
 from np_training.tasks import Poses, sample_tasks, uniform
 
@@ -29,7 +31,8 @@ class SceneConfig:
     touching, beside, under_way: shares of the hand on the object, beside or over it, between there and the ready posture
     (the rest waits at the ready posture); spread: share of objects drawn from the whole workspace and `margin` m beyond,
     where no obstacle is in the way; tilted: share of tilted and lifted objects, by `tilt` rad and `lift` m; absent: share
-    of images without the object; closed: share of closed fingers.
+    of images without the object; closed: share of closed fingers; upper: share of contacts on the object's upper face (the
+    others may be on any); joint_noise rad: of an arm that is on its way or waits.
     """
 
     touching: float = 0.45
@@ -42,6 +45,7 @@ class SceneConfig:
     lift: float = 0.03
     absent: float = 0.03
     closed: float = 0.6
+    upper: float = 0.7
     joint_noise: float = 0.08
 
 
@@ -76,14 +80,18 @@ def sample_states(domain: Domain, count: int, generator: torch.Generator, config
     return torch.cat([q, fingers.clamp(0, FINGER_MAX), position, objects.quaternion], dim=-1)
 
 
-def sample_contacts(domain: Domain, objects: Poses, generator: torch.Generator, config: SceneConfig, tries: int = 3):
+def sample_contacts(domain: Domain, objects: Poses, generator: torch.Generator, config: SceneConfig, tries: int = 5):
     """A contact of the pre-contact policy's kind on each object, feasible if one of `tries` random ones is."""
     count = len(objects.position)
+    up = matrix_from_quaternion(objects.quaternion)[:, 2]  # in the object's frame
+    face = functional.one_hot(up.abs().argmax(dim=1), 3) * up.sign()
     best = None
     for _ in range(tries):
         action = 2 * torch.rand(count, contact.SIZE, generator=generator, device=generator.device) - 1
         closed = torch.rand(count, generator=generator, device=generator.device) < config.closed
         action[:, 3] = torch.where(closed, -torch.ones_like(action[:, 3]), action[:, 3])
+        upper = torch.rand(count, 1, generator=generator, device=generator.device) < config.upper
+        action[:, 6:] = torch.where(upper & (face != 0), face, action[:, 6:])
         new = contact.resolve(domain, action, objects)
         if best is None:
             best = new
