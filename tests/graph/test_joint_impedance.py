@@ -13,8 +13,8 @@ from np_control.safety import LIMITS
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.rotations import quaternion_from_matrix
 from np_ros import qos
-from np_ros.messages import gains_message, header_message, joint_state_arrays, joint_state_message, pose_message, \
-    stamp_nanoseconds, trajectory_message
+from np_ros.messages import gains_message, header_message, joint_state_arrays, joint_state_message, \
+    pose_message, stamp_nanoseconds, trajectory_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
 from trajectory_msgs.msg import JointTrajectory
@@ -32,7 +32,8 @@ def start(graph, probe):
     def started(**parameters):
         inputs = [("joint_states", JointState, qos.LOCKSTEP), ("tick", Header, qos.LOCKSTEP),
                   ("joint_trajectory", JointTrajectory, qos.EVENT), ("phase", String, qos.LATCHED),
-                  ("target_gains", Float64MultiArray, qos.LOCKSTEP), ("target_pose", PoseStamped, qos.LOCKSTEP)]
+                  ("target_gains", Float64MultiArray, qos.LOCKSTEP),
+                  ("target_pose", PoseStamped, qos.LOCKSTEP)]
         for topic, kind, profile in inputs:
             probe.advertise(topic, kind, profile)
         probe.collect("effort_command", JointState)
@@ -47,8 +48,14 @@ def start(graph, probe):
 def state(probe):
     """Publishes the state of a stamp: the ready posture, or another."""
     def publish(stamp, joints=NOMINAL.ready, fingers=(0.0, 0.0)):
-        probe.publish("joint_states", joint_state_message(stamp, STATE_NAMES, [*joints, *fingers], np.zeros(9), np.zeros(9)))
+        position, still = [*joints, *fingers], np.zeros(9)
+        probe.publish("joint_states", joint_state_message(stamp, STATE_NAMES, position, still, still))
     return publish
+
+
+def plan(stamp, times, goal):
+    """A trajectory of two points at rest, from ready."""
+    return trajectory_message(stamp, JOINT_NAMES, times, [NOMINAL.ready, goal], np.zeros((2, 7)))
 
 
 def answers(probe):
@@ -98,7 +105,7 @@ def test_bad_states_are_counted_and_the_next_good_one_is_answered(start, state, 
     start(tick_barrier=False)
     state(PERIOD, NOMINAL.ready * np.nan)
     counted(probe, "refused_finite")
-    probe.publish("joint_states", joint_state_message(PERIOD, STATE_NAMES[::-1], np.zeros(9), np.zeros(9), np.zeros(9)))
+    probe.publish("joint_states", joint_state_message(PERIOD, STATE_NAMES[::-1], *np.zeros((3, 9))))
     counted(probe, "refused_names")
     state(2 * PERIOD)
     answered(probe, 2 * PERIOD)
@@ -121,8 +128,7 @@ def test_a_tick_state_waits_for_tick_then_trajectory_then_target(start, state, p
     waits_for("joint_trajectory")
     assert answers(probe) == []
     goal = NOMINAL.ready + 0.02
-    probe.publish("joint_trajectory", trajectory_message(TICK, JOINT_NAMES, [0.0, 0.05], [NOMINAL.ready, goal], np.zeros((2, 7))),
-                  qos.EVENT)
+    probe.publish("joint_trajectory", plan(TICK, [0.0, 0.05], goal), qos.EVENT)
     np.testing.assert_array_equal(answered(probe, TICK)[0], NOMINAL.ready)
     stamps = range(TICK + PERIOD, 2 * TICK, PERIOD)
     for stamp in stamps:
@@ -170,8 +176,7 @@ def test_a_bad_trajectory_leaves_the_arm_where_it_is(start, state, probe):
     start(tick_barrier=False)
     state(PERIOD)
     answered(probe, PERIOD)
-    far = trajectory_message(PERIOD, JOINT_NAMES, [0.0, 0.1], [NOMINAL.ready, NOMINAL.ready + 1], np.zeros((2, 7)))
-    probe.publish("joint_trajectory", far, qos.EVENT)
+    probe.publish("joint_trajectory", plan(PERIOD, [0.0, 0.1], NOMINAL.ready + 1), qos.EVENT)
     counted(probe, "refused_velocity")
     state(2 * PERIOD)
     np.testing.assert_array_equal(answered(probe, 2 * PERIOD)[0], NOMINAL.ready)
@@ -202,8 +207,7 @@ def test_with_the_sim_bridge_the_arm_arrives(graph, probe, tmp_path):
     graph.run("np_sim_bridge", "sim_bridge", {"tick_barrier": False, "camera": False})
     probe.wait_until(lambda: probe.matched("joint_trajectory") and len(probe.messages["joint_states"]) > 5,
                      what="time to run")
-    plan = trajectory_message(0, JOINT_NAMES, [0.0, 1.0], [NOMINAL.ready, goal], np.zeros((2, 7)))
-    probe.publish("joint_trajectory", plan, qos.EVENT)
+    probe.publish("joint_trajectory", plan(0, [0.0, 1.0], goal), qos.EVENT)
 
     def error():
         return np.abs(joint_state_arrays(probe.messages["joint_states"][-1], STATE_NAMES)[0][:7] - goal).max()

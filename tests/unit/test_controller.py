@@ -49,9 +49,11 @@ class Arm:
 
     def step(self):
         answer = self.controller.answer()
-        self.safety.offer(answer.stamp, NOMINAL.joints, answer.position, answer.velocity, answer.torque, now=self.stamp)
+        self.safety.offer(answer.stamp, NOMINAL.joints, answer.position, answer.velocity, answer.torque,
+                          now=self.stamp)
         applied = self.safety.apply(self.stamp, self.q, self.dq)
-        np.testing.assert_array_equal(applied.torque, answer.torque)  # the backend's guards agree with the controller's
+        # The backend's guards agree with the controller's.
+        np.testing.assert_array_equal(applied.torque, answer.torque)
         error = answer.position - self.q
         self.data.ctrl[:7] = applied.torque
         mujoco.mj_step(self.model, self.data)

@@ -7,7 +7,8 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from np_control.dynamics import Dynamics
-from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN, damping, torque
+from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN, \
+    damping, torque
 from np_control.safety import LIMITS
 from np_description.panda import NOMINAL
 
@@ -41,7 +42,8 @@ def test_at_the_target_at_rest_only_coriolis_is_left(q, stiffness, ratio):
 def test_the_bounds_are_ordered_and_stable_at_500_hz():
     assert (STIFFNESS_MIN > 0).all() and (STIFFNESS_MAX > STIFFNESS_MIN).all()
     assert 0.5 <= DAMPING_RATIO_MIN < DAMPING_RATIO_MAX  # the paper's least ratio
-    # Explicit sampling is stable while kd dt < 2 M; the least inertia a joint can show is in the safety limits.
+    # Explicit sampling is stable while kd dt < 2 M; the least inertia a joint can show is in the safety
+    # limits.
     most = damping(STIFFNESS_MAX, np.full(7, DAMPING_RATIO_MAX))
     assert (most * LIMITS.period < LIMITS.inertia).all()
     assert (LIMITS.inertia <= np.diag(Dynamics().mass_matrix(NOMINAL.ready))).all()

@@ -105,7 +105,8 @@ def test_numpy_and_torch_agree_and_batches_are_independent(q, shift, turn):
     position, rotation = forward_kinematics(q)
     target, turned = position + shift, matrix_from_vector(turn) @ rotation
     batch = [torch.as_tensor(np.stack([a, a])) for a in (q, target, turned)]
-    for one, many in ((forward_kinematics(q), forward_kinematics(batch[0])), ((jacobian(q),), (jacobian(batch[0]),)),
+    for one, many in ((forward_kinematics(q), forward_kinematics(batch[0])),
+                      ((jacobian(q),), (jacobian(batch[0]),)),
                       ((solve_ik(q, target, turned),), (solve_ik(*batch),))):
         for array, tensor in zip(one, many):
             np.testing.assert_allclose(tensor.numpy(), np.stack([array, array]), atol=1e-6)

@@ -6,8 +6,8 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
-from np_control.safety import LIMITS, Reason, Refusal, SafetyFilter, State, check_command, limit_gains, limit_target, \
-    limit_torque, slew_gains, torque_bounds, velocity_bounds
+from np_control.safety import LIMITS, Reason, Refusal, SafetyFilter, State, check_command, limit_gains, \
+    limit_target, limit_torque, slew_gains, torque_bounds, velocity_bounds
 from np_description.panda import JOINT_NAMES, NOMINAL
 
 PERIOD = LIMITS.period_ns
@@ -91,7 +91,8 @@ def test_targets_end_in_the_workspace_or_are_refused(position):
 
 
 def test_gains_outside_their_bounds_are_refused_but_rounding_is_not():
-    stiffness, ratio = limit_gains(STIFFNESS_MAX.astype(np.float32) * np.float32(1 + 1e-6), np.full(7, DAMPING_RATIO_MIN))
+    rounded = STIFFNESS_MAX.astype(np.float32) * np.float32(1 + 1e-6)
+    stiffness, ratio = limit_gains(rounded, np.full(7, DAMPING_RATIO_MIN))
     assert (stiffness <= STIFFNESS_MAX).all() and (ratio >= DAMPING_RATIO_MIN).all()
     for stiffness, ratio in ((STIFFNESS_MAX * 1.1, np.ones(7)), (-STIFFNESS_MIN, np.ones(7)),
                              (STIFFNESS_MIN, np.full(7, 0.4))):
@@ -149,8 +150,8 @@ def test_a_command_may_be_three_periods_late_and_no_more():
 
 @given(positions, scaled(LIMITS.velocity), allowed_torque)
 def test_every_command_within_the_limits_is_accepted(q, dq, torque):
-    accepted = check_command(LIMITS, **command(position=q.tolist(), velocity=dq.tolist(), effort=torque.tolist()),
-                             now=10 * PERIOD, last=10 * PERIOD)
+    lists = command(position=q.tolist(), velocity=dq.tolist(), effort=torque.tolist())
+    accepted = check_command(LIMITS, **lists, now=10 * PERIOD, last=10 * PERIOD)
     np.testing.assert_array_equal(accepted.effort, torque)
     np.testing.assert_array_equal(accepted.position, q)
 

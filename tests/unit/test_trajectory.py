@@ -81,7 +81,7 @@ def test_a_single_point_is_a_place_to_be():
     (Reason.TRAJECTORY, dict(positions=np.zeros((3, 6)))),
     (Reason.TRAJECTORY, dict(velocities=np.full((3, 7), 0.05))),
     (Reason.NOT_FINITE, dict(positions=np.full((3, 7), np.nan))),
-    (Reason.POSITION, dict(positions=NOMINAL.ready + np.array([[0.0], [2.5], [0.1]]), times=[0.0, 9.0, 20.0])),
+    (Reason.POSITION, dict(positions=NOMINAL.ready + np.array([[0.0], [2.5], [0.1]]), times=[0.0, 9.0, 20])),
     (Reason.VELOCITY, dict(times=[0.0, 0.1, 2.5]))])
 def test_each_bad_trajectory_is_refused_for_its_reason(reason, change):
     make_trajectory(**there_and_back())

@@ -1,7 +1,7 @@
 """The joint impedance controller: from measured states and targets to joint targets and torques.
 
-A function of what it was given, in order: no clock, no ROS. The arm holds the pose it was found in until it is told
-otherwise; then it follows a trajectory, or targets of T_E with gains of their own.
+A function of what it was given, in order: no clock, no ROS. The arm holds the pose it was found in until it
+is told otherwise; then it follows a trajectory, or targets of T_E with gains of their own.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MAX, damping, torque as impedance_torque
 from np_control.kinematics import pose_distance, solve_ik
-from np_control.safety import LIMITS, Reason, Refusal, SafetyLimits, check_finite, limit_gains, limit_target, \
-    limit_torque, slew_gains
+from np_control.safety import LIMITS, Reason, Refusal, SafetyLimits, check_finite, limit_gains, \
+    limit_target, limit_torque, slew_gains
 from np_control.trajectory import Trajectory
 
 
@@ -23,11 +23,11 @@ from np_control.trajectory import Trajectory
 class ControllerConfig:
     """Gains and times.
 
-    stiffness (7,) Nm/rad, damping_ratio: gains while holding and on trajectories. policy_latency_ns: a target that
-    answers the state of t takes effect at t + policy_latency. reach_position m, reach_angle rad: how far inverse
-    kinematics may miss a target before it is refused. largest_gap_ns: a longer time between two states, or a step no
-    arm can make, is a new beginning. largest_target_age_ns: an older target is refused; states are kept that long, to
-    resolve a target at the state it answers.
+    stiffness (7,) Nm/rad, damping_ratio: gains while holding and on trajectories. policy_latency_ns: a target
+    that answers the state of t takes effect at t + policy_latency. reach_position m, reach_angle rad: how far
+    inverse kinematics may miss a target before it is refused. largest_gap_ns: a longer time between two
+    states, or a step no arm can make, is a new beginning. largest_target_age_ns: an older target is refused;
+    states are kept that long, to resolve a target at the state it answers.
     """
 
     stiffness: np.ndarray = field(default_factory=STIFFNESS_MAX.copy)
@@ -41,8 +41,9 @@ class ControllerConfig:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What answers the state of `stamp` ns: joint target (7,) rad, its velocity (7,) rad/s, torque (7,) Nm without gravity.
+    """What answers the state of `stamp` ns.
 
+    position (7,) rad and velocity (7,) rad/s: the joint target; torque (7,) Nm, without gravity;
     limited: names of the guards that changed the torque.
     """
 
@@ -70,7 +71,7 @@ class _JointTarget:
 
 
 class Controller:
-    """One arm's controller: `observe` every state in order, give trajectories and targets, take the `answer`."""
+    """One arm's controller: `observe` every state, give trajectories and targets, take the `answer`."""
 
     def __init__(self, config: ControllerConfig = ControllerConfig(), limits: SafetyLimits = LIMITS,
                  dynamics: Dynamics | None = None):
@@ -94,9 +95,9 @@ class Controller:
     def observe(self, stamp: int, q: np.ndarray, dq: np.ndarray) -> bool:
         """Take the state of `stamp` ns: q (7,) rad, dq (7,) rad/s. Returns whether it is a new beginning.
 
-        A state that the arm cannot have reached since the one before (a reset, a restarted backend, a long gap) is one:
-        trajectory and targets are dropped, and the arm is held where it is. The same state again changes nothing.
-        Raises Refusal(not_finite).
+        A state that the arm cannot have reached since the one before (a reset, a restarted backend, a long
+        gap) is one: trajectory and targets are dropped, and the arm is held where it is. The same state again
+        changes nothing. Raises Refusal(not_finite).
         """
         check_finite(q=q, dq=dq)
         state = _State(stamp, np.array(q, dtype=float), np.array(dq, dtype=float))
@@ -123,15 +124,17 @@ class Controller:
     def follow(self, trajectory: Trajectory, start: int | None = None) -> None:
         """Follow a trajectory from the state of `start` ns on, or from the next state that is answered.
 
-        Targets given before are dropped. Raises Refusal(start) where the trajectory does not begin at the measured pose.
+        Targets given before are dropped. Raises Refusal(start) where the trajectory does not begin at the
+        measured pose.
         """
         if not self._states:
             raise Refusal(Reason.STATE, "no joint state has come yet")
         error = np.abs(trajectory.positions[0] - self._states[-1].q)
         if (error > self.limits.start_tolerance).any():
             i = int(error.argmax())
-            raise Refusal(Reason.START, f"trajectory begins with {self.limits.joints[i]} at {trajectory.positions[0][i]:.3f} rad, "
-                          f"{error[i]:.3f} rad from the measured position; allowed are {self.limits.start_tolerance}")
+            raise Refusal(Reason.START, f"trajectory begins with {self.limits.joints[i]} at "
+                          f"{trajectory.positions[0][i]:.3f} rad, {error[i]:.3f} rad from the measured "
+                          f"position; allowed are {self.limits.start_tolerance}")
         self._trajectory, self._start = trajectory, start
         self._targets.clear()
         self._gains_target = self._own_gains
@@ -140,10 +143,10 @@ class Controller:
                    ratio: np.ndarray) -> bool:
         """Move T_E to position (3,) m, rotation (3, 3) in the base frame, with gains (7,) Nm/rad and (7,).
 
-        stamp: ns of the state that the target answers; inverse kinematics starts from the joints measured then, as in
-        training. Takes effect with the first state at or after stamp + policy_latency; a running trajectory ends.
-        Returns whether the target was cut to the workspace. Raises Refusal (not_finite, workspace, gains, order,
-        late, future, unreachable) and leaves everything as it was.
+        stamp: ns of the state that the target answers; inverse kinematics starts from the joints measured
+        then, as in training. Takes effect with the first state at or after stamp + policy_latency; a running
+        trajectory ends. Returns whether the target was cut to the workspace. Raises Refusal (not_finite,
+        workspace, gains, order, late, future, unreachable) and leaves everything as it was.
         """
         if not self._states:
             raise Refusal(Reason.STATE, "no joint state has come yet")
@@ -151,18 +154,20 @@ class Controller:
         check_finite(rotation=rotation)
         gains = np.stack(limit_gains(np.asarray(stiffness, dtype=float), np.asarray(ratio, dtype=float)))
         if self._newest_target is not None and stamp < self._newest_target:
-            raise Refusal(Reason.ORDER, f"target of {stamp} ns is older than the one before it, of {self._newest_target} ns")
+            raise Refusal(Reason.ORDER, f"target of {stamp} ns is older than the one before it, "
+                                        f"of {self._newest_target} ns")
         age = self._states[-1].stamp - stamp
         if age > self.config.largest_target_age_ns:
             raise Refusal(Reason.LATE, f"target of {stamp} ns answers a state {age / 1e6:.0f} ms ago")
         if age < -self.config.largest_gap_ns:
-            raise Refusal(Reason.FUTURE, f"target of {stamp} ns is {-age / 1e6:.0f} ms ahead of the newest state")
+            raise Refusal(Reason.FUTURE, f"target of {stamp} ns is {-age / 1e6:.0f} ms ahead of the newest "
+                                         "state")
         measured = next((state for state in reversed(self._states) if state.stamp <= stamp), self._states[0])
         joints = solve_ik(measured.q, position, rotation)
         distance, angle = pose_distance(joints, position, rotation)
         if distance > self.config.reach_position or angle > self.config.reach_angle:
-            raise Refusal(Reason.UNREACHABLE, f"target {np.round(position, 3)} m: inverse kinematics misses it by "
-                                              f"{distance:.3f} m and {angle:.2f} rad")
+            raise Refusal(Reason.UNREACHABLE, f"target {np.round(position, 3)} m: inverse kinematics misses "
+                                              f"it by {distance:.3f} m and {angle:.2f} rad")
         self._newest_target = stamp
         self._targets.append(_JointTarget(stamp + self.config.policy_latency_ns, joints, gains))
         return clamped
@@ -203,7 +208,7 @@ class Controller:
         self._newest_target: int | None = None
 
     def _wanted(self, state: _State) -> tuple[np.ndarray, np.ndarray]:
-        """Torque of the impedance law, and velocity of the joint target; brings target and gains up to date."""
+        """Torque of the law and velocity of the joint target; brings target and gains up to date."""
         velocity = acceleration = np.zeros(7)
         if self._trajectory is not None:
             self._start = state.stamp if self._start is None else self._start
@@ -221,8 +226,8 @@ class Controller:
             if np.array_equal(self._gains, self._gains_target):
                 self._gains = self._gains_target
         stiffness, ratio = self._gains
-        # The law damps absolute velocity. A target ahead by kd/kp times its velocity turns that into damping of the
-        # velocity error, so that a moving target is not trailed.
+        # The law damps absolute velocity. A target ahead by kd/kp times its velocity turns that into damping
+        # of the velocity error, so that a moving target is not trailed.
         lead = self._position + damping(stiffness, ratio) / stiffness * velocity
         feedforward = self._dynamics.coriolis(state.q, state.dq)
         if acceleration.any():

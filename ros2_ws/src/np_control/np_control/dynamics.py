@@ -12,9 +12,9 @@ from np_description.panda import NOMINAL, Frame, Inertial, PandaModel
 
 
 def build_model(panda: PandaModel = NOMINAL, finger_opening: float = 0.0) -> pin.Model:
-    """Pinocchio model of the seven joints, base fixed, gravity along -z; each finger open by `finger_opening` m.
+    """Pinocchio model of the seven joints, base fixed, gravity along -z.
 
-    Rotor inertia is the model's armature; joint friction is not part of it.
+    finger_opening: of each finger, m. Rotors are the model's armature; it has no joint friction.
     """
     model = pin.Model()
     model.name = "panda"
@@ -28,13 +28,14 @@ def build_model(panda: PandaModel = NOMINAL, finger_opening: float = 0.0) -> pin
     model.appendBodyToJoint(parent, _inertia(panda.inertials["hand"]), hand)
     slide = pin.SE3(np.eye(3), np.array([0.0, finger_opening, 0.0]))
     for finger in ("hand_finger1", "hand_finger2"):
-        model.appendBodyToJoint(parent, _inertia(panda.inertials["finger"]), hand * _placement(panda.frames[finger]) * slide)
+        placement = hand * _placement(panda.frames[finger]) * slide
+        model.appendBodyToJoint(parent, _inertia(panda.inertials["finger"]), placement)
     model.armature = panda.armature.copy()
     return model
 
 
 class Dynamics:
-    """Dynamics at one state at a time; q (7,) rad, dq (7,) rad/s, results in Nm. Not for use by several threads."""
+    """Dynamics at one state at a time; q (7,) rad, dq (7,) rad/s. Not for use by several threads."""
 
     def __init__(self, panda: PandaModel = NOMINAL, finger_opening: float = 0.0):
         self._model = build_model(panda, finger_opening)

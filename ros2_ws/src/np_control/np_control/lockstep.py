@@ -1,7 +1,7 @@
-"""The controller's side of the lockstep barrier: what must be there before the state of a policy tick is answered.
+"""The controller's side of the lockstep barrier: what a policy tick needs before its state is answered.
 
-Messages of different topics arrive in any order. The gate keeps them until the state they belong to is due, so that a
-run does not depend on that order. See docs/graph.md, Lockstep.
+Messages of different topics arrive in any order. The gate keeps them until the state they belong to is due,
+so that a run does not depend on that order. See docs/graph.md, Lockstep.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ GainsT = TypeVar("GainsT")
 
 @dataclass(frozen=True)
 class TickInputs(Generic[TrajectoryT, PoseT, GainsT]):
-    """What takes effect at a tick: phase, and a trajectory or a target (pose, gains) where one belongs to it."""
+    """What takes effect at a tick: phase, and the trajectory or target (pose, gains) that belongs to it."""
 
     phase: str
     trajectory: TrajectoryT | None = None
@@ -26,7 +26,8 @@ class TickInputs(Generic[TrajectoryT, PoseT, GainsT]):
 class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
     """Collects tick, trajectory and target of the policy ticks, multiples of `policy_period_ns`.
 
-    None stands for a trajectory, pose or gains that came but were refused: an answer all the same, that changes nothing.
+    None stands for a trajectory, pose or gains that came but were refused: an answer all the same, that
+    changes nothing.
     """
 
     def __init__(self, policy_period_ns: int):
@@ -61,13 +62,13 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
         """The topic that must still speak before the state of `stamp` ns is answered, or None."""
         if stamp % self._period:
             return None
-        if self._tick is None or self._tick[0] != stamp:
+        if not _is_of(self._tick, stamp):
             return "tick"
         phase = self._tick[1]
-        if phase == "approach" and not self._planned and (self._trajectory is None or self._trajectory[0] != stamp):
+        if phase == "approach" and not self._planned and not _is_of(self._trajectory, stamp):
             return "joint_trajectory"
         if phase == "post":
-            if self._pose is None or self._pose[0] != stamp:
+            if not _is_of(self._pose, stamp):
                 return "target_pose"
             if self._gains is None:
                 return "target_gains"
@@ -88,3 +89,7 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
         if phase != "approach":
             self._planned = False
         return TickInputs(phase, trajectory, target)
+
+
+def _is_of(stamped: tuple | None, stamp: int) -> bool:
+    return stamped is not None and stamped[0] == stamp

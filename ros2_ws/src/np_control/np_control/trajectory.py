@@ -13,8 +13,8 @@ from np_control.safety import Reason, Refusal, SafetyLimits
 class Trajectory:
     """times (n,) s from the start, n >= 1, increasing; positions (n, 7) rad; velocities (n, 7) rad/s.
 
-    Between points position is the cubic that meets both positions and velocities, so that velocity is continuous.
-    Before the first point it rests there, after the last it stays there.
+    Between points position is the cubic that meets both positions and velocities, so that velocity is
+    continuous. Before the first point it rests there, after the last it stays there.
     """
 
     times: np.ndarray
@@ -48,7 +48,7 @@ class Trajectory:
         return position, velocity, acceleration
 
     def extremes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Least and greatest position (7,) rad and greatest speed (7,) rad/s anywhere on the trajectory, exactly."""
+        """Least, greatest position (7,) rad and greatest speed (7,) rad/s anywhere on the way, exactly."""
         lower, upper = self.positions.min(axis=0), self.positions.max(axis=0)
         speed = np.abs(self.velocities).max(axis=0)
         for k in range(len(self.times) - 1):
@@ -75,11 +75,12 @@ class Trajectory:
         return p0, v0, 3 * (p1 - p0) - 2 * v0 - v1, 2 * (p0 - p1) + v0 + v1
 
 
-def make_trajectory(times: np.ndarray, positions: np.ndarray, velocities: np.ndarray, limits: SafetyLimits) -> Trajectory:
+def make_trajectory(times: np.ndarray, positions: np.ndarray, velocities: np.ndarray,
+                    limits: SafetyLimits) -> Trajectory:
     """A checked trajectory that starts and ends at rest.
 
-    Raises Refusal: trajectory (no points, shapes, times that do not increase, motion at either end), not_finite,
-    position or velocity (anywhere on it; the speed allowed is `speed_fraction` of the limit).
+    Raises Refusal: trajectory (no points, shapes, times that do not increase, motion at either end),
+    not_finite, position or velocity (anywhere on it; the speed allowed is `speed_fraction` of the limit).
     """
     times, positions, velocities = (np.array(a, dtype=float) for a in (times, positions, velocities))
     joints = len(limits.joints)
@@ -87,7 +88,8 @@ def make_trajectory(times: np.ndarray, positions: np.ndarray, velocities: np.nda
         raise Refusal(Reason.TRAJECTORY, f"expected at least one point, got times of shape {times.shape}")
     for name, table in (("positions", positions), ("velocities", velocities)):
         if table.shape != (times.size, joints):
-            raise Refusal(Reason.TRAJECTORY, f"{name}: expected shape {(times.size, joints)}, got {table.shape}")
+            raise Refusal(Reason.TRAJECTORY, f"{name}: expected shape {(times.size, joints)}, "
+                                             f"got {table.shape}")
         if not np.isfinite(table).all():
             raise Refusal(Reason.NOT_FINITE, f"{name}: expected finite numbers")
     if not np.isfinite(times).all() or times[0] < 0 or (np.diff(times) <= 0).any():
@@ -99,8 +101,9 @@ def make_trajectory(times: np.ndarray, positions: np.ndarray, velocities: np.nda
     lower, upper, speed = trajectory.extremes()
     for i in np.flatnonzero((lower < limits.position_lower) | (upper > limits.position_upper)):
         raise Refusal(Reason.POSITION, f"{limits.joints[i]}: expected {limits.position_lower[i]} to "
-                                       f"{limits.position_upper[i]} rad, got {lower[i]:.4f} to {upper[i]:.4f}")
+                      f"{limits.position_upper[i]} rad, got {lower[i]:.4f} to {upper[i]:.4f}")
     allowed = limits.speed_fraction * limits.velocity
     for i in np.flatnonzero(speed > allowed):
-        raise Refusal(Reason.VELOCITY, f"{limits.joints[i]}: expected at most {allowed[i]:.3f} rad/s, got {speed[i]:.3f}")
+        raise Refusal(Reason.VELOCITY, f"{limits.joints[i]}: expected at most {allowed[i]:.3f} rad/s, "
+                                       f"got {speed[i]:.3f}")
     return trajectory

@@ -1,7 +1,7 @@
-"""`joint_impedance`: the 500 Hz controller. Answers every `joint_states` with an `effort_command` of the same stamp.
+"""`joint_impedance`: the 500 Hz controller. Answers `joint_states` with `effort_command` of the same stamp.
 
-Lockstep: the state of a policy tick is answered once the tick, and the trajectory or target that belongs to it, are there.
-Real time: a state is answered at once, with whatever has come.
+Lockstep: the state of a policy tick is answered once the tick, and the trajectory or target that belongs to
+it, are there. Real time: a state is answered at once, with whatever has come.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from std_msgs.msg import Float64MultiArray, Header, String
 from trajectory_msgs.msg import JointTrajectory
 
 from np_control.controller import Answer, Controller, ControllerConfig
+from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN
 from np_control.lockstep import TickGate
 from np_control.safety import LIMITS, Reason, Refusal
 from np_control.trajectory import Trajectory, make_trajectory
@@ -43,14 +44,18 @@ class JointImpedance(Node):
         super().__init__("joint_impedance")
         mode = parameter(self, "mode", "lockstep", "Whether time waits for the answers, or nobody does.",
                          choices=("lockstep", "realtime"))
-        barrier = parameter(self, "tick_barrier", True, "Lockstep: wait for ticks, trajectories and targets, not for states only.")
+        barrier = parameter(self, "tick_barrier", True,
+                            "Lockstep: wait for ticks, trajectories and targets, not for states only.")
         policy_rate = parameter(self, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500)
-        latency = parameter(self, "policy_latency", 0.02, "s from the state that a target answers until it takes effect.", 0.0, 1.0)
-        ratio = parameter(self, "damping_ratio", 1.0, "Damping ratio while holding and on trajectories.", 0.5, 2.0)
-        priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority asked for; 0 for none.", 0, 90)
+        latency = parameter(self, "policy_latency", 0.02,
+                            "s from the state that a target answers until it takes effect.", 0.0, 1.0)
+        ratio = parameter(self, "damping_ratio", 1.0, "Damping ratio while holding and on trajectories.",
+                          DAMPING_RATIO_MIN, DAMPING_RATIO_MAX)
+        priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90)
         lockstep = mode == "lockstep"
         if SECOND % (policy_rate * LIMITS.period_ns):
-            raise ValueError(f"parameter policy_rate: expected a divisor of {SECOND // LIMITS.period_ns}, got {policy_rate}")
+            raise ValueError(f"parameter policy_rate: expected a divisor of {SECOND // LIMITS.period_ns}, "
+                             f"got {policy_rate}")
         self._waits = lockstep and barrier
         # In lockstep no state is ever skipped: any gap is a reset.
         gap = LIMITS.period_ns if lockstep else ControllerConfig.largest_gap_ns
@@ -118,7 +123,8 @@ class JointImpedance(Node):
         self._seconds.append(time.time() - self._sent * 1e-9)
 
     def _publish(self, answer: Answer) -> None:
-        self._command.publish(joint_state_message(answer.stamp, JOINT_NAMES, answer.position, answer.velocity, answer.torque))
+        self._command.publish(joint_state_message(
+            answer.stamp, JOINT_NAMES, answer.position, answer.velocity, answer.torque))
 
     # Trajectories and targets
 
@@ -230,10 +236,11 @@ class JointImpedance(Node):
         if self._seconds:
             # From the state's publication to the end of the answer's, both on this host's clock.
             milliseconds = 1e3 * np.array(self._seconds)
-            values.update(zip(("answer_p50_ms", "answer_p99_ms", "answer_max_ms"),
-                              np.round([*np.percentile(milliseconds, (50, 99)), milliseconds.max()], 3).tolist()))
+            for name, percentile in (("p50", 50), ("p99", 99), ("max", 100)):
+                values[f"answer_{name}_ms"] = round(float(np.percentile(milliseconds, percentile)), 3)
         values.update({f"limited_{name}": count for name, count in self._limited.items()})
-        self.diagnostics.report(DiagnosticStatus.OK, "waiting for joint_states" if self._controller.stamp is None else "running")
+        is_waiting = self._controller.stamp is None
+        self.diagnostics.report(DiagnosticStatus.OK, "waiting for joint_states" if is_waiting else "running")
 
 
 def main(args=None):

@@ -1,7 +1,7 @@
 """What may move the arm: limits, command validation, watchdog, and the filter a backend runs every period.
 
-Pure NumPy and clock-free (every function is told the time), so that the sim bridge, the hardware driver and the
-controller share one definition and one behaviour.
+Pure NumPy and clock-free (every function is told the time), so that the sim bridge, the hardware driver and
+the controller share one definition and one behaviour.
 """
 
 from np_control.safety.commands import Command, Reason, Refusal, Refusals, check_command, check_finite
@@ -11,6 +11,6 @@ from np_control.safety.limits import LIMITS, SafetyLimits, clamp_torque, limit_g
 from np_control.safety.watchdog import State, Watchdog
 
 __all__ = [
-    "Applied", "Command", "LIMITS", "Reason", "Refusal", "Refusals", "SafetyFilter", "SafetyLimits", "State", "Watchdog",
-    "check_command", "check_finite", "clamp_torque", "limit_gains", "limit_target", "limit_torque", "slew_gains",
-    "torque_bounds", "velocity_bounds"]
+    "Applied", "Command", "LIMITS", "Reason", "Refusal", "Refusals", "SafetyFilter", "SafetyLimits", "State",
+    "Watchdog", "check_command", "check_finite", "clamp_torque", "limit_gains", "limit_target",
+    "limit_torque", "slew_gains", "torque_bounds", "velocity_bounds"]

@@ -1,4 +1,4 @@
-"""Validation of commands: names, lengths, finite values, limits, stamps. Every refusal has a reason and is counted."""
+"""Validation of commands: names, lengths, values, limits, stamps. Every refusal has a reason and is counted."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Reason(StrEnum):
 
 
 class Refusal(ValueError):
-    """A command that must not be carried out. `reason` names why; the text says what was expected and what came."""
+    """A command that must not be carried out: `reason` names why, the text what was expected and what came."""
 
     def __init__(self, reason: Reason, text: str):
         super().__init__(f"{reason}: {text}")
@@ -77,7 +77,10 @@ class Refusals:
 
 @dataclass(frozen=True)
 class Command:
-    """One validated effort command: stamp ns of the state it answers, joint target (7,) rad and rad/s, torque (7,) Nm."""
+    """One validated effort command.
+
+    stamp: ns, of the state it answers; position (7,) rad, velocity (7,) rad/s: joint target; effort (7,) Nm.
+    """
 
     stamp: int
     position: np.ndarray
@@ -93,11 +96,12 @@ def check_finite(**arrays: np.ndarray) -> None:
 
 
 def check_command(limits: SafetyLimits, stamp: int, names: Sequence[str], position: Sequence[float],
-                  velocity: Sequence[float], effort: Sequence[float], *, now: int, last: int | None = None) -> Command:
+                  velocity: Sequence[float], effort: Sequence[float], *, now: int,
+                  last: int | None = None) -> Command:
     """The command with these fields of a JointState, or Refusal.
 
-    stamp: ns, of the state answered; now: ns, stamp of the newest published state; last: ns, stamp of the last
-    accepted command. Answering the same state twice is allowed. Position rad, velocity rad/s, effort Nm.
+    stamp: ns, of the state answered; now: ns, stamp of the newest published state; last: ns, stamp of the
+    last accepted command. Answering the same state twice is allowed. Position rad, velocity rad/s, effort Nm.
     """
     if tuple(names) != limits.joints:
         raise Refusal(Reason.NAMES, f"expected {list(limits.joints)}, got {list(names)}")
@@ -105,7 +109,8 @@ def check_command(limits: SafetyLimits, stamp: int, names: Sequence[str], positi
     for name, values in (("position", position), ("velocity", velocity), ("effort", effort)):
         arrays[name] = np.array(values, dtype=float)
         if arrays[name].shape != (len(limits.joints),):
-            raise Refusal(Reason.LENGTH, f"{name}: expected {len(limits.joints)} values, got {arrays[name].size}")
+            raise Refusal(Reason.LENGTH, f"{name}: expected {len(limits.joints)} values, "
+                                         f"got {arrays[name].size}")
     check_finite(**arrays)
     if stamp > now:
         raise Refusal(Reason.FUTURE, f"stamp {stamp} ns is after the newest state, {now} ns")
@@ -114,7 +119,8 @@ def check_command(limits: SafetyLimits, stamp: int, names: Sequence[str], positi
     if now - stamp > limits.late_periods * limits.period_ns:
         raise Refusal(Reason.LATE, f"stamp {stamp} ns is {(now - stamp) / limits.period_ns:.0f} periods old, "
                                    f"allowed are {limits.late_periods}")
-    _check_range(limits, Reason.POSITION, "rad", arrays["position"], limits.position_lower, limits.position_upper)
+    _check_range(limits, Reason.POSITION, "rad", arrays["position"], limits.position_lower,
+                 limits.position_upper)
     _check_range(limits, Reason.VELOCITY, "rad/s", arrays["velocity"], -limits.velocity, limits.velocity)
     _check_range(limits, Reason.TORQUE, "Nm", arrays["effort"], -limits.torque, limits.torque)
     return Command(stamp, arrays["position"], arrays["velocity"], arrays["effort"])
@@ -125,4 +131,5 @@ def _check_range(limits: SafetyLimits, reason: Reason, unit: str, values: np.nda
     outside = np.flatnonzero((values < lower) | (values > upper))
     if outside.size:
         i = outside[0]
-        raise Refusal(reason, f"{limits.joints[i]}: expected {lower[i]} to {upper[i]} {unit}, got {values[i]}")
+        raise Refusal(reason, f"{limits.joints[i]}: expected {lower[i]} to {upper[i]} {unit}, "
+                              f"got {values[i]}")

@@ -1,4 +1,4 @@
-"""The safety filter: all guards and the watchdog in the two calls a backend makes each period, `offer` and `apply`."""
+"""The safety filter: guards and watchdog in the two calls a backend makes each period, `offer` and `apply`."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from np_control.safety.watchdog import State, Watchdog
 
 HOLD_STIFFNESS = STIFFNESS_MAX
 HOLD_DAMPING_RATIO = np.full(7, 1.5)
-REST_DAMPING = np.array([40.0, 40.0, 40.0, 40.0, 8.0, 8.0, 8.0])  # Nms/rad; stops joint 1 from full speed in about .2 s
+REST_DAMPING = np.array([40.0, 40.0, 40.0, 40.0, 8.0, 8.0, 8.0])  # Nms/rad
 
 
 @dataclass(frozen=True)
 class Applied:
-    """What the backend must apply: joint target (7,) rad, its velocity (7,) rad/s, torque (7,) Nm without gravity.
+    """What the backend must apply: joint target (7,) rad, its velocity (7,) rad/s, torque (7,) Nm without
+    gravity.
 
     limited: names of the guards that changed the torque. Gravity compensation is the backend's, on top.
     """
@@ -32,10 +33,11 @@ class Applied:
 
 
 class SafetyFilter:
-    """Guards one arm. Each period: `offer` every command that came, then `apply` with the newest measured state.
+    """Guards one arm. Each period: `offer` every command that came, then `apply` with the newest measured
+    state.
 
-    Times are ns on the backend's clock (in lockstep the stamp of the state). `refusals` counts refused commands,
-    `limited` counts periods in which a guard changed the torque.
+    Times are ns on the backend's clock (in lockstep the stamp of the state). `refusals` counts refused
+    commands, `limited` counts periods in which a guard changed the torque.
     """
 
     def __init__(self, limits: SafetyLimits = LIMITS):
@@ -83,16 +85,17 @@ class SafetyFilter:
                 error = np.abs(command.position - self._target)
                 if (error > self.limits.start_tolerance).any():
                     i = int(error.argmax())
-                    raise Refusal(Reason.START, f"first target of {self.limits.joints[i]}: expected the measured position "
-                                  f"{self._target[i]:.3f} rad within {self.limits.start_tolerance}, got {command.position[i]:.3f}")
+                    raise Refusal(Reason.START, f"first target of {self.limits.joints[i]}: expected the "
+                                  f"measured position {self._target[i]:.3f} rad within "
+                                  f"{self.limits.start_tolerance}, got {command.position[i]:.3f}")
             self.watchdog.command(now)
             self._command, self._target = command, command.position
 
     def apply(self, now: int, q: np.ndarray, dq: np.ndarray) -> Applied:
         """What to apply in the period that starts at `now`, for the measured q (7,) rad and dq (7,) rad/s.
 
-        Never raises for bad data: a state that is not finite, too fast or outside the joints' range is a fault, and the
-        torque then fades to zero or brakes.
+        Never raises for bad data: a state that is not finite, too fast or outside the joints' range is a
+        fault, and the torque then fades to zero or brakes.
         """
         self._dq = np.array(dq, dtype=float)
         if not (np.isfinite(q).all() and np.isfinite(dq).all()):
@@ -120,7 +123,10 @@ class SafetyFilter:
         self.watchdog.fault(cause)
 
     def recover(self, q: np.ndarray) -> None:
-        """Leave stopped or fault: hold the measured q (7,) rad. Raises Refusal, counted: state, not_at_rest, not_finite."""
+        """Leave stopped or fault: hold the measured q (7,) rad.
+
+        Raises Refusal, counted: state, not_at_rest, not_finite.
+        """
         with self.refusals.counting():
             check_finite(q=q)
             self.watchdog.recover(self.at_rest)
@@ -144,10 +150,11 @@ class SafetyFilter:
     def _check_state(self, q: np.ndarray, dq: np.ndarray) -> None:
         limits = self.limits
         for i in np.flatnonzero(np.abs(dq) > limits.velocity):
-            self.watchdog.fault(f"{limits.joints[i]}: {dq[i]:.2f} rad/s is over the limit of {limits.velocity[i]:.2f}")
+            self.watchdog.fault(f"{limits.joints[i]}: {dq[i]:.2f} rad/s is over the limit of "
+                                f"{limits.velocity[i]:.2f}")
         for i in np.flatnonzero((q < limits.position_lower) | (q > limits.position_upper)):
-            self.watchdog.fault(f"{limits.joints[i]}: {q[i]:.3f} rad is outside {limits.position_lower[i]} to "
-                                f"{limits.position_upper[i]}")
+            self.watchdog.fault(f"{limits.joints[i]}: {q[i]:.3f} rad is outside "
+                                f"{limits.position_lower[i]} to {limits.position_upper[i]}")
 
     def _faded(self) -> np.ndarray:
         step = self.limits.torque_rate * self.limits.period

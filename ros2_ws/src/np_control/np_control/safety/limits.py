@@ -1,7 +1,7 @@
 """Numeric limits: torque, torque rate, joint speed, soft walls at the joint limits, workspace, gains.
 
-All guards on torque are projections: guarding a guarded torque again, at the same state, changes nothing. So the
-controller and the backend can both guard without disturbing each other.
+All guards on torque are projections: guarding a guarded torque again, at the same state, changes nothing. So
+the controller and the backend can both guard without disturbing each other.
 """
 
 from __future__ import annotations
@@ -29,17 +29,16 @@ def _constant(*values: float):
 class SafetyLimits:
     """Limits of one arm; arrays have one entry a joint, SI units, T_E in the base frame.
 
-    joints: names in order. position_*: rad, the mechanical range. velocity: rad/s, the datasheet's limit, beyond which
-    the arm faults; torque: Nm without gravity; torque_rate: Nm/s.
-    speed_fraction: share of `velocity` that the guards allow, which leaves them room to brake.
-    wall_margin rad: distance from the mechanical range at which the soft wall stands; wall_rate 1/s: a joint may
-    approach its wall at no more than wall_rate times the distance left.
-    inertia: kg m^2, the least inertia a joint shows when all others are free, 1 / (M^-1)_ii over the whole range
-    (nominal model); sets how soon torque must fall for a joint to stay below its speed.
-    workspace_*: (3,) m box for targets of T_E. Its floor lies under the table (z = 0), since pressing down takes a
-    target below the surface. workspace_slack m: a target further outside is refused, not clamped.
-    start_tolerance rad: how far the first joint target may be from the measured position.
-    late, missed periods and silence: see `Watchdog` and `check_command`.
+    joints: names in order. position_*: rad, the mechanical range. velocity: rad/s, the datasheet's limit,
+    beyond which the arm faults; torque: Nm without gravity; torque_rate: Nm/s. speed_fraction: share of
+    `velocity` that the guards allow, which leaves them room to brake. wall_margin rad: distance from the
+    mechanical range at which the soft wall stands; wall_rate 1/s: a joint may approach its wall at no more
+    than wall_rate times the distance left. inertia: kg m^2, the least inertia a joint shows when all others
+    are free, 1 / (M^-1)_ii over the whole range (nominal model); sets how soon torque must fall for a joint
+    to stay below its speed. workspace_*: (3,) m box for targets of T_E. Its floor lies under the table (z =
+    0), since pressing down takes a target below the surface. workspace_slack m: a target further outside is
+    refused, not clamped. start_tolerance rad: how far the first joint target may be from the measured
+    position. late, missed periods and silence: see `Watchdog` and `check_command`.
     """
 
     joints: tuple[str, ...]
@@ -66,8 +65,9 @@ class SafetyLimits:
     @classmethod
     def of(cls, panda: PandaModel, **changes) -> SafetyLimits:
         """The limits of `panda`, with fields changed by keyword."""
-        return cls(joints=panda.joints, position_lower=panda.position_lower, position_upper=panda.position_upper,
-                   velocity=panda.velocity_limit, torque=panda.torque_limit, torque_rate=panda.torque_rate_limit, **changes)
+        return cls(joints=panda.joints, position_lower=panda.position_lower,
+                   position_upper=panda.position_upper, velocity=panda.velocity_limit,
+                   torque=panda.torque_limit, torque_rate=panda.torque_rate_limit, **changes)
 
     # What the guards derive from the limits at every period is derived once.
 
@@ -98,7 +98,7 @@ class SafetyLimits:
 
     @cached_property
     def retraction(self) -> np.ndarray:
-        """Square (7,) Nm^2 s/rad of the torque allowed for each rad/s left to a velocity bound that is far."""
+        """Square of the torque allowed, (7,) Nm^2, for each rad/s left to a velocity bound that is far."""
         return 2 * self.torque_rate * self.inertia
 
 
@@ -108,8 +108,8 @@ LIMITS = SafetyLimits.of(NOMINAL)
 def velocity_bounds(limits: SafetyLimits, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest velocity (7,) rad/s allowed at q (7,) rad.
 
-    Far from the walls these are the speed limits; towards a wall they shrink in proportion to the distance, so that the
-    approach is exponential; behind the wall they point back out.
+    Far from the walls these are the speed limits; towards a wall they shrink in proportion to the distance,
+    so that the approach is exponential; behind the wall they point back out.
     """
     # The pull back from far outside the range is no faster than cruising either.
     return (_bounded(limits.wall_rate * (limits.wall_lower - q), limits.cruise),
@@ -119,18 +119,19 @@ def velocity_bounds(limits: SafetyLimits, q: np.ndarray) -> tuple[np.ndarray, np
 def torque_bounds(limits: SafetyLimits, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest torque (7,) Nm allowed at state q (7,) rad, dq (7,) rad/s.
 
-    Towards a velocity bound the torque may be no more than can be taken back, at the torque rate, before the joint
-    reaches the bound (v = tau^2 / (2 rate inertia)); close to the bound it fades linearly, and beyond it turns into
-    braking.
+    Towards a velocity bound the torque may be no more than can be taken back, at the torque rate, before the
+    joint reaches the bound (v = tau^2 / (2 rate inertia)); close to the bound it fades linearly, and beyond
+    it turns into braking.
     """
     slowest, fastest = velocity_bounds(limits, q)
     lower, upper = -_torque_towards(limits, dq - slowest), _torque_towards(limits, fastest - dq)
-    lower = np.where(upper < 0, np.minimum(lower, upper), lower)  # braking is owed even where it is hard to take back
+    # Braking is owed even where it is hard to take back.
+    lower = np.where(upper < 0, np.minimum(lower, upper), lower)
     return lower, np.maximum(lower, upper)
 
 
 def _torque_towards(limits: SafetyLimits, room: np.ndarray) -> np.ndarray:
-    """Greatest torque (7,) Nm towards a velocity bound that is `room` (7,) rad/s away (negative: exceeded)."""
+    """Greatest torque (7,) Nm towards a velocity bound `room` (7,) rad/s away (negative: exceeded)."""
     retractable = np.sqrt(limits.retraction * np.maximum(room, 0.0))
     return _bounded(np.minimum(limits.speed_slope * room, retractable), limits.torque)
 
@@ -149,9 +150,9 @@ def limit_torque(limits: SafetyLimits, torque: np.ndarray, previous: np.ndarray,
                  dq: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Torque (7,) Nm that may be applied now, and the names of the guards that changed it.
 
-    torque: wanted; previous: applied one period ago, within the limits; q rad, dq rad/s: measured, finite. Walls and
-    speed come first, then the torque limit, then the rate, which therefore always holds: a faster jump would trip the
-    real robot. Raises Refusal(not_finite).
+    torque: wanted; previous: applied one period ago, within the limits; q rad, dq rad/s: measured, finite.
+    Walls and speed come first, then the torque limit, then the rate, which therefore always holds: a faster
+    jump would trip the real robot. Raises Refusal(not_finite).
     """
     check_finite(torque=torque, q=q, dq=dq)
     lower, upper = torque_bounds(limits, q, dq)
@@ -159,9 +160,9 @@ def limit_torque(limits: SafetyLimits, torque: np.ndarray, previous: np.ndarray,
     guarded = np.minimum(np.maximum(lawful, lower), upper)
     step = limits.torque_rate * limits.period
     slewed = np.minimum(np.maximum(guarded, previous - step), previous + step)
-    changed = [name for name, before, after in (("torque", torque, lawful), ("wall_or_speed", lawful, guarded),
-                                                ("torque_rate", guarded, slewed)) if (before != after).any()]
-    return slewed, changed
+    stages = (("torque", torque, lawful), ("wall_or_speed", lawful, guarded),
+              ("torque_rate", guarded, slewed))
+    return slewed, [name for name, before, after in stages if (before != after).any()]
 
 
 def limit_target(limits: SafetyLimits, position: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -173,8 +174,8 @@ def limit_target(limits: SafetyLimits, position: np.ndarray) -> tuple[np.ndarray
     inside = np.clip(position, limits.workspace_lower, limits.workspace_upper)
     distance = np.linalg.norm(position - inside)
     if distance > limits.workspace_slack:
-        raise Refusal(Reason.WORKSPACE, f"target {np.round(position, 3)} m is {distance:.3f} m outside the workspace "
-                                        f"{limits.workspace_lower} to {limits.workspace_upper} m")
+        raise Refusal(Reason.WORKSPACE, f"target {np.round(position, 3)} m is {distance:.3f} m outside the "
+                                        f"workspace {limits.workspace_lower} to {limits.workspace_upper} m")
     return inside, bool(distance > 0)
 
 

@@ -7,7 +7,8 @@
       | disconnect     |                  v stop, fault                  v
       +---- any     stopped, fault <------+-------------- (silence) stopped
 
-`stop` wins over everything, in every state; a fault after a stop stays a stop. Only `recover` leads out of either.
+`stop` wins over everything, in every state; a fault after a stop stays a stop. Only `recover` leads out of
+either.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ MAY_MOVE = (State.READY, State.MOVING, State.HOLDING)
 
 
 class Watchdog:
-    """Transitions between the states. Times are ns on the backend's clock; `cause` says what led to the state."""
+    """Transitions between the states. Times: ns on the backend's clock; `cause`: what led to the state."""
 
     def __init__(self, limits: SafetyLimits):
         self._limits = limits
@@ -47,7 +48,7 @@ class Watchdog:
         return self.state in MAY_MOVE
 
     def start(self) -> None:
-        """The arm is there and at a new pose: wait for the first command. Raises Refusal(state) after a stop or fault."""
+        """The arm stands at a new pose: wait for the first command. Refusal(state) after a stop or fault."""
         if self.state in (State.STOPPED, State.FAULT):
             raise Refusal(Reason.STATE, f"cannot start: {self.state} ({self.cause}); recover first")
         self._enter(State.READY, "started")
@@ -70,7 +71,8 @@ class Watchdog:
             if silence >= self._limits.silence_ns:
                 self._enter(State.STOPPED, f"silence: no command for {silence / 1e6:.0f} ms")
             elif silence > self._limits.missed_periods * self._limits.period_ns:
-                self._enter(State.HOLDING, f"missed: no command for {silence // self._limits.period_ns} periods")
+                periods = silence // self._limits.period_ns
+                self._enter(State.HOLDING, f"missed: no command for {periods} periods")
         return self.state
 
     def stop(self, cause: str = "stop requested") -> None:
@@ -83,7 +85,7 @@ class Watchdog:
             self._enter(State.FAULT, cause)
 
     def recover(self, at_rest: bool) -> None:
-        """From stopped or fault to ready. Raises Refusal(not_at_rest) while the arm moves, Refusal(state) elsewhere."""
+        """From stopped or fault to ready. Raises Refusal: not_at_rest while the arm moves, state elsewhere."""
         if self.state not in (State.STOPPED, State.FAULT):
             raise Refusal(Reason.STATE, f"nothing to recover from: {self.state}")
         if not at_rest:
