@@ -16,6 +16,7 @@ import numpy as np
 from np_description.scene import CAMERA_NAME
 
 RENDERERS = ("auto", "egl", "warp")
+_PROBE = "from np_sim_bridge.renderer import probe_egl; probe_egl()"
 _PROBE_TIMEOUT = 30  # s
 
 
@@ -43,9 +44,8 @@ def make_renderer(kind: str, model: mujoco.MjModel, *, shadows: bool = True) -> 
 
 def egl_works() -> bool:
     """Whether a child process can draw a red ball through EGL: a broken driver may abort its process."""
-    command = [sys.executable, "-c", "from np_sim_bridge.renderer import probe_egl; probe_egl()"]
     try:
-        return subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=_PROBE_TIMEOUT,
+        return subprocess.run([sys.executable, "-c", _PROBE], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=_PROBE_TIMEOUT,
                               check=False).returncode == 0
     except (OSError, subprocess.TimeoutExpired):
         return False
