@@ -1,4 +1,4 @@
-"""Validation of commands: names, lengths, values, limits, stamps. Every refusal has a reason and is counted."""
+"""Validation of commands: names, lengths, values, limits, stamps. Every refusal has a reason and a count."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Reason(StrEnum):
 
 
 class Refusal(ValueError):
-    """A command that must not be carried out: `reason` names why, the text what was expected and what came."""
+    """A command that must not be carried out: `reason` says why, the text what was expected and what came."""
 
     def __init__(self, reason: Reason, text: str):
         super().__init__(f"{reason}: {text}")

@@ -1,4 +1,4 @@
-"""The safety filter: guards and watchdog in the two calls a backend makes each period, `offer` and `apply`."""
+"""The safety filter: guards and watchdog in two calls a period, `offer` and `apply`."""
 
 from __future__ import annotations
 
