@@ -87,8 +87,10 @@ def inside_image(pixels: Tensor) -> Tensor:
 class Trainer:
     """The network, its optimiser and moving average, and what must survive an interruption."""
 
-    def __init__(self, domain: Domain, device: str, seed: int, config: TrainConfig, network: NetworkConfig) -> None:
+    def __init__(self, domain: Domain, device: str, seed: int, config: TrainConfig = TrainConfig(),
+                 network: NetworkConfig = NetworkConfig(), command: str = "") -> None:
         torch.manual_seed(seed)
+        self.command = command
         self.domain, self.device, self.seed, self.config = domain, torch.device(device), seed, config
         self.renderer = SceneRenderer(domain, config.batch, device)
         self.network = KeypointNetwork(network).to(self.device, memory_format=torch.channels_last)
@@ -178,7 +180,7 @@ class Trainer:
         """What a model card says of the training."""
         gpu = torch.cuda.get_device_name(self.device) if self.device.type == "cuda" else "CPU"
         return {"domain": self.domain.name, "seed": self.seed, "steps": self.step, "images": self.step * self.config.batch,
-                "minutes": round(self.seconds / 60, 2), "device": gpu, "command": " ".join(sys.argv[1:]), **more}
+                "minutes": round(self.seconds / 60, 2), "device": gpu, "command": self.command, **more}
 
     def write_weights(self, path: Path, **more) -> None:
         """The averaged weights as safetensors, with the network's form and the training record in the metadata."""
@@ -255,7 +257,9 @@ def main(arguments: list[str] | None = None) -> None:
     torch.backends.cudnn.benchmark = True
     torch.set_float32_matmul_precision("high")
     config = TrainConfig(batch=options.batch, rate=options.rate, pool=options.pool, held_out=options.held_out)
-    trainer = Trainer(find_domain(options.domain), options.device, options.seed, config, NetworkConfig())
+    names = ("domain", "seed", "steps" if options.steps else "minutes", "batch", "rate", "pool")
+    command = " ".join(f"--{name} {getattr(options, name)}" for name in names)
+    trainer = Trainer(find_domain(options.domain), options.device, options.seed, config, command=command)
     if (options.out / "checkpoint.pt").exists():
         trainer.load(options.out / "checkpoint.pt")
         say(f"continues from step {trainer.step}")
