@@ -83,6 +83,11 @@ def parameter(node: Node, name: str, default: Value, description: str, minimum: 
     return value
 
 
+SUBSCRIBERS = "subscribers"
+"""Key of the diagnostics value that says whom a node has found."""
+_INFRASTRUCTURE = ("/rosout", "/parameter_events", "/diagnostics")
+
+
 class Diagnostics:
     """One DiagnosticStatus of a node on `diagnostics`, once a second and whenever `publish` is called.
 
@@ -116,13 +121,22 @@ class Diagnostics:
         level, message = self._level, self._message
         if self._problem and level == DiagnosticStatus.OK:
             level, message = DiagnosticStatus.WARN, self._problem
-        pairs = {**self.values, **self.counts}
+        pairs = {**self.values, **self.counts, SUBSCRIBERS: self._subscribers()}
         status = DiagnosticStatus(
             level=level, name=self._node.get_fully_qualified_name(), message=message,
             values=[KeyValue(key=key, value=str(value)) for key, value in pairs.items()])
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
+
+    def _subscribers(self) -> str:
+        """How many subscribers each publisher of the node has found: "topic=count ...".
+
+        Only the node itself knows: what the graph shows elsewhere may not have reached it, and what it
+        publishes until then is lost.
+        """
+        counts = {p.topic_name: p.get_subscription_count() for p in self._node.publishers}
+        return " ".join(f"{topic}={count}" for topic, count in counts.items() if topic not in _INFRASTRUCTURE)
 
     def _tick(self) -> None:
         self.publish()

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from np_description.domains import find_domain
-from np_perception.released import WeightsError, sha256, weights_folder
+from np_description.released import WeightsError, sha256, weights_folder
 
 from np_bringup.card import card_graph
 from np_bringup.nodes.conductor_node import Conductor

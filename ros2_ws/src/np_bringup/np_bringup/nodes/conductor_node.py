@@ -12,11 +12,13 @@ import time
 from collections.abc import Callable, Sequence
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from np_description.domains import Domain, Pose
 from np_description.panda import BASE_FRAME
 from np_ros import qos
 from np_ros.messages import pose_arrays, stamp_nanoseconds
+from np_ros.node import SUBSCRIBERS
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header, String
@@ -57,8 +59,10 @@ class Conductor:
         self._phases: list[tuple[str, str]] = []
         self._poses: list[tuple[int, Pose]] = []
         self._goal: tuple[int, Pose] | None = None
+        self._subscribers: dict[str, dict[str, int]] = {}  # node, topic: how many the node says it has found
         self._now = 0
         node, stream = self._node, qos.LOCKSTEP if lockstep else qos.REALTIME_SUBSCRIBER
+        node.create_subscription(DiagnosticArray, "diagnostics", self._receive_diagnostics, qos.RECORDER)
         node.create_subscription(String, "phase", self._receive_phase, qos.LATCHED)
         node.create_subscription(PoseStamped, "goal_pose", self._receive_goal, qos.LATCHED)
         node.create_subscription(PoseStamped, "object_pose", self._receive_pose, stream)
@@ -77,15 +81,18 @@ class Conductor:
         rclpy.shutdown(context=self._context)
 
     def wait_until_ready(self, specs: Sequence[NodeSpec], timeout: float = 120.0) -> None:
-        """Until every node is up and every stream has its two ends. Raises NodeDied or TimeoutError."""
+        """Until every node is up and every publisher has found its subscribers. Raises NodeDied or TimeoutError."""
         names = {spec.name for spec in specs}
         self._wait(lambda: names <= set(self._node.get_node_names()), timeout, f"the nodes {', '.join(sorted(names))}")
         for service in ("sim_bridge/reset", "episode/start"):
             self._wait(self._client(service).service_is_ready, timeout, f"the service {service}")
-        streams = ("joint_states", "effort_command", "keypoints", "tick", "target_pose", "joint_trajectory",
-                   "pre_contact_pose", "goal_keypoints")
-        self._wait(lambda: all(self._node.count_publishers(s) and self._node.count_subscribers(s) for s in streams),
-                   timeout, f"publishers and subscribers of {', '.join(streams)}")
+        self._wait(lambda: names <= set(self._subscribers), timeout, f"diagnostics of {', '.join(sorted(names))}")
+        self._wait(lambda: not self._unmatched(), timeout, "every publisher to find its subscribers")
+
+    def _unmatched(self) -> list[str]:
+        """Publishers that have not found all subscribers, by what they say of themselves: "node topic"."""
+        return [f"{node} {topic}" for node, counts in self._subscribers.items() for topic, count in counts.items()
+                if count < self._node.count_subscribers(topic)]
 
     def start_recording(self, timeout: float = _SERVICE_TIMEOUT) -> str:
         """Open the next bag; its path. Raises GraphError with the recorder's reason."""
@@ -132,6 +139,12 @@ class Conductor:
         phase, reason = split_phase(message.data)
         self._phases.append((phase, reason))
         self._on_phase(phase, reason, self._elapsed)
+
+    def _receive_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            links = next((value.value for value in status.values if value.key == SUBSCRIBERS), "")
+            self._subscribers[status.name.lstrip("/")] = {
+                topic: int(count) for topic, _, count in (link.rpartition("=") for link in links.split())}
 
     def _receive_goal(self, message: PoseStamped) -> None:
         self._goal = stamp_nanoseconds(message.header.stamp), Pose(*pose_arrays(message, BASE_FRAME))
