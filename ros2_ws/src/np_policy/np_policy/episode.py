@@ -135,7 +135,9 @@ class Episode:
     def keypoints(self, stamp: int, keypoints: np.ndarray | None) -> list[Event]:
         """Keypoints (8, 3) of the image taken at stamp ns; None for a message that could not be read."""
         if self._newest is not None and stamp <= self._newest[0]:
-            return []
+            # The backend asks again where an answer got lost; giving it twice is harmless.
+            asked_again = self.config.lockstep and self.is_active and stamp == self._last_tick
+            return [Tick(stamp, self.phase)] if asked_again else []
         self._newest = stamp, keypoints
         return self._decide()
 
@@ -145,6 +147,8 @@ class Episode:
         Raises Refused for a plan that nobody waits for.
         """
         awaited = self._planned_from
+        if self.phase == APPROACH and stamp == awaited:
+            return []  # said twice
         if self.phase != PRE or awaited is None or not (
                 stamp == awaited if self.config.lockstep else stamp >= self._goal.stamp):
             raise Refused(f"a plan for {stamp} ns, while the phase is {self.phase} and one is awaited for {awaited} ns")

@@ -22,9 +22,14 @@ from np_ros import qos
 from np_ros.messages import BadMessage, pose_arrays, stamp_nanoseconds, trajectory_message
 from np_ros.node import Diagnostics, parameter, run
 
+_REPEATED = 0.5  # s of wall time: backends repeat after 1 s
+
 
 class ApproachNode(Node):
-    """Plans once for every `pre_contact_pose`, when the opening, the keypoints and the state it needs are there."""
+    """Plans once for every `pre_contact_pose`, when the opening, the keypoints and the state it needs are there.
+
+    A pose that is repeated gets the same answer again: then the first one was lost.
+    """
 
     def __init__(self) -> None:
         super().__init__("approach")
@@ -45,6 +50,8 @@ class ApproachNode(Node):
         self._wanted: tuple[int, Pose] | None = None
         self._opening: float | None = None  # as of the newest command that no plan has used
         self._keypoints: tuple[int, np.ndarray | None] = (-1, None)
+        self._answer = JointTrajectory()
+        self._answered, self._answered_at = -1, 0.0  # stamp, and when by the wall clock
         self._trajectory = self.create_publisher(JointTrajectory, "joint_trajectory", qos.EVENT)
         self.create_subscription(Float64, "gripper_command", self._on_gripper, qos.EVENT)
         self.create_subscription(PoseStamped, "pre_contact_pose", self._on_pose, qos.EVENT)
@@ -64,10 +71,17 @@ class ApproachNode(Node):
         except BadMessage as error:
             return refuse(self, self.diagnostics, error)
         try:
-            self._wanted = stamp, Pose(*pose_arrays(message, BASE_FRAME))
+            pose = Pose(*pose_arrays(message, BASE_FRAME))
         except BadMessage as error:
             refuse(self, self.diagnostics, error)
             return self._publish_failure(stamp, str(error))
+        if stamp == self._answered and self._settings.lockstep:
+            # What was repeated while the plan was being made has had its answer.
+            if time.monotonic() - self._answered_at > _REPEATED:
+                self._trajectory.publish(self._answer)
+            self._opening = None
+            return
+        self._wanted = stamp, pose
         self._act()
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
@@ -101,7 +115,7 @@ class ApproachNode(Node):
         motion = plan.trajectory
         message = trajectory_message(stamp, JOINT_NAMES, motion.times, motion.positions, motion.velocities)
         message.header.frame_id = BASE_FRAME
-        self._trajectory.publish(message)
+        self._publish(stamp, message)
         self.diagnostics.values.update(planning_time=round(seconds, 3), duration=round(motion.duration, 3),
                                        lift=round(plan.lift, 4))
         self.diagnostics.report(DiagnosticStatus.OK, "planned")
@@ -110,9 +124,13 @@ class ApproachNode(Node):
         """No points mean no plan; the frame says why (docs/graph.md)."""
         message = trajectory_message(stamp, JOINT_NAMES, [], np.empty((0, 7)), np.empty((0, 7)))
         message.header.frame_id = reason
-        self._trajectory.publish(message)
+        self._publish(stamp, message)
         self.get_logger().error(reason)
         self.diagnostics.report(DiagnosticStatus.ERROR, reason)
+
+    def _publish(self, stamp: int, message: JointTrajectory) -> None:
+        self._answer, self._answered, self._answered_at = message, stamp, time.monotonic()
+        self._trajectory.publish(message)
 
 
 def main(args: list[str] | None = None) -> int:

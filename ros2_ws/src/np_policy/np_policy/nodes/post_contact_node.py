@@ -41,6 +41,7 @@ class PostContactNode(Node):
         self._keypoints: OrderedDict[int, np.ndarray | None] = OrderedDict()
         self._phase = ""
         self._pending: int | None = None  # stamp of the tick that is to be answered
+        self._answer: tuple[int, Float64MultiArray, PoseStamped] | None = None  # stamp, gains, pose
         stream = qos.publisher(self._settings.lockstep)
         self._gains = self.create_publisher(Float64MultiArray, "target_gains", stream)
         self._pose = self.create_publisher(PoseStamped, "target_pose", stream)
@@ -61,6 +62,8 @@ class PostContactNode(Node):
             stamp = stamp_nanoseconds(tick.stamp)
         except BadMessage as error:
             return refuse(self, self.diagnostics, error)
+        if self._answer and self._answer[0] == stamp:
+            return self._send()  # asked again: the answer was lost
         if tick.frame_id == POST and self._phase != POST:
             self._policy.reset()
         self._phase = tick.frame_id
@@ -86,10 +89,16 @@ class PostContactNode(Node):
         except PolicyError as error:
             self.get_logger().error(str(error), throttle_duration_sec=1.0)
             return self.diagnostics.count("refused_action")
-        # Gains first: the receiver pairs a pose with the newest gains before it.
-        self._gains.publish(gains_message(np.stack([target.stiffness, target.damping_ratio])))
-        self._pose.publish(pose_message(stamp, BASE_FRAME, target.position, quaternion_from_matrix(target.rotation)))
+        pose = pose_message(stamp, BASE_FRAME, target.position, quaternion_from_matrix(target.rotation))
+        self._answer = stamp, gains_message(np.stack([target.stiffness, target.damping_ratio])), pose
         self.diagnostics.values["stamp"] = stamp
+        self._send()
+
+    def _send(self) -> None:
+        """Gains first: the receiver pairs a pose with the newest gains before it."""
+        _, gains, pose = self._answer
+        self._gains.publish(gains)
+        self._pose.publish(pose)
 
 
 def main(args: list[str] | None = None) -> int:

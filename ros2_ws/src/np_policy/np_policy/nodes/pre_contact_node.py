@@ -20,7 +20,7 @@ from np_ros.node import Diagnostics, run
 
 
 class PreContactNode(Node):
-    """Answers every new goal once, with the first good keypoints of phase `pre`."""
+    """Answers every new goal once, with the first good keypoints of phase `pre`; again if the backend repeats those."""
 
     def __init__(self) -> None:
         super().__init__("pre_contact")
@@ -33,6 +33,7 @@ class PreContactNode(Node):
         self.diagnostics = Diagnostics(self)
         self._goal: tuple[int, np.ndarray] | None = None
         self._answered = -1  # stamp of the last goal that was answered
+        self._answer: tuple[int, Float64, PoseStamped] | None = None  # stamp of its keypoints, and the messages
         self._keypoints: tuple[int, np.ndarray] | None = None
         self._in_phase = False
         self._gripper = self.create_publisher(Float64, "gripper_command", qos.EVENT)
@@ -40,6 +41,7 @@ class PreContactNode(Node):
         self.create_subscription(String, "phase", self._on_phase, qos.LATCHED)
         self.create_subscription(PointCloud2, "goal_keypoints", self._on_goal, qos.LATCHED)
         subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
+        self.create_timer(0.1, self._act)  # for answers that wait for their listeners
 
     def _on_phase(self, message: String) -> None:
         self._in_phase = message.data.split(":")[0] == "pre"
@@ -54,15 +56,18 @@ class PreContactNode(Node):
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
         good = keypoints is not None and usable(keypoints, self._settings.min_score).sum() >= MIN_POINTS
-        if self._settings.is_policy_tick(stamp):
-            self._keypoints = (stamp, keypoints) if good else None
-            self._act()
+        if not self._settings.is_policy_tick(stamp):
+            return
+        if self._in_phase and self._settings.lockstep and self._answer and self._answer[0] == stamp:
+            return self._send()
+        self._keypoints = (stamp, keypoints) if good else None
+        self._act()
 
     def _act(self) -> None:
         if not self._in_phase or self._goal is None or self._keypoints is None:
             return
         (began, goal), (stamp, keypoints) = self._goal, self._keypoints
-        if began <= self._answered or stamp < began:
+        if began <= self._answered or stamp < began or not self._is_heard():
             return
         self._answered = began
         try:
@@ -70,10 +75,21 @@ class PreContactNode(Node):
         except PolicyError as error:
             self.get_logger().error(str(error))
             return self.diagnostics.count("refused_action")
-        # The opening first: approach plans with the fingers as they will be.
-        self._gripper.publish(Float64(data=wanted.opening))
-        self._pose.publish(pose_message(stamp, BASE_FRAME, wanted.pose.position, wanted.pose.quaternion))
+        pose = pose_message(stamp, BASE_FRAME, wanted.pose.position, wanted.pose.quaternion)
+        self._answer = stamp, Float64(data=wanted.opening), pose
         self.diagnostics.values.update(stamp=stamp, opening=round(wanted.opening, 4))
+        self._send()
+
+    def _send(self) -> None:
+        """The opening first: approach plans with the fingers as they will be."""
+        _, opening, pose = self._answer
+        self._gripper.publish(opening)
+        self._pose.publish(pose)
+
+    def _is_heard(self) -> bool:
+        """Whether everybody that listens would get what is published now: it is not sent twice without being asked."""
+        return all(0 < self.count_subscribers(publisher.topic_name) <= publisher.get_subscription_count()
+                   for publisher in (self._gripper, self._pose))
 
 
 def main(args: list[str] | None = None) -> int:
