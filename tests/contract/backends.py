@@ -20,7 +20,7 @@ PERIOD = LIMITS.period_ns
 
 @dataclass(frozen=True)
 class Backend:
-    """One backend: its executable, the parameters of each mode it has, and whether it draws tasks and images."""
+    """One backend: its executable, the parameters of each mode, whether it draws tasks and images."""
 
     package: str
     name: str
@@ -44,8 +44,8 @@ def silent(state: JointState) -> None:
 class Harness:
     """A backend as a process, with the test as its controller.
 
-    `answer(state)` gives the effort command for a state, or None for silence; change it at will. `states` are all
-    states received, `status` the newest values of the backend's diagnostics.
+    `answer(state)` gives the effort command for a state, or None for silence; change it at will. `states` are
+    all states received; `status`, `level`, `message` the newest of the backend's diagnostics.
     """
 
     def __init__(self, graph, probe, backend: Backend, mode: str, **parameters):
@@ -111,9 +111,12 @@ class Harness:
         """Response of one of the backend's services."""
         return self.probe.call(f"{self.backend.name}/{service}", request)
 
-    def follow(self, answer: Callable[[JointState], JointState], until: Callable[[], object], what: str) -> None:
-        """Answer every state, beginning with the newest, until the condition holds: the state at which it does so is
-        not answered any more."""
+    def follow(self, answer: Callable[[JointState], JointState], until: Callable[[], object],
+               what: str) -> None:
+        """Answer every state, beginning with the newest, until the condition holds.
+
+        The state at which it does so is not answered any more.
+        """
         done = False
 
         def answer_until(state: JointState) -> JointState | None:
@@ -129,8 +132,8 @@ class Harness:
 
 def stay(state: JointState, **changes) -> JointState:
     """The command that asks for the present posture with no torque; fields replaced by keyword."""
-    fields = dict(stamp=stamp_nanoseconds(state.header.stamp), names=JOINT_NAMES, position=list(state.position[:7]),
-                  velocity=[0.0] * 7, effort=[0.0] * 7)
+    fields = dict(stamp=stamp_nanoseconds(state.header.stamp), names=JOINT_NAMES,
+                  position=list(state.position[:7]), velocity=[0.0] * 7, effort=[0.0] * 7)
     fields.update(changes)
     return joint_state_message(fields["stamp"], fields["names"], fields["position"], fields["velocity"],
                                fields["effort"])

@@ -15,16 +15,17 @@ PAIRS = [(name, mode) for name, backend in BACKENDS.items() for mode in backend.
 
 
 def pytest_generate_tests(metafunc):
-    """`any_start` runs a test in every mode of every backend; `lockstep_start`, `realtime_start` in that mode."""
-    for fixture, chosen in (("any_start", PAIRS), ("lockstep_start", [p for p in PAIRS if p[1] == "lockstep"]),
-                            ("realtime_start", [p for p in PAIRS if p[1] == "realtime"])):
+    """`any_start` runs a test in every mode of every backend; `lockstep_start`, `realtime_start` in one."""
+    for fixture, modes in (("any_start", ("lockstep", "realtime")), ("lockstep_start", ("lockstep",)),
+                           ("realtime_start", ("realtime",))):
         if fixture in metafunc.fixturenames:
+            chosen = [pair for pair in PAIRS if pair[1] in modes]
             metafunc.parametrize(fixture, chosen, ids=["-".join(p) for p in chosen], indirect=True)
 
 
 @pytest.fixture
 def any_start(request, tmp_path):
-    """A function that starts the backend, alone in its ROS domain, with parameters by keyword, and gives a Harness."""
+    """A function that starts the backend alone in a ROS domain and gives a Harness."""
     name, mode = request.param
     with ExitStack() as stack:
         def start(**parameters) -> Harness:

@@ -16,7 +16,8 @@ PUBLISHED = {
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"}
 TASK_TOPICS = {"/goal_pose": "geometry_msgs/msg/PoseStamped", "/object_pose": "geometry_msgs/msg/PoseStamped",
                "/clock": "rosgraph_msgs/msg/Clock"}
-CAMERA_TOPICS = {"/camera/image_raw": "sensor_msgs/msg/Image", "/camera/camera_info": "sensor_msgs/msg/CameraInfo"}
+CAMERA_TOPICS = {"/camera/image_raw": "sensor_msgs/msg/Image",
+                 "/camera/camera_info": "sensor_msgs/msg/CameraInfo"}
 SUBSCRIBED = {"/effort_command": "sensor_msgs/msg/JointState", "/gripper_command": "std_msgs/msg/Float64"}
 
 
@@ -49,15 +50,16 @@ BAD = {
 def test_topics_and_types(any_start):
     harness = any_start()
     backend, node = harness.backend, harness.probe.node
-    expected = PUBLISHED | (TASK_TOPICS if backend.has_tasks else {}) | (CAMERA_TOPICS if backend.has_camera else {})
+    expected = dict(PUBLISHED)
+    expected |= TASK_TOPICS if backend.has_tasks else {}
+    expected |= CAMERA_TOPICS if backend.has_camera else {}
 
-    def types(list_topics):
-        return {topic: names[0] for topic, names in list_topics(backend.name, "/")}
+    def has(list_topics, topics):
+        return topics.items() <= {topic: names[0] for topic, names in list_topics(backend.name, "/")}.items()
 
     harness.wait(lambda: backend.name in node.get_node_names(), "the node to be known")
-    harness.wait(lambda: expected.items() <= types(node.get_publisher_names_and_types_by_node).items(), "its publishers")
-    harness.wait(lambda: SUBSCRIBED.items() <= types(node.get_subscriber_names_and_types_by_node).items(),
-                 "its subscriptions")
+    harness.wait(lambda: has(node.get_publisher_names_and_types_by_node, expected), "its publishers")
+    harness.wait(lambda: has(node.get_subscriber_names_and_types_by_node, SUBSCRIBED), "its subscriptions")
 
 
 def test_states_are_whole_and_stamps_increase(any_start):
@@ -78,7 +80,7 @@ def test_an_accepted_torque_moves_the_arm_and_is_reported(any_start):
     harness.wait(lambda: harness.probe.publishers("applied_command"), "applied_command")
     first = harness.states[-1].position[6]
     harness.follow(pushing(1.5), lambda: harness.states[-1].position[6] > first + 0.02, "joint 7 to turn")
-    harness.follow(pushing(1.5), lambda: any(m.effort[6] > 1.0 for m in applied), "the torque on applied_command")
+    harness.follow(pushing(1.5), lambda: any(m.effort[6] > 1.0 for m in applied), "applied_command to tell")
     for message in applied:
         joint_state_arrays(message, JOINT_NAMES)
         assert stamp_nanoseconds(message.header.stamp) % (5 * PERIOD) == 0
@@ -98,8 +100,8 @@ def test_bad_commands_are_refused_counted_and_not_applied(any_start):
 
 def test_a_late_command_is_refused(any_start):
     harness = any_start()
-    old = stay(harness.states[0])
-    harness.follow(stay, lambda: harness.stamp > stamp_nanoseconds(old.header.stamp) + 10 * PERIOD, "time to pass")
+    old, late = stay(harness.states[0]), stamp_nanoseconds(harness.states[0].header.stamp) + 10 * PERIOD
+    harness.follow(stay, lambda: harness.stamp > late, "time to pass")
     before = harness.refused("late") + harness.refused("order")
     harness.send(old)
     harness.wait(lambda: harness.refused("late") + harness.refused("order") > before, "the refusal")
@@ -119,7 +121,7 @@ def test_fingers_follow_the_gripper_command(any_start):
     harness.probe.advertise("gripper_command", Float64)
     harness.wait(lambda: harness.probe.matched("gripper_command"), "gripper_command")
     harness.probe.publish("gripper_command", Float64(data=0.02))
-    harness.follow(stay, lambda: all(abs(p - 0.02) < 1e-3 for p in harness.states[-1].position[7:]), "both fingers")
+    harness.follow(stay, lambda: np.allclose(harness.states[-1].position[7:], 0.02, atol=1e-3), "the fingers")
 
 
 def test_stop_wins_over_commands_until_recover(any_start):

@@ -1,4 +1,4 @@
-"""Both renderers draw what the camera model says; the choice between them survives a machine without OpenGL."""
+"""Both renderers draw what the camera model says; a machine without OpenGL gets the one that works."""
 
 import os
 import threading
@@ -99,7 +99,8 @@ def test_equal_configurations_give_equal_images(make, scene):
     simulation, configuration = scene
     moved = configuration.copy()
     moved[simulation.model.joint(OBJECT).qposadr[0]] += 0.02
-    first, second = make(simulation.model), make(simulation.model)  # two at a time must not disturb each other
+    # Two at a time must not disturb each other.
+    first, second = make(simulation.model), make(simulation.model)
     image = first.render(configuration)
     assert image.shape == (CAMERA.height, CAMERA.width, 3) and image.dtype == np.uint8
     assert (second.render(moved) != image).any()
@@ -126,7 +127,8 @@ def test_a_driver_that_aborts_its_process_means_the_ray_caster(monkeypatch):
     assert isinstance(make_renderer("auto", Simulation(CARD).model), WarpRenderer)
 
 
-@pytest.mark.parametrize("variable, value", [("PYOPENGL_PLATFORM", "osmesa"), ("__EGL_VENDOR_LIBRARY_DIRS", os.devnull)])
+@pytest.mark.parametrize(
+    "variable, value", [("PYOPENGL_PLATFORM", "osmesa"), ("__EGL_VENDOR_LIBRARY_DIRS", os.devnull)])
 def test_without_a_usable_egl_the_ray_caster_draws(monkeypatch, variable, value):
     """OpenGL taken by another platform; a loader that finds no driver."""
     monkeypatch.setenv(variable, value)

@@ -14,8 +14,8 @@ from np_sim_bridge.renderer import Renderer
 class CameraThread:
     """Draws what is submitted, in order, and hands each image over in its thread.
 
-    make: builds the renderer (in the thread, where OpenGL wants it); deliver(stamp ns, pixels (height, width, 3) uint8)
-    takes an image. Constructing waits for the renderer and raises what building it raised.
+    make: builds the renderer (in the thread, where OpenGL wants it); deliver(stamp ns, pixels (height, width,
+    3) uint8) takes an image. Constructing waits for the renderer and raises what building it raised.
     """
 
     def __init__(self, make: Callable[[], Renderer], deliver: Callable[[int, np.ndarray], None]):
@@ -31,7 +31,7 @@ class CameraThread:
     def submit(self, stamp: int, configuration: np.ndarray, *, wait: bool) -> bool:
         """Have the scene at generalised positions (nq,) drawn as the image of `stamp` ns.
 
-        With `wait` the call blocks while two images are under way; else it returns False and the image is dropped.
+        With `wait` the call blocks while two images are under way; else it returns False and drops the image.
         Raises what the renderer raised on an earlier image.
         """
         self._check()

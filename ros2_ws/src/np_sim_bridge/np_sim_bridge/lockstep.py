@@ -10,8 +10,8 @@ ACTIVE_PHASES = ("pre", "approach", "post")
 class Barrier:
     """The answers that the state at `stamp` needs before time may go on.
 
-    tick_barrier: whether policy ticks wait for the episode's tick, and in phase post for the policy's target; without
-    it only the controller is waited for. All stamps are ns.
+    tick_barrier: whether policy ticks wait for the episode's tick, and in phase post for the policy's target;
+    without it only the controller is waited for. All stamps are ns.
     """
 
     def __init__(self, schedule: Schedule, *, tick_barrier: bool):

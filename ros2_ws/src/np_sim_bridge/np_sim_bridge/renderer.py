@@ -1,7 +1,7 @@
-"""Camera images of the scene without a display: OpenGL through EGL where it works, else a ray caster on the CPU.
+"""Camera images without a display: OpenGL through EGL where it works, else a ray caster on the CPU.
 
-Both draw the same primitives with the same lights; `tests/unit/test_renderer.py` holds them to the same pixels. A
-renderer belongs to the thread that made it (OpenGL contexts do).
+Both draw the same primitives with the same lights; tests/unit/test_renderer.py holds them to the same pixels.
+A renderer belongs to the thread that made it (OpenGL contexts do).
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class Renderer(Protocol):
 
 
 def make_renderer(kind: str, model: mujoco.MjModel, *, shadows: bool = True) -> Renderer:
-    """The renderer called `kind` for the camera of `model`; `auto` takes EGL if a trial picture comes out right.
+    """The renderer called `kind` for the camera of `model`; `auto` takes EGL if a trial picture comes out.
 
-    Raises ValueError for an unknown kind, and whatever OpenGL raises if `egl` is asked for where it does not work.
+    Raises ValueError for an unknown kind, and what OpenGL raises where `egl` is asked for and does not work.
     """
     if kind not in RENDERERS:
         raise ValueError(f"renderer: expected one of {', '.join(RENDERERS)}, got {kind!r}")
@@ -45,8 +45,8 @@ def make_renderer(kind: str, model: mujoco.MjModel, *, shadows: bool = True) -> 
 def egl_works() -> bool:
     """Whether a child process can draw a red ball through EGL: a broken driver may abort its process."""
     try:
-        return subprocess.run([sys.executable, "-c", _PROBE], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=_PROBE_TIMEOUT,
-                              check=False).returncode == 0
+        return subprocess.run([sys.executable, "-c", _PROBE], stdout=subprocess.DEVNULL,
+                              stderr=subprocess.DEVNULL, timeout=_PROBE_TIMEOUT, check=False).returncode == 0
     except (OSError, subprocess.TimeoutExpired):
         return False
 
@@ -84,7 +84,7 @@ class EglRenderer:
 
     def __init__(self, model: mujoco.MjModel, *, shadows: bool = True):
         self._context = None
-        # Not mujoco.Renderer: that one follows the environment variable MUJOCO_GL, read once when mujoco is imported.
+        # Not mujoco.Renderer: it follows the environment variable MUJOCO_GL, read when mujoco is imported.
         from mujoco.egl import GLContext
 
         self._pose = pose = _Pose(model)
@@ -106,8 +106,8 @@ class EglRenderer:
         pose = self._pose
         pose.update(configuration)
         self._gl.make_current()  # another renderer of this thread may have been
-        mujoco.mjv_updateScene(pose.model, pose.data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL,
-                               self._scene)
+        mujoco.mjv_updateScene(pose.model, pose.data, self._option, None, self._view,
+                               mujoco.mjtCatBit.mjCAT_ALL, self._scene)
         mujoco.mjr_render(self._rect, self._scene, self._context)
         mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
         return self._pixels[::-1].copy()  # OpenGL counts rows from below
@@ -125,7 +125,7 @@ class EglRenderer:
 
 
 class WarpRenderer:
-    """MuJoCo Warp's ray caster on the CPU. Its kernels are compiled once and kept in Warp's cache (about 15 s)."""
+    """MuJoCo Warp's ray caster on the CPU. Its kernels are compiled once (about 15 s) and cached by Warp."""
 
     def __init__(self, model: mujoco.MjModel, *, shadows: bool = True):
         import warp as wp
@@ -142,8 +142,8 @@ class WarpRenderer:
             self._data = mujoco_warp.put_data(model, pose.data)
             # A shadowed point keeps nothing of the light, as in OpenGL.
             self._context = mujoco_warp.create_render_context(
-                model, cam_active=[CAMERA_NAME], render_rgb=True, use_shadows=shadows, shadow_light_fraction=0.0,
-                render_skybox=True)
+                model, cam_active=[CAMERA_NAME], render_rgb=True, use_shadows=shadows,
+                shadow_light_fraction=0.0, render_skybox=True)
             self._image = wp.zeros((1, pose.height, pose.width), dtype=wp.vec3f)
         self.render(model.qpos0)  # compiles
 

@@ -25,7 +25,8 @@ class Schedule:
 
     def __post_init__(self):
         if self.policy_rate < 1 or SECOND % (self.policy_rate * PERIOD):
-            raise ValueError(f"policy_rate: expected a divisor of {SECOND // PERIOD} Hz, got {self.policy_rate}")
+            raise ValueError(f"policy_rate: expected a divisor of {SECOND // PERIOD} Hz, "
+                             f"got {self.policy_rate}")
         if not 1 <= self.image_rate <= SECOND // PERIOD:
             raise ValueError(f"image_rate: expected 1 .. {SECOND // PERIOD} Hz, got {self.image_rate}")
 
@@ -43,7 +44,7 @@ class Schedule:
         return (stamp // self.policy_period + 1) * self.policy_period
 
     def is_image_due(self, stamp: int) -> bool:
-        """Whether an image is taken at this stamp (ns): multiples of 1/image_rate, rounded to the period, and ticks."""
+        """Whether an image is taken at this stamp (ns): at ticks, and the periods nearest to k/image_rate."""
         if self.is_policy_tick(stamp):
             return True
         index = round(Fraction(stamp * self.image_rate, SECOND))

@@ -1,7 +1,7 @@
 """The MuJoCo Panda with its object, one control period at a time. No ROS.
 
-The simulated arm behaves as the real one does at its torque interface: it compensates its own gravity, so torques in and
-out are without gravity. Everything is a function of (domain, seed, episode number, torques): no clock, no global state.
+The simulated arm behaves as the real one does at its torque interface: it compensates its own gravity, so
+torques in and out are without gravity. Everything is a function of (domain, seed, episode number, torques).
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from np_sim_bridge.schedule import PERIOD, SECOND
 class Measurement:
     """What the encoders and torque sensors say at `stamp` ns: seven joints, then two fingers.
 
-    position (9,) rad, m; velocity (9,) rad/s, m/s; effort (9,) Nm, N: what the drives gave during the period that ends
-    at the stamp, without gravity.
+    position (9,) rad, m; velocity (9,) rad/s, m/s; effort (9,) Nm, N: what the drives gave during the period
+    that ends at the stamp, without gravity.
     """
 
     stamp: int
@@ -43,8 +43,8 @@ class Task:
 class Simulation:
     """The arm at its ready posture and the object at the start of the task, at stamp 0, until stepped.
 
-    seed: together with an episode number it names a task; first_episode: the task that stands there at the beginning;
-    substeps: physics steps in a control period of 2 ms.
+    seed: together with an episode number it names a task; first_episode: the task that stands there at the
+    beginning; substeps: physics steps in a control period of 2 ms.
     """
 
     def __init__(self, domain: Domain, *, seed: int = 0, first_episode: int = 0, substeps: int = 1):
@@ -62,7 +62,7 @@ class Simulation:
         self.reset(first_episode, 0)
 
     def reset(self, episode: int, stamp: int) -> Task:
-        """Draw the task of `episode`, put arm and object there at rest, fingers closed, and set the clock to `stamp` ns.
+        """Draw the task of `episode`, put arm and object there at rest, fingers closed, at the time `stamp` ns.
 
         The state depends on (seed, episode) only. Raises ValueError for a stamp before the present one.
         """

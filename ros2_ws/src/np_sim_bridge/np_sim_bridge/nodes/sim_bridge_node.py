@@ -1,13 +1,14 @@
 """`sim_bridge`: the simulated robot and camera behind the topics and services of docs/graph.md.
 
-Lockstep: a state goes out, and the simulation takes the next step in the callback of the last answer that was missing;
-nothing is polled. Real time: a steady 2 ms timer steps with the newest command.
+Lockstep: a state goes out, and the simulation takes the next step in the callback of the last answer that was
+missing; nothing is polled. Real time: a steady 2 ms timer steps with the newest command.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -26,8 +27,8 @@ from np_description.domains import DOMAINS, find_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.scene import CAMERA_NAME
 from np_ros import qos
-from np_ros.messages import BadMessage, camera_info_message, image_message, joint_state_message, pose_message, \
-    stamp_message, stamp_nanoseconds
+from np_ros.messages import BadMessage, camera_info_message, image_message, joint_state_message, \
+    pose_message, stamp_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run
 from np_sim_bridge.imaging import CameraThread
 from np_sim_bridge.lockstep import ACTIVE_PHASES, Barrier
@@ -48,19 +49,22 @@ class SimBridge(Node):
         super().__init__("sim_bridge")
         domain = parameter(self, "domain", "card", "Task family.", choices=tuple(DOMAINS))
         seed = parameter(self, "seed", 0, "With the episode's number it names the task.", 0, 2**31 - 1)
-        first = parameter(self, "first_episode", 0, "Number of the episode that the first reset draws.", 0, 2**31 - 1)
+        first = parameter(self, "first_episode", 0, "Number of the episode that the first reset draws.",
+                          0, 2**31 - 1)
         substeps = parameter(self, "substeps", 1, "Physics steps in a control period of 2 ms.", 1, 20)
         mode = parameter(self, "mode", "lockstep", "Who waits: time for the answers, or nobody.",
                          choices=("lockstep", "realtime"))
         policy_rate = parameter(self, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500)
-        image_rate = parameter(self, "image_rate", 30, "Images a second; policy ticks have one in any case.", 1, 500)
+        image_rate = parameter(self, "image_rate", 30, "Images a second; policy ticks have one in any case.",
+                               1, 500)
         camera = parameter(self, "camera", True, "Whether images are drawn.")
-        renderer = parameter(self, "renderer", "auto", "What draws them: OpenGL (egl) or a ray caster on the CPU (warp).",
-                             choices=RENDERERS)
+        renderer = parameter(self, "renderer", "auto", "What draws them: OpenGL (egl), a ray caster on the "
+                             "CPU (warp), or whichever works (auto).", choices=RENDERERS)
         shadows = parameter(self, "shadows", True, "Whether the arm casts a shadow in the images.")
-        self._tick_barrier = parameter(self, "tick_barrier", True, "Lockstep: whether time waits for ticks and targets too.")
-        self._timeout = parameter(self, "lockstep_timeout", 120.0, "Lockstep: s of wall time without a missing answer "
-                                  "after which the arm is stopped.", 1.0, 3600.0)
+        self._tick_barrier = parameter(self, "tick_barrier", True,
+                                       "Lockstep: whether time waits for ticks and targets too.")
+        self._timeout = parameter(self, "lockstep_timeout", 120.0, "Lockstep: s of wall time that an answer "
+                                  "may be missing before the arm is stopped.", 1.0, 3600.0)
         self._lockstep = mode == "lockstep"
         self._schedule = Schedule(policy_rate, image_rate)
         self._barrier = Barrier(self._schedule, tick_barrier=self._tick_barrier)
@@ -72,12 +76,12 @@ class SimBridge(Node):
         self._waiting_since = self._repeated_at = time.monotonic()
         self._due: int | None = None  # monotonic ns of the period to come
         self._state_messages: list[tuple] = []
-        self._last_image: tuple[int, list[tuple]] = (-1, [])  # stamp, messages; replaced by the camera's thread
+        self._last_image: tuple[int, list[tuple]] = (-1, [])  # stamp, messages; set by the camera's thread
         self._create_publishers()
         self._camera = None
         if camera:
-            model = self._simulation.model
-            self._camera = CameraThread(lambda: make_renderer(renderer, model, shadows=shadows), self._publish_image)
+            make = partial(make_renderer, renderer, self._simulation.model, shadows=shadows)
+            self._camera = CameraThread(make, self._publish_image)
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(mode=mode, domain=domain, seed=seed)
         self._create_inputs()
@@ -211,7 +215,8 @@ class SimBridge(Node):
             self._repeat()
         if self._armed and now - self._waiting_since > self._timeout:
             self._armed = False
-            cause = f"lockstep: no {topic} for the state of {self._simulation.stamp} ns within {self._timeout:g} s"
+            cause = (f"lockstep: no {topic} for the state of {self._simulation.stamp} ns "
+                     f"within {self._timeout:g} s")
             self.get_logger().error(cause)
             self._stop(cause)
 
@@ -229,7 +234,8 @@ class SimBridge(Node):
 
     def _reset(self) -> str:
         if not self._filter.watchdog.may_move:
-            raise ValueError(f"cannot reset: {self._filter.state} ({self._filter.watchdog.cause}); recover first")
+            raise ValueError(f"cannot reset: {self._filter.state} ({self._filter.watchdog.cause}); "
+                             "recover first")
         stamp = self._schedule.next_policy_tick(self._simulation.stamp)
         self._simulation.reset(self._next_episode, stamp)
         self._next_episode += 1
@@ -238,11 +244,12 @@ class SimBridge(Node):
 
     def _stand_at_task(self) -> None:
         """Hold the ready posture, and say which goal and state the episode begins with."""
-        task = self._simulation.task
+        task, goal = self._simulation.task, self._simulation.task.goal
         self.diagnostics.values["episode"] = task.episode
         self._answered = -1
         self._filter.start(self._simulation.measure().position[:7])
-        self._goal_pose.publish(pose_message(self._simulation.stamp, BASE_FRAME, task.goal.position, task.goal.quaternion))
+        self._goal_pose.publish(
+            pose_message(self._simulation.stamp, BASE_FRAME, goal.position, goal.quaternion))
         self._publish_state()
         self._report()
 
@@ -281,7 +288,8 @@ class SimBridge(Node):
         self._measured = measured = simulation.measure()
         stamp = measured.stamp
         self._barrier.begin(stamp)
-        joints = joint_state_message(stamp, STATE_NAMES, measured.position, measured.velocity, measured.effort)
+        joints = joint_state_message(
+            stamp, STATE_NAMES, measured.position, measured.velocity, measured.effort)
         self._joint_states.publish(joints)  # first, so that the controller thinks while the rest is sent
         clock = ClockMessage(clock=stamp_message(stamp))
         self._clock_topic.publish(clock)
@@ -309,19 +317,21 @@ class SimBridge(Node):
         """Publish the present state again, for those who have not heard it."""
         self._repeated_at = time.monotonic()
         stamp, images = self._last_image
-        for publisher, message in [*self._state_messages, *(images if stamp == self._simulation.stamp else [])]:
+        images = images if stamp == self._simulation.stamp else []
+        for publisher, message in [*self._state_messages, *images]:
             publisher.publish(message)
 
     def _publish_applied(self, stamp: int, applied: Applied) -> None:
-        self._applied.publish(joint_state_message(stamp, JOINT_NAMES, applied.position, applied.velocity, applied.torque))
+        self._applied.publish(
+            joint_state_message(stamp, JOINT_NAMES, applied.position, applied.velocity, applied.torque))
 
     def _report(self) -> None:
         """Tell the state, and what it means: published at once when it changes."""
-        state = self._filter.state
+        state, cause = self._filter.state, self._filter.watchdog.cause
         if self._lockstep and not self._filter.watchdog.may_move:
             self._coast.reset()
         self.diagnostics.values["state"] = str(state)
-        self.diagnostics.report(LEVELS.get(state, DiagnosticStatus.OK), f"{state}: {self._filter.watchdog.cause}")
+        self.diagnostics.report(LEVELS.get(state, DiagnosticStatus.OK), f"{state}: {cause}")
 
     def destroy_node(self) -> None:
         """Finish the images under way."""
