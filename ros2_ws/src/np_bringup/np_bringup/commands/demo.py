@@ -108,7 +108,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(json.dumps({
         "success": successes / len(outcomes) if outcomes else None, "ci95": wilson_interval(successes, len(outcomes)),
         "episodes": len(outcomes), "outcomes": [o.declared + (f": {o.reason}" if o.reason else "") for o in outcomes],
-        "bags": bags, "report": str(out / "report.html") if finished and not status else "", "videos": videos,
+        "bags": bags, "report": str(out / "report.html") if (out / "report.html").exists() else "", "videos": videos,
         "error": error, "wall_s": round(time.monotonic() - began, 1)}))
     return status
 

@@ -12,13 +12,11 @@ import time
 from collections.abc import Callable, Sequence
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from np_description.domains import Domain, Pose
 from np_description.panda import BASE_FRAME
 from np_ros import qos
 from np_ros.messages import pose_arrays, stamp_nanoseconds
-from np_ros.node import SUBSCRIBERS
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header, String
@@ -27,6 +25,7 @@ from std_srvs.srv import Trigger
 from np_bringup.contract import END_PHASES, split_phase
 from np_bringup.episode import Outcome, score
 from np_bringup.graph import NodeSpec
+from np_bringup.nodes.links import Links
 from np_bringup.supervisor import Supervisor
 
 _SPIN = 0.05  # s
@@ -55,14 +54,13 @@ class Conductor:
         self._node = rclpy.create_node("conductor", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
+        self._links = Links(self._node)
         self._clients: dict[str, object] = {}
         self._phases: list[tuple[str, str]] = []
         self._poses: list[tuple[int, Pose]] = []
         self._goal: tuple[int, Pose] | None = None
-        self._subscribers: dict[str, dict[str, int]] = {}  # node, topic: how many the node says it has found
         self._now = 0
         node, stream = self._node, qos.LOCKSTEP if lockstep else qos.REALTIME_SUBSCRIBER
-        node.create_subscription(DiagnosticArray, "diagnostics", self._receive_diagnostics, qos.RECORDER)
         node.create_subscription(String, "phase", self._receive_phase, qos.LATCHED)
         node.create_subscription(PoseStamped, "goal_pose", self._receive_goal, qos.LATCHED)
         node.create_subscription(PoseStamped, "object_pose", self._receive_pose, stream)
@@ -83,16 +81,10 @@ class Conductor:
     def wait_until_ready(self, specs: Sequence[NodeSpec], timeout: float = 120.0) -> None:
         """Until every node is up and every publisher has found its subscribers. Raises NodeDied or TimeoutError."""
         names = {spec.name for spec in specs}
-        self._wait(lambda: names <= set(self._node.get_node_names()), timeout, f"the nodes {', '.join(sorted(names))}")
+        self._wait(lambda: not self._links.missing(names), timeout, f"diagnostics of {', '.join(sorted(names))}")
         for service in ("sim_bridge/reset", "episode/start"):
             self._wait(self._client(service).service_is_ready, timeout, f"the service {service}")
-        self._wait(lambda: names <= set(self._subscribers), timeout, f"diagnostics of {', '.join(sorted(names))}")
-        self._wait(lambda: not self._unmatched(), timeout, "every publisher to find its subscribers")
-
-    def _unmatched(self) -> list[str]:
-        """Publishers that have not found all subscribers, by what they say of themselves: "node topic"."""
-        return [f"{node} {topic}" for node, counts in self._subscribers.items() for topic, count in counts.items()
-                if count < self._node.count_subscribers(topic)]
+        self._wait(lambda: self._links.are_complete(names), timeout, "every publisher to find its subscribers")
 
     def start_recording(self, timeout: float = _SERVICE_TIMEOUT) -> str:
         """Open the next bag; its path. Raises GraphError with the recorder's reason."""
@@ -139,12 +131,6 @@ class Conductor:
         phase, reason = split_phase(message.data)
         self._phases.append((phase, reason))
         self._on_phase(phase, reason, self._elapsed)
-
-    def _receive_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            links = next((value.value for value in status.values if value.key == SUBSCRIBERS), "")
-            self._subscribers[status.name.lstrip("/")] = {
-                topic: int(count) for topic, _, count in (link.rpartition("=") for link in links.split())}
 
     def _receive_goal(self, message: PoseStamped) -> None:
         self._goal = stamp_nanoseconds(message.header.stamp), Pose(*pose_arrays(message, BASE_FRAME))

@@ -39,7 +39,7 @@ class Recorder(Node):
         self._diagnostics = Diagnostics(self)
         self._subscriptions_by_topic = {
             topic.name: self.create_subscription(
-                _message_class(topic.type), topic.name, self._receiver(topic),
+                message_class(topic.type), topic.name, self._receiver(topic),
                 qos.LATCHED if topic.latched else qos.RECORDER, raw=True)
             for topic in TOPICS if images or topic.name != "camera/image_raw"}
         unknown = sorted(set(self._required) - set(self._subscriptions_by_topic))
@@ -127,7 +127,8 @@ class Recorder(Node):
         return response
 
 
-def _message_class(message_type: str) -> type:
+def message_class(message_type: str) -> type:
+    """The class of a message type such as sensor_msgs/msg/Image."""
     package, _, name = message_type.split("/")
     return getattr(importlib.import_module(f"{package}.msg"), name)
 
