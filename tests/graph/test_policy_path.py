@@ -1,0 +1,284 @@
+"""pre_contact, approach, post_contact and episode as processes; the test is backend and perception."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from graph_tools import command
+from np_control.kinematics import forward_kinematics, pose_distance
+from np_description.domains import CARD, sample_task
+from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_description.rotations import matrix_from_quaternion
+from np_policy.action import TIGHT
+from np_policy.pose_estimation import project_keypoints
+from np_ros import qos
+from np_ros.messages import gains_array, joint_state_message, keypoints_array, keypoints_message, pose_arrays, \
+    pose_message, stamp_nanoseconds, trajectory_arrays
+from policy_weights import write_policies
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Float64, Float64MultiArray, Header, String
+from trajectory_msgs.msg import JointTrajectory
+
+TICK = 100_000_000
+START, GOAL = sample_task(CARD, np.random.default_rng(0))
+HAND = (START.position[0], START.position[1], 0.05)
+NODES = ("pre_contact", "approach", "post_contact", "episode")
+INPUTS = {"goal_pose": (PoseStamped, qos.LATCHED, 1), "keypoints": (PointCloud2, qos.LOCKSTEP, 4),
+          "joint_states": (JointState, qos.LOCKSTEP, 2), "diagnostics": (DiagnosticArray, qos.EVENT, 1)}
+OUTPUTS = {"phase": (String, qos.LATCHED), "tick": (Header, qos.LOCKSTEP), "goal_keypoints": (PointCloud2, qos.LATCHED),
+           "gripper_command": (Float64, qos.EVENT), "pre_contact_pose": (PoseStamped, qos.EVENT),
+           "joint_trajectory": (JointTrajectory, qos.EVENT), "target_gains": (Float64MultiArray, qos.LOCKSTEP),
+           "target_pose": (PoseStamped, qos.LOCKSTEP)}
+
+
+class Backend:
+    """What the nodes under test hear, and what they have said."""
+
+    def __init__(self, probe):
+        self.probe = probe
+        self._last = {}
+        self._repeat_at = 0.0
+
+    def goal(self, stamp):
+        self.probe.publish("goal_pose", pose_message(stamp, BASE_FRAME, GOAL.position, GOAL.quaternion), qos.LATCHED)
+        self.wait(lambda: [m for m in self.said("goal_keypoints") if stamp_nanoseconds(m.header.stamp) == stamp])
+
+    def see(self, stamp, pose=START, score=1.0, value=None):
+        points = project_keypoints(CARD, pose)
+        points[:, 2] = score
+        if value is not None:
+            points[0, 0] = value
+        self._publish("keypoints", keypoints_message(stamp, "camera", points))
+
+    def stand(self, stamp, joints=NOMINAL.ready):
+        self._publish("joint_states", joint_state_message(stamp, STATE_NAMES, [*joints, 0.01, 0.01], np.zeros(9),
+                                                          np.zeros(9)))
+
+    def _publish(self, topic, message):
+        self._last[topic] = message
+        self._repeat_at = time.monotonic() + 1.0
+        self.probe.publish(topic, message)
+
+    def said(self, topic):
+        return self.probe.messages[topic]
+
+    def phase(self):
+        return self.said("phase")[-1].data if self.said("phase") else ""
+
+    def ticks(self):
+        return [(stamp_nanoseconds(m.stamp), m.frame_id) for m in self.said("tick")]
+
+    def wait(self, condition, what="the condition"):
+        """Until the condition holds; what got lost is published again after a second, as backends do in lockstep."""
+        def met():
+            if time.monotonic() > self._repeat_at:
+                self._repeat_at = time.monotonic() + 1.0
+                for topic, message in self._last.items():
+                    self.probe.publish(topic, message)
+            return condition()
+        self.probe.wait_until(met, what=what)
+
+    def start(self):
+        response = self.probe.call("episode/start")
+        assert response.success, response.message
+
+
+@pytest.fixture
+def begin(graph, probe, tmp_path):
+    """Starts the four nodes; options: parameters of episode, where the student wants the hand."""
+    def begun(position=HAND, **episode):
+        weights = str(write_policies(tmp_path / "weights", CARD, position=position))
+        for topic, (kind, profile) in OUTPUTS.items():
+            probe.collect(topic, kind, profile)
+        probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
+        for topic, (kind, profile, _) in INPUTS.items():
+            probe.advertise(topic, kind, profile)
+        for name in NODES:
+            own = {"pre_contact": {"weights": weights}, "post_contact": {"weights": weights},
+                   "approach": {"improve_checks": 2000}, "episode": episode}[name]
+            graph.run("np_policy", name, {"mode": "lockstep", "domain": "card", **own})
+        probe.wait_until(lambda: all(probe.matched(topic, count) for topic, (_, _, count) in INPUTS.items())
+                         and all(probe.publishers(topic) for topic in OUTPUTS), what="the four nodes")
+        # That we know a node does not mean that it knows us: only what we hear of it does.
+        probe.wait_until(lambda: {s.name for m in probe.messages["diagnostics"] for s in m.status} == {
+            f"/{name}" for name in NODES}, what="diagnostics of every node")
+        return Backend(probe)
+    return begun
+
+
+def run_to_post(backend, first):
+    """From a reset at tick `first` until the first tick of phase post; its stamp."""
+    stamp = first * TICK
+    backend.goal(stamp)
+    backend.stand(stamp)
+    backend.see(stamp)
+    backend.start()
+    backend.wait(lambda: (stamp, "approach") in backend.ticks() and backend.said("joint_trajectory"),
+                 "the first tick of the approach")
+    joints = trajectory_arrays(backend.said("joint_trajectory")[-1], JOINT_NAMES)[1][-1]
+    while backend.ticks()[-1][1] == "approach":
+        stamp += TICK
+        backend.stand(stamp, joints)
+        backend.see(stamp)
+        backend.wait(lambda: backend.ticks()[-1][0] == stamp, f"the tick of {stamp} ns")
+    assert backend.ticks()[-1] == (stamp, "post")
+    return stamp, joints
+
+
+def test_an_episode_from_keypoints_to_success(begin):
+    backend = begin(success_frames=3)
+    stamp, joints = run_to_post(backend, 1)
+    goal = keypoints_array(backend.said("goal_keypoints")[-1])
+    np.testing.assert_allclose(goal, project_keypoints(CARD, GOAL), atol=1e-4)
+    assert backend.said("gripper_command")[0].data == pytest.approx(0.01)
+    wanted = backend.said("pre_contact_pose")[0]
+    assert stamp_nanoseconds(wanted.header.stamp) == TICK
+    position, quaternion = pose_arrays(wanted, BASE_FRAME)
+    np.testing.assert_allclose(position, HAND, atol=1e-6)
+    plan = backend.said("joint_trajectory")[0]
+    times, positions, velocities = trajectory_arrays(plan, JOINT_NAMES)
+    assert stamp_nanoseconds(plan.header.stamp) == TICK and plan.header.frame_id == BASE_FRAME
+    np.testing.assert_array_equal(positions[0], NOMINAL.ready)
+    distance, angle = pose_distance(joints, position, matrix_from_quaternion(quaternion))
+    assert distance < 1e-3 and angle < 5e-3 and not velocities[-1].any()
+    assert stamp >= TICK + (times[-1] + 0.3) * 1e9 > stamp - TICK
+    # The first target answers the tick at which post begins.
+    backend.wait(lambda: backend.said("target_pose"), "the first target")
+    target = backend.said("target_pose")[0]
+    assert stamp_nanoseconds(target.header.stamp) == stamp
+    hand, _ = forward_kinematics(joints)
+    assert np.abs(pose_arrays(target, BASE_FRAME)[0] - hand).max() <= TIGHT.position + 1e-9
+    backend.wait(lambda: backend.said("target_gains"))
+    assert (gains_array(backend.said("target_gains")[0])[1] >= 0.5).all()
+    for i in range(1, 4):
+        backend.stand(stamp + i * TICK, joints)
+        backend.see(stamp + i * TICK, GOAL)
+    backend.wait(lambda: backend.phase() == "succeeded", "success")
+    assert [message.data for message in backend.said("phase")] == ["idle", "pre", "approach", "post", "succeeded"]
+    assert backend.ticks()[-1] == (stamp + 2 * TICK, "post")  # the tick of success is not published
+
+
+def test_equal_inputs_give_equal_plans_and_actions(begin):
+    backend = begin(success_frames=100)
+
+    def run(first):
+        for topic in ("joint_trajectory", "target_pose", "target_gains"):
+            backend.said(topic).clear()
+        stamp, joints = run_to_post(backend, first)
+        for i in range(1, 6):
+            backend.wait(lambda: len(backend.said("target_pose")) == i, f"target {i}")
+            backend.stand(stamp + i * TICK, joints)
+            backend.see(stamp + i * TICK)
+        backend.wait(lambda: len(backend.said("target_pose")) == 6 == len(backend.said("target_gains")))
+        assert backend.probe.call("episode/stop").success
+        plan = b"".join(array.tobytes() for array in trajectory_arrays(backend.said("joint_trajectory")[0], JOINT_NAMES))
+        poses = [b"".join(a.tobytes() for a in pose_arrays(m, BASE_FRAME)) for m in backend.said("target_pose")]
+        return plan, poses, [gains_array(m).tobytes() for m in backend.said("target_gains")]
+
+    first, second = run(1), run(200)
+    assert first == second
+    assert len(set(first[1])) > 1  # the last action matters
+
+
+def test_unusable_keypoints_end_in_failed_pre(begin):
+    backend = begin(pre_timeout=0.3)
+    backend.goal(TICK)
+    backend.start()
+    for i in range(1, 4):
+        backend.see(i * TICK, score=0.0)
+        backend.wait(lambda: (i * TICK, "pre") in backend.ticks())
+    backend.see(4 * TICK, score=0.0)
+    backend.wait(lambda: backend.phase().startswith("failed: pre: fewer than 6 usable keypoints"))
+    assert backend.ticks()[-1] == (3 * TICK, "pre")
+    assert not backend.said("pre_contact_pose")
+
+
+def test_no_keypoints_at_all_end_in_failed_pre(begin):
+    backend = begin(silence=0.5)
+    backend.goal(TICK)
+    backend.start()
+    backend.wait(lambda: backend.phase() == "failed: pre: no keypoints within 0.5 s")
+
+
+def test_keypoints_that_are_not_numbers_are_refused_and_counted(begin):
+    backend = begin()
+    backend.goal(TICK)
+    backend.start()
+    backend.see(TICK, value=np.nan)
+    backend.wait(lambda: (TICK, "pre") in backend.ticks(), "time to go on without them")
+    refused = set()
+
+    def counted():
+        for array in backend.said("diagnostics"):
+            refused.update(status.name for status in array.status for value in status.values
+                           if value.key == "refused_finite" and int(value.value) > 0)
+        return refused == {f"/{name}" for name in NODES}
+
+    backend.wait(counted, "the count of all four nodes")
+    assert not backend.said("pre_contact_pose")
+    backend.stand(2 * TICK)
+    backend.see(2 * TICK)
+    backend.wait(lambda: (2 * TICK, "approach") in backend.ticks(), "the approach from the next image")
+
+
+def test_what_got_lost_is_answered_again(begin):
+    backend = begin()
+    stamp, joints = run_to_post(backend, 1)
+    backend.wait(lambda: backend.said("target_pose"), "the first target")
+    for topic in ("tick", "target_pose", "target_gains"):
+        backend.said(topic).clear()
+    backend.see(stamp)  # the backend asks again
+    backend.wait(lambda: backend.said("target_pose") and backend.said("target_gains") and backend.said("tick"))
+    assert {s for s, _ in backend.ticks()} == {stamp} == {
+        stamp_nanoseconds(m.header.stamp) for m in backend.said("target_pose")}
+
+
+def test_an_unreachable_pose_ends_in_failed_approach_with_the_reason(begin):
+    backend = begin(position=(1.3, 0.0, 0.3))
+    backend.goal(TICK)
+    backend.stand(TICK)
+    backend.see(TICK)
+    backend.start()
+    backend.wait(lambda: backend.phase().startswith("failed: approach: unreachable: no posture"))
+    backend.wait(lambda: backend.said("joint_trajectory"))
+    plan = backend.said("joint_trajectory")[-1]
+    assert not plan.points and plan.header.frame_id in backend.phase()
+    assert not backend.ticks()
+
+
+def test_a_hold_of_the_backend_is_a_fault(begin):
+    backend = begin()
+    backend.goal(TICK)
+    backend.start()
+    backend.wait(lambda: backend.phase() == "pre")
+
+    def report(level, text):
+        status = DiagnosticStatus(name="/sim_bridge", level=level, message=text)
+        backend.probe.publish("diagnostics", DiagnosticArray(status=[status]), qos.EVENT)
+
+    report(DiagnosticStatus.ERROR, "stopped: torque")
+    backend.wait(lambda: backend.phase() == "fault: stopped: torque")
+    refusal = backend.probe.call("episode/start")
+    assert not refusal.success and "stopped: torque" in refusal.message
+    report(DiagnosticStatus.OK, "running")
+    backend.wait(lambda: backend.probe.call("episode/start").success)
+
+
+@pytest.mark.parametrize("name", ["pre_contact", "post_contact"])
+def test_a_node_without_weights_does_not_start_and_names_the_file(name, graph, tmp_path):
+    result = subprocess.run(
+        [*command("np_policy", name), "--ros-args", "-p", f"weights:={tmp_path}"], capture_output=True, text=True,
+        timeout=120, check=False)
+    assert result.returncode == 1
+    assert f"{name}_card.safetensors" in result.stderr and "make train" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_a_mode_that_does_not_exist_is_refused(graph):
+    result = subprocess.run([sys.executable, "-m", "np_policy.nodes.episode_node", "--ros-args", "-p", "mode:=slow"],
+                            capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode == 1 and "lockstep" in result.stderr
