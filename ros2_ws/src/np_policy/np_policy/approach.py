@@ -90,8 +90,8 @@ def plan_approach(collision: CollisionModel, joints, goal: Pose, opening: float,
     for posture in postures[:_CANDIDATES]:
         try:
             arrive = hand.straight_away(posture)[::-1]
-            path = find_path(collision.is_free, leave[-1], arrive[0], collision.panda.position_lower,
-                             collision.panda.position_upper, seed=seed, budget=config.budget,
+            lower, upper = hand.bounds(leave[-1], arrive[0])
+            path = find_path(collision.is_free, leave[-1], arrive[0], lower, upper, seed=seed, budget=config.budget,
                              resolution=config.resolution)
             return _timed(collision, leave, path, arrive, lift, config)
         except PlanningError as error:
@@ -163,6 +163,10 @@ class _Hand:
         order = np.linalg.norm(found - joints, axis=1)
         order[:2] -= 100.0, 50.0  # where the arm already is, or usually is, the policies know their way
         return found[np.argsort(np.where(inside, order, np.inf), kind="stable")][:inside.sum()]
+
+    def bounds(self, *postures) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper joint positions (7,) of the motion: limits with their margin, unless it begins beyond that."""
+        return np.min([self._lower, *postures], axis=0), np.max([self._upper, *postures], axis=0)
 
     def needed_lift(self, joints) -> float:
         """How far m the hand has to be raised so that it is no deeper in fixed surroundings than it may be."""
