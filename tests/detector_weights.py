@@ -1,4 +1,5 @@
-"""A tiny detector with random weights, exported like a trained one, for tests of what surrounds the network."""
+"""A tiny detector with random weights, exported like a trained one, for tests of what surrounds the
+network."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ TINY = NetworkConfig(widths=(8, 8, 8), blocks=(1, 1))
 
 
 def write_detector(folder: Path, *, score: float = 0.0, domain: str = "card", seed: int = 0) -> Path:
-    """Weights and network of a detector in `folder`; `score` is the logit around which its scores lie. The .onnx's path."""
+    """Weights and network of a detector in `folder`; `score` is the logit around which its scores lie. The
+    .onnx's path."""
     torch.manual_seed(seed)
     network = KeypointNetwork(TINY)
     with torch.no_grad():

@@ -52,7 +52,10 @@ def test_every_image_is_answered_in_lockstep_with_its_own_stamp(graph, probe, we
     assert {a.header.frame_id for a in answers} == {"camera"}
     detector = KeypointDetector(CARD, weights)
     for i, answer in enumerate(answers):
-        assert keypoints_array(answer).astype(np.float32).tobytes() == detector.detect(random_image(i)).keypoints.tobytes()
+        assert (
+            keypoints_array(answer).astype(np.float32).tobytes()
+            == detector.detect(random_image(i)).keypoints.tobytes()
+        )
 
 
 def test_refused_images_are_reported_and_the_node_goes_on(graph, probe, weights):
@@ -82,8 +85,10 @@ def test_a_silent_camera_is_a_warning_in_real_time_and_ends_with_the_next_image(
         probe.publish(TOPIC, image_message(5, "camera", random_image(0)))
         return bool(probe.messages["keypoints"])
     probe.wait_until(answered, what="an answer")
-    probe.wait_until(lambda: any(s.level == DiagnosticStatus.OK for a in probe.messages["diagnostics"] for s in a.status),
-                     what="the end of the warning")
+    probe.wait_until(
+        lambda: any(s.level == DiagnosticStatus.OK for a in probe.messages["diagnostics"] for s in a.status),
+        what="the end of the warning",
+    )
 
 
 def test_collapsed_scores_are_a_warning(graph, probe, tmp_path):
@@ -96,8 +101,18 @@ def test_collapsed_scores_are_a_warning(graph, probe, tmp_path):
 
 def test_missing_weights_end_the_node_with_one_clear_line(graph, tmp_path):
     ended = subprocess.run(
-        [sys.executable, "-m", "np_perception.nodes.keypoint_detector_node", "--ros-args", "-p", f"weights:={tmp_path}"],
-        capture_output=True, text=True, timeout=120)
+        [
+            sys.executable,
+            "-m",
+            "np_perception.nodes.keypoint_detector_node",
+            "--ros-args",
+            "-p",
+            f"weights:={tmp_path}",
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert ended.returncode == 1
     assert "cannot start: keypoint detector: expected the network" in ended.stderr
     assert "Traceback" not in ended.stderr

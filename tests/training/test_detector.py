@@ -1,6 +1,8 @@
-"""Detector training at its smallest: labels against the pictures, and a run that is interrupted and continued.
+"""Detector training at its smallest: labels against the pictures, and a run that is interrupted and
+continued.
 
-All tests draw with one renderer of four worlds, so that its kernels are compiled once (and kept in Warp's cache).
+All tests draw with one renderer of four worlds, so that its kernels are compiled once (and kept in Warp's
+cache).
 """
 
 import csv
@@ -17,7 +19,14 @@ from np_description.scene import load_model
 from np_training.detector.augment import Augmentation, augment, reduce
 from np_training.detector.evaluate import cast_rays
 from np_training.detector.metrics import summarise
-from np_training.detector.render import NOMINAL_LOOK, OVERSAMPLING, Frames, Looks, SceneRenderer, corner_visibility
+from np_training.detector.render import (
+    NOMINAL_LOOK,
+    OVERSAMPLING,
+    Frames,
+    Looks,
+    SceneRenderer,
+    corner_visibility,
+)
 from np_training.detector.scenes import STATE_SIZE, sample_states
 from np_training.detector.train import main
 
@@ -39,7 +48,9 @@ def free_states() -> torch.Tensor:
     states = torch.zeros(WORLDS, STATE_SIZE)
     states[:, :7] = torch.tensor(NOMINAL.ready)
     states[:, 0] = 1.5
-    states[:, 9:12] = torch.tensor([[0.45, 0.1, 0.06], [0.55, -0.1, 0.08], [0.5, 0.0, 0.1], [0.6, 0.05, 0.07]])
+    states[:, 9:12] = torch.tensor(
+        [[0.45, 0.1, 0.06], [0.55, -0.1, 0.08], [0.5, 0.0, 0.1], [0.6, 0.05, 0.07]]
+    )
     states[:, 12:] = torch.nn.functional.normalize(torch.randn(WORLDS, 4, generator=generator()), dim=1)
     return states
 
@@ -88,7 +99,9 @@ def test_visibility_from_the_rendering_agrees_with_rays_cast_by_mujoco(renderer)
     for i, state in enumerate(states):
         model.cam_pos[:], model.cam_quat[:] = renderer.fields["cam_pos"][i], renderer.fields["cam_quat"][i]
         geoms = cast_rays(model, state.double().numpy(), frames.pixels[i].numpy())
-        agree.append(corner_visibility(geoms, frames.pixels[i:i + 1], renderer.blocks)[0] == frames.visible[i])
+        agree.append(
+            corner_visibility(geoms, frames.pixels[i : i + 1], renderer.blocks)[0] == frames.visible[i]
+        )
     # Half-hidden corners may go either way at half the resolution.
     assert torch.stack(agree).float().mean() >= 0.9
     assert frames.visible.any() and not frames.visible.all()
@@ -101,8 +114,13 @@ def test_labels_follow_the_pixels_when_an_image_is_reduced(aliased):
     offset = (torch.arange(size) + 0.5) / OVERSAMPLING - 0.5
     blob = torch.exp(-0.5 * ((offset[None, None, :] - centre[:, 0, None, None]) ** 2
                              + (offset[None, :, None] - centre[:, 1, None, None]) ** 2) / 4.0)
-    frames = Frames(blob[..., None].expand(-1, -1, -1, 3).contiguous(), torch.zeros(2, size, size, dtype=torch.bool),
-                    centre[:, None].expand(2, 8, 2), torch.ones(2, 8, dtype=torch.bool), torch.ones(2))
+    frames = Frames(
+        blob[..., None].expand(-1, -1, -1, 3).contiguous(),
+        torch.zeros(2, size, size, dtype=torch.bool),
+        centre[:, None].expand(2, 8, 2),
+        torch.ones(2, 8, dtype=torch.bool),
+        torch.ones(2),
+    )
     images, _, shift = reduce(frames, generator(1), Augmentation(aliased=aliased))
     weights = images[:, 0] / images[:, 0].sum((1, 2), keepdim=True)
     grid = torch.arange(CAMERA.width, dtype=torch.float32)
@@ -126,13 +144,32 @@ def test_figures_of_perfect_and_useless_detections():
     visible = np.arange(400).reshape(50, 8) % 3 > 0
     present = np.ones((50, 8), bool)
     perfect = summarise(truth, np.ones((50, 8)), truth, visible, present)
-    assert perfect["visible"]["median"] == 0 and perfect["hidden"]["within"] == 1 and perfect["calibration_error"] == 0
+    assert (
+        perfect["visible"]["median"] == 0
+        and perfect["hidden"]["within"] == 1
+        and perfect["calibration_error"] == 0
+    )
     wrong = summarise(truth + [3.0, 4.0], np.ones((50, 8)), truth, visible, present)
-    assert wrong["visible"]["median"] == 5 and wrong["visible"]["within"] == 0 and wrong["calibration_error"] == 1
+    assert (
+        wrong["visible"]["median"] == 5
+        and wrong["visible"]["within"] == 0
+        and wrong["calibration_error"] == 1
+    )
 
 
 def test_training_writes_weights_and_continues_where_it_stopped(tmp_path, capsys):
-    arguments = ["--out", str(tmp_path), "--device", "cpu", "--batch", str(WORLDS), "--pool", "16", "--held-out", "4"]
+    arguments = [
+        "--out",
+        str(tmp_path),
+        "--device",
+        "cpu",
+        "--batch",
+        str(WORLDS),
+        "--pool",
+        "16",
+        "--held-out",
+        "4",
+    ]
     main([*arguments, "--steps", "2"])
     main([*arguments, "--steps", "1"])
     figures = json.loads(capsys.readouterr().out.splitlines()[-1])

@@ -34,7 +34,9 @@ def test_decoding_stays_inside_the_image_and_near_the_peak_at_its_border(u, v):
     logits = gaussian_logits(u, v)
     pixel = decode(logits, find_peak(logits), window=5)[0, 0]
     assert (pixel >= 0).all() and (pixel <= SIZE - 1).all()
-    assert np.linalg.norm(pixel.numpy() - [u, v]) < 2.5  # the mean of a cut Gaussian lies inside of its centre
+    assert (
+        np.linalg.norm(pixel.numpy() - [u, v]) < 2.5
+    )  # the mean of a cut Gaussian lies inside of its centre
 
 
 def test_a_second_mode_far_away_does_not_pull():

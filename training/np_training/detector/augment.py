@@ -1,7 +1,8 @@
-"""From renderings to training images: background, edges, light, colour, blur, noise. All on the device, in batches.
+"""From renderings to training images: background, edges, light, colour, blur, noise. All on the device, in
+batches.
 
-Background and table are replaced by one random colour or a procedural texture, as in the paper (Kim et al., IROS 2023),
-or kept, with their shadows, because the deployed images have them.
+Background and table are replaced by one random colour or a procedural texture, as in the paper (Kim et al.,
+IROS 2023), or kept, with their shadows, because the deployed images have them.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from np_training.detector.render import OVERSAMPLING, Frames
 
 @dataclass(frozen=True)
 class Augmentation:
-    """coloured, textured: shares of images whose surroundings become one colour or a texture; shaded: share of those that
-    keep light and shadow; aliased: share of images without smoothed edges; contrast, gamma, tint: spread around 1;
-    brightness: spread around 0; blurred: share of blurred images; blur: largest sigma px; noise: largest sigma."""
+    """coloured, textured: shares of images whose surroundings become one colour or a texture; shaded: share
+    of those that keep light and shadow; aliased: share of images without smoothed edges; contrast, gamma,
+    tint: spread around 1; brightness: spread around 0; blurred: share of blurred images; blur: largest sigma
+    px; noise: largest sigma."""
 
     coloured: float = 0.3
     textured: float = 0.3
@@ -34,8 +36,11 @@ class Augmentation:
     noise: float = 0.04
 
 
-def augment(frames: Frames, generator: torch.Generator, config: Augmentation = Augmentation()) -> tuple[Tensor, Tensor]:
-    """Images (n, 3, 224, 224) in [0, 1] in steps of 1/255, and the pixels (n, 8, 2) of the corners in them."""
+def augment(
+    frames: Frames, generator: torch.Generator, config: Augmentation = Augmentation()
+) -> tuple[Tensor, Tensor]:
+    """Images (n, 3, 224, 224) in [0, 1] in steps of 1/255, and the pixels (n, 8, 2) of the corners in
+    them."""
     images, surroundings, shift = reduce(frames, generator, config)
     images = replace_background(images, surroundings, generator, config)
     images = photometric(images, generator, config)
@@ -43,16 +48,19 @@ def augment(frames: Frames, generator: torch.Generator, config: Augmentation = A
 
 
 def reduce(frames: Frames, generator: torch.Generator, config: Augmentation) -> tuple[Tensor, Tensor, Tensor]:
-    """Camera resolution: images (n, 3, h, w), share of surroundings (n, 1, h, w), shift (n, 2) px of the content.
+    """Camera resolution: images (n, 3, h, w), share of surroundings (n, 1, h, w), shift (n, 2) px of the
+    content.
 
-    Smooth edges are the mean of OVERSAMPLING^2 renderings' pixels, rough ones (a ray caster with one ray a pixel) are one
-    of them, which lies off the centre of the pixel by `shift`.
+    Smooth edges are the mean of OVERSAMPLING^2 renderings' pixels, rough ones (a ray caster with one ray a
+    pixel) are one of them, which lies off the centre of the pixel by `shift`.
     """
     count, device, n = len(frames.rgb), frames.rgb.device, OVERSAMPLING
     choice = torch.randint(0, n, (2, count), generator=generator, device=device)
     rough = torch.rand(count, generator=generator, device=device) < config.aliased
     one = functional.one_hot(choice, n).to(frames.rgb.dtype)
-    weights = torch.where(rough[:, None, None], one[1][:, :, None] * one[0][:, None, :], 1 / n**2)  # rows, columns
+    weights = torch.where(
+        rough[:, None, None], one[1][:, :, None] * one[0][:, None, :], 1 / n**2
+    )  # rows, columns
     height, width = frames.rgb.shape[1] // n, frames.rgb.shape[2] // n
     cells = frames.rgb.view(count, height, n, width, n, 3)
     images = torch.einsum("nyaxbc,nab->ncyx", cells, weights)
@@ -62,8 +70,11 @@ def reduce(frames: Frames, generator: torch.Generator, config: Augmentation) -> 
     return images, surroundings, torch.where(rough[:, None], offset.T, torch.zeros_like(offset.T))
 
 
-def replace_background(images: Tensor, surroundings: Tensor, generator: torch.Generator, config: Augmentation) -> Tensor:
-    """Images whose surroundings (share of each pixel (n, 1, h, w)) are a random colour, a texture, or as they were."""
+def replace_background(
+    images: Tensor, surroundings: Tensor, generator: torch.Generator, config: Augmentation
+) -> Tensor:
+    """Images whose surroundings (share of each pixel (n, 1, h, w)) are a random colour, a texture, or as they
+    were."""
     count, device = len(images), images.device
     kind = torch.rand(count, 1, 1, 1, generator=generator, device=device)
     colour = torch.rand(count, 3, 1, 1, generator=generator, device=device)
@@ -81,7 +92,8 @@ def replace_background(images: Tensor, surroundings: Tensor, generator: torch.Ge
 
 
 def procedural_texture(count: int, size: tuple[int, int], generator: torch.Generator) -> Tensor:
-    """Textures (count, 3, *size) in [0, 1]: value noise at four scales, smooth or in blocks, between random colours."""
+    """Textures (count, 3, *size) in [0, 1]: value noise at four scales, smooth or in blocks, between random
+    colours."""
     device = generator.device
     low, high, total = (torch.rand(count, 3, 1, 1, generator=generator, device=device) for _ in range(3))
     noise = torch.zeros(count, 3, *size, device=device)
@@ -101,7 +113,8 @@ def procedural_texture(count: int, size: tuple[int, int], generator: torch.Gener
 
 
 def photometric(images: Tensor, generator: torch.Generator, config: Augmentation) -> Tensor:
-    """Gamma, tint, contrast, brightness, blur and noise; images (n, 3, h, w) in [0, 1], and so is the result."""
+    """Gamma, tint, contrast, brightness, blur and noise; images (n, 3, h, w) in [0, 1], and so is the
+    result."""
     count, device = len(images), images.device
 
     def spread(width: float, channels: int = 1) -> Tensor:

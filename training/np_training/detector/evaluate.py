@@ -2,10 +2,11 @@
 
     python -m np_training.detector.evaluate --domain card --images 500
 
-Three sets: `nominal`, the scene as the bridge draws it, by OpenGL; `shifted`, by OpenGL, with table patterns never used in
-training, other lights and colours, and the camera within 2 cm and 2 degrees of its place; `ray_caster`, the nominal scene
-by MuJoCo Warp's ray caster, one ray a pixel. Writes docs/results/detector_DOMAIN.json and a picture of the best, median
-and worst detections beside it; prints the JSON. Without OpenGL only the last set is judged.
+Three sets: `nominal`, the scene as the bridge draws it, by OpenGL; `shifted`, by OpenGL, with table patterns
+never used in training, other lights and colours, and the camera within 2 cm and 2 degrees of its place;
+`ray_caster`, the nominal scene by MuJoCo Warp's ray caster, one ray a pixel. Writes
+docs/results/detector_DOMAIN.json and a picture of the best, median and worst detections beside it; prints the
+JSON. Without OpenGL only the last set is judged.
 """
 
 from __future__ import annotations
@@ -28,10 +29,17 @@ from np_description.scene import build_scene
 from np_perception.detector import KeypointDetector
 from np_sim_bridge.renderer import egl_works, make_renderer
 from np_training.detector.metrics import summarise
-from np_training.detector.render import NOMINAL_LOOK, Looks, Randomisation, corner_blocks, corner_visibility, \
-    object_area, project_corners
+from np_training.detector.render import (
+    NOMINAL_LOOK,
+    Looks,
+    Randomisation,
+    corner_blocks,
+    corner_visibility,
+    object_area,
+    project_corners,
+)
+from np_training.detector.samples import LEAST_AREA, inside_image
 from np_training.detector.scenes import sample_states
-from np_training.detector.train import LEAST_AREA, inside_image
 
 SHIFTED_LOOK = Randomisation(camera_position=0.02, camera_angle=0.035, any_table=0.0)
 PATTERNS = 8  # of tables in the shifted set
@@ -75,8 +83,15 @@ def patterned_model(domain: Domain, generator: torch.Generator) -> mujoco.MjMode
     draw = torch.rand(8, generator=generator).tolist()
     spec = build_scene(domain)
     kind = mujoco.mjtBuiltin.mjBUILTIN_CHECKER if draw[0] < 0.7 else mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
-    spec.add_texture(name="table", type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=kind, rgb1=draw[1:4], rgb2=draw[4:7],
-                     width=256, height=256)
+    spec.add_texture(
+        name="table",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=kind,
+        rgb1=draw[1:4],
+        rgb2=draw[4:7],
+        width=256,
+        height=256,
+    )
     material = spec.add_material(name="table", texrepeat=[4 + 20 * draw[7]] * 2)
     textures = ["" for _ in range(mujoco.mjtTextureRole.mjNTEXROLE)]
     textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "table"
@@ -87,7 +102,8 @@ def patterned_model(domain: Domain, generator: torch.Generator) -> mujoco.MjMode
 
 
 def cast_rays(model: mujoco.MjModel, state: np.ndarray, pixels: np.ndarray) -> torch.Tensor:
-    """Geom id (1, 224, 224) seen by the model's camera, -1 for none; only around the object's corners, pixels (8, 2)."""
+    """Geom id (1, 224, 224) seen by the model's camera, -1 for none; only around the object's corners, pixels
+    (8, 2)."""
     data = mujoco.MjData(model)
     data.qpos[:] = state
     mujoco.mj_kinematics(model, data)
@@ -98,13 +114,27 @@ def cast_rays(model: mujoco.MjModel, state: np.ndarray, pixels: np.ndarray) -> t
     if (high <= low).any():
         return torch.from_numpy(geoms)[None]
     u, v = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
-    directions = np.stack([(u - CAMERA.cx) / CAMERA.fx, (CAMERA.cy - v) / CAMERA.fy, -np.ones(u.shape)], axis=-1)
+    directions = np.stack(
+        [(u - CAMERA.cx) / CAMERA.fx, (CAMERA.cy - v) / CAMERA.fy, -np.ones(u.shape)], axis=-1
+    )
     directions = (directions.reshape(-1, 3) @ data.cam_xmat[0].reshape(3, 3).T)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     hit, distance = np.empty(len(directions), np.int32), np.empty(len(directions))
     drawn = np.array([1, 1, 1, 0, 0, 0], np.uint8)
-    mujoco.mj_multiRay(model, data, data.cam_xpos[0], directions.ravel(), drawn, True, -1, hit, distance, None,
-                       len(hit), mujoco.mjMAXVAL)
+    mujoco.mj_multiRay(
+        model,
+        data,
+        data.cam_xpos[0],
+        directions.ravel(),
+        drawn,
+        True,
+        -1,
+        hit,
+        distance,
+        None,
+        len(hit),
+        mujoco.mjMAXVAL,
+    )
     geoms[low[1]:high[1], low[0]:high[0]] = hit.reshape(u.shape)
     return torch.from_numpy(geoms)[None]
 
@@ -135,12 +165,17 @@ def time_detection(detector: KeypointDetector, image: np.ndarray, runs: int = 50
 
 
 def draw(pictures: list, path: Path, columns: int = 5) -> None:
-    """A sheet of the best, median and worst images: rings are true corners (white seen, black hidden), dots detections."""
+    """A sheet of the best, median and worst images: rings are true corners (white seen, black hidden), dots
+    detections."""
     from matplotlib.figure import Figure
 
     pictures = sorted(pictures, key=lambda p: p[0])
     middle = max(0, len(pictures) // 2 - columns // 2)
-    rows = {"best": pictures[:columns], "median": pictures[middle:middle + columns], "worst": pictures[-columns:]}
+    rows = {
+        "best": pictures[:columns],
+        "median": pictures[middle : middle + columns],
+        "worst": pictures[-columns:],
+    }
     figure = Figure(figsize=(3 * columns, 9.6), layout="constrained")
     axes = figure.subplots(3, columns)
     for (title, chosen), line in zip(rows.items(), axes):
@@ -164,20 +199,29 @@ def evaluate(domain: Domain, folder: str | Path, images: int, seed: int, picture
     sets = {"ray_caster": (NOMINAL_LOOK, "warp", False)}
     if egl_works():
         sets = {"nominal": (NOMINAL_LOOK, "egl", False), "shifted": (SHIFTED_LOOK, "egl", True), **sets}
-    result = {"domain": domain.name, "seed": seed, "weights_sha256": detector.information["weights_sha256"], "sets": {}}
+    result = {
+        "domain": domain.name,
+        "seed": seed,
+        "weights_sha256": detector.information["weights_sha256"],
+        "sets": {},
+    }
     for number, (name, (look, renderer, patterned)) in enumerate(sets.items()):
         samples = held_out_images(domain, images, 7919 * (seed + 1) + number, look, renderer, patterned)
         result["sets"][name], shown = judge(detector, samples, images, name)
         if pictures is not None and shown and name in ("shifted", "ray_caster") and not (
                 name == "ray_caster" and "shifted" in sets):
             draw(shown, pictures)
-    result["milliseconds"] = time_detection(detector, np.full((CAMERA.height, CAMERA.width, 3), 128, np.uint8))
+    result["milliseconds"] = time_detection(
+        detector, np.full((CAMERA.height, CAMERA.width, 3), 128, np.uint8)
+    )
     return result
 
 
 def main() -> None:
     """Command line; the last line printed is the figures as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--weights", default="", help="folder of weights; default: the released ones")
     parser.add_argument("--images", type=int, default=500, help="of each set")
@@ -187,7 +231,9 @@ def main() -> None:
     torch.set_num_threads(1)
     options.out.mkdir(parents=True, exist_ok=True)
     stem = options.out / f"detector_{options.domain}"
-    result = evaluate(find_domain(options.domain), options.weights, options.images, options.seed, stem.with_suffix(".png"))
+    result = evaluate(
+        find_domain(options.domain), options.weights, options.images, options.seed, stem.with_suffix(".png")
+    )
     stem.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
     print(json.dumps(result))
 

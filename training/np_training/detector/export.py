@@ -2,7 +2,8 @@
 
     python -m np_training.detector.export weights/keypoint_detector_card.safetensors
 
-Writes the .onnx beside the weights, with their sha256, and checks that both give the same answer. Needs onnx, onnxscript.
+Writes the .onnx beside the weights, with their sha256, and checks that both give the same answer. Needs onnx,
+onnxscript.
 """
 
 from __future__ import annotations
@@ -51,15 +52,20 @@ def load_weights(path: Path) -> tuple[KeypointNetwork, dict]:
         metadata = file.metadata() or {}
         state = {name: file.get_tensor(name) for name in file.keys()}
     if not {"network", "training"} <= metadata.keys():
-        raise WeightsError(f"detector: {path}: expected metadata network and training, got {sorted(metadata)}")
-    config = {key: tuple(v) if isinstance(v, list) else v for key, v in json.loads(metadata["network"]).items()}
+        raise WeightsError(
+            f"detector: {path}: expected metadata network and training, got {sorted(metadata)}"
+        )
+    config = {
+        key: tuple(v) if isinstance(v, list) else v for key, v in json.loads(metadata["network"]).items()
+    }
     network = KeypointNetwork(NetworkConfig(**config))
     network.load_state_dict(state)
     return network.eval(), json.loads(metadata["training"])
 
 
 def export(weights: Path) -> Path:
-    """Write the .onnx beside `weights` (.safetensors) and return its path. Raises WeightsError if their answers differ."""
+    """Write the .onnx beside `weights` (.safetensors) and return its path. Raises WeightsError if their
+    answers differ."""
     network, record = load_weights(weights)
     module = Deployed(network).eval()
     example = torch.randint(0, 256, (1, CAMERA.height, CAMERA.width, 3), dtype=torch.uint8,
@@ -83,13 +89,17 @@ def export(weights: Path) -> Path:
     found = KeypointDetector(find_domain(record["domain"]), weights.parent).detect(example[0].numpy())
     difference = max(abs(found.pixels - pixels[0].numpy()).max(), abs(found.scores - scores[0].numpy()).max())
     if difference > AGREEMENT:
-        raise WeightsError(f"detector: {target} differs from {weights} by {difference:.3g} px, expected {AGREEMENT}")
+        raise WeightsError(
+            f"detector: {target} differs from {weights} by {difference:.3g} px, expected {AGREEMENT}"
+        )
     return target
 
 
 def main() -> None:
     """Command line; prints the path written."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("weights", type=Path)
     print(export(parser.parse_args().weights))
 

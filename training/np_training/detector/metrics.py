@@ -1,4 +1,5 @@
-"""How good keypoints are: pixel errors of visible and hidden corners, and whether scores are the probabilities they claim."""
+"""How good keypoints are: pixel errors of visible and hidden corners, and whether scores are the
+probabilities they claim."""
 
 from __future__ import annotations
 
@@ -12,9 +13,9 @@ BINS = 10
 def summarise(pixels, scores, truth, visible, present) -> dict:
     """Figures of detections pixels (n, 8, 2) px and scores (n, 8) against truth (n, 8, 2).
 
-    visible (n, 8): the corner is seen; present (n, 8): it counts at all (inside an image that shows the object).
-    Errors in px; `calibration_error` is the expected calibration error of the scores; `reliability` has, for each tenth
-    of the score, [mean score, share within RELIABLE px, count].
+    visible (n, 8): the corner is seen; present (n, 8): it counts at all (inside an image that shows the
+    object). Errors in px; `calibration_error` is the expected calibration error of the scores; `reliability`
+    has, for each tenth of the score, [mean score, share within RELIABLE px, count].
     """
     pixels, scores, truth = (np.asarray(a, dtype=float) for a in (pixels, scores, truth))
     visible, present = np.asarray(visible, bool), np.asarray(present, bool)
@@ -25,7 +26,8 @@ def summarise(pixels, scores, truth, visible, present) -> dict:
 
 
 def percentiles(error: np.ndarray) -> dict:
-    """Count, median, 95th percentile px, and share within RELIABLE px of errors (n,); None where there are none."""
+    """Count, median, 95th percentile px, and share within RELIABLE px of errors (n,); None where there are
+    none."""
     if not error.size:
         return {"count": 0, "median": None, "p95": None, "within": None}
     median, p95 = np.percentile(error, [50, 95])

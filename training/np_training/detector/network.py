@@ -1,8 +1,9 @@
-"""The keypoint network: image to one heatmap and one score per box corner, decoded to pixels inside the network.
+"""The keypoint network: image to one heatmap and one score per box corner, decoded to pixels inside the
+network.
 
-A small U-Net with full-resolution heatmaps, the form of S3K (Vecerik et al., CoRL 2020) that the paper uses. It works at
-half resolution and below; the last layer holds the four pixels of each 2 x 2 cell as channels (Shi et al., CVPR 2016),
-so that full resolution costs next to nothing on a CPU.
+A small U-Net with full-resolution heatmaps, the form of S3K (Vecerik et al., CoRL 2020) that the paper uses.
+It works at half resolution and below; the last layer holds the four pixels of each 2 x 2 cell as channels
+(Shi et al., CVPR 2016), so that full resolution costs next to nothing on a CPU.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ RELIABLE = 3.0  # px: a score is the probability that its keypoint is this near 
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """widths: channels at 1/2, 1/4, 1/8, ... of the image; blocks: residual blocks at each level below the first;
-    window: half width px of the soft-argmax around a heatmap's peak."""
+    """widths: channels at 1/2, 1/4, 1/8, ... of the image; blocks: residual blocks at each level below the
+    first; window: half width px of the soft-argmax around a heatmap's peak."""
 
     widths: tuple[int, ...] = (32, 32, 64, 96)
     blocks: tuple[int, ...] = (1, 2, 2)
@@ -103,25 +104,28 @@ def find_peak(logits: Tensor) -> Tensor:
 def decode(logits: Tensor, peak: Tensor, window: int) -> Tensor:
     """Pixels (n, 8, 2), u and v, from heatmaps (n, 8, height, width) and their peaks (n, 8, 2).
 
-    The mean of the softmax within `window` px of the peak: sub-pixel, and blind to other modes. At the border the window
-    is moved inwards.
+    The mean of the softmax within `window` px of the peak: sub-pixel, and blind to other modes. At the border
+    the window is moved inwards.
     """
     height, width = logits.shape[2:]
     offset = torch.arange(-window, window + 1, device=logits.device)
     rows = peak[..., :1].clamp(window, height - 1 - window) + offset
     columns = peak[..., 1:].clamp(window, width - 1 - window) + offset
     index = (rows[..., :, None] * width + columns[..., None, :]).flatten(2)
-    weights = logits.flatten(2).gather(2, index).softmax(dim=-1).unflatten(2, (2 * window + 1, 2 * window + 1))
+    weights = (
+        logits.flatten(2).gather(2, index).softmax(dim=-1).unflatten(2, (2 * window + 1, 2 * window + 1))
+    )
     u = (weights.sum(dim=2) * columns).sum(dim=-1)
     v = (weights.sum(dim=3) * rows).sum(dim=-1)
     return torch.stack([u, v], dim=-1)
 
 
 def heatmap_loss(logits: Tensor, truth: Tensor, sigma: float) -> Tensor:
-    """Divergence (n, 8) of heatmaps (logits (n, 8, h, w)) from Gaussians of `sigma` px at truth (n, 8, 2), up to a constant.
+    """Divergence (n, 8) of heatmaps (logits (n, 8, h, w)) from Gaussians of `sigma` px at truth (n, 8, 2), up
+    to a constant.
 
-    KL(target || softmax) less the target's entropy (Kim et al., IROS 2023). The Gaussian is separable, so the target's
-    map is never built.
+    KL(target || softmax) less the target's entropy (Kim et al., IROS 2023). The Gaussian is separable, so the
+    target's map is never built.
     """
     height, width = logits.shape[2:]
 

@@ -1,4 +1,5 @@
-"""Release a trained detector: weights, exported network, figures and model card, from the folder of a training run.
+"""Release a trained detector: weights, exported network, figures and model card, from the folder of a
+training run.
 
     python -m np_training.detector.release runs/detector --domain card
 
@@ -22,8 +23,8 @@ from np_training.detector.network import RELIABLE
 
 CARD = """# Keypoint detector, {domain}
 
-Image (224 x 224 RGB) to the eight corners of the {domain}'s box, in the order of `np_description.keypoints`, with scores:
-the probability that a corner is within {reliable:.0f} px of the truth. Hidden corners are inferred.
+Image (224 x 224 RGB) to the eight corners of the {domain}'s box, in the order of `np_description.keypoints`, with
+scores: the probability that a corner is within {reliable:.0f} px of the truth. Hidden corners are inferred.
 
 | | |
 |---|---|
@@ -33,14 +34,16 @@ the probability that a corner is within {reliable:.0f} px of the truth. Hidden c
 | training | seed {seed}, {steps:,} steps in {minutes} min on {device}: `python -m np_training.detector.train {command}` |
 | sha256 | `{name}.safetensors` {sha256} |
 
-Errors in px on {count} held-out images a set (`python -m np_training.detector.evaluate --domain {domain}`, seed {evaluation_seed}):
+Errors in px on {count} held-out images a set
+(`python -m np_training.detector.evaluate --domain {domain}`, seed {evaluation_seed}):
 
 | set | visible: median | 95 % | within {reliable:.0f} px | hidden: median | 95 % | within {reliable:.0f} px | calibration error |
 |---|---|---|---|---|---|---|---|
 {rows}
 
-`nominal` is the scene as the sim bridge draws it with OpenGL, `ray_caster` the same by MuJoCo Warp on the CPU, `shifted` has
-table patterns never used in training, other lights and colours, and the camera within 2 cm and 2 degrees of its place.
+`nominal` is the scene as the sim bridge draws it with OpenGL, `ray_caster` the same by MuJoCo Warp on the CPU,
+`shifted` has table patterns never used in training, other lights and colours, and the camera within 2 cm and 2 degrees
+of its place.
 """
 
 
@@ -52,7 +55,9 @@ def release(run: Path, domain_name: str, weights: Path, results: Path, images: i
     target = weights / f"{name}.safetensors"
     shutil.copyfile(run / target.name, target)
     export(target)
-    figures = evaluate(find_domain(domain_name), weights, images, seed, results / f"detector_{domain_name}.png")
+    figures = evaluate(
+        find_domain(domain_name), weights, images, seed, results / f"detector_{domain_name}.png"
+    )
     (results / f"detector_{domain_name}.json").write_text(json.dumps(figures, indent=1) + "\n")
     card = target.with_suffix(".md")
     card.write_text(model_card(target, figures))
@@ -75,7 +80,9 @@ def model_card(weights: Path, figures: dict) -> str:
 
 def main() -> None:
     """Command line; prints the model card."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("run", type=Path, help="folder that np_training.detector.train wrote")
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--weights", type=Path, default=Path("weights"))

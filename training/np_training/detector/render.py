@@ -1,7 +1,7 @@
 """Labelled images of the scene in batches, by MuJoCo Warp's ray caster on a GPU or a CPU.
 
-Each image is rendered at twice its resolution, so that the background can be replaced before the edges are smoothed
-(np_training.detector.augment). Every world has its own camera, lights and colours.
+Each image is rendered at twice its resolution, so that the background can be replaced before the edges are
+smoothed (np_training.detector.augment). Every world has its own camera, lights and colours.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ VISIBLE_RADIUS = 1.0  # px: a corner is visible if its own block is seen this ne
 class Randomisation:
     """Spread of what differs from image to image; all uniform within +-.
 
-    camera_position m, camera_angle rad (each axis); light_position m, light_target m; light_power: range of a factor on
-    each light; light_tint: on each channel of its colour; object_colour, robot_colour: on each channel of RGB; dim_robot:
-    share of robots each part of which is darker by any factor; any_table: share of tables and obstacles of any colour at
-    all; shadowless: share of images without shadows.
+    camera_position m, camera_angle rad (each axis); light_position m, light_target m; light_power: range of a
+    factor on each light; light_tint: on each channel of its colour; object_colour, robot_colour: on each
+    channel of RGB; dim_robot: share of robots each part of which is darker by any factor; any_table: share of
+    tables and obstacles of any colour at all; shadowless: share of images without shadows.
     """
 
     camera_position: float = 0.01
@@ -53,10 +53,11 @@ NOMINAL_LOOK = Randomisation(0, 0, 0, 0, (1, 1), 0, 0, 0, 0, 0, 0)
 
 @dataclass
 class Frames:
-    """A batch of renderings at OVERSAMPLING times the camera's resolution, and labels in pixels of the camera.
+    """A batch of renderings at OVERSAMPLING times the camera's resolution, and labels in pixels of the
+    camera.
 
-    rgb (n, 448, 448, 3) in [0, 1]; surroundings (n, 448, 448) bool: table or nothing; pixels (n, 8, 2) u, v of the
-    corners; visible (n, 8) bool; object_area (n,): pixels of the object, at the camera's resolution.
+    rgb (n, 448, 448, 3) in [0, 1]; surroundings (n, 448, 448) bool: table or nothing; pixels (n, 8, 2) u, v
+    of the corners; visible (n, 8) bool; object_area (n,): pixels of the object, at the camera's resolution.
     """
 
     rgb: torch.Tensor
@@ -69,7 +70,9 @@ class Frames:
 class SceneRenderer:
     """Renders `worlds` states of a domain at once, and labels them."""
 
-    def __init__(self, domain: Domain, worlds: int, device: str, look: Randomisation = Randomisation()) -> None:
+    def __init__(
+        self, domain: Domain, worlds: int, device: str, look: Randomisation = Randomisation()
+    ) -> None:
         self.domain, self.worlds, self.device = domain, worlds, torch.device(device)
         self.size = CAMERA.width * OVERSAMPLING
         model = load_model(domain)
@@ -78,22 +81,31 @@ class SceneRenderer:
         self.looks = Looks(model, look, self.device)
         self._wp_device = wp.get_device(device)
         if self._wp_device.is_cuda:
-            torch.cuda.set_stream(wp.stream_to_torch(wp.get_stream(self._wp_device)))  # one queue: no synchronising
+            torch.cuda.set_stream(
+                wp.stream_to_torch(wp.get_stream(self._wp_device))
+            )  # one queue: no synchronising
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         with wp.ScopedDevice(self._wp_device):
             self.model = mjw.put_model(model, batch_sizes={name: worlds for name in Looks.fields})
             self.data = mjw.put_data(model, data, nworld=worlds)
             self.context = mjw.create_render_context(
-                model, nworld=worlds, cam_res=(self.size, self.size), render_rgb=True, render_seg=True, use_shadows=True,
-                shadow_light_fraction=0.0)  # as in OpenGL
+                model,
+                nworld=worlds,
+                cam_res=(self.size, self.size),
+                render_rgb=True,
+                render_seg=True,
+                use_shadows=True,
+                shadow_light_fraction=0.0,
+            )  # as in OpenGL
             self._rgb = wp.zeros((worlds, self.size, self.size), dtype=wp.vec3)
             self._segments = wp.zeros((worlds, self.size, self.size), dtype=wp.vec2i)
         self.fields = {name: wp.to_torch(getattr(self.model, name)) for name in Looks.fields}
         self._qpos = wp.to_torch(self.data.qpos)
 
     def render(self, states: torch.Tensor, generator: torch.Generator) -> Frames:
-        """Frames of states (worlds, 16), each under a look of its own. The images are overwritten by the next call."""
+        """Frames of states (worlds, 16), each under a look of its own. The images are overwritten by the next
+        call."""
         if states.shape != (self.worlds, STATE_SIZE):
             raise ValueError(f"states: expected {(self.worlds, STATE_SIZE)}, got {tuple(states.shape)}")
         for name, value in self.looks.sample(self.worlds, generator).items():
@@ -108,7 +120,9 @@ class SceneRenderer:
             mjw.get_rgb(self.context, 0, self._rgb)
             mjw.get_segmentation(self.context, 0, self._segments)
         geoms = wp.to_torch(self._segments)[..., 0]
-        pixels = project_corners(self.domain, states, self.fields["cam_pos"][:, 0], self.fields["cam_quat"][:, 0])
+        pixels = project_corners(
+            self.domain, states, self.fields["cam_pos"][:, 0], self.fields["cam_quat"][:, 0]
+        )
         visible = corner_visibility(geoms, pixels, self.blocks)
         area = object_area(geoms, self.blocks)
         return Frames(wp.to_torch(self._rgb), (geoms == self.table) | (geoms < 0), pixels, visible, area)
@@ -121,7 +135,8 @@ def corner_blocks(model: mujoco.MjModel) -> list[int]:
 
 
 def object_area(geoms: torch.Tensor, blocks: list[int]) -> torch.Tensor:
-    """Pixels (n,) of the camera that show the object, from geom ids (n, h, w) at any multiple of its resolution."""
+    """Pixels (n,) of the camera that show the object, from geom ids (n, h, w) at any multiple of its
+    resolution."""
     seen = (geoms >= min(blocks)) & (geoms <= max(blocks))
     return seen.sum((1, 2)) * (CAMERA.height / geoms.shape[1]) ** 2
 
@@ -129,12 +144,24 @@ def object_area(geoms: torch.Tensor, blocks: list[int]) -> torch.Tensor:
 class Looks:
     """Random cameras, lights and colours of a model."""
 
-    fields = ("cam_pos", "cam_quat", "geom_rgba", "light_pos", "light_dir", "light_diffuse", "light_castshadow")
+    fields = (
+        "cam_pos",
+        "cam_quat",
+        "geom_rgba",
+        "light_pos",
+        "light_dir",
+        "light_diffuse",
+        "light_castshadow",
+    )
 
     def __init__(self, model: mujoco.MjModel, look: Randomisation, device: str | torch.device) -> None:
         self.look = look
-        self.nominal = {name: torch.as_tensor(np.array(getattr(model, name)), device=device) for name in self.fields}
-        self.nominal = {name: t.bool() if name == "light_castshadow" else t.float() for name, t in self.nominal.items()}
+        self.nominal = {
+            name: torch.as_tensor(np.array(getattr(model, name)), device=device) for name in self.fields
+        }
+        self.nominal = {
+            name: t.bool() if name == "light_castshadow" else t.float() for name, t in self.nominal.items()
+        }
         self.object_geoms = torch.as_tensor(model.geom_bodyid == model.body(OBJECT).id, device=device)
         self.robot_geoms = torch.as_tensor(model.geom_group == 1, device=device)
 
@@ -148,7 +175,9 @@ class Looks:
         def chance(share: float, *shape: int) -> torch.Tensor:
             return torch.rand(count, *shape, generator=generator, device=generator.device) < share
 
-        rotation = matrix_from_quaternion(nominal["cam_quat"]) @ matrix_from_vector(spread((1, 3), look.camera_angle))
+        rotation = matrix_from_quaternion(nominal["cam_quat"]) @ matrix_from_vector(
+            spread((1, 3), look.camera_angle)
+        )
         lights = nominal["light_pos"].shape[0]
         light_position = nominal["light_pos"] + spread((lights, 3), look.light_position)
         # A light keeps pointing at what it nominally lights on the table, give or take.
@@ -156,7 +185,9 @@ class Looks:
         target = nominal["light_pos"] + reach * nominal["light_dir"] + spread((lights, 3), look.light_target)
         direction = target - light_position
         low, high = look.light_power
-        power = low + (high - low) * torch.rand(count, lights, 1, generator=generator, device=generator.device)
+        power = low + (high - low) * torch.rand(
+            count, lights, 1, generator=generator, device=generator.device
+        )
         tint = 1 + spread((lights, 3), look.light_tint)
         return {"cam_pos": nominal["cam_pos"] + spread((1, 3), look.camera_position),
                 "cam_quat": quaternion_from_matrix(rotation), "light_pos": light_position,
@@ -180,10 +211,11 @@ class Looks:
 
 
 def project_corners(domain: Domain, states: torch.Tensor, position: torch.Tensor, quaternion: torch.Tensor):
-    """Pixels (n, 8, 2) of the object's corners in states (n, 16), seen by cameras at position (n, 3), quaternion (n, 4).
+    """Pixels (n, 8, 2) of the object's corners in states (n, 16), seen by cameras at position (n, 3),
+    quaternion (n, 4).
 
-    The quaternion is MuJoCo's (looking along -z, y up). A camera of another pose sees the points as CAMERA sees them
-    after they have been carried along to its pose.
+    The quaternion is MuJoCo's (looking along -z, y up). A camera of another pose sees the points as CAMERA
+    sees them after they have been carried along to its pose.
     """
     corners = box_keypoints(domain.half_size, states[:, 9:12], states[:, 12:16])
     flip = torch.diag(torch.tensor([1.0, -1.0, -1.0], device=states.device))
@@ -197,7 +229,8 @@ def project_corners(domain: Domain, states: torch.Tensor, position: torch.Tensor
 def corner_visibility(geoms: torch.Tensor, pixels: torch.Tensor, blocks: list[int]) -> torch.Tensor:
     """Whether (n, 8) a corner's own block shows within VISIBLE_RADIUS of it.
 
-    geoms (n, h, w): geom id at each pixel of a rendering, at any multiple of the camera's resolution; pixels (n, 8, 2).
+    geoms (n, h, w): geom id at each pixel of a rendering, at any multiple of the camera's resolution; pixels
+    (n, 8, 2).
     """
     count, height, width = geoms.shape
     scale = height / CAMERA.height

@@ -1,8 +1,8 @@
 """States in which the camera sees the object: what the policies' episodes pass through, and a little beyond.
 
-The object lies anywhere in the workspace, now and then tilted or lifted. The hand touches it where the pre-contact policy
-may choose to, slides or hovers beside and over it, is on its way from the ready posture, or waits there: occlusion by
-hand and fingers is the normal case.
+The object lies anywhere in the workspace, now and then tilted or lifted. The hand touches it where the
+pre-contact policy may choose to, slides or hovers beside and over it, is on its way from the ready posture,
+or waits there: occlusion by hand and fingers is the normal case.
 """
 
 from __future__ import annotations
@@ -28,11 +28,12 @@ STATE_SIZE = 16
 class SceneConfig:
     """Shares of the states, and their spread.
 
-    touching, beside, under_way: shares of the hand on the object, beside or over it, between there and the ready posture
-    (the rest waits at the ready posture); spread: share of objects drawn from the whole workspace and `margin` m beyond,
-    where no obstacle is in the way; tilted: share of tilted and lifted objects, by `tilt` rad and `lift` m; absent: share
-    of images without the object; closed: share of closed fingers; upper: share of contacts on the object's upper face (the
-    others may be on any); joint_noise rad: of an arm that is on its way or waits.
+    touching, beside, under_way: shares of the hand on the object, beside or over it, between there and the
+    ready posture (the rest waits at the ready posture); spread: share of objects drawn from the whole
+    workspace and `margin` m beyond, where no obstacle is in the way; tilted: share of tilted and lifted
+    objects, by `tilt` rad and `lift` m; absent: share of images without the object; closed: share of closed
+    fingers; upper: share of contacts on the object's upper face (the others may be on any); joint_noise rad:
+    of an arm that is on its way or waits.
     """
 
     touching: float = 0.45
@@ -49,8 +50,11 @@ class SceneConfig:
     joint_noise: float = 0.08
 
 
-def sample_states(domain: Domain, count: int, generator: torch.Generator, config: SceneConfig = SceneConfig()):
-    """Joint positions (count, 16) of the scene: 7 joints, 2 fingers, object position, object quaternion wxyz."""
+def sample_states(
+    domain: Domain, count: int, generator: torch.Generator, config: SceneConfig = SceneConfig()
+):
+    """Joint positions (count, 16) of the scene: 7 joints, 2 fingers, object position, object quaternion
+    wxyz."""
     objects = sample_objects(domain, count, generator, config)
 
     def chance(share: float) -> torch.Tensor:
@@ -64,7 +68,9 @@ def sample_states(domain: Domain, count: int, generator: torch.Generator, config
 
     low = chance(0.5)
     offset = 0.05 * torch.randn(count, 3, generator=generator, device=generator.device)
-    offset[:, 2] = torch.where(low, uniform(count, (-0.004, 0.01), generator), uniform(count, (0.0, 0.2), generator))
+    offset[:, 2] = torch.where(
+        low, uniform(count, (-0.004, 0.01), generator), uniform(count, (0.0, 0.2), generator)
+    )
     moved = solve_ik(contacts.q, contacts.position + offset, contacts.rotation, iterations=10)
 
     ready = torch.tensor(NOMINAL.ready, dtype=contacts.q.dtype, device=contacts.q.device)
@@ -74,14 +80,19 @@ def sample_states(domain: Domain, count: int, generator: torch.Generator, config
     q = torch.where(waits[:, None], free, torch.where(beside[:, None], moved, contacts.q))
 
     # The fingers of a position servo under load differ a little.
-    fingers = contacts.width[:, None] + 5e-4 * torch.randn(count, 2, generator=generator, device=generator.device)
+    fingers = contacts.width[:, None] + 5e-4 * torch.randn(
+        count, 2, generator=generator, device=generator.device
+    )
     position = objects.position.clone()
     position[:, 2] = torch.where(chance(config.absent), -torch.ones_like(kind), position[:, 2])
     return torch.cat([q, fingers.clamp(0, FINGER_MAX), position, objects.quaternion], dim=-1)
 
 
-def sample_contacts(domain: Domain, objects: Poses, generator: torch.Generator, config: SceneConfig, tries: int = 5):
-    """A contact of the pre-contact policy's kind on each object, feasible if one of `tries` random ones is."""
+def sample_contacts(
+    domain: Domain, objects: Poses, generator: torch.Generator, config: SceneConfig, tries: int = 5
+):
+    """A contact of the pre-contact policy's kind on each object, feasible if one of `tries` random ones
+    is."""
     count = len(objects.position)
     up = matrix_from_quaternion(objects.quaternion)[:, 2]  # in the object's frame
     face = functional.one_hot(up.abs().argmax(dim=1), 3) * up.sign()
@@ -97,8 +108,14 @@ def sample_contacts(domain: Domain, objects: Poses, generator: torch.Generator, 
             best = new
             continue
         keep = best.feasible
-        best = contact.Contacts(*(torch.where(keep.view(-1, *[1] * (old.ndim - 1)), old, fresh) for old, fresh in (
-            (getattr(best, f.name), getattr(new, f.name)) for f in fields(contact.Contacts))))
+        best = contact.Contacts(
+            *(
+                torch.where(keep.view(-1, *[1] * (old.ndim - 1)), old, fresh)
+                for old, fresh in (
+                    (getattr(best, f.name), getattr(new, f.name)) for f in fields(contact.Contacts)
+                )
+            )
+        )
     return best
 
 
@@ -111,8 +128,14 @@ def sample_objects(domain: Domain, count: int, generator: torch.Generator, confi
     quaternion = torch.where(first, starts.quaternion, goals.quaternion)
     if not domain.obstacles:
         (x0, x1), (y0, y1), m = domain.workspace_x, domain.workspace_y, config.margin
-        anywhere = torch.stack([uniform(count, (x0 - m, x1 + m), generator), uniform(count, (y0 - m, y1 + m), generator),
-                                position[:, 2]], dim=-1)
+        anywhere = torch.stack(
+            [
+                uniform(count, (x0 - m, x1 + m), generator),
+                uniform(count, (y0 - m, y1 + m), generator),
+                position[:, 2],
+            ],
+            dim=-1,
+        )
         spread = (coin[1] < config.spread)[:, None]
         position = torch.where(spread, anywhere, position)
         turned = quaternion_multiply(yaw_quaternion(uniform(count, (-pi, pi), generator)), quaternion)
@@ -121,6 +144,8 @@ def sample_objects(domain: Domain, count: int, generator: torch.Generator, confi
     vector = tilted * config.tilt * torch.randn(count, 3, generator=generator, device=generator.device)
     quaternion = quaternion_multiply(quaternion_from_matrix(matrix_from_vector(vector)), quaternion)
     radius = sum(side**2 for side in domain.half_size) ** 0.5
-    lift = vector.norm(dim=-1).clamp(max=1) * radius + tilted[:, 0] * uniform(count, (0.0, config.lift), generator)
+    lift = vector.norm(dim=-1).clamp(max=1) * radius + tilted[:, 0] * uniform(
+        count, (0.0, config.lift), generator
+    )
     position = position + torch.stack([torch.zeros_like(lift), torch.zeros_like(lift), lift], dim=-1)
     return Poses(position, quaternion)

@@ -14,8 +14,8 @@ class WeightsError(ValueError):
 
 
 def weights_folder(folder: str | Path = "") -> Path:
-    """The folder with released weights: `folder` if given, $NP_WEIGHTS, or `weights` in a parent of this file or of
-    the working directory.
+    """The folder with released weights: `folder` if given, $NP_WEIGHTS, or `weights` in a parent of this file
+    or of the working directory.
 
     Raises WeightsError if there is none.
     """

@@ -1,7 +1,7 @@
 """The keypoint detector: one camera image to the eight corners of the object's box, with scores.
 
-Runs the exported network (ONNX, written by np_training.detector.export) with ONNX Runtime on one thread: the same image
-gives the same bits. The network is defined and trained in np_training.detector.
+Runs the exported network (ONNX, written by np_training.detector.export) with ONNX Runtime on one thread: the
+same image gives the same bits. The network is defined and trained in np_training.detector.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ IMAGE_SHAPE = (CAMERA.height, CAMERA.width, 3)
 
 @dataclass(frozen=True)
 class Detection:
-    """pixels (8, 2) float32: u, v px of the corners, keypoint order, hidden ones included; scores (8,) float32: the
-    probability that the pixel is within 3 px of the true corner."""
+    """pixels (8, 2) float32: u, v px of the corners, keypoint order, hidden ones included; scores (8,)
+    float32: the probability that the pixel is within 3 px of the true corner."""
 
     pixels: np.ndarray
     scores: np.ndarray
@@ -42,8 +42,8 @@ def network_name(domain: Domain) -> str:
 class KeypointDetector:
     """The detector of one domain, loaded from a folder of released weights.
 
-    Raises WeightsError if the network is missing, cannot be read, belongs to another domain or camera, or was exported
-    from other weights than those beside it.
+    Raises WeightsError if the network is missing, cannot be read, belongs to another domain or camera, or was
+    exported from other weights than those beside it.
     """
 
     def __init__(self, domain: Domain, folder: str | Path = "", threads: int = 1) -> None:
@@ -56,12 +56,16 @@ class KeypointDetector:
         options.inter_op_num_threads = 1
         options.use_deterministic_compute = True
         try:
-            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+            self._session = onnxruntime.InferenceSession(
+                str(path), options, providers=["CPUExecutionProvider"]
+            )
         except Exception as error:  # ONNX Runtime raises a class of its own for each kind of broken file
             raise WeightsError(f"keypoint detector: {path} cannot be read: {error}") from error
         self.information = dict(self._session.get_modelmeta().custom_metadata_map)
         _check(path, self.information, domain)
-        self.detect(np.zeros(IMAGE_SHAPE, np.uint8))  # the first run allocates; a node's first image should not wait
+        self.detect(
+            np.zeros(IMAGE_SHAPE, np.uint8)
+        )  # the first run allocates; a node's first image should not wait
 
     def detect(self, image: np.ndarray) -> Detection:
         """Corners in an RGB image (224, 224, 3) uint8. Raises ValueError for any other shape or type."""

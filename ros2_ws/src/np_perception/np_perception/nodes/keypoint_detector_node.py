@@ -1,7 +1,7 @@
 """Answers each camera image with the keypoints in it, stamped with the image's time.
 
-In real time the newest image wins: images that come while one is being looked at are dropped but for the last. In
-lockstep every image is answered.
+In real time the newest image wins: images that come while one is being looked at are dropped but for the
+last. In lockstep every image is answered.
 """
 
 from __future__ import annotations
@@ -23,21 +23,40 @@ _COLLAPSED = 15  # images in a row without enough sure keypoints: half a second 
 
 
 class KeypointDetectorNode(Node):
-    """`camera/image_raw` to `keypoints`. Refused images are counted in diagnostics and logged, and leave no answer."""
+    """`camera/image_raw` to `keypoints`. Refused images are counted in diagnostics and logged, and leave no
+    answer."""
 
     def __init__(self):
         super().__init__("keypoint_detector")
         mode = parameter(self, "mode", "lockstep", "Whether every image is answered, or the newest.",
                          choices=("lockstep", "realtime"))
         domain = parameter(self, "domain", "card", "Domain whose object is looked for: card, bump or wall.")
-        weights = parameter(self, "weights", "", "Folder of released weights; empty: $NP_WEIGHTS, or `weights` of the "
-                                                 "source tree.")
+        weights = parameter(
+            self,
+            "weights",
+            "",
+            "Folder of released weights; empty: $NP_WEIGHTS, or `weights` of the source tree.",
+        )
         threads = parameter(self, "threads", 1, "Threads of the network.", 1, 16)
-        self._timeout = parameter(self, "image_timeout", 1.0, "Seconds without an image after which it is reported; a "
-                                                              "warning in real time.", 0.1, 3600.0)
-        self._sure = parameter(self, "sure_score", 0.5, "Score from which a keypoint counts as sure.", 0.0, 1.0)
-        self._least = parameter(self, "least_sure", 4, "A warning follows fewer sure keypoints than this, 15 images in a "
-                                                       "row.", 0, 8)
+        self._timeout = parameter(
+            self,
+            "image_timeout",
+            1.0,
+            "Seconds without an image after which it is reported; a warning in real time.",
+            0.1,
+            3600.0,
+        )
+        self._sure = parameter(
+            self, "sure_score", 0.5, "Score from which a keypoint counts as sure.", 0.0, 1.0
+        )
+        self._least = parameter(
+            self,
+            "least_sure",
+            4,
+            "A warning follows fewer sure keypoints than this, 15 images in a row.",
+            0,
+            8,
+        )
         self._realtime = mode == "realtime"
         self._detector = KeypointDetector(find_domain(domain), weights, threads)
         self._diagnostics = Diagnostics(self)
@@ -45,7 +64,9 @@ class KeypointDetectorNode(Node):
         self._images = 0
         self._last_image = time.monotonic()
         self._publisher = self.create_publisher(PointCloud2, "keypoints", qos.publisher(not self._realtime))
-        self.create_subscription(Image, "camera/image_raw", self._on_image, qos.subscriber(not self._realtime))
+        self.create_subscription(
+            Image, "camera/image_raw", self._on_image, qos.subscriber(not self._realtime)
+        )
         self.create_timer(min(self._timeout, 0.5), self._watch)
 
     def _on_image(self, message: Image) -> None:
@@ -69,8 +90,11 @@ class KeypointDetectorNode(Node):
             "images": self._images, "detection ms": f"{1e3 * (time.monotonic() - began):.1f}",
             "scores": np.array2string(detection.scores, precision=2), "sure keypoints": sure})
         if self._unsure >= _COLLAPSED:
-            self._diagnostics.report(DiagnosticStatus.WARN, f"fewer than {self._least} keypoints with a score of "
-                                                            f"{self._sure:g} or more in {_COLLAPSED} images in a row")
+            self._diagnostics.report(
+                DiagnosticStatus.WARN,
+                f"fewer than {self._least} keypoints with a score of "
+                f"{self._sure:g} or more in {_COLLAPSED} images in a row",
+            )
         else:
             self._diagnostics.report(DiagnosticStatus.OK, "running")
 
