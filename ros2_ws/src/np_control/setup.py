@@ -19,6 +19,9 @@ setup(
     license='Apache-2.0',
     entry_points={
         # executable = node name = 'np_control.nodes.<name>_node:main'
-        'console_scripts': ['joint_impedance = np_control.nodes.joint_impedance_node:main'],
+        'console_scripts': [
+            'joint_impedance = np_control.nodes.joint_impedance_node:main',
+            'operational_space = np_control.nodes.operational_space_node:main',
+        ],
     },
 )

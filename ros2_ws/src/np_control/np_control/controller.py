@@ -14,6 +14,7 @@ import numpy as np
 from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MAX, damping, torque as impedance_torque
 from np_control.kinematics import pose_distance, solve_ik
+from np_control.operational_space import CartesianGains, operational_space_torque
 from np_control.safety import LIMITS, Reason, Refusal, SafetyLimits, check_finite, limit_gains, \
     limit_target, limit_torque, slew_gains
 from np_control.trajectory import Trajectory
@@ -27,7 +28,8 @@ class ControllerConfig:
     that answers the state of t takes effect at t + policy_latency. reach_position m, reach_angle rad: how far
     inverse kinematics may miss a target before it is refused. largest_gap_ns: a longer time between two
     states, or a step no arm can make, is a new beginning. largest_target_age_ns: an older target is refused;
-    states are kept that long, to resolve a target at the state it answers.
+    states are kept that long, to resolve a target at the state it answers. cartesian: follow targets of T_E
+    in operational space with these gains, whatever gains they carry; None for joint impedance.
     """
 
     stiffness: np.ndarray = field(default_factory=STIFFNESS_MAX.copy)
@@ -37,6 +39,7 @@ class ControllerConfig:
     reach_angle: float = 0.2
     largest_gap_ns: int = 200_000_000
     largest_target_age_ns: int = 500_000_000
+    cartesian: CartesianGains | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +65,13 @@ class _State:
 
 
 @dataclass(frozen=True, eq=False)
-class _JointTarget:
-    """A resolved target of T_E: from `stamp` ns on, joints (7,) rad and gains (2, 7)."""
+class _Target:
+    """A target of T_E from `stamp` ns on: position (3,) m, rotation (3, 3), joints (7,) rad, gains (2, 7)."""
 
     stamp: int
     position: np.ndarray
+    rotation: np.ndarray
+    joints: np.ndarray
     gains: np.ndarray
 
 
@@ -135,7 +140,7 @@ class Controller:
             raise Refusal(Reason.START, f"trajectory begins with {self.limits.joints[i]} at "
                           f"{trajectory.positions[0][i]:.3f} rad, {error[i]:.3f} rad from the measured "
                           f"position; allowed are {self.limits.start_tolerance}")
-        self._trajectory, self._start = trajectory, start
+        self._trajectory, self._start, self._target = trajectory, start, None
         self._targets.clear()
         self._gains_target = self._own_gains
 
@@ -169,12 +174,13 @@ class Controller:
             raise Refusal(Reason.UNREACHABLE, f"target {np.round(position, 3)} m: inverse kinematics misses "
                                               f"it by {distance:.3f} m and {angle:.2f} rad")
         self._newest_target = stamp
-        self._targets.append(_JointTarget(stamp + self.config.policy_latency_ns, joints, gains))
+        effective = stamp + self.config.policy_latency_ns
+        self._targets.append(_Target(effective, position, rotation, joints, gains))
         return clamped
 
     def hold(self) -> None:
         """Drop trajectory and targets, and hold the present joint target with the controller's own gains."""
-        self._trajectory, self._start = None, None
+        self._trajectory = self._start = self._target = None
         self._targets.clear()
         self._gains_target = self._own_gains
 
@@ -204,7 +210,8 @@ class Controller:
         self._torque = np.zeros(7)
         self._trajectory: Trajectory | None = None
         self._start: int | None = None
-        self._targets: deque[_JointTarget] = deque()
+        self._targets: deque[_Target] = deque()  # to come, in order
+        self._target: _Target | None = None  # in force
         self._newest_target: int | None = None
 
     def _wanted(self, state: _State) -> tuple[np.ndarray, np.ndarray]:
@@ -217,19 +224,23 @@ class Controller:
             if elapsed >= self._trajectory.duration:
                 self._trajectory = None
         while self._targets and self._targets[0].stamp <= state.stamp:
-            target = self._targets.popleft()
-            self._trajectory = None
-            self._position, self._gains_target = target.position, target.gains
+            self._target, self._trajectory = self._targets.popleft(), None
+            self._position, self._gains_target = self._target.joints, self._target.gains
             velocity = acceleration = np.zeros(7)
         if self._gains is not self._gains_target:
             self._gains = slew_gains(self.limits, self._gains, self._gains_target, self.limits.period)
             if np.array_equal(self._gains, self._gains_target):
                 self._gains = self._gains_target
+        feedforward = self._dynamics.coriolis(state.q, state.dq)
+        if self._target is not None and self.config.cartesian is not None:
+            torque = operational_space_torque(
+                state.q, state.dq, self._target.position, self._target.rotation, self._position,
+                self.config.cartesian, self._dynamics.mass_matrix(state.q), feedforward)
+            return torque, velocity
         stiffness, ratio = self._gains
         # The law damps absolute velocity. A target ahead by kd/kp times its velocity turns that into damping
         # of the velocity error, so that a moving target is not trailed.
         lead = self._position + damping(stiffness, ratio) / stiffness * velocity
-        feedforward = self._dynamics.coriolis(state.q, state.dq)
         if acceleration.any():
             feedforward = feedforward + self._dynamics.mass_matrix(state.q) @ acceleration
         return impedance_torque(state.q, state.dq, lead, stiffness, ratio, feedforward), velocity

@@ -1,4 +1,4 @@
-"""The joint_impedance node over real topics: the test is the backend, or the sim bridge is."""
+"""The controller nodes over real topics: the test is the backend, or the sim bridge is."""
 
 import subprocess
 import sys
@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MIN
-from np_control.kinematics import forward_kinematics, pose_distance
+from np_control.kinematics import forward_kinematics, jacobian, pose_distance
+from np_control.operational_space import CartesianGains
 from np_control.safety import LIMITS
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.rotations import quaternion_from_matrix
@@ -29,7 +31,7 @@ QUATERNION = quaternion_from_matrix(ROTATION)
 @pytest.fixture
 def start(graph, probe):
     """Starts the node with these parameters, everything matched."""
-    def started(**parameters):
+    def started(executable="joint_impedance", **parameters):
         inputs = [("joint_states", JointState, qos.LOCKSTEP), ("tick", Header, qos.LOCKSTEP),
                   ("joint_trajectory", JointTrajectory, qos.EVENT), ("phase", String, qos.LATCHED),
                   ("target_gains", Float64MultiArray, qos.LOCKSTEP),
@@ -38,7 +40,7 @@ def start(graph, probe):
             probe.advertise(topic, kind, profile)
         probe.collect("effort_command", JointState)
         probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
-        graph.run("np_control", "joint_impedance", parameters)
+        graph.run("np_control", executable, parameters)
         probe.wait_until(lambda: all(probe.matched(topic) for topic, _, _ in inputs)
                          and probe.publishers("effort_command"), what="the controller")
     return started
@@ -218,7 +220,23 @@ def test_with_the_sim_bridge_the_arm_arrives(graph, probe, tmp_path):
     probe.wait_until(lambda: error() < 0.003, what="the arm to arrive")
 
 
-def test_the_controller_does_not_import_torch():
-    """Its start-up and its 500 Hz loop have no use for a deep learning library."""
-    code = "import sys, np_control.nodes.joint_impedance_node; assert 'torch' not in sys.modules"
+def test_in_operational_space_a_target_becomes_a_force_along_its_direction(start, state, probe):
+    start("operational_space")
+    state(TICK)
+    probe.publish("tick", header_message(TICK, "post"))
+    probe.publish("target_gains", gains_message(GAINS))
+    probe.publish("target_pose", pose_message(TICK, BASE_FRAME, POSITION + [0.01, 0, 0], QUATERNION))
+    answered(probe, TICK)
+    # The torque reaches its full size within the torque rate, some periods after the latency of 10.
+    for k in range(1, 30):
+        state(TICK + k * PERIOD)
+    effort = answered(probe, TICK + 29 * PERIOD)[2]
+    acceleration = jacobian(NOMINAL.ready) @ np.linalg.solve(Dynamics().mass_matrix(NOMINAL.ready), effort)
+    np.testing.assert_allclose(acceleration, [0.01 * CartesianGains().position, 0, 0, 0, 0, 0], atol=0.02)
+
+
+@pytest.mark.parametrize("executable", ["joint_impedance", "operational_space"])
+def test_the_controllers_do_not_import_torch(executable):
+    """Their start-up and their 500 Hz loop have no use for a deep learning library."""
+    code = f"import sys, np_control.nodes.{executable}_node; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,260 @@
+"""The 500 Hz controller as a node: answers `joint_states` with `effort_command` of the same stamp.
+
+Lockstep: the state of a policy tick is answered once the tick, and the trajectory or target that belongs to
+it, are there. Real time: a state is answered at once, with whatever has come.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections import deque
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Header, String
+from trajectory_msgs.msg import JointTrajectory
+
+from np_control.controller import Answer, Controller, ControllerConfig
+from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN
+from np_control.lockstep import TickGate
+from np_control.operational_space import CartesianGains
+from np_control.safety import LIMITS, Reason, Refusal
+from np_control.trajectory import Trajectory, make_trajectory
+from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
+from np_description.rotations import matrix_from_quaternion
+from np_ros import qos
+from np_ros.messages import BadMessage, gains_array, joint_state_arrays, joint_state_message, pose_arrays, \
+    stamp_nanoseconds, trajectory_arrays
+from np_ros.node import Diagnostics, parameter
+from np_ros.spin import request_realtime
+
+SECOND = 1_000_000_000
+MEASURED_ANSWERS = 5000  # answers over which times are reported: 10 s
+
+Pose = tuple[np.ndarray, np.ndarray]  # position (3,) m, rotation (3, 3)
+
+
+class ControllerNode(Node):
+    """Translates messages for one `Controller`, and counts what it refuses.
+
+    With `is_cartesian` targets of T_E are followed in operational space, else by joint impedance.
+    """
+
+    def __init__(self, name: str, *, is_cartesian: bool = False):
+        super().__init__(name)
+        mode = parameter(self, "mode", "lockstep", "Whether time waits for the answers, or nobody does.",
+                         choices=("lockstep", "realtime"))
+        barrier = parameter(self, "tick_barrier", True,
+                            "Lockstep: wait for ticks, trajectories and targets, not for states only.")
+        policy_rate = parameter(self, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500)
+        latency = parameter(self, "policy_latency", 0.02,
+                            "s from the state that a target answers until it takes effect.", 0.0, 1.0)
+        ratio = parameter(self, "damping_ratio", 1.0, "Damping ratio while holding and on trajectories.",
+                          DAMPING_RATIO_MIN, DAMPING_RATIO_MAX)
+        priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90)
+        lockstep = mode == "lockstep"
+        if SECOND % (policy_rate * LIMITS.period_ns):
+            raise ValueError(f"parameter policy_rate: expected a divisor of {SECOND // LIMITS.period_ns}, "
+                             f"got {policy_rate}")
+        self._waits = lockstep and barrier
+        # In lockstep no state is ever skipped: any gap is a reset.
+        gap = LIMITS.period_ns if lockstep else ControllerConfig.largest_gap_ns
+        self._controller = Controller(ControllerConfig(
+            damping_ratio=ratio, policy_latency_ns=round(latency * SECOND), largest_gap_ns=gap,
+            cartesian=self._cartesian_gains() if is_cartesian else None))
+        self._gate: TickGate[Trajectory, Pose, np.ndarray] = TickGate(SECOND // policy_rate)
+        self._gains: np.ndarray | None = None
+        self._phase = ""
+        self._is_fault = False
+        self._answered: int | None = None
+        self._limited: dict[str, int] = {}
+        self._seconds: deque[float] = deque(maxlen=MEASURED_ANSWERS)
+        self.diagnostics = Diagnostics(self)
+        self.diagnostics.values["mode"] = mode
+        if priority and not request_realtime(priority):
+            self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
+        self._command = self.create_publisher(JointState, "effort_command", qos.publisher(lockstep))
+        stream = qos.subscriber(lockstep)
+        self.create_subscription(JointState, "joint_states", self._on_state, stream)
+        self.create_subscription(JointTrajectory, "joint_trajectory", self._on_trajectory, qos.EVENT)
+        self.create_subscription(Float64MultiArray, "target_gains", self._on_gains, stream)
+        self.create_subscription(PoseStamped, "target_pose", self._on_pose, stream)
+        self.create_subscription(Header, "tick", self._on_tick, stream)
+        self.create_subscription(String, "phase", self._on_phase, qos.LATCHED)
+        self.create_timer(1.0, self._report)
+        gc.collect()
+        gc.freeze()  # what start-up made stays: later collections need not walk it
+
+    def _cartesian_gains(self) -> CartesianGains:
+        default = CartesianGains()
+        return CartesianGains(
+            position=parameter(self, "position_stiffness", default.position,
+                               "Stiffness of T_E's position per unit inertia, 1/s^2.", 10.0, 1000.0),
+            rotation=parameter(self, "rotation_stiffness", default.rotation,
+                               "Stiffness of T_E's rotation per unit inertia, 1/s^2.", 10.0, 1000.0),
+            posture=parameter(self, "posture_stiffness", default.posture,
+                              "Stiffness of the posture per unit inertia, 1/s^2.", 0.0, 200.0),
+            damping_ratio=parameter(self, "cartesian_damping_ratio", default.damping_ratio,
+                                    "Damping ratio of all three.", 0.3, 3.0))
+
+    # States in, commands out
+
+    def _on_state(self, message: JointState, info: dict) -> None:
+        try:
+            stamp = stamp_nanoseconds(message.header.stamp)
+            q, dq, _ = joint_state_arrays(message, STATE_NAMES)
+            if self._is_fault:
+                self._controller.release()
+            if self._controller.observe(stamp, q[:7], dq[:7]):
+                self._gate.begin()
+                self._answered = None
+        except (BadMessage, Refusal) as error:
+            self._refuse(error)
+            return
+        self._sent = info["source_timestamp"]
+        if stamp == self._answered:
+            self._publish(self._controller.answer())  # the state was published again: so is its answer
+        else:
+            self._answer()
+
+    def _answer(self) -> None:
+        """Answer the newest state, unless it has been, or something it waits for is missing."""
+        stamp = self._controller.stamp
+        if stamp is None or stamp == self._answered:
+            return
+        if self._waits:
+            missing = self._gate.missing(stamp)
+            self.diagnostics.values["waiting_for"] = missing or ""
+            if missing:
+                return
+            self._take_tick(stamp)
+        answer = self._controller.answer()
+        self._publish(answer)
+        self._answered = stamp
+        for name in answer.limited:
+            self._limited[name] = self._limited.get(name, 0) + 1
+        self._seconds.append(time.time() - self._sent * 1e-9)
+
+    def _publish(self, answer: Answer) -> None:
+        self._command.publish(joint_state_message(
+            answer.stamp, JOINT_NAMES, answer.position, answer.velocity, answer.torque))
+
+    # Trajectories and targets
+
+    def _take_tick(self, stamp: int) -> None:
+        inputs = self._gate.take(stamp)
+        if inputs is None:
+            return
+        self._enter(inputs.phase)
+        if inputs.trajectory is not None:
+            self._follow(inputs.trajectory, stamp)
+        if inputs.target is not None:
+            self._aim(stamp, *inputs.target)
+
+    def _enter(self, phase: str) -> None:
+        if phase == "pre" != self._phase:
+            self._controller.hold()  # a new episode
+        self._phase = phase
+
+    def _follow(self, trajectory: Trajectory, start: int | None) -> None:
+        try:
+            self._controller.follow(trajectory, start)
+        except Refusal as refusal:
+            self._refuse(refusal)
+
+    def _aim(self, stamp: int, pose: Pose, gains: np.ndarray) -> None:
+        try:
+            if self._controller.set_target(stamp, *pose, *gains):
+                self.diagnostics.count("targets_cut_to_workspace")
+        except Refusal as refusal:
+            self._refuse(refusal)
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        trajectory = None
+        try:
+            stamp = stamp_nanoseconds(message.header.stamp)
+        except BadMessage as error:
+            self._refuse(error)
+            return
+        try:
+            times, positions, velocities = trajectory_arrays(message, JOINT_NAMES)
+            if times.size:  # none: the planner found no way, and the arm stays where it is
+                trajectory = make_trajectory(times, positions, velocities, LIMITS)
+        except (BadMessage, Refusal) as error:
+            self._refuse(error)
+        if self._waits:
+            self._gate.trajectory(stamp, trajectory)  # a refused plan is an answer too
+            self._answer()
+        elif trajectory is not None:
+            self._follow(trajectory, None)
+
+    def _on_gains(self, message: Float64MultiArray) -> None:
+        gains = None
+        try:
+            gains = gains_array(message)
+        except BadMessage as error:
+            self._refuse(error)
+        if self._waits:
+            self._gate.gains(gains)
+            self._answer()
+        else:
+            self._gains = gains
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        pose = None
+        try:
+            stamp = stamp_nanoseconds(message.header.stamp)
+        except BadMessage as error:
+            self._refuse(error)
+            return
+        try:
+            position, quaternion = pose_arrays(message, BASE_FRAME)
+            pose = position, matrix_from_quaternion(quaternion)
+        except BadMessage as error:
+            self._refuse(error)
+        if self._waits:
+            self._gate.pose(stamp, pose)
+            self._answer()
+            return
+        gains, self._gains = self._gains, None
+        if gains is None:
+            self._refuse(Refusal(Reason.UNPAIRED, f"target pose of {stamp} ns came without gains"))
+        elif pose is not None:
+            self._aim(stamp, pose, gains)
+
+    def _on_tick(self, message: Header) -> None:
+        if not self._waits:
+            self._enter(message.frame_id)
+            return
+        try:
+            self._gate.tick(stamp_nanoseconds(message.stamp), message.frame_id)
+        except BadMessage as error:
+            self._refuse(error)
+            return
+        self._answer()
+
+    def _on_phase(self, message: String) -> None:
+        # A stopped arm is not where its target was: let the target go along with it until the fault is over.
+        self._is_fault = message.data.split(":")[0] == "fault"
+
+    # Diagnostics
+
+    def _refuse(self, error: BadMessage | Refusal) -> None:
+        self.diagnostics.values["last_refusal"] = str(error)
+        self.diagnostics.count(f"refused_{error.reason if isinstance(error, Refusal) else error.kind}")
+        self.get_logger().warn(f"refused: {error}", throttle_duration_sec=1.0)
+
+    def _report(self) -> None:
+        values = self.diagnostics.values
+        if self._seconds:
+            # From the state's publication to the end of the answer's, both on this host's clock.
+            milliseconds = 1e3 * np.array(self._seconds)
+            for name, percentile in (("p50", 50), ("p99", 99), ("max", 100)):
+                values[f"answer_{name}_ms"] = round(float(np.percentile(milliseconds, percentile)), 3)
+        values.update({f"limited_{name}": count for name, count in self._limited.items()})
+        is_waiting = self._controller.stamp is None
+        self.diagnostics.report(DiagnosticStatus.OK, "waiting for joint_states" if is_waiting else "running")
