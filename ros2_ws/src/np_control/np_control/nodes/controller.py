@@ -71,6 +71,7 @@ class ControllerNode(Node):
         self._phase = ""
         self._is_fault = False
         self._answered: int | None = None
+        self._sent = 0  # ns on the host's clock, when the newest state was published
         self._limited: dict[str, int] = {}
         self._seconds: deque[float] = deque(maxlen=MEASURED_ANSWERS)
         self.diagnostics = Diagnostics(self)
