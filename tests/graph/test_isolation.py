@@ -1,0 +1,46 @@
+"""Nothing in the policy path subscribes to `object_pose`, nor to anything else that docs/graph.md does not give it."""
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from np_ros import qos
+from std_msgs.msg import String
+
+ALLOWED = {
+    "keypoint_detector": {"camera/image_raw"},
+    "pre_contact": {"phase", "goal_keypoints", "keypoints"},
+    "approach": {"gripper_command", "pre_contact_pose", "keypoints", "joint_states"},
+    "post_contact": {"goal_keypoints", "keypoints", "tick", "joint_states"},
+    "episode": {"goal_pose", "keypoints", "joint_trajectory", "diagnostics"},
+    "joint_impedance": {"joint_states", "joint_trajectory", "target_gains", "target_pose", "tick", "phase"},
+    "operational_space": {"joint_states", "joint_trajectory", "target_gains", "target_pose", "tick", "phase"},
+}
+OF_ROS = {"parameter_events", "clock"}
+
+
+def subscriptions(probe, node):
+    """Topics, without the leading slash, that a node subscribes to."""
+    topics = {name.lstrip("/") for name, _ in probe.node.get_subscriber_names_and_types_by_node(node, "/")}
+    return topics - OF_ROS
+
+
+@pytest.mark.parametrize("controller", ["impedance", "osc"])
+def test_the_policy_path_does_not_hear_the_truth(controller, graph, probe, untrained):
+    phases = probe.collect("phase", String, qos.LATCHED)
+    poses = probe.collect("object_pose", PoseStamped)
+    names = graph.run_card(controller=controller, weights=str(untrained))
+    probe.wait_until_ready(names)
+    policy_path = names - {"sim_bridge"}
+    assert len(policy_path) == 6
+
+    def check():
+        assert subscriptions(probe, "probe") >= {"object_pose"}  # the question is answered at all
+        assert set(probe.subscribers("object_pose")) == {"probe"}
+        for node in policy_path:
+            assert subscriptions(probe, node) == ALLOWED[node], node
+
+    check()
+    assert probe.call("sim_bridge/reset").success and probe.call("episode/start").success
+    # As far as an untrained detector leads: every node of the path but post_contact has worked then.
+    probe.wait_until(lambda: phases and phases[-1].data.split(":")[0] not in ("idle", "pre"), what="the end of phase pre")
+    probe.wait_until(lambda: poses, what="the truth")
+    check()  # nobody has subscribed meanwhile
