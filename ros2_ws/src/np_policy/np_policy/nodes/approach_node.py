@@ -124,8 +124,8 @@ class ApproachNode(Node):
         """No points mean no plan; the frame says why (docs/graph.md)."""
         message = trajectory_message(stamp, JOINT_NAMES, [], np.empty((0, 7)), np.empty((0, 7)))
         message.header.frame_id = reason
-        self._publish(stamp, message)
         self.get_logger().error(reason)
+        self._publish(stamp, message)
         self.diagnostics.report(DiagnosticStatus.ERROR, reason)
 
     def _publish(self, stamp: int, message: JointTrajectory) -> None:
