@@ -158,7 +158,9 @@ class Environment:
             shift = c.start_position * (2 * torch.rand(n, 3, generator=self.generator, device=self.device) - 1)
             shift[:, 2] = shift[:, 2].abs()
             turn = matrix_from_vector(c.start_rotation * self._normal(n, 3))
-            q = solve_ik(q, starts.contacts.position[row] + shift, turn @ starts.contacts.rotation[row])
+            missed = solve_ik(q, starts.contacts.position[row] + shift, turn @ starts.contacts.rotation[row])
+            free = contact.gripper_clearance(self.domain, missed, starts.contacts.width[row], starts.objects[row]) > 0
+            q = torch.where(free[:, None], missed, q)
         width = starts.contacts.width[row][:, None].expand(n, 2)
         self.physics.place(where, torch.cat([q, width, starts.objects.position[row], starts.objects.quaternion[row]], -1))
         self.physics.fingers[where] = width

@@ -19,6 +19,8 @@ from np_description.domains import Domain
 from np_description.panda import NOMINAL
 from np_description.scene import OBJECT, load_model
 
+# A body's mass has to change together with that of its subtree, which centres of mass are divided by.
+RANDOMISED = ("geom_friction", "body_mass", "body_subtreemass", "body_inertia")
 ARM, OBJECT_POSITION, OBJECT_QUATERNION = slice(0, 7), slice(9, 12), slice(12, 16)
 
 
@@ -72,12 +74,12 @@ class BatchedPhysics:
             # A captured graph holds the work of one stream: torch has to queue on Warp's.
             torch.cuda.set_stream(wp.stream_to_torch(wp.get_stream(self._wp_device)))
         with wp.ScopedDevice(self._wp_device):
-            self.model = mjw.put_model(model, batch_sizes=dict(geom_friction=worlds, body_mass=worlds, body_inertia=worlds))
+            self.model = mjw.put_model(model, batch_sizes=dict.fromkeys(RANDOMISED, worlds))
             data = mujoco.MjData(model)
             mujoco.mj_resetDataKeyframe(model, data, 0)
             mujoco.mj_forward(model, data)
             # Worlds that end a step before full convergence are the normal case, not worth a line each.
-            self.model.opt.warn_overflow &= ~mjw.OverflowType.ITERATIONS
+            self.model.opt.warn_overflow &= ~(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
             self.data = mjw.put_data(model, data, nworld=worlds, nconmax=config.contacts, njmax=config.constraints)
             self._command = wp.zeros((6, worlds, 7), dtype=float)
             self._delay = wp.zeros(worlds, dtype=int)
@@ -89,8 +91,8 @@ class BatchedPhysics:
         self.command, self.delay, self.noise = (wp.to_torch(a) for a in (self._command, self._delay, self._noise))
         self.command[1::3] = float(STIFFNESS_MIN[0])
         self.command[2::3] = 1.0
-        self.friction = wp.to_torch(self.model.geom_friction)
-        self.mass, self.inertia = wp.to_torch(self.model.body_mass), wp.to_torch(self.model.body_inertia)
+        self.friction, self.mass, self.subtree_mass, self.inertia = (
+            wp.to_torch(getattr(self.model, name)) for name in RANDOMISED)
         self.object_body = model.body(OBJECT).id
         self._nominal = model.geom_friction.copy(), model.body_mass.copy(), model.body_inertia.copy()
         self._surroundings = {"table", *(box.name for box in domain.obstacles)}
@@ -141,7 +143,10 @@ class BatchedPhysics:
             factor = table if name in self._surroundings else finger if name.startswith("panda_finger") else None
             if factor is not None:
                 self.friction[where, geom, 0] = float(friction[geom, 0]) * factor
-        self.mass[where, self.object_body] = float(body_mass[self.object_body]) * mass
+        object_mass = float(body_mass[self.object_body])
+        self.mass[where, self.object_body] = object_mass * mass
+        self.subtree_mass[where, self.object_body] = object_mass * mass
+        self.subtree_mass[where, 0] = float(body_mass.sum()) + object_mass * (mass - 1)
         nominal = torch.as_tensor(inertia[self.object_body], dtype=torch.float32, device=self.device)
         self.inertia[where, self.object_body] = nominal * mass[:, None]
 
