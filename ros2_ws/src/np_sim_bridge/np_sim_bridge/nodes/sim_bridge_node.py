@@ -6,6 +6,7 @@ missing; nothing is polled. Real time: a steady 2 ms timer steps with the newest
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable
 from functools import partial
@@ -30,6 +31,7 @@ from np_ros import qos
 from np_ros.messages import BadMessage, camera_info_message, image_message, joint_state_message, \
     pose_message, stamp_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run
+from np_ros.spin import request_realtime
 from np_sim_bridge.imaging import CameraThread
 from np_sim_bridge.lockstep import ACTIVE_PHASES, Barrier
 from np_sim_bridge.renderer import RENDERERS, make_renderer
@@ -65,6 +67,7 @@ class SimBridge(Node):
                                        "Lockstep: whether time waits for ticks and targets too.")
         self._timeout = parameter(self, "lockstep_timeout", 120.0, "Lockstep: s of wall time that an answer "
                                   "may be missing before the arm is stopped.", 1.0, 3600.0)
+        priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90)
         self._lockstep = mode == "lockstep"
         self._schedule = Schedule(policy_rate, image_rate)
         self._barrier = Barrier(self._schedule, tick_barrier=self._tick_barrier)
@@ -75,6 +78,7 @@ class SimBridge(Node):
         self._armed = False  # whether a missing answer is an error, or nobody has started yet
         self._waiting_since = self._repeated_at = time.monotonic()
         self._due: int | None = None  # monotonic ns of the period to come
+        self._reported: tuple[State, str] | None = None
         self._state_messages: list[tuple] = []
         self._last_image: tuple[int, list[tuple]] = (-1, [])  # stamp, messages; set by the camera's thread
         self._create_publishers()
@@ -84,8 +88,12 @@ class SimBridge(Node):
             self._camera = CameraThread(make, self._publish_image)
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(mode=mode, domain=domain, seed=seed)
+        if priority and not request_realtime(priority):  # for this thread: the camera's has been started
+            self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
         self._create_inputs()
         self._stand_at_task()
+        gc.collect()
+        gc.freeze()  # what start-up made stays: later collections need not walk it
 
     def _create_publishers(self) -> None:
         stream = qos.publisher(self._lockstep)
@@ -330,8 +338,10 @@ class SimBridge(Node):
         state, cause = self._filter.state, self._filter.watchdog.cause
         if self._lockstep and not self._filter.watchdog.may_move:
             self._coast.reset()
-        self.diagnostics.values["state"] = str(state)
-        self.diagnostics.report(LEVELS.get(state, DiagnosticStatus.OK), f"{state}: {cause}")
+        if (state, cause) != self._reported:
+            self._reported = state, cause
+            self.diagnostics.values["state"] = str(state)
+            self.diagnostics.report(LEVELS.get(state, DiagnosticStatus.OK), f"{state}: {cause}")
 
     def destroy_node(self) -> None:
         """Finish the images under way."""
