@@ -4,6 +4,8 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONHOME
 pip() { .venv/bin/python -m pip --disable-pip-version-check -qq "$@"; }
+# Byte code is left to the first import: most of it would never be read.
+install() { pip install --no-compile "$@"; }
 
 python=$(tools/python.sh)
 echo "creating .venv with $python ($("$python" --version))"
@@ -21,7 +23,7 @@ if [ -n "$TORCH_INDEX" ] && ! .venv/bin/python -c "$reachable" "$TORCH_INDEX" 2>
     TORCH_INDEX=
 fi
 echo "installing torch"
-pip install ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} "$(grep '^torch==' requirements.lock)"
+install ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} "$(grep '^torch==' requirements.lock)"
 
 # Where a ROS 2 installation is sourced, its rclpy and messages are used; two of them in one process would not agree.
 lock=requirements.lock
@@ -31,5 +33,5 @@ if [ -n "${ROS_DISTRO:-}" ] && command -v ros2 > /dev/null; then
     grep -v '^ros-' requirements.lock > "$lock"
 fi
 echo "installing $(grep -c == "$lock") packages (about two minutes)"
-pip install -r "$lock"
+install -r "$lock"
 pip check

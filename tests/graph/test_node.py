@@ -3,7 +3,7 @@
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from np_ros.node import Diagnostics, parameter
+from np_ros.node import SUBSCRIBERS, Diagnostics, parameter
 from np_ros.qos import EVENT, LOCKSTEP
 from np_ros.spin import Spinner
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
@@ -159,19 +159,28 @@ def test_diagnostics_say_counts_and_problems(spun):
     node, spinner = spun
     received = []
     node.create_subscription(DiagnosticArray, "diagnostics", lambda m: received.append(m.status[0]), EVENT)
+    node.create_subscription(Int64, "numbers", lambda message: None, LOCKSTEP)
+    publisher = node.create_publisher(Int64, "numbers", LOCKSTEP)
+    spin_until(node, spinner, publisher.get_subscription_count)
     diagnostics = Diagnostics(node, period=0.05)
     diagnostics.values["mode"] = "lockstep"
     spin_until(node, spinner, lambda: received)
     assert (received[-1].level, received[-1].name) == (DiagnosticStatus.OK, "/spun")
 
+    def first(level):
+        return next((status for status in received if status.level == level), None)
+
     diagnostics.count("refused: finite")
     diagnostics.count("refused: finite")
-    spin_until(node, spinner, lambda: received[-1].level == DiagnosticStatus.WARN)
-    assert {v.key: v.value for v in received[-1].values} == {"mode": "lockstep", "refused: finite": "2"}
-    assert received[-1].message == "refused: finite"
-    spin_until(node, spinner, lambda: received[-1].level == DiagnosticStatus.OK)
+    spin_until(node, spinner, lambda: first(DiagnosticStatus.WARN))
+    warned = first(DiagnosticStatus.WARN)
+    assert {v.key: v.value for v in warned.values} == {
+        "mode": "lockstep", "refused: finite": "2", SUBSCRIBERS: "/numbers=1"}
+    assert warned.message == "refused: finite"
+    received.clear()
+    spin_until(node, spinner, lambda: first(DiagnosticStatus.OK))
 
     diagnostics.report(DiagnosticStatus.ERROR, "no plan")
     diagnostics.count("replanned", problem=False)
-    spin_until(node, spinner, lambda: received[-1].level == DiagnosticStatus.ERROR)
-    assert received[-1].message == "no plan"
+    spin_until(node, spinner, lambda: first(DiagnosticStatus.ERROR))
+    assert first(DiagnosticStatus.ERROR).message == "no plan"

@@ -91,8 +91,9 @@ _INFRASTRUCTURE = ("/rosout", "/parameter_events", "/diagnostics")
 class Diagnostics:
     """One DiagnosticStatus of a node on `diagnostics`, once a second and whenever `publish` is called.
 
-    `values` are shown as they are; `count` adds up events such as refused commands. The level is that of
-    the last call of `report`, at least WARN for one period after something was counted as a problem.
+    `values` are shown as they are, with the subscribers that the node's publishers have found; `count` adds
+    up events such as refused commands. The level is that of the last call of `report`, at least WARN for one
+    period after something was counted as a problem.
     """
 
     def __init__(self, node: Node, period: float = 1.0):
