@@ -41,8 +41,8 @@ class Contacts:
     feasible: torch.Tensor
 
 
-def resolve(domain: Domain, action: torch.Tensor, objects: Poses) -> Contacts:
-    """The contacts that actions (n, 9) choose on objects at the poses given."""
+def contact_pose(domain: Domain, action: torch.Tensor, objects: Poses) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """T_E position (n, 3) m, rotation (n, 3, 3) and finger width (n,) m that actions (n, 9) choose on the objects."""
     action = action.clamp(-1, 1)
     device = action.device
     zero = torch.zeros_like(action[:, 0])
@@ -56,16 +56,25 @@ def resolve(domain: Domain, action: torch.Tensor, objects: Poses) -> Contacts:
     half_size = torch.tensor(domain.half_size, device=device)
     direction = action[:, 6:] / action[:, 6:].abs().amax(-1, keepdim=True).clamp(min=1e-6)
     normal = torch.where(direction.abs() >= 1 - 1e-6, direction.sign(), torch.zeros_like(direction))
-    body = matrix_from_quaternion(objects.quaternion)
     normal = normal / normal.norm(dim=-1, keepdim=True)
+    body = matrix_from_quaternion(objects.quaternion)
     surface = ((direction * half_size + CLEARANCE * normal)[:, None, :] * body).sum(-1) + objects.position
-    position = surface - (rotation * gripper_point[:, None, :]).sum(-1)
-    ready = torch.tensor(NOMINAL.ready, dtype=action.dtype, device=device).expand(len(action), 7)
+    return surface - (rotation * gripper_point[:, None, :]).sum(-1), rotation, width
+
+
+def reach(domain: Domain, position: torch.Tensor, rotation: torch.Tensor, width: torch.Tensor, objects: Poses) -> Contacts:
+    """Contacts at given hand poses, with a joint solution from the ready posture, and whether it is feasible."""
+    ready = torch.tensor(NOMINAL.ready, dtype=position.dtype, device=position.device).expand(len(position), 7)
     q = solve_ik(ready, position, rotation, iterations=IK_ITERATIONS)
     distance, angle = pose_distance(q, position, rotation)
     reached = (distance < 1e-3) & (angle < 1e-2)
     free = gripper_clearance(domain, q, width, objects) > 0
     return Contacts(position, rotation, width, q, reached & free)
+
+
+def resolve(domain: Domain, action: torch.Tensor, objects: Poses) -> Contacts:
+    """The contacts that actions (n, 9) choose on objects at the poses given."""
+    return reach(domain, *contact_pose(domain, action, objects), objects)
 
 
 def gripper_clearance(domain: Domain, q: torch.Tensor, width: torch.Tensor, objects: Poses) -> torch.Tensor:

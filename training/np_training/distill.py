@@ -1,0 +1,112 @@
+"""Distil the pre-contact policy into the student that sees keypoints.
+
+    python -m np_training.distill --checkpoint runs/card/checkpoint.pt --out runs/card --minutes 2
+
+The teacher sees poses; the student sees 16 keypoint and 16 goal coordinates and gives 6D rotation, position and width,
+trained by mean squared error (paper) on fresh tasks with keypoint noise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import torch
+
+from np_description.domains import DOMAINS, Domain, find_domain
+from np_description.keypoints import box_keypoints
+from np_description.panda import FINGER_MAX
+from np_description.rotations import matrix_from_six, six_from_matrix
+from np_policy.networks import TCP_CENTRE, TCP_RANGE, PreContactStudent
+from np_policy.observation import normalised_keypoints, student_observation
+from np_policy.weights import save
+from np_training import contact
+from np_training.environment import pre_contact_state
+from np_training.networks import PreContactPolicy
+from np_training.tasks import Poses, sample_tasks
+
+KEYPOINT_NOISE = 0.02  # largest standard deviation, normalised image units; 1.0 is half an image
+
+
+def student_input(domain: Domain, objects: Poses, goals: Poses, noise: torch.Tensor | float = 0.0) -> torch.Tensor:
+    """The student's input (n, 32) for tasks, keypoints disturbed by Gaussian noise of a standard deviation (n, 1, 1)."""
+    keypoints, goal = (normalised_keypoints(box_keypoints(domain.half_size, p.position, p.quaternion))
+                       for p in (objects, goals))
+    return student_observation(keypoints + noise * torch.randn_like(keypoints), goal)
+
+
+def student_target(position: torch.Tensor, rotation: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
+    """The student's output (n, 10) for hand poses: 6D rotation, position scaled to +-1, width scaled to 0..1."""
+    centre = torch.tensor(TCP_CENTRE, dtype=position.dtype, device=position.device)
+    return torch.cat([six_from_matrix(rotation), (position - centre) / TCP_RANGE, width[:, None] / FINGER_MAX], -1)
+
+
+def student_pose(output: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Position (n, 3) m, rotation (n, 3, 3) and width (n,) m from the student's output (n, 10)."""
+    centre = torch.tensor(TCP_CENTRE, dtype=output.dtype, device=output.device)
+    return output[:, 6:9] * TCP_RANGE + centre, matrix_from_six(output[:, :6]), output[:, 9].clamp(0, 1) * FINGER_MAX
+
+
+def distil(domain: Domain, teacher: PreContactPolicy, device: str, minutes: float, batch: int = 8192,
+           seed: int = 0) -> tuple[PreContactStudent, dict[str, float]]:
+    """Train a student for some minutes; returns it with its mean errors on fresh noiseless tasks (mm, rad, mm)."""
+    generator = torch.Generator(device=device).manual_seed(seed)
+    torch.manual_seed(seed)
+    student = PreContactStudent().to(device)
+    optimiser = torch.optim.Adam(student.parameters(), lr=1e-3)
+    begin, step, share = time.monotonic(), 0, 0.0
+
+    def sample(noise: float) -> tuple[torch.Tensor, torch.Tensor]:
+        objects, goals = sample_tasks(domain, batch, generator)
+        with torch.no_grad():
+            target = student_target(*contact.contact_pose(domain, teacher(pre_contact_state(objects, goals)), objects))
+        levels = noise * torch.rand(batch, 1, 1, generator=generator, device=device)
+        return student_input(domain, objects, goals, levels), target
+
+    while share < 1:
+        share = (time.monotonic() - begin) / (60 * minutes)
+        for group in optimiser.param_groups:
+            group["lr"] = 1e-3 * max(1 - share, 1e-3)
+        state, target = sample(KEYPOINT_NOISE)
+        loss = (student(state) - target).square().mean()
+        optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        optimiser.step()
+        step += 1
+        if step % 500 == 0:
+            print(f"step {step}  loss {loss.item():.2e}  left {minutes * (1 - share):.1f} min", flush=True)
+    with torch.no_grad():
+        state, target = sample(0.0)
+        (p, r, w), (tp, tr, tw) = student_pose(student(state)), student_pose(target)
+        cosine = ((r * tr).sum((-1, -2)) - 1) / 2
+        errors = {"position_mm": 1e3 * (p - tp).norm(dim=-1).mean().item(),
+                  "angle_rad": cosine.clamp(-1, 1).arccos().mean().item(), "width_mm": 1e3 * (w - tw).abs().mean().item()}
+    return student.cpu(), {"steps": step, **errors}
+
+
+def main() -> None:
+    """Distil the checkpoint's pre-contact policy; writes pre_contact_student_DOMAIN.safetensors."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--domain", choices=list(DOMAINS), default="card")
+    parser.add_argument("--checkpoint", type=Path, required=True)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--minutes", type=float, default=2.0)
+    parser.add_argument("--batch", type=int, default=8192)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    arguments = parser.parse_args()
+    state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)["networks"]
+    teacher = PreContactPolicy().to(arguments.device)
+    teacher.load_state_dict({name[4:]: tensor for name, tensor in state.items() if name.startswith("pre.")})
+    student, figures = distil(find_domain(arguments.domain), teacher, arguments.device, arguments.minutes,
+                              arguments.batch, arguments.seed)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    path = arguments.out / f"pre_contact_student_{arguments.domain}.safetensors"
+    save(student, path, {"domain": arguments.domain})
+    print(json.dumps({"file": str(path), **figures}))
+
+
+if __name__ == "__main__":
+    main()
