@@ -131,6 +131,7 @@ class ControllerNode(Node):
             missing = self._gate.missing(stamp)
             self.diagnostics.values["waiting_for"] = missing or ""
             if missing:
+                self._sent = 0  # how long others take says nothing about this node
                 return
             self._take_tick(stamp)
         answer = self._controller.answer()
@@ -138,7 +139,8 @@ class ControllerNode(Node):
         self._answered = stamp
         for name in answer.limited:
             self._limited[name] = self._limited.get(name, 0) + 1
-        self._seconds.append(time.time() - self._sent * 1e-9)
+        if self._sent:
+            self._seconds.append(time.time() - self._sent * 1e-9)
 
     def _publish(self, answer: Answer) -> None:
         self._command.publish(joint_state_message(
