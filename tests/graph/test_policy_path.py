@@ -90,7 +90,7 @@ class Backend:
 @pytest.fixture
 def begin(graph, probe, tmp_path):
     """Starts the four nodes; options: parameters of episode, where the student wants the hand."""
-    def begun(position=HAND, **episode):
+    def begun(position=HAND, mode="lockstep", **episode):
         weights = str(write_policies(tmp_path / "weights", CARD, position=position))
         for topic, (kind, profile) in OUTPUTS.items():
             probe.collect(topic, kind, profile)
@@ -100,7 +100,7 @@ def begin(graph, probe, tmp_path):
         for name in NODES:
             own = {"pre_contact": {"weights": weights}, "post_contact": {"weights": weights},
                    "approach": {"improve_checks": 2000}, "episode": episode}[name]
-            graph.run("np_policy", name, {"mode": "lockstep", "domain": "card", **own})
+            graph.run("np_policy", name, {"mode": mode, "domain": "card", **own})
         probe.wait_until(lambda: all(probe.matched(topic, count) for topic, (_, _, count) in INPUTS.items())
                          and all(probe.publishers(topic) for topic in OUTPUTS), what="the four nodes")
         # That we know a node does not mean that it knows us: only what we hear of it does.
@@ -266,6 +266,31 @@ def test_a_hold_of_the_backend_is_a_fault(begin):
     assert not refusal.success and "stopped: torque" in refusal.message
     report(DiagnosticStatus.OK, "running")
     backend.wait(lambda: backend.probe.call("episode/start").success)
+
+
+def test_in_real_time_nobody_is_waited_for_and_a_silent_camera_ends_the_episode(begin):
+    backend = begin(mode="realtime", silence=1.0, settle=0.0)
+    backend.goal(TICK)
+    backend.start()
+    frames = iter(range(10**6))
+
+    def stream_until(condition, what):
+        def step():
+            stamp = TICK + next(frames) * TICK // 3
+            backend.stand(stamp - 1, backend.joints)  # the newest state, not one of the image's stamp
+            backend.see(stamp)
+            return condition()
+        backend.probe.wait_until(step, what=what)
+
+    backend.joints = NOMINAL.ready
+    stream_until(lambda: backend.phase() == "approach" and backend.said("joint_trajectory"), "the plan")
+    assert {phase for _, phase in backend.ticks()} >= {"pre"}  # ticks went on while the planner thought
+    backend.joints = trajectory_arrays(backend.said("joint_trajectory")[0], JOINT_NAMES)[1][-1]
+    stream_until(lambda: len(backend.said("target_pose")) >= 3 and backend.said("target_gains"), "targets")
+    stamps = [stamp for stamp, _ in backend.ticks()]
+    assert (np.diff(stamps) >= 0.9 * TICK).all()
+    assert {stamp_nanoseconds(m.header.stamp) for m in backend.said("target_pose")} <= set(stamps)
+    backend.probe.wait_until(lambda: backend.phase() == "failed: post: no keypoints within 1 s", what="its end")
 
 
 @pytest.mark.parametrize("name", ["pre_contact", "post_contact"])

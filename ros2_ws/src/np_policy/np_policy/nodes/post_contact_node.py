@@ -16,7 +16,6 @@ from np_description.rotations import quaternion_from_matrix
 from np_policy.episode import POST
 from np_policy.nodes.common import StateStream, declare_settings, declare_weights, refuse, subscribe_keypoints
 from np_policy.policy import PolicyError, PostContactController, weights_file
-from np_policy.weights import WeightsError
 from np_ros import qos
 from np_ros.messages import BadMessage, gains_message, keypoints_array, pose_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, run
@@ -31,11 +30,8 @@ class PostContactNode(Node):
         super().__init__("post_contact")
         torch.set_num_threads(1)
         self._settings = declare_settings(self)
-        try:
-            file = weights_file("post_contact", self._settings.domain, declare_weights(self))
-            self._policy = PostContactController(file, self._settings.domain, min_score=self._settings.min_score)
-        except WeightsError as error:
-            raise ValueError(error) from error
+        file = weights_file("post_contact", self._settings.domain, declare_weights(self))
+        self._policy = PostContactController(file, self._settings.domain, min_score=self._settings.min_score)
         self.diagnostics = Diagnostics(self)
         self._goal: np.ndarray | None = None
         self._keypoints: OrderedDict[int, np.ndarray | None] = OrderedDict()

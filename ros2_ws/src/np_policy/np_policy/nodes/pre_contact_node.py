@@ -13,7 +13,6 @@ from np_description.panda import BASE_FRAME
 from np_policy.nodes.common import declare_settings, declare_weights, refuse, subscribe_keypoints
 from np_policy.policy import PolicyError, PreContactPlanner, weights_file
 from np_policy.pose_estimation import MIN_POINTS, usable
-from np_policy.weights import WeightsError
 from np_ros import qos
 from np_ros.messages import BadMessage, keypoints_array, pose_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, run
@@ -26,10 +25,8 @@ class PreContactNode(Node):
         super().__init__("pre_contact")
         torch.set_num_threads(1)
         self._settings = declare_settings(self)
-        try:
-            self._planner = PreContactPlanner(weights_file("pre_contact", self._settings.domain, declare_weights(self)))
-        except WeightsError as error:
-            raise ValueError(error) from error
+        file = weights_file("pre_contact", self._settings.domain, declare_weights(self))
+        self._planner = PreContactPlanner(file)
         self.diagnostics = Diagnostics(self)
         self._goal: tuple[int, np.ndarray] | None = None
         self._answered = -1  # stamp of the last goal that was answered
