@@ -34,3 +34,11 @@ def probe(graph):
     probe = Probe(graph)
     yield probe
     probe.close()
+
+
+@pytest.fixture(scope="session")
+def untrained(tmp_path_factory):
+    """A folder with untrained weights of every network of the card graph."""
+    from random_weights import write_weights
+
+    return write_weights(tmp_path_factory.mktemp("weights"))

@@ -18,11 +18,14 @@ import os
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import rclpy
+from np_bringup.card import card_graph
 from np_bringup.graph import NodeSpec
+from np_bringup.nodes.links import Links
 from np_bringup.supervisor import Supervisor, installed_command
 from np_ros import qos as profiles
 from rclpy.executors import SingleThreadedExecutor
@@ -48,6 +51,14 @@ class Graph(Supervisor):
 
     def __init__(self, log_directory: Path):
         super().__init__(log_directory, locate=command)
+
+    def run_card(self, overrides: Mapping[str, Mapping[str, object]] | None = None, *, leave_out=(), **arguments) -> set[str]:
+        """Start the card graph; `overrides`: parameters by node. The nodes' names, for `Probe.wait_until_ready`."""
+        overrides = overrides or {}
+        specs = [replace(spec, parameters={**spec.parameters, **overrides.get(spec.name, {})})
+                 for spec in card_graph(arguments) if spec.name not in leave_out]
+        self.start(specs)
+        return {spec.name for spec in specs}
 
     def run(self, package: str, executable: str, parameters: dict | None = None, *, name: str = "",
             remappings=()) -> str:
@@ -110,6 +121,11 @@ class Probe:
     def matched(self, topic: str, subscribers: int = 1) -> bool:
         """Whether our publisher on `topic` has that many subscribers."""
         return self._publishers[topic].get_subscription_count() >= subscribers
+
+    def wait_until_ready(self, names: set[str], timeout: float = 2 * TIMEOUT) -> None:
+        """Until the named nodes are up and every publisher, the probe's too, has found its subscribers."""
+        links = Links(self.node)  # anew: it believes only what nodes say from now on
+        self.wait_until(lambda: links.are_complete(names), timeout, f"{', '.join(sorted(names))}, all matched")
 
     def publishers(self, topic: str) -> list[str]:
         """Names of the nodes that publish `topic`."""
