@@ -40,9 +40,7 @@ def start(graph, probe):
             probe.advertise(topic, kind, profile)
         probe.collect("effort_command", JointState)
         probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
-        graph.run("np_control", executable, parameters)
-        probe.wait_until(lambda: all(probe.matched(topic) for topic, _, _ in inputs)
-                         and probe.publishers("effort_command"), what="the controller")
+        probe.wait_until_ready({graph.run("np_control", executable, parameters)})
     return started
 
 
@@ -209,10 +207,10 @@ def test_with_the_sim_bridge_the_arm_arrives(graph, probe, tmp_path):
     goal = NOMINAL.ready + [0.3, 0.2, -0.2, 0.2, 0.2, -0.2, 0.3]
     probe.collect("joint_states", JointState)
     probe.advertise("joint_trajectory", JointTrajectory, qos.EVENT)
-    graph.run("np_control", "joint_impedance", {"tick_barrier": False})
-    graph.run("np_sim_bridge", "sim_bridge", {"tick_barrier": False, "camera": False})
-    probe.wait_until(lambda: probe.matched("joint_trajectory") and len(probe.messages["joint_states"]) > 5,
-                     what="time to run")
+    free = {"tick_barrier": False}
+    probe.wait_until_ready({graph.run("np_control", "joint_impedance", free),
+                            graph.run("np_sim_bridge", "sim_bridge", {**free, "camera": False})})
+    probe.wait_until(lambda: len(probe.messages["joint_states"]) > 5, what="time to run")
     probe.publish("joint_trajectory", plan(0, [0.0, 1.0], goal), qos.EVENT)
 
     def error():
