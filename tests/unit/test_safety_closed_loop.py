@@ -47,8 +47,8 @@ class Arm:
         mujoco.mj_step(MODEL, self.data)
         self.periods += 1
         self.fastest = np.maximum(self.fastest, np.abs(self.dq))
-        self.least_room = np.minimum(self.least_room, np.minimum(self.q - LIMITS.position_lower,
-                                                                 LIMITS.position_upper - self.q))
+        room = np.minimum(self.q - LIMITS.position_lower, LIMITS.position_upper - self.q)
+        self.least_room = np.minimum(self.least_room, room)
         return applied
 
     def torque_of(self, joint, sign):
@@ -68,7 +68,7 @@ def test_full_torque_towards_a_joint_limit_ends_at_the_wall(joint, sign):
     assert (arm.fastest < LIMITS.velocity).all()
     assert (arm.least_room > 0).all()
     wall = (LIMITS.wall_upper if sign > 0 else LIMITS.wall_lower)[joint]
-    assert arm.q[joint] == pytest.approx(wall, abs=0.03)  # it got there: the guard is a wall, not a fence far off
+    assert arm.q[joint] == pytest.approx(wall, abs=0.03)  # it got there: a wall, not a fence far off
 
 
 @pytest.mark.parametrize("joint", [0, 3, 5])
@@ -91,7 +91,7 @@ def test_from_speed_the_arm_comes_to_rest_and_stays(joint, ending):
 
 
 def test_harmful_torques_on_all_joints_never_reach_a_joint_limit():
-    """Speed can exceed its limit here, as joints throw each other about; that is a fault, and ends at rest."""
+    """Speed can exceed its limit, as joints throw each other about; that is a fault, and ends at rest."""
     rng = np.random.default_rng(0)
     for _ in range(6):
         arm = Arm()
