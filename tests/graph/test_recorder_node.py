@@ -5,10 +5,12 @@ import signal
 
 import numpy as np
 import pytest
+from graph_tools import TIMEOUT
 from np_bringup.bag import Recording
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_ros import qos
 from np_ros.messages import joint_state_message, pose_message
+from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import String
@@ -24,6 +26,8 @@ def publish_run(probe, start, count, phase="post"):
         probe.publish("effort_command", joint_state_message(step * PERIOD, JOINT_NAMES, *values[:, :7]), qos.RECORDER)
         if step == start:
             probe.publish("phase", String(data=phase), qos.LATCHED)
+    for topic, kind in (("joint_states", JointState), ("effort_command", JointState)):
+        assert probe.advertise(topic, kind, qos.RECORDER).wait_for_all_acked(Duration(seconds=TIMEOUT))
 
 
 @pytest.fixture
