@@ -1,0 +1,113 @@
+"""The commands as a user runs them: whole graphs of processes, to the last line of JSON."""
+
+import json
+import os
+import signal
+import subprocess
+
+import pytest
+from graph_tools import command
+from np_bringup.bag import Recording
+from np_bringup.contract import END_PHASES
+
+LIMIT = 280  # s
+
+
+def start(name, weights, *options):
+    return subprocess.Popen([*command("np_bringup", name), "--weights", str(weights), *map(str, options)],
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def finish(process):
+    """(status, JSON of the last line, standard output, standard error)."""
+    try:
+        out, err = process.communicate(timeout=LIMIT)
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            process.wait(30)
+    return process.returncode, json.loads(out.splitlines()[-1]) if out else None, out, err
+
+
+def survivors(log_folder):
+    """Processes that still use the parameter files of a run."""
+    found = []
+    for pid in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            with open(f"/proc/{pid}/cmdline", "rb") as file:
+                if str(log_folder).encode() in file.read():
+                    found.append(int(pid))
+        except OSError:
+            continue  # ended meanwhile
+    return found
+
+
+def test_the_demo_records_and_reports(tmp_path, untrained):
+    """Two episodes with the camera. An untrained detector may end them early, but never without a named phase."""
+    status, result, out, err = finish(start("demo", untrained, "--episodes", 2, "--out", tmp_path / "demo"))
+    assert status == 0, err
+    folder = tmp_path / "demo_000"
+    assert result["episodes"] == 2 and result["error"] == "" and len(result["bags"]) == 2
+    assert all(outcome.split(":")[0] in END_PHASES for outcome in result["outcomes"])
+    for bag in result["bags"]:
+        with Recording(bag, ["joint_states", "camera/image_raw", "keypoints", "goal_pose", "phase"]) as recording:
+            assert recording.information["seed"] == "0" and recording.information["weights_sha256"]
+    report = (folder / "report.html").read_text()
+    assert "episode_000" in report and "episode_001" in report and "data:video/webm" in report
+    assert all(os.path.getsize(video) > 0 for video in result["videos"]) and len(result["videos"]) == 2
+    assert "episode 1 of 2" in out and " pre" in out
+    assert survivors(folder) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_demo_cleans_up_when_it_is_interrupted(tmp_path, untrained, number):
+    process = start("demo", untrained, "--keypoints", "truth", "--out", tmp_path / "demo")
+    lines = []
+    for line in process.stdout:
+        lines.append(line)
+        if line.split()[-1:] == ["approach"]:
+            break
+    assert survivors(tmp_path / "demo_000"), "".join(lines)
+    process.send_signal(number)
+    status, result, _, err = finish(process)
+    assert status == 130 and result["error"] == "interrupted" and "Traceback" not in err
+    assert survivors(tmp_path / "demo_000") == []
+    with Recording(result["bags"][0], ["joint_states", "joint_trajectory"]) as recording:
+        assert recording.counts["joint_states"] > 0  # the episode that was cut off is kept as well
+
+
+def test_missing_weights_are_named(tmp_path):
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    status, result, _, err = finish(start("demo", empty, "--out", tmp_path / "demo"))
+    assert status == 1 and "_card" in err and "does not exist" in err
+    assert result["episodes"] == 0 and result["error"]
+    assert survivors(tmp_path / "demo_000") == []
+
+
+def test_an_evaluation_counts_and_goes_on_where_it_stopped(tmp_path, untrained):
+    options = ("--keypoints", "camera", "--seed", 3, "--out", tmp_path / "eval")
+    status, first, _, err = finish(start("evaluate", untrained, "--episodes", 2, *options))
+    assert status == 0, err
+    assert first["episodes"] == 2 and first["ci95"][0] <= first["success"] <= first["ci95"][1]
+    assert sum(first["failures"].values()) == 2 - round(2 * first["success"])
+    status, second, _, err = finish(start("evaluate", untrained, "--episodes", 3, *options))
+    assert status == 0, err
+    lines = [json.loads(line) for line in open(second["results"])]
+    assert [line["episode"] for line in lines[1:]] == [0, 1, 2] and first["results"] == second["results"]
+    # Of the first two nothing was run again: their wall time is in the sum, not in this run.
+    assert second["episodes"] == 3 and second["wall_s"] > sum(line["wall_s"] for line in lines[1:3])
+
+
+def test_a_graph_that_breaks_down_costs_its_episode(tmp_path, untrained):
+    process = start("evaluate", untrained, "--episodes", 1, "--keypoints", "truth", "--out", tmp_path / "eval")
+    victim = None
+    while victim is None:
+        assert process.poll() is None
+        victim = next((pid for pid in survivors(tmp_path / "eval/log_000/post_contact.yaml")), None)
+    os.kill(victim, signal.SIGKILL)
+    status, result, _, err = finish(process)
+    if status == 1:  # killed before the graph was up: nothing to count
+        assert "post_contact ended with signal SIGKILL" in err
+    else:
+        assert status == 0 and result["failures"] == {"graph": 1} and result["success"] == 0.0

@@ -1,0 +1,76 @@
+"""Files of results and their summary."""
+
+import json
+
+import pytest
+from np_bringup.episode import Outcome
+from np_bringup.evaluation import Results, breakdown, result_of, summary
+from np_bringup.intervals import wilson_interval
+
+SETTINGS = {"domain": "card", "seed": 0, "keypoints": "truth", "controller": "impedance", "weights_sha256": {"a": "1"}}
+
+
+def good(number):
+    return result_of(number, Outcome("succeeded", "", 0.004, 0.02, True, 6.0), 3.0)
+
+
+def test_results_survive_and_continue(tmp_path):
+    results = Results(tmp_path, SETTINGS)
+    results.add(good(0))
+    results.add(breakdown(1, "node approach ended with signal SIGKILL", 2.0))
+    again = Results(tmp_path, SETTINGS)
+    assert again.results == results.results and again.path == results.path
+    again.add(good(2))
+    assert [r.episode for r in Results(tmp_path, SETTINGS).results] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("cut", [1, 20, 100])
+def test_a_line_cut_off_is_run_again(tmp_path, cut):
+    results = Results(tmp_path, SETTINGS)
+    for number in range(3):
+        results.add(good(number))
+    text = results.path.read_text()
+    results.path.write_text(text[:-cut])
+    again = Results(tmp_path, SETTINGS)
+    assert [r.episode for r in again.results] == [0, 1]
+    again.add(good(2))
+    assert results.path.read_text() == text
+
+
+def test_other_settings_have_another_file(tmp_path):
+    paths = {Results(tmp_path, {**SETTINGS, **change}).path for change in (
+        {}, {"seed": 1}, {"keypoints": "camera"}, {"weights_sha256": {"a": "2"}})}
+    assert len(paths) == 4
+
+
+def test_foreign_results_are_named(tmp_path):
+    path = Results(tmp_path, SETTINGS).path
+    header = path.read_text()
+    path.write_text(header + json.dumps({"hello": 1}) + "\n")
+    with pytest.raises(ValueError, match="line 2: expected one result, found"):
+        Results(tmp_path, SETTINGS)
+    path.write_text("something else\n")
+    with pytest.raises(ValueError, match="expected results for"):
+        Results(tmp_path, SETTINGS)
+
+
+def test_the_summary_counts_by_the_truth():
+    results = [
+        good(0), good(1),
+        result_of(2, Outcome("succeeded", "", 0.02, 0.02, False, 6.0), 3.0),
+        result_of(3, Outcome("failed", "post: timeout", 0.004, 0.02, True, 15.0), 3.0),
+        result_of(4, Outcome("failed", "post: timeout", 0.1, 0.02, False, 15.0), 3.0),
+        result_of(5, Outcome("failed", "approach: no path", 0.1, 0.02, False, 0.1), 3.0),
+        result_of(6, Outcome("fault", "hold", 0.1, 0.02, False, 0.1), 3.0),
+        breakdown(7, "node died", 3.0)]
+    figures = summary(results)
+    assert figures["success"] == 3 / 8 and figures["episodes"] == 8
+    assert figures["failures"] == {"approach": 1, "fault": 1, "graph": 1, "post": 2}
+    assert (figures["declared_wrongly"], figures["missed"]) == (1, 1)
+    assert figures["ci95"] == pytest.approx(wilson_interval(3, 8), abs=1e-4)
+    assert figures["wall_s"] == 24.0
+
+
+def test_no_episode_has_no_rate():
+    figures = summary([])
+    assert figures["success"] is None and figures["ci95"] == [0.0, 1.0]
