@@ -26,10 +26,12 @@ setup(
         'console_scripts': [
             'bench = np_bringup.commands.bench:main',
             'demo = np_bringup.commands.demo:main',
+            'echo = np_bringup.nodes.echo_node:main',
             'evaluate = np_bringup.commands.evaluate:main',
             'keypoint_oracle = np_bringup.nodes.keypoint_oracle_node:main',
             'recorder = np_bringup.nodes.recorder_node:main',
             'replay = np_bringup.commands.replay:main',
+            'round_trip = np_bringup.nodes.round_trip_node:main',
             'report = np_bringup.commands.report:main',
         ],
     },

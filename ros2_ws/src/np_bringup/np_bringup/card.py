@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 
 from np_bringup.graph import LaunchArgument, NodeSpec, complete
 
@@ -57,6 +58,9 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
         nodes.insert(0, NodeSpec("np_bringup", "recorder", parameters={
             "bag": given["bag"], "run_info": json.dumps(information, sort_keys=True),
             "record_at_start": given["record_at_start"] == "true", "required": ",".join(required)}))
+    if given["mode"] == "realtime":
+        # The loop must not wait for those who think: state in, command out, every 2 ms.
+        nodes = [node if node.package in ("np_sim_bridge", "np_control") else replace(node, nice=10) for node in nodes]
     return nodes
 
 

@@ -14,6 +14,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -120,7 +121,7 @@ class Supervisor:
                     env={**os.environ, **self.environment, **(environment or {})},
                     # Own session: Ctrl-C in the terminal reaches only us, who stop the nodes in order. If we are killed
                     # outright, the kernel interrupts the nodes.
-                    start_new_session=True, preexec_fn=_die_with_parent)
+                    start_new_session=True, preexec_fn=partial(_prepare, spec.nice))
 
     def pid(self, name: str) -> int:
         """Process id of a running node."""
@@ -197,5 +198,7 @@ class Supervisor:
         return arguments
 
 
-def _die_with_parent() -> None:
+def _prepare(nice: int) -> None:
+    """In the new process, before the node is executed."""
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+    os.nice(nice)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import queue
 import threading
 from collections.abc import Callable
@@ -60,6 +61,8 @@ class CameraThread:
             raise self._error
 
     def _run(self) -> None:
+        # Threads have a priority of their own in Linux, and those that OpenGL starts inherit it: drawing yields to control.
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)
         try:
             renderer = self._make()
             self._ready.set()

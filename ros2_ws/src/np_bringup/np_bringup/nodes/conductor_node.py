@@ -78,18 +78,24 @@ class Conductor:
         self._node.destroy_node()
         rclpy.shutdown(context=self._context)
 
-    def wait_until_ready(self, specs: Sequence[NodeSpec], timeout: float = 120.0) -> None:
+    def listen(self, seconds: float) -> None:
+        """Let so much wall time pass. Raises NodeDied."""
+        deadline = time.monotonic() + seconds
+        self._wait(lambda: time.monotonic() > deadline, 2 * seconds + _SERVICE_TIMEOUT, "the end of a measurement")
+
+    def wait_until_ready(self, specs: Sequence[NodeSpec], timeout: float = 120.0,
+                         services: Sequence[str] = ("sim_bridge/reset", "episode/start")) -> None:
         """Until every node is up and every publisher has found its subscribers. Raises NodeDied or TimeoutError."""
         names = {spec.name for spec in specs}
         self._wait(lambda: not self._links.missing(names), timeout, f"diagnostics of {', '.join(sorted(names))}")
-        for service in ("sim_bridge/reset", "episode/start"):
+        for service in services:
             self._wait(self._client(service).service_is_ready, timeout, f"the service {service}")
         self._wait(lambda: self._links.are_complete(names), timeout, "every publisher to find its subscribers")
 
     def start_recording(self, timeout: float = _SERVICE_TIMEOUT) -> str:
         """Open the next bag; its path. Raises GraphError with the recorder's reason."""
         deadline = time.monotonic() + timeout
-        while not (answer := self._call("recorder/start")).success:
+        while not (answer := self.call("recorder/start")).success:
             if time.monotonic() > deadline or "publisher" not in answer.message:
                 raise GraphError(f"recorder/start: expected success, got: {answer.message}")
             self._spin_once()
@@ -97,15 +103,16 @@ class Conductor:
 
     def stop_recording(self) -> dict:
         """Close the bag; what the recorder says about it."""
-        answer = self._call("recorder/stop")
+        answer = self.call("recorder/stop")
         if not answer.success:
             raise GraphError(f"recorder/stop: expected success, got: {answer.message}")
         return json.loads(answer.message)
 
-    def run_episode(self, timeout: float = 600.0) -> Outcome:
+    def run_episode(self, timeout: float = 600.0, until: float = float("inf")) -> Outcome:
         """Reset, start, and follow one episode to its end; how it ended by the truth.
 
-        Raises GraphError, NodeDied, or TimeoutError when no end has come within `timeout` s of wall time.
+        until: time.monotonic() s at which it is stopped on request, if it has not ended. Raises GraphError, NodeDied,
+        or TimeoutError when no end has come within `timeout` s of wall time.
         """
         before = self._goal[0] if self._goal else -1
         self._succeed("sim_bridge/reset")
@@ -114,12 +121,27 @@ class Conductor:
         self._phases.clear()
         self._poses = [item for item in self._poses if item[0] >= began]
         self._succeed("episode/start")
-        self._wait(lambda: self._phases and self._phases[-1][0] in END_PHASES, timeout, "the end of the episode")
+        self._wait(lambda: self._has_ended or time.monotonic() > until, timeout, "the end of the episode")
+        if not self._has_ended:
+            self.call("episode/stop")  # refused where the end came in between
+            self._wait(lambda: self._has_ended, _SERVICE_TIMEOUT, "the end of the episode")
         self._wait(lambda: self._poses, _SERVICE_TIMEOUT, "object_pose")
         self._hear_out()
         declared, reason = self._phases[-1]
         ended, pose = self._poses[-1]
         return score(self._domain, declared, reason, pose, goal, (ended - began) / 1e9)
+
+    def recover(self, timeout: float = _SERVICE_TIMEOUT) -> None:
+        """Make a backend that has stopped follow commands again, once the arm rests. Raises GraphError."""
+        deadline = time.monotonic() + timeout
+        while not (answer := self.call("sim_bridge/recover")).success:
+            if time.monotonic() > deadline:
+                raise GraphError(f"sim_bridge/recover: expected success, got: {answer.message}")
+            self._spin_once()
+
+    @property
+    def _has_ended(self) -> bool:
+        return bool(self._phases) and self._phases[-1][0] in END_PHASES
 
     def _hear_out(self) -> None:
         """Lockstep: time rests at the end of an episode; take what was published before, the last pose above all."""
@@ -152,7 +174,8 @@ class Conductor:
             self._clients[service] = self._node.create_client(Trigger, service)
         return self._clients[service]
 
-    def _call(self, service: str) -> Trigger.Response:
+    def call(self, service: str) -> Trigger.Response:
+        """The response of a Trigger service. Raises TimeoutError or NodeDied."""
         client = self._client(service)
         self._wait(client.service_is_ready, _SERVICE_TIMEOUT, f"the service {service}")
         future = client.call_async(Trigger.Request())
@@ -160,7 +183,7 @@ class Conductor:
         return future.result()
 
     def _succeed(self, service: str) -> None:
-        answer = self._call(service)
+        answer = self.call(service)
         if not answer.success:
             raise GraphError(f"{service}: expected success, got: {answer.message}")
 

@@ -1,0 +1,110 @@
+"""`bench`: how fast the graph and its parts are, each figure beside a peer measured in the same run."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+import time
+from pathlib import Path
+
+from np_description.domains import find_domain
+
+from np_bringup import figures
+from np_bringup.card import card_graph
+from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, running_graph
+from np_bringup.graph import NodeSpec
+from np_bringup.nodes.conductor_node import Conductor, GraphError
+from np_bringup.supervisor import NodeDied, Supervisor
+
+DOMAIN = "card"
+
+
+def lockstep_factor(weights: str, keypoints: str, logs: Path) -> dict[str, object]:
+    """Simulated by wall time of one whole episode in lockstep, planning included."""
+    with running_graph({"keypoints": keypoints, "weights": weights}, logs) as conductor:
+        began = time.monotonic()
+        outcome = conductor.run_episode()
+        wall = time.monotonic() - began
+    return {"factor": round(outcome.duration / wall, 2), "simulated_s": round(outcome.duration, 1),
+            "declared": f"{outcome.declared}: {outcome.reason}".rstrip(": ")}
+
+
+def whole_graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str, object]:
+    """The control loop in real time with every node at work: camera, detector, planner, policies."""
+    arguments = {"mode": "realtime", "weights": weights}
+    observer = NodeSpec("np_bringup", "round_trip", parameters={"out": str(logs / "round_trip.json")})
+    specs = [*card_graph(arguments), observer]
+    episodes = stops = 0
+    with Supervisor(logs) as supervisor:
+        supervisor.start(specs)
+        with Conductor(supervisor, find_domain(DOMAIN), lockstep=False) as conductor:
+            conductor.wait_until_ready(specs)
+            conductor.call("round_trip/start")
+            deadline = time.monotonic() + seconds
+            while time.monotonic() < deadline:
+                try:
+                    conductor.run_episode(until=deadline)
+                    episodes += 1
+                except GraphError:  # the backend stopped, because commands stayed away too long
+                    conductor.recover()
+                    stops += 1
+    return {**json.loads((logs / "round_trip.json").read_text()), "episodes": episodes, "stops": stops}
+
+
+def echo_round_trip(seconds: float, logs: Path) -> dict[str, object]:
+    """The peer: the same backend and measurement, an echo for a controller, and nothing else at work."""
+    specs = [NodeSpec("np_sim_bridge", "sim_bridge", parameters={"mode": "realtime", "camera": False}),
+             NodeSpec("np_bringup", "echo"),
+             NodeSpec("np_bringup", "round_trip", parameters={"out": str(logs / "round_trip.json")})]
+    with Supervisor(logs) as supervisor:
+        supervisor.start(specs)
+        with Conductor(supervisor, find_domain(DOMAIN), lockstep=False) as conductor:
+            conductor.wait_until_ready(specs, services=())
+            conductor.call("round_trip/start")
+            conductor.listen(seconds)
+    return json.loads((logs / "round_trip.json").read_text())
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; the last line printed is one JSON object."""
+    parser = argparse.ArgumentParser(prog="bench", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0, help="length of the real-time measurement")
+    parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
+    parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder for logs; a number is appended")
+    options = parser.parse_args(arguments)
+    interrupt_on_sigterm()
+    logs = new_folder(options.out)
+    domain = find_domain(DOMAIN)
+    parts = {
+        "simulation": lambda: figures.simulation_figures(domain),
+        "renderer": lambda: figures.renderer_figures(domain),
+        "detector": lambda: figures.detector_figures(domain, options.weights),
+        "policy": lambda: figures.policy_figures(domain, options.weights),
+        "planner": lambda: figures.planner_figures(domain),
+        "lockstep": lambda: lockstep_factor(options.weights, "camera", logs / "lockstep"),
+        "lockstep_without_camera": lambda: lockstep_factor(options.weights, "truth", logs / "truth"),
+        "round_trip": lambda: whole_graph_round_trip(options.weights, options.seconds, logs / "realtime"),
+        "round_trip_peer_echo_alone": lambda: echo_round_trip(min(20.0, options.seconds), logs / "echo"),
+    }
+    result: dict[str, object] = {"machine": f"{platform.machine()}, {os.cpu_count()} cores"}
+    progress, status = Progress(len(parts), "bench"), 0
+    for number, (name, measure) in enumerate(parts.items()):
+        progress.show(number, name)
+        try:
+            result[name] = measure()
+        except KeyboardInterrupt:
+            return INTERRUPTED
+        except (NodeDied, GraphError, TimeoutError, LookupError, ValueError, OSError) as error:
+            print(f"bench: {name}: {error}", file=sys.stderr)
+            result[name], status = {"error": str(error)}, 1
+    progress.show(len(parts))
+    (logs / "bench.json").write_text(json.dumps(result, indent=1))
+    print(json.dumps(result))
+    return status
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

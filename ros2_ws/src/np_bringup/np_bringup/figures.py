@@ -1,0 +1,146 @@
+"""Timings of single parts, each beside a peer measured in the same run. No ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from np_description.domains import Domain, Pose, sample_task
+from np_description.panda import NOMINAL
+from np_description.scene import load_model
+
+PERIOD = 0.002  # s
+
+
+def milliseconds(action: Callable[[], object], repeats: int, warm_up: int = 3) -> dict[str, float]:
+    """p50, p95 ms of calling `action`."""
+    for _ in range(warm_up):
+        action()
+    seconds = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        action()
+        seconds.append(time.perf_counter() - began)
+    p50, p95 = np.percentile(seconds, (50, 95)) * 1e3
+    return {"p50_ms": round(float(p50), 3), "p95_ms": round(float(p95), 3)}
+
+
+def simulation_figures(domain: Domain, periods: int = 5000) -> dict[str, object]:
+    """Control periods of the bridge's simulation, guards included, against bare mj_step; as real-time factors."""
+    from np_control.safety import SafetyFilter
+    from np_sim_bridge.simulation import Simulation
+
+    simulation, guard = Simulation(domain), SafetyFilter()
+    measured = simulation.measure()
+    guard.start(measured.position[:7])
+    began = time.perf_counter()
+    for _ in range(periods):
+        applied = guard.apply(measured.stamp, measured.position[:7], measured.velocity[:7])
+        simulation.step(applied.torque)
+        measured = simulation.measure()
+    ours = time.perf_counter() - began
+    model = load_model(domain, timestep=PERIOD)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    began = time.perf_counter()
+    for _ in range(periods):
+        mujoco.mj_step(model, data)
+    bare = time.perf_counter() - began
+    return {"factor": round(periods * PERIOD / ours, 1), "peer": "mj_step of the same scene alone",
+            "peer_factor": round(periods * PERIOD / bare, 1)}
+
+
+def renderer_figures(domain: Domain, repeats: int = 30) -> dict[str, object]:
+    """One image by each way of drawing; they are each other's peers. None where a way does not work here."""
+    from np_sim_bridge.renderer import egl_works, make_renderer
+
+    model = load_model(domain)
+    configuration = np.array(model.key_qpos[0])
+    figures: dict[str, object] = {}
+    for kind in ("egl", "warp"):
+        if kind == "egl" and not egl_works():
+            figures[kind] = None
+            continue
+        renderer = make_renderer(kind, model)
+        figures[kind] = milliseconds(lambda: renderer.render(configuration), repeats)
+        renderer.close()
+    return figures
+
+
+def detector_figures(domain: Domain, weights: str, repeats: int = 50) -> dict[str, object]:
+    """The detector as the node runs it (ONNX Runtime, one thread) against the plain torch module."""
+    import torch
+    from np_perception.detector import IMAGE_SHAPE, KeypointDetector, network_name
+    from np_description.released import weights_folder
+
+    detector = KeypointDetector(domain, weights)
+    image = np.random.default_rng(0).integers(0, 256, IMAGE_SHAPE, dtype=np.uint8)
+    figures: dict[str, object] = milliseconds(lambda: detector.detect(image), repeats)
+    try:
+        from np_training.detector.export import Deployed, load_weights
+    except ImportError as error:  # the training package is not needed on a robot
+        return {**figures, "peer": None, "peer_missing": str(error)}
+    torch.set_num_threads(1)
+    network, _ = load_weights(weights_folder(weights) / f"{network_name(domain)}.safetensors")
+    module, tensor = Deployed(network).eval(), torch.from_numpy(image[None])
+
+    def plain():
+        with torch.inference_mode():
+            module(tensor)
+
+    peer = milliseconds(plain, repeats)
+    return {**figures, "peer": "the torch module, one thread", **{f"peer_{k}": v for k, v in peer.items()}}
+
+
+def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str, object]:
+    """One decision of the post-contact policy, observation and decoding included, against its bare torch module."""
+    import torch
+    from np_policy.observation import POST_SIZE
+    from np_policy.policy import PostContactController, weights_file
+    from np_policy.pose_estimation import project_keypoints
+
+    torch.set_num_threads(1)
+    controller = PostContactController(weights_file("post_contact", domain, weights), domain)
+    start, goal = sample_task(domain, np.random.default_rng(0))
+    here, there = project_keypoints(domain, start), project_keypoints(domain, goal)
+    q, dq = np.concatenate([NOMINAL.ready, np.zeros(2)]), np.zeros(9)
+    figures = milliseconds(lambda: controller.act(q, dq, here, there), repeats)
+    network, state = controller._network, torch.zeros(POST_SIZE)
+
+    def plain():
+        with torch.inference_mode():
+            network(state)
+
+    peer = milliseconds(plain, repeats)
+    return {**figures, "peer": "the torch module alone", **{f"peer_{k}": v for k, v in peer.items()}}
+
+
+def planner_figures(domain: Domain, tasks: int = 10) -> dict[str, object]:
+    """Planning the approach to the object's top, against RRT-Connect without improvement on the same tasks."""
+    from np_policy.approach import ApproachConfig, plan_approach
+    from np_policy.collision import CollisionModel
+    from np_policy.planning import Budget, PlanningError
+
+    collision = CollisionModel(domain)
+    down = np.array([0.0, 1.0, 0.0, 0.0])  # the hand points at the table
+
+    def plan(budget: Budget) -> dict[str, object]:
+        seconds, lengths, failures = [], [], 0
+        for seed in range(tasks):
+            start, _ = sample_task(domain, np.random.default_rng(seed))
+            wanted = Pose(start.position + [0.0, 0.0, domain.half_size[2] + 0.005], down)
+            began = time.perf_counter()
+            try:
+                lengths.append(plan_approach(collision, NOMINAL.ready, wanted, 0.0, start, seed=seed,
+                                             config=ApproachConfig(budget=budget)).trajectory.duration)
+            except PlanningError:
+                failures += 1
+            seconds.append(time.perf_counter() - began)
+        return {"p50_s": round(float(np.median(seconds)), 3), "max_s": round(max(seconds), 3), "failures": failures,
+                "motion_s": round(float(np.median(lengths)), 2) if lengths else None}
+
+    full, first = plan(Budget()), plan(Budget(improve=0))
+    return {"tasks": tasks, **full, "peer": "RRT-Connect alone", **{f"peer_{k}": v for k, v in first.items()}}
