@@ -1,0 +1,181 @@
+"""Training of the policies, tiny, on the CPU: the same code as on a GPU."""
+
+import csv
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from np_control.impedance import torque
+from np_control.kinematics import forward_kinematics, pose_distance
+from np_description.domains import CARD, DOMAINS
+from np_description.panda import NOMINAL
+from np_policy.networks import PreContactStudent
+from np_training import contact, ppo, train
+from np_training.distill import distil, student_pose, student_target
+from np_training.environment import Environment, EnvironmentConfig
+from np_training.evaluate import evaluate, wilson
+from np_training.networks import ActorCritic, PreContactPolicy
+from np_training.physics import BatchedPhysics, PhysicsConfig
+from np_training.randomisation import PAPER
+from np_training.rewards import RewardConfig, reward_terms
+from np_training.tasks import sample_tasks
+
+WORLDS = 16
+
+
+@pytest.fixture(scope="module")
+def environment() -> Environment:
+    """A small environment; its kernels compile once and stay in Warp's cache."""
+    env = Environment(CARD, "cpu", EnvironmentConfig(worlds=WORLDS, limit=6))
+    torch.manual_seed(0)
+    env.starts = env.draw_starts(PreContactPolicy(), 128)
+    env.reset(torch.arange(WORLDS))
+    return env
+
+
+def test_kernel_and_controller_compute_the_same_torque():
+    physics = BatchedPhysics(CARD, WORLDS, "cpu", PhysicsConfig(substeps=1))
+    generator = torch.Generator().manual_seed(1)
+    physics.qpos[:, :7] += 0.2 * torch.randn(WORLDS, 7, generator=generator)
+    physics.qvel[:, :7] = 0.5 * torch.randn(WORLDS, 7, generator=generator)
+    command = physics.command
+    command[0::3] = physics.qpos[:, :7] + 0.02 * torch.randn(2, WORLDS, 7, generator=generator)
+    command[1::3] = 10 + 90 * torch.rand(2, WORLDS, 7, generator=generator)
+    command[2::3] = 0.5 + 1.5 * torch.rand(2, WORLDS, 7, generator=generator)
+    physics.delay[: WORLDS // 2] = 1  # these still follow the command of the period before
+    q, dq = physics.qpos[:, :7].clone(), physics.qvel[:, :7].clone()
+    bias, gravity = (torch.from_numpy(getattr(physics.data, name).numpy()[:, :7].copy())
+                     for name in ("qfrc_bias", "qfrc_gravcomp"))
+    physics.advance()
+    new = (torch.arange(WORLDS) >= WORLDS // 2)[:, None]
+    target, stiffness, ratio = (torch.where(new, command[i + 3], command[i]) for i in range(3))
+    expected = torque(*(a.double().numpy() for a in (q, dq, target, stiffness, ratio, bias - gravity)))
+    expected = np.clip(expected, -NOMINAL.torque_limit, NOMINAL.torque_limit)
+    assert np.abs(physics.ctrl[:, :7].numpy() - expected).max() < 1e-5
+
+
+@pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)
+def test_batched_tasks_keep_to_the_domain(domain):
+    starts, goals = sample_tasks(domain, 2000, torch.Generator().manual_seed(2))
+    assert ((starts.position - goals.position).norm(dim=-1) >= domain.min_distance).all()
+    for axis, bounds in enumerate((domain.start.x, domain.start.y)):
+        assert (starts.position[:, axis] >= bounds[0] - 1e-6).all() and (starts.position[:, axis] <= bounds[1] + 1e-6).all()
+    lowest = min(domain.half_size) + domain.start.surface
+    assert (starts.position[:, 2] >= lowest - 1e-6).all()
+    assert torch.allclose(goals.quaternion.norm(dim=-1), torch.ones(2000), atol=1e-5)
+
+
+def test_contacts_put_the_fingertip_over_the_chosen_point():
+    objects, _ = sample_tasks(CARD, 500, torch.Generator().manual_seed(3))
+    action = torch.zeros(500, contact.SIZE)
+    action[:, 0] = torch.linspace(-0.9, 0.9, 500)
+    action[:, 3], action[:, 8] = -1.0, 1.0  # closed fingers, centre of the upper face
+    contacts = contact.resolve(CARD, action, objects)
+    assert contacts.feasible.all()
+    distance, angle = pose_distance(contacts.q, contacts.position, contacts.rotation)
+    assert distance.max() < 1e-3 and angle.max() < 1e-2
+    tip = contacts.position + contacts.rotation[:, :, 2] * (contact.TIP_DEPTH - NOMINAL.frames["hand_tcp"].position[2])
+    top = objects.position + torch.tensor([0, 0, CARD.half_size[2] + contact.CLEARANCE])
+    assert (tip - top).norm(dim=-1).max() < 1e-6
+    clearance = contact.gripper_clearance(CARD, contacts.q, contacts.width, objects)
+    assert torch.allclose(clearance, torch.full_like(clearance, contact.CLEARANCE), atol=1e-3)
+
+
+def test_a_contact_inside_the_table_is_refused():
+    objects, _ = sample_tasks(CARD, 50, torch.Generator().manual_seed(4))
+    action = torch.zeros(50, contact.SIZE)
+    action[:, 8] = -1.0  # the face the card lies on
+    assert not contact.resolve(CARD, action, objects).feasible.any()
+
+
+def test_mass_randomisation_leaves_the_object_where_it_is(environment):
+    everyone = torch.arange(WORLDS)
+    environment.reset(everyone)
+    before = environment.objects.position.clone()
+    one = torch.ones(WORLDS)
+    environment.physics.randomise(everyone, one, one, torch.linspace(0.7, 1.3, WORLDS))
+    environment.physics.advance()
+    environment.physics.randomise(everyone, one, one, one)
+    assert (environment.objects.position - before).norm(dim=-1).max() < 1e-3
+
+
+def test_randomised_episodes_stay_sound(environment):
+    environment.config = dataclasses.replace(environment.config, conditions=PAPER)
+    environment.reset(torch.arange(WORLDS))
+    for _ in range(5):
+        out = environment.step(torch.randn(WORLDS, 20).clamp(-1, 1))
+        assert not out["broken"].any() and torch.isfinite(out["reward"]).all()
+        assert all(torch.isfinite(part).all() for part in environment.observe())
+        environment.reset(out["done"].nonzero()[:, 0])
+
+
+def test_finishing_pays_more_than_hovering_at_the_tolerance():
+    config, discount = RewardConfig(), ppo.PPOConfig().discount
+    near = torch.tensor([0.011])
+    no, yes = torch.tensor([False]), torch.tensor([True])
+    low = torch.full((1, 7), 40.0)
+    hover = sum(reward_terms(config, near, near, no, no, low).values()) / (1 - discount)
+    finish = sum(reward_terms(config, near, near - 0.001, yes, no, low).values())
+    assert finish > hover + 1
+
+
+def test_advantages_are_the_returns_where_lambda_and_the_values_say_so():
+    config = ppo.PPOConfig(discount=0.9, trace=1.0)
+    reward = torch.tensor([[1.0], [2.0], [3.0]])
+    done = torch.tensor([[False], [True], [False]])
+    gain = ppo.advantages(config, reward, done, torch.zeros(3, 1), torch.tensor([10.0]))
+    assert torch.allclose(gain[:, 0], torch.tensor([1 + 0.9 * 2, 2.0, 3 + 0.9 * 10]))
+
+
+def test_curriculum_is_geometric_from_loose_to_tight():
+    limits = [train.stage_limits(stage) for stage in range(train.STAGES + 2)]
+    ratios = [b.position / a.position for a, b in zip(limits[:-2], limits[1:-1])]
+    assert np.allclose(ratios, ratios[0]) and limits[-1] == limits[-2]
+    assert np.allclose((limits[0].rotation, limits[-1].rotation), (0.1, 0.03))
+
+
+def test_training_runs_and_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
+    command = ["train", "--worlds", "8", "--rollout", "3", "--device", "cpu", "--out", str(tmp_path)]
+    for iterations, total in ((2, 2), (1, 3)):
+        monkeypatch.setattr("sys.argv", [*command, "--iterations", str(iterations)])
+        train.main()
+        last = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
+        assert last["steps"] == total * 8 * 3
+    rows = list(csv.DictReader((tmp_path / "log.csv").open()))
+    assert [row["iteration"] for row in rows] == ["1", "2", "3"]
+    state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    fresh = ActorCritic()
+    fresh.load_state_dict(state["networks"])
+    assert state["iteration"] == 3
+
+
+def test_student_output_and_pose_are_inverse():
+    q = torch.tensor(NOMINAL.ready) + 0.2 * torch.randn(20, 7, dtype=torch.float64)
+    position, rotation = forward_kinematics(q)
+    width = torch.linspace(0, 0.04, 20, dtype=torch.float64)
+    p, r, w = student_pose(student_target(position, rotation, width))
+    assert (p - position).abs().max() < 1e-6 and (r - rotation).abs().max() < 1e-6 and (w - width).abs().max() < 1e-6
+
+
+def test_distillation_brings_the_student_to_the_teacher():
+    torch.manual_seed(5)
+    teacher = PreContactPolicy()
+    _, start = distil(CARD, teacher, "cpu", minutes=0.0005, batch=256)
+    _, end = distil(CARD, teacher, "cpu", minutes=0.08, batch=256)
+    assert end["position_mm"] < 0.6 * start["position_mm"]
+
+
+def test_evaluation_counts_every_episode(environment):
+    environment.config = dataclasses.replace(environment.config, limit=3)
+    figures = evaluate(environment, ActorCritic(), PreContactStudent())
+    assert figures["episodes"] == WORLDS
+    assert round(figures["success"] * WORLDS) + figures["infeasible"] + figures["lost"] + figures["timeout"] == WORLDS
+
+
+def test_wilson_interval_against_published_values():
+    # Newcombe 1998, table I: 81 of 263 gives .2553 to .3662; 0 of 20 gives 0 to .1611.
+    assert np.allclose(wilson(81, 263), (0.2553, 0.3662), atol=5e-5)
+    assert np.allclose(wilson(0, 20), (0.0, 0.1611), atol=5e-5)
