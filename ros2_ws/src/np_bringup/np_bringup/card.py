@@ -60,7 +60,8 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             "record_at_start": given["record_at_start"] == "true", "required": ",".join(required)}))
     if given["mode"] == "realtime":
         # The loop must not wait for those who think: state in, command out, every 2 ms.
-        nodes = [node if node.package in ("np_sim_bridge", "np_control") else replace(node, nice=10) for node in nodes]
+        nodes = [replace(node, realtime=20) if node.package in ("np_sim_bridge", "np_control") else replace(node, nice=10)
+                 for node in nodes]
     return nodes
 
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 class NodeSpec:
     """One node: where it is installed, what it is called, its parameters and topic remappings (before, after).
 
-    nice: priority given up to others on the same cores, 0 (none) to 19.
+    nice: priority given up to others on the same cores, 0 (none) to 19. realtime: priority of first-in-first-out
+    scheduling, 1 to 90, where the system permits it (see docs/quickstart.md); 0 for none.
     """
 
     package: str
@@ -19,6 +20,7 @@ class NodeSpec:
     parameters: Mapping[str, object] = field(default_factory=dict)
     remappings: Sequence[tuple[str, str]] = ()
     nice: int = 0
+    realtime: int = 0
 
     def __post_init__(self):
         if not self.name:

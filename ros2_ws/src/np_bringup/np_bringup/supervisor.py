@@ -121,7 +121,7 @@ class Supervisor:
                     env={**os.environ, **self.environment, **(environment or {})},
                     # Own session: Ctrl-C in the terminal reaches only us, who stop the nodes in order. If we are killed
                     # outright, the kernel interrupts the nodes.
-                    start_new_session=True, preexec_fn=partial(_prepare, spec.nice))
+                    start_new_session=True, preexec_fn=partial(_prepare, spec.nice, spec.realtime))
 
     def pid(self, name: str) -> int:
         """Process id of a running node."""
@@ -198,7 +198,12 @@ class Supervisor:
         return arguments
 
 
-def _prepare(nice: int) -> None:
-    """In the new process, before the node is executed."""
+def _prepare(nice: int, realtime: int) -> None:
+    """In the new process, before the node is executed: what it does here, its middleware's threads inherit."""
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
     os.nice(nice)
+    if realtime:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(realtime))
+        except PermissionError:
+            print(f"SCHED_FIFO priority {realtime} is not permitted; running without it", flush=True)

@@ -62,6 +62,7 @@ class CameraThread:
 
     def _run(self) -> None:
         # Threads have a priority of their own in Linux, and those that OpenGL starts inherit it: drawing yields to control.
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)
         try:
             renderer = self._make()
