@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import torch
 from np_description.domains import Domain
-from np_description.panda import FINGER_MAX
-from np_description.rotations import six_from_matrix
-from np_policy.networks import TCP_CENTRE, TCP_RANGE, PostContactPolicy, PreContactStudent
+from np_policy import hand_pose
+from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.policy import weights_file
 from np_policy.weights import save
 
@@ -16,8 +15,7 @@ def write_policies(folder: Path, domain: Domain, *, position=(0.5, 0.0, 0.06), o
     """A student that always wants the hand at `position`, pointing down, and a random post-contact policy; the folder."""
     torch.manual_seed(0)
     student, policy = PreContactStudent(), PostContactPolicy()
-    wanted = np.concatenate([six_from_matrix(np.diag([1.0, -1.0, -1.0])),
-                             (np.array(position) - TCP_CENTRE) / TCP_RANGE, [opening / FINGER_MAX]])
+    wanted = hand_pose.encode(np.array(position), np.diag([1.0, -1.0, -1.0]), np.array(opening))
     with torch.no_grad():
         student.net[-1].weight.zero_()
         student.net[-1].bias.copy_(torch.from_numpy(wanted))

@@ -12,11 +12,12 @@ from np_control.impedance import torque
 from np_control.kinematics import forward_kinematics, pose_distance
 from np_description.domains import CARD, DOMAINS
 from np_description.panda import NOMINAL
+from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
 from np_training import contact, ppo, train
-from np_training.distill import distil, student_pose, student_target
+from np_training.distill import distil
 from np_training.environment import Environment, EnvironmentConfig
-from np_training.evaluate import evaluate, wilson
+from np_training.evaluate import evaluate
 from np_training.networks import ActorCritic, PreContactPolicy
 from np_training.physics import BatchedPhysics, PhysicsConfig
 from np_training.randomisation import PAPER
@@ -156,7 +157,7 @@ def test_student_output_and_pose_are_inverse():
     q = torch.tensor(NOMINAL.ready) + 0.2 * torch.randn(20, 7, dtype=torch.float64)
     position, rotation = forward_kinematics(q)
     width = torch.linspace(0, 0.04, 20, dtype=torch.float64)
-    p, r, w = student_pose(student_target(position, rotation, width))
+    p, r, w = hand_pose.decode(hand_pose.encode(position, rotation, width))
     assert (p - position).abs().max() < 1e-6 and (r - rotation).abs().max() < 1e-6 and (w - width).abs().max() < 1e-6
 
 
@@ -173,9 +174,3 @@ def test_evaluation_counts_every_episode(environment):
     figures = evaluate(environment, ActorCritic(), PreContactStudent())
     assert figures["episodes"] == WORLDS
     assert round(figures["success"] * WORLDS) + figures["infeasible"] + figures["lost"] + figures["timeout"] == WORLDS
-
-
-def test_wilson_interval_against_published_values():
-    # Newcombe 1998, table I: 81 of 263 gives .2553 to .3662; 0 of 20 gives 0 to .1611.
-    assert np.allclose(wilson(81, 263), (0.2553, 0.3662), atol=5e-5)
-    assert np.allclose(wilson(0, 20), (0.0, 0.1611), atol=5e-5)

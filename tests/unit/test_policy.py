@@ -9,7 +9,8 @@ from np_description.domains import CARD, sample_task
 from np_description.panda import FINGER_MAX, NOMINAL
 from np_description.rotations import matrix_from_quaternion, six_from_matrix
 from np_policy.action import TIGHT
-from np_policy.networks import TCP_CENTRE, TCP_RANGE, PostContactPolicy, PreContactStudent
+from np_policy.hand_pose import POSITION_CENTRE, POSITION_RANGE
+from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.policy import PolicyError, PostContactController, PreContactPlanner, student_output, weights_file
 from np_policy.pose_estimation import project_keypoints
 from np_policy.weights import WeightsError, save
@@ -37,7 +38,7 @@ def test_the_students_output_is_a_pose_and_an_opening():
     rotation = np.diag([1.0, -1.0, -1.0])
     wanted = student_output(np.concatenate([2 * six_from_matrix(rotation), [0.5, -0.25, 0.0], [0.25]]))
     np.testing.assert_allclose(matrix_from_quaternion(wanted.pose.quaternion), rotation, atol=1e-12)
-    np.testing.assert_allclose(wanted.pose.position, np.array(TCP_CENTRE) + TCP_RANGE * np.array([0.5, -0.25, 0.0]))
+    np.testing.assert_allclose(wanted.pose.position, np.array(POSITION_CENTRE) + POSITION_RANGE * np.array([0.5, -0.25, 0.0]))
     assert wanted.opening == pytest.approx(FINGER_MAX / 4)
     assert student_output(np.concatenate([six_from_matrix(rotation), [0, 0, 0], [7.0]])).opening == FINGER_MAX
 

@@ -17,9 +17,8 @@ import torch
 
 from np_description.domains import DOMAINS, Domain, find_domain
 from np_description.keypoints import box_keypoints
-from np_description.panda import FINGER_MAX
-from np_description.rotations import matrix_from_six, six_from_matrix
-from np_policy.networks import TCP_CENTRE, TCP_RANGE, PreContactStudent
+from np_policy import hand_pose
+from np_policy.networks import PreContactStudent
 from np_policy.observation import normalised_keypoints, student_observation
 from np_policy.weights import save
 from np_training import contact
@@ -37,18 +36,6 @@ def student_input(domain: Domain, objects: Poses, goals: Poses, noise: torch.Ten
     return student_observation(keypoints + noise * torch.randn_like(keypoints), goal)
 
 
-def student_target(position: torch.Tensor, rotation: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
-    """The student's output (n, 10) for hand poses: 6D rotation, position scaled to +-1, width scaled to 0..1."""
-    centre = torch.tensor(TCP_CENTRE, dtype=position.dtype, device=position.device)
-    return torch.cat([six_from_matrix(rotation), (position - centre) / TCP_RANGE, width[:, None] / FINGER_MAX], -1)
-
-
-def student_pose(output: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Position (n, 3) m, rotation (n, 3, 3) and width (n,) m from the student's output (n, 10)."""
-    centre = torch.tensor(TCP_CENTRE, dtype=output.dtype, device=output.device)
-    return output[:, 6:9] * TCP_RANGE + centre, matrix_from_six(output[:, :6]), output[:, 9].clamp(0, 1) * FINGER_MAX
-
-
 def distil(domain: Domain, teacher: PreContactPolicy, device: str, minutes: float, batch: int = 8192,
            seed: int = 0) -> tuple[PreContactStudent, dict[str, float]]:
     """Train a student for some minutes; returns it with its mean errors on fresh noiseless tasks (mm, rad, mm)."""
@@ -61,7 +48,7 @@ def distil(domain: Domain, teacher: PreContactPolicy, device: str, minutes: floa
     def sample(noise: float) -> tuple[torch.Tensor, torch.Tensor]:
         objects, goals = sample_tasks(domain, batch, generator)
         with torch.no_grad():
-            target = student_target(*contact.contact_pose(domain, teacher(pre_contact_state(objects, goals)), objects))
+            target = hand_pose.encode(*contact.contact_pose(domain, teacher(pre_contact_state(objects, goals)), objects))
         levels = noise * torch.rand(batch, 1, 1, generator=generator, device=device)
         return student_input(domain, objects, goals, levels), target
 
@@ -79,7 +66,7 @@ def distil(domain: Domain, teacher: PreContactPolicy, device: str, minutes: floa
             print(f"step {step}  loss {loss.item():.2e}  left {minutes * (1 - share):.1f} min", flush=True)
     with torch.no_grad():
         state, target = sample(0.0)
-        (p, r, w), (tp, tr, tw) = student_pose(student(state)), student_pose(target)
+        (p, r, w), (tp, tr, tw) = hand_pose.decode(student(state)), hand_pose.decode(target)
         cosine = ((r * tr).sum((-1, -2)) - 1) / 2
         errors = {"position_mm": 1e3 * (p - tp).norm(dim=-1).mean().item(),
                   "angle_rad": cosine.clamp(-1, 1).arccos().mean().item(), "width_mm": 1e3 * (w - tw).abs().mean().item()}

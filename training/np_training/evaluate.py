@@ -13,24 +13,18 @@ from pathlib import Path
 
 import torch
 
+from np_bringup.intervals import wilson_interval
 from np_description.domains import DOMAINS, find_domain
+from np_policy import hand_pose
 from np_policy.action import TIGHT
 from np_policy.networks import PreContactStudent
 from np_policy.weights import load
 from np_training import contact
-from np_training.distill import student_input, student_pose
+from np_training.distill import student_input
 from np_training.environment import Environment, EnvironmentConfig, Starts, pre_contact_state
 from np_training.networks import ActorCritic
 from np_training.randomisation import NOMINAL_CONDITIONS, PAPER, Conditions
 from np_training.tasks import sample_tasks
-
-
-def wilson(successes: int, count: int, z: float = 1.96) -> tuple[float, float]:
-    """The 95 % Wilson score interval of a proportion."""
-    share, extra = successes / count, z * z / count
-    centre = (share + extra / 2) / (1 + extra)
-    half = z / (1 + extra) * (share * (1 - share) / count + extra / (4 * count)) ** 0.5
-    return centre - half, centre + half
 
 
 def evaluate(environment: Environment, networks: ActorCritic, student: PreContactStudent | None = None) -> dict:
@@ -45,7 +39,7 @@ def evaluate(environment: Environment, networks: ActorCritic, student: PreContac
             contacts = contact.resolve(env.domain, action, objects)
         else:
             noise = env.config.conditions.keypoint_noise
-            pose = student_pose(student(student_input(env.domain, objects, goals, noise)))
+            pose = hand_pose.decode(student(student_input(env.domain, objects, goals, noise)))
             contacts = contact.reach(env.domain, *pose, objects)
     feasible = contacts.feasible
     everyone = dataclasses.replace(contacts, feasible=torch.ones_like(feasible))
@@ -69,7 +63,7 @@ def evaluate(environment: Environment, networks: ActorCritic, student: PreContac
         length = torch.where(out["done"] & alive, env.age.float(), length)
         ended |= out["done"]
     success = int((result["success"] & feasible).sum())
-    low, high = wilson(success, worlds)
+    low, high = wilson_interval(success, worlds)
     return {"success": success / worlds, "ci95": [round(low, 4), round(high, 4)], "episodes": worlds,
             "infeasible": int((~feasible).sum()), "lost": int((result["lost"] & feasible).sum()),
             "timeout": int((result["timeout"] & feasible).sum()),

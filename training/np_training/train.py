@@ -199,13 +199,16 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--rate-limit", type=float, default=PPOConfig.rate[1], help="largest learning rate")
+    parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
+    parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
     parser.add_argument("--entropy", type=float, default=PPOConfig.entropy, help="weight of the entropy bonus")
     arguments = parser.parse_args()
     begin = time.monotonic()
     torch.backends.cuda.matmul.allow_tf32 = True
     arguments.out.mkdir(parents=True, exist_ok=True)
     environment = Environment(find_domain(arguments.domain), arguments.device, EnvironmentConfig(
-        worlds=arguments.worlds, seed=arguments.seed, physics=PhysicsConfig()))
+        worlds=arguments.worlds, seed=arguments.seed,
+        physics=PhysicsConfig(contacts=arguments.contacts, constraints=arguments.constraints)))
     config = TrainConfig(rollout=arguments.rollout)
     ppo = PPOConfig(rate=(PPOConfig.rate[0], arguments.rate_limit), entropy=arguments.entropy)
     trainer = Trainer(environment, config, ppo)

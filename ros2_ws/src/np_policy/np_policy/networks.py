@@ -5,10 +5,9 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from np_policy import action, observation
+from np_policy import action, hand_pose, observation
 
 HIDDEN = (512, 256, 128)
-TCP_CENTRE, TCP_RANGE = (0.5, 0.0, 0.1), 0.2  # m, what the student's position output of +-1 spans
 
 
 def mlp(inputs: int, hidden: tuple[int, ...], outputs: int) -> nn.Sequential:
@@ -35,11 +34,11 @@ class PostContactPolicy(nn.Module):
 
 
 class PreContactStudent(nn.Module):
-    """Keypoints and goal (..., 32) to 10 numbers: 6D rotation, position scaled to +-1, finger width scaled to 0..1."""
+    """Keypoints and goal (..., 32) to a hand pose (..., 10), see np_policy.hand_pose."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.net = mlp(observation.STUDENT_SIZE, HIDDEN, 10)
+        self.net = mlp(observation.STUDENT_SIZE, HIDDEN, hand_pose.SIZE)
 
     def forward(self, state: torch.Tensor) -> torch.Tensor:
         return self.net(state)

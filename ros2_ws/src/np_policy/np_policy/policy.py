@@ -14,10 +14,9 @@ import torch
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
-from np_description.panda import FINGER_MAX
-from np_description.rotations import matrix_from_six, quaternion_from_matrix
-from np_policy import action, weights
-from np_policy.networks import TCP_CENTRE, TCP_RANGE, PostContactPolicy, PreContactStudent
+from np_description.rotations import quaternion_from_matrix
+from np_policy import action, hand_pose, weights
+from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import post_contact_observation, student_observation
 from np_policy.pose_estimation import PoseError, estimate_pose, project_keypoints, usable
 
@@ -49,9 +48,8 @@ def student_output(output) -> PreContact:
     spread = np.linalg.norm(np.cross(first, second))
     if not np.isfinite(output).all() or spread <= 1e-6 * np.linalg.norm(first) * np.linalg.norm(second):
         raise PolicyError(f"pre-contact policy: expected 10 finite numbers that give a rotation, got {output.tolist()}")
-    position = np.array(TCP_CENTRE) + TCP_RANGE * output[6:9]
-    rotation = matrix_from_six(output[:6])
-    return PreContact(Pose(position, quaternion_from_matrix(rotation)), float(FINGER_MAX * np.clip(output[9], 0.0, 1.0)))
+    position, rotation, opening = hand_pose.decode(output)
+    return PreContact(Pose(position, quaternion_from_matrix(rotation)), float(opening))
 
 
 class PreContactPlanner:
