@@ -19,7 +19,7 @@ setup(
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-86f0c791.example',
+    maintainer_email='maintainers@example.org',
     description='Launch files, the demo, recorder, replayer, evaluation, report and bench.',
     license='Apache-2.0',
     entry_points={

@@ -14,7 +14,7 @@ setup(
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-86f0c791.example',
+    maintainer_email='maintainers@example.org',
     description='Impedance law, kinematics, trajectories and safety guards as a library; the 500 Hz controller node.',
     license='Apache-2.0',
     entry_points={

@@ -15,7 +15,7 @@ setup(
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-86f0c791.example',
+    maintainer_email='maintainers@example.org',
     description='The Panda, the objects, the three domains and the camera: MJCF and frozen dataclasses, no rclpy.',
     license='Apache-2.0',
 )

@@ -14,7 +14,7 @@ setup(
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-86f0c791.example',
+    maintainer_email='maintainers@example.org',
     description='What every node shares: quality of service, message translation, node idiom, low-latency spinning.',
     license='Apache-2.0',
 )

@@ -14,7 +14,7 @@ setup(
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-86f0c791.example',
+    maintainer_email='maintainers@example.org',
     description='The MuJoCo backend: stands where the drivers of the robot and of the camera stand.',
     license='Apache-2.0',
     entry_points={

@@ -70,17 +70,20 @@ def interrupt_on_sigterm() -> None:
 
 
 class Progress:
-    """A bar on a terminal; elsewhere a line for every step."""
+    """A bar on a terminal; elsewhere a line now and then."""
 
     def __init__(self, total: int, what: str):
         self._total, self._what = total, what
         self._began = time.monotonic()
         self._live = sys.stderr.isatty()
+        self._next = 0
 
     def show(self, done: float, text: str = "") -> None:
-        """Draw the state: `done` of the total, and a few words. Only whole steps show outside a terminal."""
-        if not self._live and done != int(done):
-            return
+        """Draw the state: `done` of the total, and a few words. Outside a terminal a line shows every 5 % at most."""
+        if not self._live:
+            if done < min(self._next, self._total):
+                return
+            self._next = int(done) + max(1, self._total // 20)
         share = done / max(self._total, 1)
         filled = int(24 * share)
         line = f"{self._what} [{'#' * filled}{'.' * (24 - filled)}] {int(done)}/{self._total} " \
