@@ -100,7 +100,7 @@ def path_plot(episode: EpisodeData) -> str:
             closed = np.vstack([hull, hull[:1]])
             axes.plot(closed[:, 1], closed[:, 0], color=colour, lw=1.5, label=label,
                       ls="--" if label == "goal" else "-")
-        axes.set_aspect("equal")
+        axes.set_aspect("equal", adjustable="datalim")
         axes.invert_xaxis()
         axes.set_xlabel("y (m)")
         axes.set_ylabel("x (m)")
