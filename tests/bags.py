@@ -8,7 +8,13 @@ from np_description.domains import CARD, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.rotations import yaw_quaternion
-from np_ros.messages import header_message, image_message, joint_state_message, keypoints_message, pose_message
+from np_ros.messages import (
+    header_message,
+    image_message,
+    joint_state_message,
+    keypoints_message,
+    pose_message,
+)
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
@@ -22,7 +28,10 @@ def object_pose(step: int, count: int) -> Pose:
     """The object slides from its start to the goal during the last two thirds of the episode."""
     share = np.clip((step / count - 0.35) / 0.6, 0, 1)
     start = Pose(np.array([0.45, -0.08, 0.0025]), yaw_quaternion(np.asarray(0.1)))
-    return Pose(start.position + share * (GOAL.position - start.position), yaw_quaternion(np.asarray(0.1 + 0.8 * share)))
+    return Pose(
+        start.position + share * (GOAL.position - start.position),
+        yaw_quaternion(np.asarray(0.1 + 0.8 * share)),
+    )
 
 
 def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=()):
@@ -39,14 +48,20 @@ def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=
         wave = np.sin(time + np.arange(9))
         add("joint_states", step, joint_state_message(stamp, STATE_NAMES, 0.1 * wave, wave, 5 * wave))
         torque = 0.5 * NOMINAL.torque_limit * wave[:7]
-        add("effort_command", step, joint_state_message(stamp, JOINT_NAMES, 0.1 * wave[:7] + 0.01, wave[:7], torque))
+        add(
+            "effort_command",
+            step,
+            joint_state_message(stamp, JOINT_NAMES, 0.1 * wave[:7] + 0.01, wave[:7], torque),
+        )
         if step in phases:
             add("phase", step, String(data=phases[step]))
         if step == 0:
             add("goal_pose", step, pose_message(stamp, BASE_FRAME, GOAL.position, GOAL.quaternion))
         if step % 50 == 0:
             pose = object_pose(step, count)
-            corners = CAMERA.project(box_keypoints(np.asarray(CARD.half_size), pose.position, pose.quaternion))[0]
+            corners = CAMERA.project(
+                box_keypoints(np.asarray(CARD.half_size), pose.position, pose.quaternion)
+            )[0]
             keypoints = np.column_stack([corners + [KEYPOINT_OFFSET, 0], np.full(8, 0.9)])
             image = np.full((CAMERA.height, CAMERA.width, 3), 120, np.uint8)
             add("object_pose", step, pose_message(stamp, BASE_FRAME, pose.position, pose.quaternion))

@@ -7,8 +7,8 @@
         probe.publish("camera/image_raw", Image, message)
         probe.wait_until(lambda: probe.messages["keypoints"])
 
-`graph` and `probe` are fixtures (conftest.py); both end what they started. An installed node is run as installed, else
-from source. Nothing here sleeps: waiting is spinning.
+`graph` and `probe` are fixtures (conftest.py); both end what they started. An installed node is run as
+installed, else from source. Nothing here sleeps: waiting is spinning.
 """
 
 from __future__ import annotations
@@ -52,16 +52,22 @@ class Graph(Supervisor):
     def __init__(self, log_directory: Path):
         super().__init__(log_directory, locate=command)
 
-    def run_card(self, overrides: Mapping[str, Mapping[str, object]] | None = None, *, leave_out=(), **arguments) -> set[str]:
-        """Start the card graph; `overrides`: parameters by node. The nodes' names, for `Probe.wait_until_ready`."""
+    def run_card(
+        self, overrides: Mapping[str, Mapping[str, object]] | None = None, *, leave_out=(), **arguments
+    ) -> set[str]:
+        """Start the card graph; overrides: parameters by node. The names, for `Probe.wait_until_ready`."""
         overrides = overrides or {}
-        specs = [replace(spec, parameters={**spec.parameters, **overrides.get(spec.name, {})})
-                 for spec in card_graph(arguments) if spec.name not in leave_out]
+        specs = [
+            replace(spec, parameters={**spec.parameters, **overrides.get(spec.name, {})})
+            for spec in card_graph(arguments)
+            if spec.name not in leave_out
+        ]
         self.start(specs)
         return {spec.name for spec in specs}
 
-    def run(self, package: str, executable: str, parameters: dict | None = None, *, name: str = "",
-            remappings=()) -> str:
+    def run(
+        self, package: str, executable: str, parameters: dict | None = None, *, name: str = "", remappings=()
+    ) -> str:
         """Start one node; its name."""
         spec = NodeSpec(package, executable, name, parameters or {}, remappings)
         self.start(spec)
@@ -95,8 +101,13 @@ class Probe:
         for key, value in self._old.items():
             os.environ.pop(key) if value is None else os.environ.update({key: value})
 
-    def collect(self, topic: str, message_type: type, qos: QoSProfile = profiles.LOCKSTEP,
-                callback: Callable | None = None) -> list:
+    def collect(
+        self,
+        topic: str,
+        message_type: type,
+        qos: QoSProfile = profiles.LOCKSTEP,
+        callback: Callable | None = None,
+    ) -> list:
         """Keep what comes on `topic` in `messages[topic]` (the list returned), and hand it to `callback`."""
         received = self.messages[topic]
 
@@ -125,7 +136,9 @@ class Probe:
     def wait_until_ready(self, names: set[str], timeout: float = 2 * TIMEOUT) -> None:
         """Until the named nodes are up and every publisher, the probe's too, has found its subscribers."""
         links = Links(self.node)  # anew: it believes only what nodes say from now on
-        self.wait_until(lambda: links.are_complete(names), timeout, f"{', '.join(sorted(names))}, all matched")
+        self.wait_until(
+            lambda: links.are_complete(names), timeout, f"{', '.join(sorted(names))}, all matched"
+        )
 
     def publishers(self, topic: str) -> list[str]:
         """Names of the nodes that publish `topic`."""
@@ -139,13 +152,17 @@ class Probe:
         """Run at most one callback."""
         self._executor.spin_once(timeout)
 
-    def wait_until(self, condition: Callable[[], object], timeout: float = TIMEOUT, what: str = "the condition") -> None:
-        """Spin until `condition()` holds. Fails with the name and last lines of a node that ends meanwhile."""
+    def wait_until(
+        self, condition: Callable[[], object], timeout: float = TIMEOUT, what: str = "the condition"
+    ) -> None:
+        """Spin until `condition()` holds. Fails with name and last lines of a node that ends meanwhile."""
+
         def spun() -> bool:
             if condition():
                 return True
             self.spin_once()
             return bool(condition())
+
         self._graph.wait(spun, timeout, what)
 
     def call(self, service: str, request=None, timeout: float = TIMEOUT):

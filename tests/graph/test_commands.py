@@ -14,8 +14,12 @@ LIMIT = 280  # s
 
 
 def start(name, weights, *options):
-    return subprocess.Popen([*command("np_bringup", name), "--weights", str(weights), *map(str, options)],
-                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        [*command("np_bringup", name), "--weights", str(weights), *map(str, options)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def finish(process):
@@ -43,14 +47,16 @@ def survivors(log_folder):
 
 
 def test_the_demo_records_and_reports(tmp_path, untrained):
-    """Two episodes with the camera. An untrained detector may end them early, but never without a named phase."""
+    """Two episodes with the camera. An untrained detector ends them early, but with a named phase."""
     status, result, out, err = finish(start("demo", untrained, "--episodes", 2, "--out", tmp_path / "demo"))
     assert status == 0, err
     folder = tmp_path / "demo_000"
     assert result["episodes"] == 2 and result["error"] == "" and len(result["bags"]) == 2
     assert all(outcome.split(":")[0] in END_PHASES for outcome in result["outcomes"])
     for bag in result["bags"]:
-        with Recording(bag, ["joint_states", "camera/image_raw", "keypoints", "goal_pose", "phase"]) as recording:
+        with Recording(
+            bag, ["joint_states", "camera/image_raw", "keypoints", "goal_pose", "phase"]
+        ) as recording:
             assert recording.information["seed"] == "0" and recording.information["weights_sha256"]
     report = (folder / "report.html").read_text()
     assert "episode_000" in report and "episode_001" in report and "data:video/webm" in report
@@ -100,7 +106,9 @@ def test_an_evaluation_counts_and_goes_on_where_it_stopped(tmp_path, untrained):
 
 
 def test_a_graph_that_breaks_down_costs_its_episode(tmp_path, untrained):
-    process = start("evaluate", untrained, "--episodes", 1, "--keypoints", "truth", "--out", tmp_path / "eval")
+    process = start(
+        "evaluate", untrained, "--episodes", 1, "--keypoints", "truth", "--out", tmp_path / "eval"
+    )
     victim = None
     while victim is None:
         assert process.poll() is None

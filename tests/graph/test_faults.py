@@ -33,7 +33,8 @@ class NanController(Node):
 
     def answer(self, state):
         position = list(state.position[:7])
-        command = joint_state_message(stamp_nanoseconds(state.header.stamp), JOINT_NAMES, position, [0.0] * 7, [0.0] * 7)
+        stamp = stamp_nanoseconds(state.header.stamp)
+        command = joint_state_message(stamp, JOINT_NAMES, position, [0.0] * 7, [0.0] * 7)
         command.effort[3] = float("nan")
         self.publisher.publish(command)
 
@@ -55,7 +56,9 @@ class Episode:
         assert self.probe.call("episode/start").success
 
     def wait_for(self, phase):
-        self.probe.wait_until(lambda: any(split_phase(m.data)[0] == phase for m in self.phases), what=f"phase {phase}")
+        self.probe.wait_until(
+            lambda: any(split_phase(m.data)[0] == phase for m in self.phases), what=f"phase {phase}"
+        )
 
     def wait_for_motion(self, phase):
         """Until the phase is in force and the arm has been commanded for 0.3 s of it."""
@@ -65,7 +68,9 @@ class Episode:
 
     def end(self):
         """The phase that ended the episode and its reason, once the arm is at rest."""
-        self.probe.wait_until(lambda: split_phase(self.phases[-1].data)[0] in END_PHASES, what="the end of the episode")
+        self.probe.wait_until(
+            lambda: split_phase(self.phases[-1].data)[0] in END_PHASES, what="the end of the episode"
+        )
         self.probe.wait_until(self.is_at_rest, what="the arm at rest")
         return split_phase(self.phases[-1].data)
 
@@ -94,8 +99,10 @@ def test_a_controller_that_turns_to_nan(graph, probe, episode, untrained, monkey
     assert phase == "fault" and reason
 
 
-@pytest.mark.parametrize("victim, number, topic", [
-    ("joint_impedance", signal.SIGKILL, "effort_command"), ("post_contact", signal.SIGTERM, "target_pose")])
+@pytest.mark.parametrize(
+    "victim, number, topic",
+    [("joint_impedance", signal.SIGKILL, "effort_command"), ("post_contact", signal.SIGTERM, "target_pose")],
+)
 def test_a_node_killed_while_the_arm_pushes(graph, probe, episode, untrained, victim, number, topic):
     names = graph.run_card(QUICK, keypoints="truth", weights=str(untrained))
     episode.start(names)
@@ -108,14 +115,18 @@ def test_a_node_killed_while_the_arm_pushes(graph, probe, episode, untrained, vi
 
 
 def test_a_planner_killed_before_it_plans(graph, probe, episode, untrained):
-    names = graph.run_card({"episode": QUICK["episode"]}, leave_out=["approach"], keypoints="truth", weights=str(untrained))
+    names = graph.run_card(
+        {"episode": QUICK["episode"]}, leave_out=["approach"], keypoints="truth", weights=str(untrained)
+    )
     episode.start(names)
     phase, reason = episode.end()
     assert phase == "failed" and reason == "approach: no joint_trajectory within 8 s"
 
 
 def test_a_silent_camera(graph, probe, episode, untrained):
-    names = graph.run_card({**QUICK, "sim_bridge": {**QUICK["sim_bridge"], "camera": False}}, weights=str(untrained))
+    names = graph.run_card(
+        {**QUICK, "sim_bridge": {**QUICK["sim_bridge"], "camera": False}}, weights=str(untrained)
+    )
     episode.start(names)
     phase, reason = episode.end()
     assert phase == "failed" and reason == "pre: no keypoints within 2 s"

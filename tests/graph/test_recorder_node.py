@@ -23,7 +23,9 @@ def publish_run(probe, start, count, phase="post"):
     for step in range(start, start + count):
         values = np.full((3, 9), float(step))
         probe.publish("joint_states", joint_state_message(step * PERIOD, STATE_NAMES, *values), qos.RECORDER)
-        probe.publish("effort_command", joint_state_message(step * PERIOD, JOINT_NAMES, *values[:, :7]), qos.RECORDER)
+        probe.publish(
+            "effort_command", joint_state_message(step * PERIOD, JOINT_NAMES, *values[:, :7]), qos.RECORDER
+        )
         if step == start:
             probe.publish("phase", String(data=phase), qos.LATCHED)
     for topic, kind in (("joint_states", JointState), ("effort_command", JointState)):
@@ -34,12 +36,19 @@ def publish_run(probe, start, count, phase="post"):
 def recorder(graph, probe, tmp_path):
     def start(**parameters):
         graph.run("np_bringup", "recorder", {"bag": str(tmp_path / "bag"), **parameters})
-        for topic, kind, profile in (("joint_states", JointState, qos.RECORDER), ("effort_command", JointState, qos.RECORDER),
-                                     ("phase", String, qos.LATCHED), ("goal_pose", PoseStamped, qos.LATCHED)):
+        for topic, kind, profile in (
+            ("joint_states", JointState, qos.RECORDER),
+            ("effort_command", JointState, qos.RECORDER),
+            ("phase", String, qos.LATCHED),
+            ("goal_pose", PoseStamped, qos.LATCHED),
+        ):
             probe.advertise(topic, kind, profile)
-        probe.wait_until(lambda: all(map(probe.matched, ("joint_states", "effort_command", "phase", "goal_pose"))),
-                         what="the recorder's subscriptions")
+        probe.wait_until(
+            lambda: all(map(probe.matched, ("joint_states", "effort_command", "phase", "goal_pose"))),
+            what="the recorder's subscriptions",
+        )
         return tmp_path / "bag_000"
+
     return start
 
 
@@ -61,6 +70,7 @@ def test_one_bag_for_each_start_and_stop(graph, probe, recorder):
     assert not refused.success and refused.message == "no publisher yet of tick"
     assert not probe.call("recorder/stop").success
     from std_msgs.msg import Header
+
     probe.advertise("tick", Header)
     probe.wait_until(lambda: probe.matched("tick"))
     digests = []

@@ -22,8 +22,14 @@ def record(folder, weights, seed):
     with Graph(folder / "log") as graph:
         probe = Probe(graph)
         try:
-            names = graph.run_card({"episode": {"post_timeout": 1.0}}, keypoints="truth", weights=str(weights),
-                                   seed=str(seed), bag=str(folder / "episode"), record_at_start="false")
+            names = graph.run_card(
+                {"episode": {"post_timeout": 1.0}},
+                keypoints="truth",
+                weights=str(weights),
+                seed=str(seed),
+                bag=str(folder / "episode"),
+                record_at_start="false",
+            )
             phases = probe.collect("phase", String, qos.LATCHED)
             probe.wait_until_ready(names)
             bags = []
@@ -32,7 +38,9 @@ def record(folder, weights, seed):
                 assert probe.call("sim_bridge/reset").success
                 phases.clear()
                 assert probe.call("episode/start").success
-                probe.wait_until(lambda: phases and split_phase(phases[-1].data)[0] in END_PHASES, what="the end")
+                probe.wait_until(
+                    lambda: phases and split_phase(phases[-1].data)[0] in END_PHASES, what="the end"
+                )
                 answer = json.loads(probe.call("recorder/stop").message)
                 assert answer["lost"] == 0
                 bags.append(answer["bag"])
@@ -44,7 +52,10 @@ def record(folder, weights, seed):
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory, untrained):
     """The bags of two runs with the same seed, and of one with another."""
-    return [record(tmp_path_factory.mktemp(name), untrained, seed) for name, seed in (("a", 5), ("b", 5), ("c", 6))]
+    return [
+        record(tmp_path_factory.mktemp(name), untrained, seed)
+        for name, seed in (("a", 5), ("b", 5), ("c", 6))
+    ]
 
 
 def content(bag):
@@ -75,7 +86,9 @@ def test_a_bag_holds_a_whole_episode(runs):
 
 
 def replay(bag):
-    done = subprocess.run([*command("np_bringup", "replay"), str(bag)], capture_output=True, text=True, timeout=280)
+    done = subprocess.run(
+        [*command("np_bringup", "replay"), str(bag)], capture_output=True, text=True, timeout=280
+    )
     return done, json.loads(done.stdout.splitlines()[-1]) if done.stdout else None
 
 
@@ -97,7 +110,11 @@ def test_a_replay_finds_what_was_changed(runs, tmp_path):
         changed = 0
         for message in recording.messages():
             data = message.data
-            if message.topic.name == "joint_states" and not changed and message.stamp > recording.start + 500_000_000:
+            if (
+                message.topic.name == "joint_states"
+                and not changed
+                and message.stamp > recording.start + 500_000_000
+            ):
                 state = deserialize_message(data, JointState)
                 state.position[2] += 1e-9
                 data, changed = serialize_message(state), message.stamp
@@ -115,7 +132,11 @@ def test_a_recording_that_cannot_be_replayed_is_named(runs, tmp_path):
     file.parent.mkdir()
     whole = next(Path(runs[0][0]).glob("*.mcap"))
     file.write_bytes(whole.read_bytes()[:-1000])
-    for path, text in ((file.parent, "expected metadata.yaml"), (file, "cut off, or no bag"), (tmp_path / "no", "does not exist")):
+    for path, text in (
+        (file.parent, "expected metadata.yaml"),
+        (file, "cut off, or no bag"),
+        (tmp_path / "no", "does not exist"),
+    ):
         done, result = replay(path)
         assert done.returncode == 1 and result is None and text in done.stderr
         assert "Traceback" not in done.stderr

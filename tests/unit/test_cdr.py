@@ -16,8 +16,12 @@ numbers = st.lists(st.floats(allow_nan=False), max_size=5)
 
 @st.composite
 def joint_states(draw):
-    message = JointState(name=draw(st.lists(names, max_size=4)), position=draw(numbers), velocity=draw(numbers),
-                         effort=draw(numbers))
+    message = JointState(
+        name=draw(st.lists(names, max_size=4)),
+        position=draw(numbers),
+        velocity=draw(numbers),
+        effort=draw(numbers),
+    )
     message.header.frame_id = draw(names)
     message.header.stamp.sec = draw(st.integers(0, 2**31 - 1))
     message.header.stamp.nanosec = draw(st.integers(0, 10**9 - 1))
@@ -26,8 +30,10 @@ def joint_states(draw):
 
 @st.composite
 def trajectories(draw):
-    points = [JointTrajectoryPoint(positions=draw(numbers), velocities=draw(numbers), effort=draw(numbers))
-              for _ in range(draw(st.integers(0, 3)))]
+    points = [
+        JointTrajectoryPoint(positions=draw(numbers), velocities=draw(numbers), effort=draw(numbers))
+        for _ in range(draw(st.integers(0, 3)))
+    ]
     message = JointTrajectory(joint_names=draw(st.lists(names, max_size=3)), points=points)
     message.header.frame_id = draw(names)
     return message
@@ -63,10 +69,19 @@ def test_padding_does_not_survive_and_fields_do(message):
     assert clean(result) == result and len(result) == len(data)
 
 
-@pytest.mark.parametrize("message", [
-    JointState(header=Header(frame_id="ab"), name=["a", "bcd"], position=[1.5], velocity=[2.5], effort=[3.5]),
-    PoseStamped(header=Header(frame_id="base")), CameraInfo(distortion_model="plumb_bob", d=[0.5]),
-    JointTrajectory(joint_names=["j"], points=[JointTrajectoryPoint(positions=[1.5], velocities=[0.5], effort=[2.5])])])
+@pytest.mark.parametrize(
+    "message",
+    [
+        JointState(
+            header=Header(frame_id="ab"), name=["a", "bcd"], position=[1.5], velocity=[2.5], effort=[3.5]
+        ),
+        PoseStamped(header=Header(frame_id="base")),
+        CameraInfo(distortion_model="plumb_bob", d=[0.5]),
+        JointTrajectory(
+            joint_names=["j"], points=[JointTrajectoryPoint(positions=[1.5], velocities=[0.5], effort=[2.5])]
+        ),
+    ],
+)
 def test_equal_messages_become_equal_bytes(message):
     clean = padding_filter(type_name(message))
     data = serialize_message(message)

@@ -7,7 +7,13 @@ from np_bringup.episode import Outcome
 from np_bringup.evaluation import Results, breakdown, result_of, summary
 from np_bringup.intervals import wilson_interval
 
-SETTINGS = {"domain": "card", "seed": 0, "keypoints": "truth", "controller": "impedance", "weights_sha256": {"a": "1"}}
+SETTINGS = {
+    "domain": "card",
+    "seed": 0,
+    "keypoints": "truth",
+    "controller": "impedance",
+    "weights_sha256": {"a": "1"},
+}
 
 
 def good(number):
@@ -38,8 +44,10 @@ def test_a_line_cut_off_is_run_again(tmp_path, cut):
 
 
 def test_other_settings_have_another_file(tmp_path):
-    paths = {Results(tmp_path, {**SETTINGS, **change}).path for change in (
-        {}, {"seed": 1}, {"keypoints": "camera"}, {"weights_sha256": {"a": "2"}})}
+    paths = {
+        Results(tmp_path, {**SETTINGS, **change}).path
+        for change in ({}, {"seed": 1}, {"keypoints": "camera"}, {"weights_sha256": {"a": "2"}})
+    }
     assert len(paths) == 4
 
 
@@ -56,13 +64,15 @@ def test_foreign_results_are_named(tmp_path):
 
 def test_the_summary_counts_by_the_truth():
     results = [
-        good(0), good(1),
+        good(0),
+        good(1),
         result_of(2, Outcome("succeeded", "", 0.02, 0.02, False, 6.0), 3.0),
         result_of(3, Outcome("failed", "post: timeout", 0.004, 0.02, True, 15.0), 3.0),
         result_of(4, Outcome("failed", "post: timeout", 0.1, 0.02, False, 15.0), 3.0),
         result_of(5, Outcome("failed", "approach: no path", 0.1, 0.02, False, 0.1), 3.0),
         result_of(6, Outcome("fault", "hold", 0.1, 0.02, False, 0.1), 3.0),
-        breakdown(7, "node died", 3.0)]
+        breakdown(7, "node died", 3.0),
+    ]
     figures = summary(results)
     assert figures["success"] == 3 / 8 and figures["episodes"] == 8
     assert figures["failures"] == {"approach": 1, "fault": 1, "graph": 1, "post": 2}

@@ -24,11 +24,13 @@ def state(step: int) -> bytes:
 
 
 def pose(step: int) -> bytes:
-    return serialize_message(pose_message(step * PERIOD, "panda_link0", np.full(3, float(step)), np.array([1.0, 0, 0, 0])))
+    return serialize_message(
+        pose_message(step * PERIOD, "panda_link0", np.full(3, float(step)), np.array([1.0, 0, 0, 0]))
+    )
 
 
 def run(length: int):
-    """(topic, data, time of publishing, number): a run in which a phase is announced between states 20 and 21."""
+    """(topic, data, time of publishing, number): a phase is announced between states 20 and 21."""
     messages = [(TIMELINE, state(i), 1000 * i, i) for i in range(length)]
     messages += [(BY_NAME["object_pose"], pose(i), 1000 * i + 10, i // 5) for i in range(0, length, 5)]
     messages += [(BY_NAME["phase"], serialize_message(String(data="post")), 20_500, 1)]
@@ -88,8 +90,13 @@ def test_what_is_sent_again_is_kept_once_and_what_is_missing_is_counted():
 
 def test_equal_messages_at_different_times_are_both_kept():
     gains = serialize_message(gains_message(np.ones((2, 7))))
-    messages = [(TIMELINE, state(0), 0, 0), (BY_NAME["target_gains"], gains, 1, 0), (TIMELINE, state(1), 2, 1),
-                (BY_NAME["target_gains"], gains, 3, 1), (TIMELINE, state(2), 4, 2)]
+    messages = [
+        (TIMELINE, state(0), 0, 0),
+        (BY_NAME["target_gains"], gains, 1, 0),
+        (TIMELINE, state(1), 2, 1),
+        (BY_NAME["target_gains"], gains, 3, 1),
+        (TIMELINE, state(2), 4, 2),
+    ]
     result, _ = sequence(messages)
     assert [s for s, topic, _ in result if topic.name == "target_gains"] == [0, PERIOD]
 
@@ -132,7 +139,7 @@ def test_an_existing_bag_is_not_overwritten(tmp_path):
 @pytest.mark.parametrize("part", [0.0, 0.3, 0.9, 0.999])
 def test_a_truncated_bag_is_named(tmp_path, part):
     file = record(tmp_path / "bag") / "bag.mcap"
-    file.write_bytes(file.read_bytes()[:int(part * file.stat().st_size)])
+    file.write_bytes(file.read_bytes()[: int(part * file.stat().st_size)])
     with pytest.raises(BagError, match="expected a complete rosbag2 recording"):
         Recording(tmp_path / "bag")
 
@@ -147,9 +154,12 @@ def test_a_damaged_message_is_named(tmp_path):
     file = record(tmp_path / "bag", length=4000) / "bag.mcap"
     data = bytearray(file.read_bytes())
     middle = len(data) // 3
-    data[middle:middle + 4096] = b"\xff" * 4096
+    data[middle : middle + 4096] = b"\xff" * 4096
     file.write_bytes(data)
-    with pytest.raises(BagError, match="expected readable messages"), Recording(tmp_path / "bag") as recording:
+    with (
+        pytest.raises(BagError, match="expected readable messages"),
+        Recording(tmp_path / "bag") as recording,
+    ):
         for message in recording.messages():
             message.decode()
 
@@ -163,11 +173,19 @@ def foreign(path, topic, message_type, data):
 
 
 def test_a_foreign_bag_is_named(tmp_path):
-    chatter = foreign(tmp_path / "a", "/chatter", "std_msgs/msg/String", serialize_message(String(data="hello")))
-    with pytest.raises(BagError, match=r"expected messages on .*graph.md; it has /chatter \(std_msgs/msg/String, 1\)"):
+    chatter = foreign(
+        tmp_path / "a", "/chatter", "std_msgs/msg/String", serialize_message(String(data="hello"))
+    )
+    with pytest.raises(
+        BagError, match=r"expected messages on .*graph.md; it has /chatter \(std_msgs/msg/String, 1\)"
+    ):
         Recording(chatter)
-    wrong = foreign(tmp_path / "b", "/joint_states", "geometry_msgs/msg/PoseStamped", serialize_message(PoseStamped()))
-    with pytest.raises(BagError, match="joint_states: expected type sensor_msgs/msg/JointState, got geometry_msgs"):
+    wrong = foreign(
+        tmp_path / "b", "/joint_states", "geometry_msgs/msg/PoseStamped", serialize_message(PoseStamped())
+    )
+    with pytest.raises(
+        BagError, match="joint_states: expected sensor_msgs/msg/JointState, got geometry_msgs"
+    ):
         Recording(wrong)
     with pytest.raises(BagError, match="expected messages on tick, effort_command; it has"):
         Recording(record(tmp_path / "c"), required=["joint_states", "tick", "effort_command"])

@@ -18,9 +18,16 @@ from np_description.domains import CARD, WALL, Pose
 from np_description.rotations import yaw_quaternion
 
 
-@pytest.mark.parametrize("successes, trials, low, high", [
-    # Newcombe, Statistics in Medicine 1998, table I, method 3.
-    (81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)])
+@pytest.mark.parametrize(
+    "successes, trials, low, high",
+    [
+        # Newcombe, Statistics in Medicine 1998, table I, method 3.
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ],
+)
 def test_wilson_interval_agrees_with_published_values(successes, trials, low, high):
     assert wilson_interval(successes, trials) == pytest.approx((low, high), abs=5e-5)
 
@@ -43,8 +50,15 @@ def pose(x, yaw=0.0):
     return Pose(np.array([x, 0.0, 0.0]), yaw_quaternion(np.asarray(yaw)))
 
 
-@pytest.mark.parametrize("domain, x, yaw, success", [
-    (CARD, 0.009, 0.09, True), (CARD, 0.011, 0.0, False), (CARD, 0.0, 0.11, False), (WALL, 0.009, 1.0, True)])
+@pytest.mark.parametrize(
+    "domain, x, yaw, success",
+    [
+        (CARD, 0.009, 0.09, True),
+        (CARD, 0.011, 0.0, False),
+        (CARD, 0.0, 0.11, False),
+        (WALL, 0.009, 1.0, True),
+    ],
+)
 def test_the_truth_decides(domain, x, yaw, success):
     outcome = score(domain, "succeeded", "", pose(x, yaw), pose(0.0), 3.0)
     assert outcome.success is success
@@ -52,9 +66,15 @@ def test_the_truth_decides(domain, x, yaw, success):
     assert (outcome.distance, outcome.angle) == pytest.approx((x, yaw), abs=1e-9)
 
 
-@pytest.mark.parametrize("declared, reason, failed_in", [
-    ("failed", "approach: no path in 2.0 s", "approach"), ("failed", "pre: no keypoints", "pre"),
-    ("fault", "hold", "fault"), ("unfinished", "", "unfinished")])
+@pytest.mark.parametrize(
+    "declared, reason, failed_in",
+    [
+        ("failed", "approach: no path in 2.0 s", "approach"),
+        ("failed", "pre: no keypoints", "pre"),
+        ("fault", "hold", "fault"),
+        ("unfinished", "", "unfinished"),
+    ],
+)
 def test_failures_are_named_by_their_phase(declared, reason, failed_in):
     assert score(CARD, declared, reason, pose(0.1), pose(0.0), 3.0).failed_in == failed_in
 
@@ -79,7 +99,10 @@ def test_an_episode_cut_short_is_unfinished(tmp_path):
 
 
 def test_a_bag_without_the_truth_is_named(tmp_path):
-    with Recording(record_episode(tmp_path / "bag", leave_out=["goal_pose"])) as recording, pytest.raises(BagError, match="goal_pose for a report"):
+    with (
+        Recording(record_episode(tmp_path / "bag", leave_out=["goal_pose"])) as recording,
+        pytest.raises(BagError, match="goal_pose for a report"),
+    ):
         load_episode(recording)
 
 
@@ -105,9 +128,16 @@ def test_the_report_is_one_file_with_everything(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["successes"] == 1
     text = (tmp_path / "report.html").read_text()
     assert text.count("<svg") == 5 and "data:video/webm;base64," in text
-    for expected in ("episode_000", "succeeded", "sha256:abc", "approach", "effort_command", "1 of 1 episodes"):
+    for expected in (
+        "episode_000",
+        "succeeded",
+        "sha256:abc",
+        "approach",
+        "effort_command",
+        "1 of 1 episodes",
+    ):
         assert expected in text
-    assert "src=\"http" not in text and "href=\"http" not in text.replace('href="http://www.w3.org', "")
+    assert 'src="http' not in text and 'href="http' not in text.replace('href="http://www.w3.org', "")
 
 
 def test_a_reason_cannot_break_the_page(tmp_path):

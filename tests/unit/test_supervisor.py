@@ -12,7 +12,7 @@ SCRIPTS = {
     "patient": "import signal; print('up', flush=True); signal.pause()",
     "broken": "import sys; print('about to fail', file=sys.stderr); sys.exit('no weights at x')",
     "stubborn": "import signal; [signal.signal(s, signal.SIG_IGN) for s in (signal.SIGINT, signal.SIGTERM)]; "
-                "print('up', flush=True)\nwhile True: signal.pause()",
+    "print('up', flush=True)\nwhile True: signal.pause()",
 }
 
 
@@ -53,8 +53,10 @@ def test_a_node_that_ends_is_reported_with_its_name_and_last_lines(supervisor):
 
 
 def test_a_node_that_ignores_signals_is_killed(supervisor, monkeypatch):
-    monkeypatch.setattr("np_bringup.supervisor.STOP_SEQUENCE",
-                        ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, 10.0)))
+    monkeypatch.setattr(
+        "np_bringup.supervisor.STOP_SEQUENCE",
+        ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, 10.0)),
+    )
     supervisor.start(NodeSpec("p", "stubborn"))
     supervisor.wait(is_up(supervisor, "stubborn"), 20, "the node")
     pid = supervisor.pid("stubborn")

@@ -1,4 +1,4 @@
-"""The card graph. ros2 launch np_bringup card.launch.py [name:=value ...]; --show-args lists the arguments."""
+"""The card graph: ros2 launch np_bringup card.launch.py [name:=value ...]; --show-args lists arguments."""
 
 from np_bringup.card import ARGUMENTS
 from np_bringup.card import card_graph as graph

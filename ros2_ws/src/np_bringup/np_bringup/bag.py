@@ -1,4 +1,4 @@
-"""Reading bags: with errors that say what was expected, and a digest of what a lockstep run must reproduce."""
+"""Reading bags, with errors that say what was expected, and a digest of what lockstep must reproduce."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Message:
 class Recording:
     """A bag with topics of the contract, checked to be complete.
 
-    counts: messages by topic name; information: what the recorder knew of the run; start, end: ns.
-    Raises BagError for a path that is no bag, a bag that was cut off, or one without the topics in `required`.
+    counts: messages by topic name; information: what the recorder knew of the run; start, end: ns. Raises
+    BagError for a path that is no bag, a bag that was cut off, or one without the topics in `required`.
     """
 
     def __init__(self, path: str | Path, required: Collection[str] = ()):
@@ -47,14 +47,18 @@ class Recording:
             if topic is None:
                 continue
             if connection.msgtype != topic.type:
-                raise BagError(f"bag {self.path}: topic {topic.name}: expected type {topic.type}, got {connection.msgtype}")
+                raise BagError(
+                    f"bag {self.path}: topic {topic.name}: expected {topic.type}, got {connection.msgtype}"
+                )
             self._topics[connection.id] = (topic, connection)
         self.counts = {topic.name: connection.msgcount for topic, connection in self._topics.values()}
         missing = [name for name in required if not self.counts.get(name)]
         if missing or not any(self.counts.values()):
             found = [f"{c.topic} ({c.msgtype}, {c.msgcount})" for c in self._reader.connections]
-            raise BagError(f"bag {self.path}: expected messages on {', '.join(missing) or 'the topics of docs/graph.md'}; "
-                           f"it has {', '.join(found) or 'no topics'}")
+            wanted = ", ".join(missing) or "the topics of docs/graph.md"
+            raise BagError(
+                f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'no topics'}"
+            )
         custom = getattr(self._reader.storage.metadata, "custom", None) or {}
         self.information: dict = json.loads(custom.get("run_info", "{}"))
         self.start, self.end = self._reader.start_time, self._reader.end_time - 1
@@ -89,15 +93,20 @@ class Recording:
 
     def _open(self) -> Reader:
         if not self.path.exists():
-            raise BagError(f"bag {self.path}: expected a folder with metadata.yaml and an .mcap file, it does not exist")
+            raise BagError(
+                f"bag {self.path}: expected a folder with metadata.yaml and an .mcap file, it does not exist"
+            )
         if self.path.is_dir() and not (self.path / "metadata.yaml").exists():
             inside = sorted(p.name for p in self.path.iterdir())
-            raise BagError(f"bag {self.path}: expected metadata.yaml, which the recorder writes when it closes the bag; "
-                           f"found {inside or 'an empty folder'}: the recording was cut off, or this is no bag")
+            raise BagError(
+                f"bag {self.path}: expected metadata.yaml, which the recorder writes when it closes the bag; "
+                f"found {inside or 'an empty folder'}: the recording was cut off, or this is no bag"
+            )
         try:
             reader = Reader(self.path)
             reader.open()
         except Exception as error:
-            raise BagError(f"bag {self.path}: expected a complete rosbag2 recording, got: {error} "
-                           "(cut off, or no bag)") from error
+            raise BagError(
+                f"bag {self.path}: expected a complete rosbag2 recording, got: {error} (cut off, or no bag)"
+            ) from error
         return reader

@@ -13,12 +13,20 @@ KEYPOINT_SOURCES = ("camera", "truth")
 
 ARGUMENTS = (
     LaunchArgument("domain", "card", "Task family: card, bump or wall; it needs released weights."),
-    LaunchArgument("seed", "0", "With an episode's number it names the task; equal seeds give equal runs in lockstep."),
+    LaunchArgument(
+        "seed", "0", "With an episode's number it names the task; equal seeds give equal runs in lockstep."
+    ),
     LaunchArgument("first_episode", "0", "Number of the episode that the first reset draws."),
     LaunchArgument("mode", "lockstep", "lockstep: time waits for every answer; realtime: it does not."),
-    LaunchArgument("keypoints", "camera", "camera: detected in images; truth: projected from the simulated object, to "
-                                          "show what perception costs."),
-    LaunchArgument("controller", "impedance", "impedance: joint impedance; osc: the operational-space baseline."),
+    LaunchArgument(
+        "keypoints",
+        "camera",
+        "camera: detected in images; truth: projected from the simulated object, to "
+        "show what perception costs.",
+    ),
+    LaunchArgument(
+        "controller", "impedance", "impedance: joint impedance; osc: the operational-space baseline."
+    ),
     LaunchArgument("image_rate", "30", "Images a second of simulated time."),
     LaunchArgument("weights", "", "Folder with released weights; empty: the project's own."),
     LaunchArgument("bag", "", "Record bags with this path, a number is appended; empty: no recorder."),
@@ -30,8 +38,12 @@ ARGUMENTS = (
 def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     """The nodes for launch arguments. Raises ValueError for an unknown argument or value."""
     given = complete(arguments, ARGUMENTS)
-    for name, allowed in (("keypoints", KEYPOINT_SOURCES), ("controller", CONTROLLERS), ("mode", ("lockstep", "realtime")),
-                          ("record_at_start", ("true", "false"))):
+    for name, allowed in (
+        ("keypoints", KEYPOINT_SOURCES),
+        ("controller", CONTROLLERS),
+        ("mode", ("lockstep", "realtime")),
+        ("record_at_start", ("true", "false")),
+    ):
         if given[name] not in allowed:
             raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {given[name]!r}")
     common = {"mode": given["mode"]}
@@ -40,28 +52,67 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     seed, image_rate = _integer(given, "seed"), _integer(given, "image_rate")
     from_camera = given["keypoints"] == "camera"
     nodes = [
-        NodeSpec("np_sim_bridge", "sim_bridge", parameters={
-            **task, "seed": seed, "first_episode": _integer(given, "first_episode"), "image_rate": image_rate,
-            "camera": from_camera}),
+        NodeSpec(
+            "np_sim_bridge",
+            "sim_bridge",
+            parameters={
+                **task,
+                "seed": seed,
+                "first_episode": _integer(given, "first_episode"),
+                "image_rate": image_rate,
+                "camera": from_camera,
+            },
+        ),
         NodeSpec("np_control", CONTROLLERS[given["controller"]], parameters=common),
-        NodeSpec("np_perception", "keypoint_detector", parameters=learned) if from_camera else
-        NodeSpec("np_bringup", "keypoint_oracle", parameters={**task, "seed": seed}),
+        NodeSpec("np_perception", "keypoint_detector", parameters=learned)
+        if from_camera
+        else NodeSpec("np_bringup", "keypoint_oracle", parameters={**task, "seed": seed}),
         NodeSpec("np_policy", "pre_contact", parameters=learned),
         NodeSpec("np_policy", "approach", parameters={**task, "seed": seed}),
         NodeSpec("np_policy", "post_contact", parameters=learned),
         NodeSpec("np_policy", "episode", parameters=task),
     ]
     if given["bag"]:
-        information = {**json.loads(given["run_info"]), **{k: v for k, v in given.items() if k not in ("bag", "run_info")}}
-        required = ["joint_states", "effort_command", "keypoints", "tick", "phase", "goal_pose", "target_pose",
-                    "target_gains", "joint_trajectory", "pre_contact_pose", "gripper_command", "object_pose", "clock"]
-        nodes.insert(0, NodeSpec("np_bringup", "recorder", parameters={
-            "bag": given["bag"], "run_info": json.dumps(information, sort_keys=True),
-            "record_at_start": given["record_at_start"] == "true", "required": ",".join(required)}))
+        information = {
+            **json.loads(given["run_info"]),
+            **{k: v for k, v in given.items() if k not in ("bag", "run_info")},
+        }
+        required = [
+            "joint_states",
+            "effort_command",
+            "keypoints",
+            "tick",
+            "phase",
+            "goal_pose",
+            "target_pose",
+            "target_gains",
+            "joint_trajectory",
+            "pre_contact_pose",
+            "gripper_command",
+            "object_pose",
+            "clock",
+        ]
+        nodes.insert(
+            0,
+            NodeSpec(
+                "np_bringup",
+                "recorder",
+                parameters={
+                    "bag": given["bag"],
+                    "run_info": json.dumps(information, sort_keys=True),
+                    "record_at_start": given["record_at_start"] == "true",
+                    "required": ",".join(required),
+                },
+            ),
+        )
     if given["mode"] == "realtime":
         # The loop must not wait for those who think: state in, command out, every 2 ms.
-        nodes = [replace(node, realtime=20) if node.package in ("np_sim_bridge", "np_control") else replace(node, nice=10)
-                 for node in nodes]
+        nodes = [
+            replace(node, realtime=20)
+            if node.package in ("np_sim_bridge", "np_control")
+            else replace(node, nice=10)
+            for node in nodes
+        ]
     return nodes
 
 

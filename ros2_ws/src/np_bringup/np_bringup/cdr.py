@@ -1,11 +1,12 @@
 """Serialized ROS 2 messages (CDR) without reading them: the stamp, and the padding.
 
-DDS leaves the bytes that align a field uninitialised, so two equal messages may differ in them. A recording in which
-equal messages are equal bit for bit needs them zeroed. `padding_filter` builds, for one message type, a function that
-walks a message and does that at a few microseconds a message; nothing is deserialized.
+DDS leaves the bytes that align a field uninitialised, so two equal messages may differ in them. A recording
+in which equal messages are equal bit for bit needs them zeroed. `padding_filter` builds, for one message
+type, a function that walks a message and does that at a few microseconds a message; nothing is
+deserialized.
 
-Layout: 4 bytes of encapsulation, then the fields in order, each primitive aligned to its size counted from there (OMG
-DDS-XTYPES 1.3, 7.4.1, plain CDR version 1).
+Layout: 4 bytes of encapsulation, then the fields in order, each primitive aligned to its size counted from
+there (OMG DDS-XTYPES 1.3, 7.4.1, plain CDR version 1).
 """
 
 from __future__ import annotations
@@ -20,8 +21,21 @@ from rosbags.typesys.store import Typestore
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 
 _ORIGIN = 4
-_SIZES = {"bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4,
-          "float32": 4, "int64": 8, "uint64": 8, "float64": 8}
+_SIZES = {
+    "bool": 1,
+    "byte": 1,
+    "char": 1,
+    "int8": 1,
+    "uint8": 1,
+    "int16": 2,
+    "uint16": 2,
+    "int32": 4,
+    "uint32": 4,
+    "float32": 4,
+    "int64": 8,
+    "uint64": 8,
+    "float64": 8,
+}
 _STAMP = struct.Struct("<iI")
 _LENGTH = struct.Struct("<I")
 _ZEROS = bytes(8)
@@ -64,7 +78,7 @@ def padding_filter(message_type: str, typestore: Typestore = TYPESTORE) -> Calla
 def _align(data: bytearray, position: int, size: int) -> int:
     gap = (_ORIGIN - position) % size
     if gap:
-        data[position:position + gap] = _ZEROS[:gap]
+        data[position : position + gap] = _ZEROS[:gap]
     return position + gap
 
 
@@ -79,6 +93,7 @@ def _string(data: bytearray, position: int) -> int:
 def _primitives(size: int, count: int) -> Walk:
     def walk(data: bytearray, position: int) -> int:
         return _align(data, position, size) + size * count
+
     return walk
 
 
@@ -89,6 +104,7 @@ def _message(message_type: str, typestore: Typestore) -> Walk:
         for step in steps:
             position = step(data, position)
         return position
+
     return walk
 
 
@@ -113,6 +129,7 @@ def _repeated(inner, count: int, typestore: Typestore) -> Walk:
         for _ in range(count):
             position = element(data, position)
         return position
+
     return walk
 
 
@@ -130,4 +147,5 @@ def _sequence(inner, typestore: Typestore) -> Walk:
         for _ in range(count):
             position = element(data, position)
         return position
+
     return walk

@@ -22,8 +22,9 @@ SECOND = 1e9
 class Outcome:
     """How an episode ended.
 
-    declared: the phase the graph ended in, reason: what it said about it; distance m, angle rad: true object pose to
-    goal at the end; success: whether that is within the domain's tolerance; duration: s of simulated time.
+    declared: the phase the graph ended in, reason: what it said about it; distance m, angle rad: true
+    object pose to goal at the end; success: whether that is within the domain's tolerance; duration: s of
+    simulated time.
     """
 
     declared: str
@@ -49,7 +50,9 @@ class Outcome:
 def score(domain: Domain, declared: str, reason: str, pose: Pose, goal: Pose, duration: float) -> Outcome:
     """The outcome for an object that ended at `pose` (truth)."""
     distance, angle = pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion)
-    return Outcome(declared, reason, float(distance), float(angle), bool(is_success(domain, distance, angle)), duration)
+    return Outcome(
+        declared, reason, float(distance), float(angle), bool(is_success(domain, distance, angle)), duration
+    )
 
 
 @dataclass(frozen=True)
@@ -67,9 +70,10 @@ class Series:
 class EpisodeData:
     """Everything a report shows.
 
-    position, effort: joints (n, 7) rad, Nm measured; command: torque (n, 7) Nm asked for; target: (n, 7) rad;
-    object_position (n, 3) m, object_quaternion (n, 4) wxyz; keypoints (n, 8, 3) u, v px, score; keypoint_error (n, 8) px
-    to the projected truth of the same stamp; phases: (time s, text); counts by topic; duration s.
+    position, effort: joints (n, 7) rad, Nm measured; command: torque (n, 7) Nm asked for; target: (n, 7)
+    rad; object_position (n, 3) m, object_quaternion (n, 4) wxyz; keypoints (n, 8, 3) u, v px, score;
+    keypoint_error (n, 8) px to the projected truth of the same stamp; phases: (time s, text); counts by
+    topic; duration s.
     """
 
     domain: Domain
@@ -94,7 +98,10 @@ class EpisodeData:
 def load_episode(recording: Recording) -> EpisodeData:
     """The first episode of a recording. Raises BagError where what a report needs is missing."""
     start = recording.start
-    collected = {name: [] for name in ("joint_states", "effort_command", "object_pose", "keypoints", "phase", "goal_pose")}
+    collected = {
+        name: []
+        for name in ("joint_states", "effort_command", "object_pose", "keypoints", "phase", "goal_pose")
+    }
     for message in recording.messages(*collected):
         collected[message.topic.name].append((message.stamp, message.decode()))
     for name in ("joint_states", "object_pose", "goal_pose"):
@@ -114,18 +121,31 @@ def load_episode(recording: Recording) -> EpisodeData:
     goal = Pose(*pose_arrays(collected["goal_pose"][0][1], BASE_FRAME))
     distance, angle = pose_error(poses.values[:, :3], poses.values[:, 3:], goal.position, goal.quaternion)
     phases = [((stamp - start) / SECOND, message.data) for stamp, message in collected["phase"]]
-    declared, reason = next((split_phase(text) for _, text in reversed(phases) if split_phase(text)[0] in END_PHASES),
-                            ("unfinished", ""))
+    declared, reason = next(
+        (split_phase(text) for _, text in reversed(phases) if split_phase(text)[0] in END_PHASES),
+        ("unfinished", ""),
+    )
     duration = (recording.end - start) / SECOND
     final = Pose(poses.values[-1, :3], poses.values[-1, 3:])
     return EpisodeData(
-        domain=domain, information=recording.information,
-        position=Series(states.time, states.values[:, 0, :7]), effort=Series(states.time, states.values[:, 2, :7]),
-        target=Series(commands.time, commands.values[:, 0]), command=Series(commands.time, commands.values[:, 2]),
-        object_position=Series(poses.time, poses.values[:, :3]), object_quaternion=Series(poses.time, poses.values[:, 3:]),
-        keypoints=keypoints, keypoint_error=_keypoint_error(keypoints, poses, domain),
-        distance=Series(poses.time, distance), angle=Series(poses.time, angle), goal=goal, phases=phases,
-        counts=recording.counts, duration=duration, outcome=score(domain, declared, reason, final, goal, duration))
+        domain=domain,
+        information=recording.information,
+        position=Series(states.time, states.values[:, 0, :7]),
+        effort=Series(states.time, states.values[:, 2, :7]),
+        target=Series(commands.time, commands.values[:, 0]),
+        command=Series(commands.time, commands.values[:, 2]),
+        object_position=Series(poses.time, poses.values[:, :3]),
+        object_quaternion=Series(poses.time, poses.values[:, 3:]),
+        keypoints=keypoints,
+        keypoint_error=_keypoint_error(keypoints, poses, domain),
+        distance=Series(poses.time, distance),
+        angle=Series(poses.time, angle),
+        goal=goal,
+        phases=phases,
+        counts=recording.counts,
+        duration=duration,
+        outcome=score(domain, declared, reason, final, goal, duration),
+    )
 
 
 def images(recording: Recording):

@@ -15,7 +15,7 @@ from np_bringup.intervals import wilson_interval
 
 @dataclass(frozen=True)
 class Result:
-    """One episode: its number, how it ended, wall time s. `declared` is "graph" where the graph itself broke down."""
+    """One episode: number, how it ended, wall time s. `declared` is "graph" where the graph broke down."""
 
     episode: int
     success: bool
@@ -30,8 +30,17 @@ class Result:
 
 def result_of(episode: int, outcome: Outcome, wall_s: float) -> Result:
     """The result of an episode that came to an end."""
-    return Result(episode, outcome.success, outcome.declared, outcome.reason, outcome.failed_in,
-                  round(outcome.distance, 6), round(outcome.angle, 6), round(outcome.duration, 3), round(wall_s, 2))
+    return Result(
+        episode,
+        outcome.success,
+        outcome.declared,
+        outcome.reason,
+        outcome.failed_in,
+        round(outcome.distance, 6),
+        round(outcome.angle, 6),
+        round(outcome.duration, 3),
+        round(wall_s, 2),
+    )
 
 
 def breakdown(episode: int, reason: str, wall_s: float) -> Result:
@@ -42,13 +51,15 @@ def breakdown(episode: int, reason: str, wall_s: float) -> Result:
 class Results:
     """Results so far, in a file that a killed run leaves complete up to its last finished episode.
 
-    The file is <folder>/<hash of settings>.jsonl; its first line holds the settings. Episodes found in it are not run
-    again. Raises ValueError for a file that holds something else.
+    The file is <folder>/<hash of settings>.jsonl; its first line holds the settings. Episodes found in it
+    are not run again. Raises ValueError for a file that holds something else.
     """
 
     def __init__(self, folder: Path, settings: Mapping[str, object]):
         text = json.dumps({"settings": dict(settings)}, sort_keys=True)
-        name = "_".join(str(settings[key]) for key in ("domain", "keypoints", "controller", "seed") if key in settings)
+        name = "_".join(
+            str(settings[key]) for key in ("domain", "keypoints", "controller", "seed") if key in settings
+        )
         self.path = folder / f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.jsonl"
         self.results: list[Result] = []
         folder.mkdir(parents=True, exist_ok=True)
@@ -61,9 +72,13 @@ class Results:
             try:
                 result = Result(**json.loads(line))
             except (TypeError, ValueError) as error:
-                raise ValueError(f"{self.path}, line {number + 2}: expected one result, found {line.strip()}") from error
+                raise ValueError(
+                    f"{self.path}, line {number + 2}: expected one result, found {line.strip()}"
+                ) from error
             if result.episode != number:
-                raise ValueError(f"{self.path}, line {number + 2}: expected episode {number}, found {result.episode}")
+                raise ValueError(
+                    f"{self.path}, line {number + 2}: expected episode {number}, found {result.episode}"
+                )
             self.results.append(result)
         complete = [text + "\n", *(_line(result) for result in self.results)]
         if lines != complete:
@@ -79,8 +94,8 @@ class Results:
 def summary(results: list[Result]) -> dict[str, object]:
     """The figures of an evaluation.
 
-    success: rate by the truth; ci95: Wilson; failures: number by phase; declared_wrongly: episodes the graph took for a
-    success that were none; missed: true successes that it did not declare.
+    success: rate by the truth; ci95: Wilson; failures: number by phase; declared_wrongly: episodes the
+    graph took for a success that were none; missed: true successes that it did not declare.
     """
     successes = sum(r.success for r in results)
     return {
@@ -90,7 +105,8 @@ def summary(results: list[Result]) -> dict[str, object]:
         "failures": dict(sorted(Counter(r.failed_in for r in results if not r.success).items())),
         "declared_wrongly": sum(r.declared == "succeeded" and not r.success for r in results),
         "missed": sum(r.declared != "succeeded" and r.success for r in results),
-        "wall_s": round(sum(r.wall_s for r in results), 1)}
+        "wall_s": round(sum(r.wall_s for r in results), 1),
+    }
 
 
 def _line(result: Result) -> str:

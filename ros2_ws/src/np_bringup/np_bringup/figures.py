@@ -29,7 +29,7 @@ def milliseconds(action: Callable[[], object], repeats: int, warm_up: int = 3) -
 
 
 def simulation_figures(domain: Domain, periods: int = 5000) -> dict[str, object]:
-    """Control periods of the bridge's simulation, guards included, against bare mj_step; as real-time factors."""
+    """Real-time factors of the bridge's simulation, guards included, and of bare mj_step."""
     from np_control.safety import SafetyFilter
     from np_sim_bridge.simulation import Simulation
 
@@ -49,8 +49,11 @@ def simulation_figures(domain: Domain, periods: int = 5000) -> dict[str, object]
     for _ in range(periods):
         mujoco.mj_step(model, data)
     bare = time.perf_counter() - began
-    return {"factor": round(periods * PERIOD / ours, 1), "peer": "mj_step of the same scene alone",
-            "peer_factor": round(periods * PERIOD / bare, 1)}
+    return {
+        "factor": round(periods * PERIOD / ours, 1),
+        "peer": "mj_step of the same scene alone",
+        "peer_factor": round(periods * PERIOD / bare, 1),
+    }
 
 
 def renderer_figures(domain: Domain, repeats: int = 30) -> dict[str, object]:
@@ -96,7 +99,7 @@ def detector_figures(domain: Domain, weights: str, repeats: int = 50) -> dict[st
 
 
 def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str, object]:
-    """One decision of the post-contact policy, observation and decoding included, against its bare torch module."""
+    """One decision of the post-contact policy, observation to gains, against its bare torch module."""
     import torch
     from np_policy.observation import POST_SIZE
     from np_policy.policy import PostContactController, weights_file
@@ -119,7 +122,7 @@ def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str
 
 
 def planner_figures(domain: Domain, tasks: int = 10) -> dict[str, object]:
-    """Planning the approach to the object's top, against RRT-Connect without improvement on the same tasks."""
+    """Planning the approach to the object's top, against RRT-Connect alone on the same tasks."""
     from np_policy.approach import ApproachConfig, plan_approach
     from np_policy.collision import CollisionModel
     from np_policy.planning import Budget, PlanningError
@@ -134,13 +137,26 @@ def planner_figures(domain: Domain, tasks: int = 10) -> dict[str, object]:
             wanted = Pose(start.position + [0.0, 0.0, domain.half_size[2] + 0.005], down)
             began = time.perf_counter()
             try:
-                lengths.append(plan_approach(collision, NOMINAL.ready, wanted, 0.0, start, seed=seed,
-                                             config=ApproachConfig(budget=budget)).trajectory.duration)
+                lengths.append(
+                    plan_approach(
+                        collision,
+                        NOMINAL.ready,
+                        wanted,
+                        0.0,
+                        start,
+                        seed=seed,
+                        config=ApproachConfig(budget=budget),
+                    ).trajectory.duration
+                )
             except PlanningError:
                 failures += 1
             seconds.append(time.perf_counter() - began)
-        return {"p50_s": round(float(np.median(seconds)), 3), "max_s": round(max(seconds), 3), "failures": failures,
-                "motion_s": round(float(np.median(lengths)), 2) if lengths else None}
+        return {
+            "p50_s": round(float(np.median(seconds)), 3),
+            "max_s": round(max(seconds), 3),
+            "failures": failures,
+            "motion_s": round(float(np.median(lengths)), 2) if lengths else None,
+        }
 
     full, first = plan(Budget()), plan(Budget(improve=0))
     return {"tasks": tasks, **full, "peer": "RRT-Connect alone", **{f"peer_{k}": v for k, v in first.items()}}

@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class NodeSpec:
-    """One node: where it is installed, what it is called, its parameters and topic remappings (before, after).
+    """One node: where it is installed, what it is called, its parameters and topic remappings (before,
+    after).
 
-    nice: priority given up to others on the same cores, 0 (none) to 19. realtime: priority of first-in-first-out
-    scheduling, 1 to 90, where the system permits it (see docs/quickstart.md); 0 for none.
+    nice: priority given up to others on the same cores, 0 (none) to 19. realtime: priority of
+    first-in-first-out scheduling, 1 to 90, where the system permits it (see docs/quickstart.md); 0 for
+    none.
     """
 
     package: str
@@ -45,7 +47,9 @@ def complete(arguments: Mapping[str, str], known: Sequence[LaunchArgument]) -> d
     return {a.name: str(arguments.get(a.name, a.default)) for a in known}
 
 
-def launch_description(known: Sequence[LaunchArgument], graph: Callable[[Mapping[str, str]], Sequence[NodeSpec]]):
+def launch_description(
+    known: Sequence[LaunchArgument], graph: Callable[[Mapping[str, str]], Sequence[NodeSpec]]
+):
     """A LaunchDescription that declares the arguments and starts the nodes of `graph`; needs launch_ros."""
     from launch import LaunchDescription
     from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -54,9 +58,20 @@ def launch_description(known: Sequence[LaunchArgument], graph: Callable[[Mapping
 
     def start(context):
         given = {a.name: LaunchConfiguration(a.name).perform(context) for a in known}
-        return [Node(package=spec.package, executable=spec.executable, name=spec.name, output="screen",
-                     parameters=[dict(spec.parameters)], remappings=list(spec.remappings),
-                     prefix=f"nice -n {spec.nice}" if spec.nice else None) for spec in graph(given)]
+        return [
+            Node(
+                package=spec.package,
+                executable=spec.executable,
+                name=spec.name,
+                output="screen",
+                parameters=[dict(spec.parameters)],
+                remappings=list(spec.remappings),
+                prefix=f"nice -n {spec.nice}" if spec.nice else None,
+            )
+            for spec in graph(given)
+        ]
 
-    declared = [DeclareLaunchArgument(a.name, default_value=a.default, description=a.description) for a in known]
+    declared = [
+        DeclareLaunchArgument(a.name, default_value=a.default, description=a.description) for a in known
+    ]
     return LaunchDescription([*declared, OpaqueFunction(function=start)])

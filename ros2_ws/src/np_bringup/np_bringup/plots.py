@@ -16,10 +16,25 @@ from np_bringup.contract import split_phase
 from np_bringup.episode import EpisodeData, Series
 
 WIDTH = 9.6
-PHASE_COLOURS = {"idle": "#eeeeee", "pre": "#dfe7f5", "approach": "#fdf0d5", "post": "#e3f1e1", "succeeded": "#b7e1b0",
-                 "failed": "#f3c6c6", "fault": "#e9a3a3"}
-_STYLE = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
-          "svg.fonttype": "none", "svg.hashsalt": "np", "font.family": "sans-serif"}
+PHASE_COLOURS = {
+    "idle": "#eeeeee",
+    "pre": "#dfe7f5",
+    "approach": "#fdf0d5",
+    "post": "#e3f1e1",
+    "succeeded": "#b7e1b0",
+    "failed": "#f3c6c6",
+    "fault": "#e9a3a3",
+}
+_STYLE = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "np",
+    "font.family": "sans-serif",
+}
 
 
 def progress_plot(episode: EpisodeData) -> str:
@@ -43,8 +58,12 @@ def torque_plot(episode: EpisodeData) -> str:
     with matplotlib.rc_context(_STYLE):
         figure, axes = _figure(1, 2.8, episode)
         for joint in range(7):
-            axes[0].plot(episode.command.time, 100 * episode.command.values[:, joint] / NOMINAL.torque_limit[joint],
-                         lw=0.8, label=f"joint {joint + 1}")
+            axes[0].plot(
+                episode.command.time,
+                100 * episode.command.values[:, joint] / NOMINAL.torque_limit[joint],
+                lw=0.8,
+                label=f"joint {joint + 1}",
+            )
         for limit in (-100, 100):
             axes[0].axhline(limit, color="#b02020", lw=1)
         axes[0].set_ylabel("torque (% of limit)")
@@ -76,7 +95,9 @@ def keypoint_plot(episode: EpisodeData) -> str:
             top.fill_between(error.time, 0, worst, color="#7a4fa3", alpha=0.25, lw=0, label="worst of 8")
             _line(top, error, 1, "#7a4fa3", label="median of 8")
             top.legend(fontsize=7, frameon=False, loc="upper left")
-            bottom.plot(episode.keypoints.time, episode.keypoints.values[:, :, 2].min(axis=1), lw=1, color="#444444")
+            bottom.plot(
+                episode.keypoints.time, episode.keypoints.values[:, :, 2].min(axis=1), lw=1, color="#444444"
+            )
         top.set_ylabel("error (px)")
         top.set_ylim(0, max(5.0, min(40.0, top.get_ylim()[1])))
         bottom.set_ylabel("least score")
@@ -92,14 +113,23 @@ def path_plot(episode: EpisodeData) -> str:
         positions, quaternions = episode.object_position.values, episode.object_quaternion.values
         axes.plot(positions[:, 1], positions[:, 0], color="#1f5fa8", lw=1)
         half = np.asarray(episode.domain.half_size)
-        shapes = [(positions[0], quaternions[0], "#888888", "start"), (positions[-1], quaternions[-1], "#1f5fa8", "end"),
-                  (episode.goal.position, episode.goal.quaternion, "#2f8f3a", "goal")]
+        shapes = [
+            (positions[0], quaternions[0], "#888888", "start"),
+            (positions[-1], quaternions[-1], "#1f5fa8", "end"),
+            (episode.goal.position, episode.goal.quaternion, "#2f8f3a", "goal"),
+        ]
         for position, quaternion, colour, label in shapes:
             corners = box_keypoints(half, position, quaternion)[:, :2]
             hull = corners[_convex_order(corners)]
             closed = np.vstack([hull, hull[:1]])
-            axes.plot(closed[:, 1], closed[:, 0], color=colour, lw=1.5, label=label,
-                      ls="--" if label == "goal" else "-")
+            axes.plot(
+                closed[:, 1],
+                closed[:, 0],
+                color=colour,
+                lw=1.5,
+                label=label,
+                ls="--" if label == "goal" else "-",
+            )
         axes.set_aspect("equal", adjustable="datalim")
         axes.invert_xaxis()
         axes.set_xlabel("y (m)")
@@ -114,12 +144,26 @@ def _figure(rows: int, height: float, episode: EpisodeData):
     starts = [*episode.phases, (episode.duration, "")]
     for axes in panels:
         for (begin, text), (end, _) in zip(starts, starts[1:]):
-            axes.axvspan(begin, max(end, begin + 0.01), color=PHASE_COLOURS.get(split_phase(text)[0], "#ffffff"), lw=0, zorder=-1)
+            axes.axvspan(
+                begin,
+                max(end, begin + 0.01),
+                color=PHASE_COLOURS.get(split_phase(text)[0], "#ffffff"),
+                lw=0,
+                zorder=-1,
+            )
         axes.set_xlim(0, max(episode.duration, 0.01))
     for (begin, text), (end, _) in zip(starts, starts[1:]):
         if end - begin > 0.03 * episode.duration:
-            panels[0].text((begin + end) / 2, 1.01, split_phase(text)[0], ha="center", va="bottom", fontsize=8,
-                           color="#555555", transform=panels[0].get_xaxis_transform())
+            panels[0].text(
+                (begin + end) / 2,
+                1.01,
+                split_phase(text)[0],
+                ha="center",
+                va="bottom",
+                fontsize=8,
+                color="#555555",
+                transform=panels[0].get_xaxis_transform(),
+            )
     panels[-1].set_xlabel("simulated time (s)")
     return figure, panels
 
@@ -138,4 +182,4 @@ def _svg(figure: Figure) -> str:
     buffer = io.StringIO()
     FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()
-    return text[text.index("<svg"):]
+    return text[text.index("<svg") :]

@@ -1,8 +1,9 @@
 """Recording: messages in any order of arrival become one bag in the order of their time.
 
-The time of a message in the bag is its own stamp. What has no stamp (phase, gains, gripper) gets that of the last joint
-state published before it. A lockstep run thus gives the same messages at the same times in the same order on any machine
-at any speed; what a backend sends again while it waits (docs/graph.md) is kept once.
+The time of a message in the bag is its own stamp. What has no stamp (phase, gains, gripper) gets that of
+the last joint state published before it. A lockstep run thus gives the same messages at the same times in
+the same order on any machine at any speed; what a backend sends again while it waits (docs/graph.md) is
+kept once.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ _FOREVER = QosTime(2147483647, 4294967295)
 class Sequencer:
     """Orders serialized messages by time.
 
-    emit(stamp ns, topic, data) is called in the order of (stamp, TOPICS, arrival). With `begin_at` what is older than the
-    first message of that topic is left out, and nothing is emitted before it comes. `repeated` counts messages that came
-    twice, `lost` the gaps in the publishers' own numbering.
+    emit(stamp ns, topic, data) is called in the order of (stamp, TOPICS, arrival). With `begin_at` what is
+    older than the first message of that topic is left out, and nothing is emitted before it comes.
+    `repeated` counts messages that came twice, `lost` the gaps in the publishers' own numbering.
     """
 
     def __init__(self, emit: Callable[[int, Topic, bytes], None], begin_at: Topic | None = None):
@@ -53,7 +54,7 @@ class Sequencer:
         self.lost = 0
 
     def add(self, topic: Topic, data: bytes, published: int, number: int | None = None) -> None:
-        """A message, its publisher's wall time ns and running number. Raises ValueError for malformed data."""
+        """A message, its publisher's wall time ns and running number. Raises ValueError for broken data."""
         data = self._filters[topic](data)
         if number is not None:
             self.lost += max(0, number - self._numbers.get(topic, number - 1) - 1)
@@ -109,8 +110,8 @@ class Sequencer:
 class BagWriter:
     """A rosbag2 bag (MCAP) with every topic of the contract, written by a thread of its own.
 
-    path: folder to make; information: stored as JSON in the bag's metadata under "run_info".
-    Raises OSError where the bag cannot be made, exists already, or (from `write` and `close`) cannot be written.
+    path: folder to make; information: stored as JSON in the bag's metadata under "run_info". Raises OSError
+    where the bag cannot be made, exists already, or (from `write` and `close`) cannot be written.
     """
 
     def __init__(self, path: str | Path, information: Mapping[str, object]):
@@ -121,9 +122,11 @@ class BagWriter:
         self._writer.set_custom_data("run_info", json.dumps(dict(information), sort_keys=True))
         self._writer.open()
         self._connections = {
-            topic: self._writer.add_connection(f"/{topic.name}", topic.type, typestore=TYPESTORE,
-                                               offered_qos_profiles=[_qos(topic)])
-            for topic in TOPICS}
+            topic: self._writer.add_connection(
+                f"/{topic.name}", topic.type, typestore=TYPESTORE, offered_qos_profiles=[_qos(topic)]
+            )
+            for topic in TOPICS
+        }
         self.count = 0
         self._error: OSError | None = None
         self._queue: SimpleQueue = SimpleQueue()
@@ -162,7 +165,13 @@ class BagWriter:
 
 def _qos(topic: Topic) -> Qos:
     return Qos(
-        history=QosHistory.KEEP_LAST, depth=1 if topic.latched else 100, reliability=QosReliability.RELIABLE,
+        history=QosHistory.KEEP_LAST,
+        depth=1 if topic.latched else 100,
+        reliability=QosReliability.RELIABLE,
         durability=QosDurability.TRANSIENT_LOCAL if topic.latched else QosDurability.VOLATILE,
-        deadline=_FOREVER, lifespan=_FOREVER, liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=_FOREVER, avoid_ros_namespace_conventions=False)
+        deadline=_FOREVER,
+        lifespan=_FOREVER,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=_FOREVER,
+        avoid_ros_namespace_conventions=False,
+    )

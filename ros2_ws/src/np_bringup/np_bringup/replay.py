@@ -1,7 +1,8 @@
-"""Replay of a lockstep recording: which messages are fed, which must come back, and where they differ. No ROS.
+"""Replay of a lockstep recording: which messages are fed, which must come back, and where they differ. No
+ROS.
 
-What the robot, the camera and the episode said is fed; what the detector, the policies, the planner and the controller
-answer is compared, byte by byte.
+What the robot, the camera and the episode said is fed; what the detector, the policies, the planner and the
+controller answer is compared, byte by byte.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ REQUIRED = ("joint_states", "goal_keypoints", "phase", "tick", "effort_command")
 
 @dataclass
 class Step:
-    """One stamp ns of the recording: what is said first, what must be answered, what is said then, and answered then."""
+    """One stamp ns: what is said first, what must be answered, what is said then and answered then."""
 
     stamp: int
     first: list[Message] = field(default_factory=list)
@@ -34,7 +35,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Difference:
-    """The first message that differs: topic, its number on that topic, stamp ns, what was expected and what came."""
+    """The first message that differs: topic, its number there, stamp ns, what was expected and what came."""
 
     topic: str
     index: int
@@ -51,8 +52,10 @@ class Script:
     def __init__(self, recording: Recording, weights: str = ""):
         mode = recording.information.get("mode")
         if mode != "lockstep":
-            raise BagError(f"bag {recording.path}: expected a recording in lockstep (run_info of the recorder), "
-                           f"got mode {mode!r}")
+            raise BagError(
+                f"bag {recording.path}: expected a recording in lockstep (run_info of the recorder), "
+                f"got mode {mode!r}"
+            )
         self._recording = recording
         self.from_camera = recording.counts.get("camera/image_raw", 0) > 0
         self.live = (*BEFORE_TICK, *AFTER_TICK) if self.from_camera else (*BEFORE_TICK[1:], *AFTER_TICK)
@@ -63,11 +66,17 @@ class Script:
             NodeSpec("np_control", "joint_impedance", parameters={"mode": "lockstep"}),
             NodeSpec("np_policy", "pre_contact", parameters=learned),
             NodeSpec("np_policy", "approach", parameters={**task, "seed": int(known.get("seed", 0))}),
-            NodeSpec("np_policy", "post_contact", parameters=learned)]
+            NodeSpec("np_policy", "post_contact", parameters=learned),
+        ]
         if self.from_camera:
             self.specs.append(NodeSpec("np_perception", "keypoint_detector", parameters=learned))
-        self.fed = ["joint_states", "goal_keypoints", "phase", "tick",
-                    *(["camera/image_raw"] if self.from_camera else ["keypoints"])]
+        self.fed = [
+            "joint_states",
+            "goal_keypoints",
+            "phase",
+            "tick",
+            *(["camera/image_raw"] if self.from_camera else ["keypoints"]),
+        ]
 
     @property
     def length(self) -> int:
@@ -91,7 +100,9 @@ class Script:
         if name in self.live:
             return step.answers if name in BEFORE_TICK else step.final_answers
         # The phases after `pre` answer the plan; so does the tick.
-        later = name == "tick" or name == "phase" and split_phase(message.decode().data)[0] not in ("idle", "pre")
+        later = (
+            name == "tick" or name == "phase" and split_phase(message.decode().data)[0] not in ("idle", "pre")
+        )
         return step.then if later else step.first
 
 
@@ -120,7 +131,11 @@ class Comparison:
         self.received[name] += got is not None
         self.identical[name] += got == expected.data
         if got != expected.data and self.first is None:
-            what = "expected an answer, none came" if got is None else describe_difference(expected.topic.type, expected.data, got)
+            what = (
+                "expected an answer, none came"
+                if got is None
+                else describe_difference(expected.topic.type, expected.data, got)
+            )
             self.first = Difference(name, index, expected.stamp, what)
 
     def extra(self, name: str, stamp: int, got: bytes) -> None:
@@ -128,7 +143,9 @@ class Comparison:
         self.received[name] += 1
         if self.first is None:
             decoded = TYPESTORE.deserialize_cdr(got, BY_NAME[name].type)
-            self.first = Difference(name, self.expected[name], stamp, f"expected no message, got {decoded}"[:300])
+            self.first = Difference(
+                name, self.expected[name], stamp, f"expected no message, got {decoded}"[:300]
+            )
 
 
 def describe_difference(message_type: str, expected: bytes, got: bytes) -> str:
@@ -149,9 +166,23 @@ def _first_difference(a, b, path: str) -> str:
     if isinstance(a, list):
         if len(a) != len(b):
             return f"{path}: expected {len(a)} entries, got {len(b)}"
-        return next((text for i, (x, y) in enumerate(zip(a, b)) if (text := _first_difference(x, y, f"{path}[{i}]"))), "")
+        return next(
+            (text for i, (x, y) in enumerate(zip(a, b)) if (text := _first_difference(x, y, f"{path}[{i}]"))),
+            "",
+        )
     names = getattr(a, "__dataclass_fields__", None)
     if names:
-        return next((text for name in names if name != "__msgtype__" and (text := _first_difference(
-            getattr(a, name), getattr(b, name), f"{path}.{name}".lstrip(".")))), "")
+        return next(
+            (
+                text
+                for name in names
+                if name != "__msgtype__"
+                and (
+                    text := _first_difference(
+                        getattr(a, name), getattr(b, name), f"{path}.{name}".lstrip(".")
+                    )
+                )
+            ),
+            "",
+        )
     return "" if a == b or (a != a and b != b) else f"{path}: expected {a!r}, got {b!r}"

@@ -40,8 +40,10 @@ class Section:
         """(phase, reason, start s, share of the episode in %) in order."""
         starts = [*self.episode.phases, (self.episode.duration, "")]
         total = max(self.episode.duration, 1e-9)
-        return [(*split_phase(text), begin, 100 * (end - begin) / total)
-                for (begin, text), (end, _) in zip(starts, starts[1:])]
+        return [
+            (*split_phase(text), begin, 100 * (end - begin) / total)
+            for (begin, text), (end, _) in zip(starts, starts[1:])
+        ]
 
     @property
     def facts(self) -> list[tuple[str, str]]:
@@ -51,14 +53,28 @@ class Section:
         facts = [
             ("declared", f"{outcome.declared}{': ' + outcome.reason if outcome.reason else ''}"),
             ("by the truth", "success" if outcome.success else f"failure in {outcome.failed_in}"),
-            ("distance to goal", f"{100 * episode.distance.values[0]:.1f} cm → {100 * outcome.distance:.2f} cm"),
-            ("angle to goal", f"{np.degrees(episode.angle.values[0]):.0f}° → {np.degrees(outcome.angle):.1f}°"),
+            (
+                "distance to goal",
+                f"{100 * episode.distance.values[0]:.1f} cm → {100 * outcome.distance:.2f} cm",
+            ),
+            (
+                "angle to goal",
+                f"{np.degrees(episode.angle.values[0]):.0f}° → {np.degrees(outcome.angle):.1f}°",
+            ),
             ("simulated time", f"{outcome.duration:.1f} s"),
-            ("largest torque", f"{100 * torque.max():.0f} % of a joint's limit" if len(torque) else "no command"),
+            (
+                "largest torque",
+                f"{100 * torque.max():.0f} % of a joint's limit" if len(torque) else "no command",
+            ),
         ]
         if len(episode.keypoint_error):
-            facts.append(("keypoint error", f"median {np.median(episode.keypoint_error.values):.2f} px, "
-                                            f"95 % below {np.quantile(episode.keypoint_error.values, 0.95):.1f} px"))
+            facts.append(
+                (
+                    "keypoint error",
+                    f"median {np.median(episode.keypoint_error.values):.2f} px, "
+                    f"95 % below {np.quantile(episode.keypoint_error.values, 0.95):.1f} px",
+                )
+            )
         return facts
 
 
@@ -66,11 +82,13 @@ def make_section(bag: str | Path, video_file: Path | None = None) -> Section:
     """Read one bag and draw its plots; the video is also kept in `video_file` if given. Raises BagError."""
     with Recording(bag) as recording:
         episode = load_episode(recording)
-        drawn = {"Distance and angle to the goal": plots.progress_plot(episode),
-                 "Commanded torque": plots.torque_plot(episode),
-                 "Joint tracking": plots.tracking_plot(episode),
-                 "Keypoints against the projected truth": plots.keypoint_plot(episode),
-                 "From above": plots.path_plot(episode)}
+        drawn = {
+            "Distance and angle to the goal": plots.progress_plot(episode),
+            "Commanded torque": plots.torque_plot(episode),
+            "Joint tracking": plots.tracking_plot(episode),
+            "Keypoints against the projected truth": plots.keypoint_plot(episode),
+            "From above": plots.path_plot(episode),
+        }
         with tempfile.TemporaryDirectory() as folder:
             path = video_file or Path(folder) / "video.webm"
             rate = float(episode.information.get("image_rate", 30))
@@ -83,8 +101,14 @@ def write_report(path: str | Path, sections: list[Section], title: str = "Card e
     """Write the report of `sections` to `path`."""
     successes = sum(section.episode.outcome.success for section in sections)
     low, high = wilson_interval(successes, len(sections))
-    environment = jinja2.Environment(loader=jinja2.PackageLoader("np_bringup", "data"), autoescape=True,
-                                     undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("np_bringup", "data"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     text = environment.get_template("report.html.j2").render(
-        title=title, sections=sections, successes=successes, low=low, high=high, colours=plots.PHASE_COLOURS)
+        title=title, sections=sections, successes=successes, low=low, high=high, colours=plots.PHASE_COLOURS
+    )
     Path(path).write_text(text, encoding="utf-8")

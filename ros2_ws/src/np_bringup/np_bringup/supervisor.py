@@ -1,7 +1,8 @@
 """Nodes as separate processes: start, watch, stop, and say which one died and why.
 
-The part of `ros2 launch` that the demo, the evaluation and the tests need, so that it also works where launch is not
-installed. A node is found as `ros2 run` finds it: the ament index, then lib/<package>/<executable>.
+The part of `ros2 launch` that the demo, the evaluation and the tests need, so that it also works where
+launch is not installed. A node is found as `ros2 run` finds it: the ament index, then
+lib/<package>/<executable>.
 """
 
 from __future__ import annotations
@@ -45,10 +46,14 @@ def installed_command(package: str, executable: str) -> list[str]:
     prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
     for prefix in prefixes:
         path = prefix / "lib" / package / executable
-        if (prefix / "share/ament_index/resource_index/packages" / package).exists() and os.access(path, os.X_OK):
+        if (prefix / "share/ament_index/resource_index/packages" / package).exists() and os.access(
+            path, os.X_OK
+        ):
             return [str(path)]
-    raise LookupError(f"expected an installed executable {package}/{executable} below AMENT_PREFIX_PATH, found none in "
-                      f"{[str(p) for p in prefixes]}; build and source the workspace first")
+    raise LookupError(
+        f"expected an installed executable {package}/{executable} below AMENT_PREFIX_PATH, found none in "
+        f"{[str(p) for p in prefixes]}; build and source the workspace first"
+    )
 
 
 def reserve_domain_id():
@@ -77,8 +82,13 @@ class Supervisor:
     domain_id: a free one is reserved unless given. locate: how an executable becomes a command.
     """
 
-    def __init__(self, log_directory: str | Path, *, domain_id: int | None = None,
-                 locate: Callable[[str, str], list[str]] = installed_command):
+    def __init__(
+        self,
+        log_directory: str | Path,
+        *,
+        domain_id: int | None = None,
+        locate: Callable[[str, str], list[str]] = installed_command,
+    ):
         self.log_directory = Path(log_directory)
         self.log_directory.mkdir(parents=True, exist_ok=True)
         self._reservation = None
@@ -97,8 +107,11 @@ class Supervisor:
     @property
     def environment(self) -> dict[str, str]:
         """The variables that put a process into this supervisor's ROS domain."""
-        variables = {"ROS_DOMAIN_ID": str(self.domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-                     "PYTHONUNBUFFERED": "1"}
+        variables = {
+            "ROS_DOMAIN_ID": str(self.domain_id),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "PYTHONUNBUFFERED": "1",
+        }
         if "FASTRTPS_DEFAULT_PROFILES_FILE" not in os.environ:
             variables["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(files("np_bringup") / "data" / "fastdds.xml")
         return variables
@@ -108,8 +121,12 @@ class Supervisor:
         """The nodes started and not stopped, in order of start."""
         return list(self._processes)
 
-    def start(self, specs: NodeSpec | Sequence[NodeSpec], environment: Mapping[str, str] | None = None) -> None:
-        """Start nodes. Raises LookupError for one that is not installed (nothing is started then), ValueError for a name in use."""
+    def start(
+        self, specs: NodeSpec | Sequence[NodeSpec], environment: Mapping[str, str] | None = None
+    ) -> None:
+        """Start nodes. Raises LookupError if one is not installed (none is started then), ValueError for a
+        name in use.
+        """
         specs = [specs] if isinstance(specs, NodeSpec) else list(specs)
         commands = [self._locate(spec.package, spec.executable) for spec in specs]
         for spec, command in zip(specs, commands):
@@ -117,11 +134,16 @@ class Supervisor:
                 raise ValueError(f"node name {spec.name}: expected a new one, it is running")
             with open(self.log_directory / f"{spec.name}.log", "w") as log:
                 self._processes[spec.name] = subprocess.Popen(
-                    [*command, *self._ros_arguments(spec)], stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+                    [*command, *self._ros_arguments(spec)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
                     env={**os.environ, **self.environment, **(environment or {})},
-                    # Own session: Ctrl-C in the terminal reaches only us, who stop the nodes in order. If we are killed
-                    # outright, the kernel interrupts the nodes.
-                    start_new_session=True, preexec_fn=partial(_prepare, spec.nice, spec.realtime))
+                    # Own session: Ctrl-C in the terminal reaches only us, who stop the nodes in order.
+                    # If we are killed outright, the kernel interrupts the nodes.
+                    start_new_session=True,
+                    preexec_fn=partial(_prepare, spec.nice, spec.realtime),
+                )
 
     def pid(self, name: str) -> int:
         """Process id of a running node."""
@@ -171,7 +193,7 @@ class Supervisor:
         raise RuntimeError(f"processes survive SIGKILL: { {n: p.pid for n, p in processes.items()} }")
 
     def kill(self, name: str, number: signal.Signals = signal.SIGKILL) -> int:
-        """Send a signal that ends a node, wait for its end, forget it; its return code. For fault injection."""
+        """Send a signal that ends a node, wait for that, forget it; its return code. For fault injection."""
         process = self._processes[name]
         process.send_signal(number)
         returncode = process.wait(STOP_SEQUENCE[0][1])
@@ -193,13 +215,15 @@ class Supervisor:
             arguments += ["-r", f"{before}:={after}"]
         if spec.parameters:
             path = self.log_directory / f"{spec.name}.yaml"
-            path.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(spec.parameters)}}, width=1 << 30))
+            path.write_text(
+                yaml.safe_dump({"/**": {"ros__parameters": dict(spec.parameters)}}, width=1 << 30)
+            )
             arguments += ["--params-file", str(path)]
         return arguments
 
 
 def _prepare(nice: int, realtime: int) -> None:
-    """In the new process, before the node is executed: what it does here, its middleware's threads inherit."""
+    """In the new process, before the node is executed, so that its middleware's threads inherit it all."""
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
     os.nice(nice)
     if realtime:

@@ -25,7 +25,9 @@ _EDGES = [(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit]
 _GREEN, _WHITE = (90, 230, 90), (255, 255, 255)
 
 
-def write_video(path: str | Path, episode: EpisodeData, images: Iterable[tuple[float, np.ndarray]], rate: float) -> int:
+def write_video(
+    path: str | Path, episode: EpisodeData, images: Iterable[tuple[float, np.ndarray]], rate: float
+) -> int:
     """Write images (time s, pixels) at `rate` frames a second; the number of frames written.
 
     Raises OSError where OpenCV cannot encode. With no images no file is made.
@@ -37,7 +39,9 @@ def write_video(path: str | Path, episode: EpisodeData, images: Iterable[tuple[f
             if writer is None:
                 size = (frame.shape[1], frame.shape[0])
                 with _quiet():
-                    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"VP80"), rate, size)
+                    writer = cv2.VideoWriter(
+                        str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"VP80"), rate, size
+                    )
                 if not writer.isOpened():
                     raise OSError(f"video {path}: expected OpenCV with a VP8 encoder, it cannot open one")
             writer.write(np.ascontiguousarray(frame[..., ::-1]))
@@ -49,7 +53,7 @@ def write_video(path: str | Path, episode: EpisodeData, images: Iterable[tuple[f
 
 
 def annotate(pixels: np.ndarray, episode: EpisodeData, time: float) -> np.ndarray:
-    """The image of `time` s, enlarged, with the goal's outline, the keypoints and a line of text; RGB uint8."""
+    """The image of `time` s, enlarged, with goal outline, keypoints and a line of text; RGB uint8."""
     frame = cv2.resize(pixels, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_CUBIC)
     _draw_box(frame, episode.goal, episode.domain.half_size, _GREEN)
     for (u, v, score), colour in zip(_latest(episode.keypoints, time, np.empty((0, 3))), CORNER_COLOURS):

@@ -28,8 +28,11 @@ def lockstep_factor(weights: str, keypoints: str, logs: Path) -> dict[str, objec
         began = time.monotonic()
         outcome = conductor.run_episode()
         wall = time.monotonic() - began
-    return {"factor": round(outcome.duration / wall, 2), "simulated_s": round(outcome.duration, 1),
-            "declared": f"{outcome.declared}: {outcome.reason}".rstrip(": ")}
+    return {
+        "factor": round(outcome.duration / wall, 2),
+        "simulated_s": round(outcome.duration, 1),
+        "declared": f"{outcome.declared}: {outcome.reason}".rstrip(": "),
+    }
 
 
 def whole_graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str, object]:
@@ -56,9 +59,11 @@ def whole_graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str
 
 def echo_round_trip(seconds: float, logs: Path) -> dict[str, object]:
     """The peer: the same backend and measurement, an echo for a controller, and nothing else at work."""
-    specs = [NodeSpec("np_sim_bridge", "sim_bridge", parameters={"mode": "realtime", "camera": False}),
-             NodeSpec("np_bringup", "echo"),
-             NodeSpec("np_bringup", "round_trip", parameters={"out": str(logs / "round_trip.json")})]
+    specs = [
+        NodeSpec("np_sim_bridge", "sim_bridge", parameters={"mode": "realtime", "camera": False}),
+        NodeSpec("np_bringup", "echo"),
+        NodeSpec("np_bringup", "round_trip", parameters={"out": str(logs / "round_trip.json")}),
+    ]
     with Supervisor(logs) as supervisor:
         supervisor.start(specs)
         with Conductor(supervisor, find_domain(DOMAIN), lockstep=False) as conductor:
@@ -73,7 +78,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the real-time measurement")
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
-    parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder for logs; a number is appended")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/bench"), help="folder for logs; a number is appended"
+    )
     options = parser.parse_args(arguments)
     interrupt_on_sigterm()
     logs = new_folder(options.out)

@@ -37,8 +37,16 @@ def running_graph(arguments: Mapping[str, str], logs: Path, **callbacks) -> Iter
 
 
 def origin(weights: str = "") -> dict[str, object]:
-    """Where a run comes from: git revision of the working tree ("" outside one), SHA-256 of every released weight."""
-    command = ["git", "-C", str(Path(__file__).resolve().parent), "describe", "--always", "--dirty", "--abbrev=12"]
+    """Where a run comes from: git revision ("" outside a working tree), SHA-256 of every released weight."""
+    command = [
+        "git",
+        "-C",
+        str(Path(__file__).resolve().parent),
+        "describe",
+        "--always",
+        "--dirty",
+        "--abbrev=12",
+    ]
     try:
         revision = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
@@ -79,15 +87,17 @@ class Progress:
         self._next = 0
 
     def show(self, done: float, text: str = "") -> None:
-        """Draw the state: `done` of the total, and a few words. Outside a terminal a line shows every 5 % at most."""
+        """Show `done` of the total and a few words; not on a terminal, a line every 5 % at most."""
         if not self._live:
             if done < min(self._next, self._total):
                 return
             self._next = int(done) + max(1, self._total // 20)
         share = done / max(self._total, 1)
         filled = int(24 * share)
-        line = f"{self._what} [{'#' * filled}{'.' * (24 - filled)}] {int(done)}/{self._total} " \
-               f"{time.monotonic() - self._began:4.0f} s  {text}"
+        line = (
+            f"{self._what} [{'#' * filled}{'.' * (24 - filled)}] {int(done)}/{self._total} "
+            f"{time.monotonic() - self._began:4.0f} s  {text}"
+        )
         if self._live:
             print(f"\r\x1b[K{line}", end="" if done < self._total else "\n", file=sys.stderr, flush=True)
         else:

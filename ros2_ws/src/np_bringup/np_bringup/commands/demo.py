@@ -11,7 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from np_bringup.card import KEYPOINT_SOURCES
-from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin, running_graph
+from np_bringup.commands.common import (
+    INTERRUPTED,
+    Progress,
+    interrupt_on_sigterm,
+    new_folder,
+    origin,
+    running_graph,
+)
 from np_bringup.episode import Outcome
 from np_bringup.intervals import wilson_interval
 from np_bringup.nodes.conductor_node import GraphError
@@ -23,11 +30,15 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
     parser.add_argument("--episodes", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=0, help="names the tasks, together with the episode's number")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="names the tasks, together with the episode's number"
+    )
     parser.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="camera")
     parser.add_argument("--image-rate", type=int, default=30, help="images a second of simulated time")
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
-    parser.add_argument("--out", type=Path, default=Path("runs/demo"), help="folder to make; a number is appended")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/demo"), help="folder to make; a number is appended"
+    )
     options = parser.parse_args(arguments)
     if options.episodes < 1:
         parser.error(f"--episodes: expected at least 1, got {options.episodes}")
@@ -35,10 +46,16 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcomes: list[Outcome]) -> None:
-    """Run the episodes; bags and outcomes are appended to as they come, so that they survive an interruption."""
-    arguments = {"seed": str(options.seed), "keypoints": options.keypoints, "image_rate": str(options.image_rate),
-                 "weights": options.weights, "bag": str(out / "episode"), "record_at_start": "false",
-                 "run_info": json.dumps(origin(options.weights))}
+    """Run the episodes; bags and outcomes are appended to as they come, and so survive an interruption."""
+    arguments = {
+        "seed": str(options.seed),
+        "keypoints": options.keypoints,
+        "image_rate": str(options.image_rate),
+        "weights": options.weights,
+        "bag": str(out / "episode"),
+        "record_at_start": "false",
+        "run_info": json.dumps(origin(options.weights)),
+    }
     clock = time.monotonic()
     last = [-1.0]
 
@@ -48,8 +65,12 @@ def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcom
     def show_tick(seconds: float) -> None:
         if sys.stderr.isatty() and seconds - last[0] >= 0.5 or seconds < last[0]:
             last[0] = seconds
-            print(f"\r\x1b[K  {seconds:5.1f} s simulated, {time.monotonic() - clock:.0f} s of wall time",
-                  end="", file=sys.stderr, flush=True)
+            print(
+                f"\r\x1b[K  {seconds:5.1f} s simulated, {time.monotonic() - clock:.0f} s of wall time",
+                end="",
+                file=sys.stderr,
+                flush=True,
+            )
 
     say(f"starting the graph; logs are in {out / 'log'}")
     with running_graph(arguments, out / "log", on_phase=show_phase, on_tick=show_tick) as conductor:
@@ -60,9 +81,11 @@ def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcom
             outcome = conductor.run_episode()
             conductor.stop_recording()
             outcomes.append(outcome)
-            say(f"  {'SUCCESS' if outcome.success else 'FAILURE'} by the true pose: "
+            say(
+                f"  {'SUCCESS' if outcome.success else 'FAILURE'} by the true pose: "
                 f"{100 * outcome.distance:.2f} cm, {np.degrees(outcome.angle):.1f} deg from the goal "
-                f"after {outcome.duration:.1f} s")
+                f"after {outcome.duration:.1f} s"
+            )
 
 
 def make_report(out: Path, bags: list[str]) -> list[str]:
@@ -101,15 +124,25 @@ def main(arguments: list[str] | None = None) -> int:
     except (NodeDied, GraphError, TimeoutError, LookupError, ValueError) as failure:
         status, error = 1, str(failure)
         print(f"demo: {error}", file=sys.stderr)
-    finished = bags[:len(outcomes)]
+    finished = bags[: len(outcomes)]
     if finished and status != INTERRUPTED:
         videos = make_report(out, finished)
     successes = sum(outcome.success for outcome in outcomes)
-    print(json.dumps({
-        "success": successes / len(outcomes) if outcomes else None, "ci95": wilson_interval(successes, len(outcomes)),
-        "episodes": len(outcomes), "outcomes": [o.declared + (f": {o.reason}" if o.reason else "") for o in outcomes],
-        "bags": bags, "report": str(out / "report.html") if (out / "report.html").exists() else "", "videos": videos,
-        "error": error, "wall_s": round(time.monotonic() - began, 1)}))
+    print(
+        json.dumps(
+            {
+                "success": successes / len(outcomes) if outcomes else None,
+                "ci95": wilson_interval(successes, len(outcomes)),
+                "episodes": len(outcomes),
+                "outcomes": [o.declared + (f": {o.reason}" if o.reason else "") for o in outcomes],
+                "bags": bags,
+                "report": str(out / "report.html") if (out / "report.html").exists() else "",
+                "videos": videos,
+                "error": error,
+                "wall_s": round(time.monotonic() - began, 1),
+            }
+        )
+    )
     return status
 
 

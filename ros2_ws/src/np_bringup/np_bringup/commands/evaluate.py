@@ -11,7 +11,14 @@ from pathlib import Path
 from np_description.domains import DOMAINS
 
 from np_bringup.card import CONTROLLERS, KEYPOINT_SOURCES
-from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin, running_graph
+from np_bringup.commands.common import (
+    INTERRUPTED,
+    Progress,
+    interrupt_on_sigterm,
+    new_folder,
+    origin,
+    running_graph,
+)
 from np_bringup.evaluation import Result, Results, breakdown, result_of, summary
 from np_bringup.nodes.conductor_node import GraphError
 from np_bringup.supervisor import NodeDied
@@ -24,14 +31,18 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--episodes", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0, help="names the tasks, together with the episode's number")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="names the tasks, together with the episode's number"
+    )
     parser.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="camera")
     parser.add_argument("--controller", choices=list(CONTROLLERS), default="impedance")
     parser.add_argument("--object", choices=["default"], default="default")
     parser.add_argument("--effects", choices=["none"], default="none")
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
     parser.add_argument("--bags", action="store_true", help="record every episode (slower)")
-    parser.add_argument("--out", type=Path, default=Path("runs/evaluate"), help="folder for results, logs and bags")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/evaluate"), help="folder for results, logs and bags"
+    )
     options = parser.parse_args(arguments)
     if options.episodes < 1:
         parser.error(f"--episodes: expected at least 1, got {options.episodes}")
@@ -43,9 +54,15 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
 
     A graph that breaks down costs its episode and is started anew; one that does not come up at all raises.
     """
-    settings = {"domain": options.domain, "seed": options.seed, "keypoints": options.keypoints,
-                "controller": options.controller, "object": options.object, "effects": options.effects,
-                **origin(options.weights)}
+    settings = {
+        "domain": options.domain,
+        "seed": options.seed,
+        "keypoints": options.keypoints,
+        "controller": options.controller,
+        "object": options.object,
+        "effects": options.effects,
+        **origin(options.weights),
+    }
     results = Results(options.out, settings)
     progress = Progress(options.episodes, f"evaluate {options.domain}")
     started = time.monotonic()
@@ -54,21 +71,33 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         began = time.monotonic()
         logs = new_folder(options.out / "log")
         arguments = {
-            "domain": options.domain, "seed": str(options.seed), "first_episode": str(len(results.results)),
-            "keypoints": options.keypoints, "controller": options.controller, "image_rate": str(IMAGE_RATE),
-            "weights": options.weights, "record_at_start": "false",
-            "bag": str(options.out / "bags" / "episode") if options.bags else "", "run_info": json.dumps(origin(options.weights))}
+            "domain": options.domain,
+            "seed": str(options.seed),
+            "first_episode": str(len(results.results)),
+            "keypoints": options.keypoints,
+            "controller": options.controller,
+            "image_rate": str(IMAGE_RATE),
+            "weights": options.weights,
+            "record_at_start": "false",
+            "bag": str(options.out / "bags" / "episode") if options.bags else "",
+            "run_info": json.dumps(origin(options.weights)),
+        }
         number = len(results.results)
-        with running_graph(arguments, logs, on_tick=lambda s: progress.show(number + min(0.9, s / 15), rate(results))) as conductor:
+        with running_graph(
+            arguments, logs, on_tick=lambda s: progress.show(number + min(0.9, s / 15), rate(results))
+        ) as conductor:
             seconds_ready += time.monotonic() - began
             while (number := len(results.results)) < options.episodes:
                 result, whole = run_one(conductor, number, options.bags)
                 results.add(result)
                 progress.show(number + 1, rate(results))
                 if not whole:
-                    print(f"episode {number}: {result.reason}\nstarting the graph again; logs are in {logs}", file=sys.stderr)
+                    print(
+                        f"episode {number}: {result.reason}\nstarting the graph again; logs are in {logs}",
+                        file=sys.stderr,
+                    )
                     break
-    figures = summary(results.results[:options.episodes])
+    figures = summary(results.results[: options.episodes])
     figures["wall_s"] = round(figures["wall_s"] + seconds_ready, 1)
     figures["this_run_s"] = round(time.monotonic() - started, 1)
     return {**figures, "results": str(results.path)}
@@ -101,7 +130,9 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         figures = evaluate(options)
     except KeyboardInterrupt:
-        print("interrupted; finished episodes are kept, the same command goes on with the next", file=sys.stderr)
+        print(
+            "interrupted; finished episodes are kept, the same command goes on with the next", file=sys.stderr
+        )
         return INTERRUPTED
     except (NodeDied, TimeoutError, LookupError, ValueError) as error:
         print(f"evaluate: {error}", file=sys.stderr)

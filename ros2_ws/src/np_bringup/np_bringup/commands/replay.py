@@ -1,4 +1,4 @@
-"""`replay BAG`: feed a lockstep recording to the nodes and compare their actions with the recorded ones, bit by bit."""
+"""`replay BAG`: feed a lockstep recording to the nodes; compare their actions with it, bit by bit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from np_bringup.supervisor import NodeDied, Supervisor
 
 
 def replay(bag: Path, weights: str, logs: Path) -> dict[str, object]:
-    """Replay a bag; counts by topic and the first difference. Raises BagError, NodeDied, TimeoutError, LookupError."""
+    """Counts by topic and the first difference. Raises BagError, NodeDied, TimeoutError, LookupError."""
     began = time.monotonic()
     with Recording(bag, REQUIRED) as recording:
         script = Script(recording, weights)
@@ -35,15 +35,25 @@ def replay(bag: Path, weights: str, logs: Path) -> dict[str, object]:
                 player.finish(recording.end)
                 progress.show(script.length)
                 comparison = player.comparison
-    topics = {name: {"expected": comparison.expected[name], "received": comparison.received[name],
-                     "identical": comparison.identical[name]} for name in script.live}
-    return {"identical": comparison.is_identical, "topics": topics,
-            "first_mismatch": asdict(comparison.first) if comparison.first else None,
-            "bag": str(bag), "wall_s": round(time.monotonic() - began, 1)}
+    topics = {
+        name: {
+            "expected": comparison.expected[name],
+            "received": comparison.received[name],
+            "identical": comparison.identical[name],
+        }
+        for name in script.live
+    }
+    return {
+        "identical": comparison.is_identical,
+        "topics": topics,
+        "first_mismatch": asdict(comparison.first) if comparison.first else None,
+        "bag": str(bag),
+        "wall_s": round(time.monotonic() - began, 1),
+    }
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point; the last line printed is one JSON object. Status 0 only where every action was identical."""
+    """Entry point; the last line printed is one JSON object. Status 0 only if every action was identical."""
     parser = argparse.ArgumentParser(prog="replay", description=__doc__)
     parser.add_argument("bag", type=Path)
     parser.add_argument("--weights", default="", help="folder with weights; default: those of the recording")

@@ -24,8 +24,15 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     options.out.parent.mkdir(parents=True, exist_ok=True)
     write_report(options.out, sections)
-    print(json.dumps({"report": str(options.out), "episodes": len(sections),
-                      "successes": sum(s.episode.outcome.success for s in sections)}))
+    print(
+        json.dumps(
+            {
+                "report": str(options.out),
+                "episodes": len(sections),
+                "successes": sum(s.episode.outcome.success for s in sections),
+            }
+        )
+    )
     return 0
 
 

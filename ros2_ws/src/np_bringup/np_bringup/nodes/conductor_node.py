@@ -1,7 +1,7 @@
 """The conductor: a node of the demo and the evaluation that resets, starts and follows episodes.
 
-It runs in the process of the command, next to the supervisor that owns the other nodes, and is the only one besides the
-recorder to hear the true object pose.
+It runs in the process of the command, next to the supervisor that owns the other nodes, and is the only one
+besides the recorder to hear the true object pose.
 """
 
 from __future__ import annotations
@@ -40,17 +40,28 @@ class GraphError(RuntimeError):
 class Conductor:
     """Runs episodes on the graph of a supervisor.
 
-    on_phase(phase, reason, s of simulated time since the reset) is told every change, on_tick(s) every policy tick.
+    on_phase(phase, reason, s of simulated time since the reset) is told every change, on_tick(s) every
+    policy tick.
     """
 
-    def __init__(self, supervisor: Supervisor, domain: Domain, *, lockstep: bool = True,
-                 on_phase: Callable[[str, str, float], None] = lambda *_: None,
-                 on_tick: Callable[[float], None] = lambda _: None):
+    def __init__(
+        self,
+        supervisor: Supervisor,
+        domain: Domain,
+        *,
+        lockstep: bool = True,
+        on_phase: Callable[[str, str, float], None] = lambda *_: None,
+        on_tick: Callable[[float], None] = lambda _: None,
+    ):
         self._supervisor, self._domain, self._lockstep = supervisor, domain, lockstep
         self._on_phase, self._on_tick = on_phase, on_tick
         os.environ.update(supervisor.environment)
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=supervisor.domain_id, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            context=self._context,
+            domain_id=supervisor.domain_id,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
         self._node = rclpy.create_node("conductor", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -81,16 +92,26 @@ class Conductor:
     def listen(self, seconds: float) -> None:
         """Let so much wall time pass. Raises NodeDied."""
         deadline = time.monotonic() + seconds
-        self._wait(lambda: time.monotonic() > deadline, 2 * seconds + _SERVICE_TIMEOUT, "the end of a measurement")
+        self._wait(
+            lambda: time.monotonic() > deadline, 2 * seconds + _SERVICE_TIMEOUT, "the end of a measurement"
+        )
 
-    def wait_until_ready(self, specs: Sequence[NodeSpec], timeout: float = 120.0,
-                         services: Sequence[str] = ("sim_bridge/reset", "episode/start")) -> None:
-        """Until every node is up and every publisher has found its subscribers. Raises NodeDied or TimeoutError."""
+    def wait_until_ready(
+        self,
+        specs: Sequence[NodeSpec],
+        timeout: float = 120.0,
+        services: Sequence[str] = ("sim_bridge/reset", "episode/start"),
+    ) -> None:
+        """Until all nodes are up and matched. Raises NodeDied or TimeoutError."""
         names = {spec.name for spec in specs}
-        self._wait(lambda: not self._links.missing(names), timeout, f"diagnostics of {', '.join(sorted(names))}")
+        self._wait(
+            lambda: not self._links.missing(names), timeout, f"diagnostics of {', '.join(sorted(names))}"
+        )
         for service in services:
             self._wait(self._client(service).service_is_ready, timeout, f"the service {service}")
-        self._wait(lambda: self._links.are_complete(names), timeout, "every publisher to find its subscribers")
+        self._wait(
+            lambda: self._links.are_complete(names), timeout, "every publisher to find its subscribers"
+        )
 
     def start_recording(self, timeout: float = _SERVICE_TIMEOUT) -> str:
         """Open the next bag; its path. Raises GraphError with the recorder's reason."""
@@ -111,12 +132,16 @@ class Conductor:
     def run_episode(self, timeout: float = 600.0, until: float = float("inf")) -> Outcome:
         """Reset, start, and follow one episode to its end; how it ended by the truth.
 
-        until: time.monotonic() s at which it is stopped on request, if it has not ended. Raises GraphError, NodeDied,
-        or TimeoutError when no end has come within `timeout` s of wall time.
+        until: time.monotonic() s at which it is stopped on request, if it has not ended. Raises GraphError,
+        NodeDied, or TimeoutError when no end has come within `timeout` s of wall time.
         """
         before = self._goal[0] if self._goal else -1
         self._succeed("sim_bridge/reset")
-        self._wait(lambda: self._goal is not None and self._goal[0] > before, _SERVICE_TIMEOUT, "goal_pose after the reset")
+        self._wait(
+            lambda: self._goal is not None and self._goal[0] > before,
+            _SERVICE_TIMEOUT,
+            "goal_pose after the reset",
+        )
         began, goal = self._goal
         self._phases.clear()
         self._poses = [item for item in self._poses if item[0] >= began]
@@ -144,7 +169,7 @@ class Conductor:
         return bool(self._phases) and self._phases[-1][0] in END_PHASES
 
     def _hear_out(self) -> None:
-        """Lockstep: time rests at the end of an episode; take what was published before, the last pose above all."""
+        """Lockstep: time rests at an episode's end; take what came before, the last pose above all."""
         deadline = time.monotonic() + (_QUIET if self._lockstep else 0.0)
         while time.monotonic() < deadline:
             self._spin_once()
@@ -193,6 +218,7 @@ class Conductor:
                 return True
             self._spin_once()
             return bool(condition())
+
         self._supervisor.wait(spun, timeout, what)
 
     def _spin_once(self) -> None:

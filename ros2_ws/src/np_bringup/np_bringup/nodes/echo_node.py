@@ -1,6 +1,8 @@
-"""Answers every state with where the arm is and no torque: the least a controller can do, as the bench's peer.
+"""Answers every state with where the arm is and no torque: the least a controller can do, as the bench's
+peer.
 
-Written with what rclpy gives, its default executor and messages, to show what the graph's own controller adds or saves.
+Written with what rclpy gives, its default executor and messages, to show what the graph's own controller
+adds or saves.
 """
 
 from __future__ import annotations
@@ -23,8 +25,15 @@ class Echo(Node):
 
     def _on_state(self, state: JointState) -> None:
         zeros = [0.0] * 7
-        self._command.publish(JointState(header=state.header, name=list(JOINT_NAMES), position=state.position[:7],
-                                         velocity=zeros, effort=zeros))
+        self._command.publish(
+            JointState(
+                header=state.header,
+                name=list(JOINT_NAMES),
+                position=state.position[:7],
+                velocity=zeros,
+                effort=zeros,
+            )
+        )
 
 
 def main(args=None):

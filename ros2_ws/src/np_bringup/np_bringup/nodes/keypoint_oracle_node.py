@@ -1,7 +1,7 @@
 """Keypoints from the true object pose, in the detector's place: for evaluation with KEYPOINTS=truth only.
 
-No node of the policy path may subscribe to `object_pose`; this one stands in for the camera and the detector, to show
-what they cost.
+No node of the policy path may subscribe to `object_pose`; this one stands in for the camera and the
+detector, to show what they cost.
 """
 
 from __future__ import annotations
@@ -21,13 +21,18 @@ from sensor_msgs.msg import PointCloud2
 
 
 class KeypointOracle(Node):
-    """Answers every `object_pose`, which comes whenever an image would, with its eight corners in the image."""
+    """Answers every `object_pose`, which comes when an image would, with its eight corners in the image."""
 
     def __init__(self):
         super().__init__("keypoint_oracle")
         domain = parameter(self, "domain", "card", "Task family.", choices=tuple(DOMAINS))
-        mode = parameter(self, "mode", "lockstep", "Who waits: time for the answers, or nobody.",
-                         choices=("lockstep", "realtime"))
+        mode = parameter(
+            self,
+            "mode",
+            "lockstep",
+            "Who waits: time for the answers, or nobody.",
+            choices=("lockstep", "realtime"),
+        )
         self._noise = parameter(self, "noise", 0.0, "Standard deviation of the keypoints, px.", 0.0, 50.0)
         self._seed = parameter(self, "seed", 0, "Of the noise; with a stamp it names its draw.", 0, 2**31 - 1)
         self._half_size = np.asarray(find_domain(domain).half_size)
@@ -46,9 +51,13 @@ class KeypointOracle(Node):
             return
         pixels, _ = CAMERA.project(box_keypoints(self._half_size, position, quaternion))
         if self._noise:
-            pixels = pixels + self._noise * np.random.default_rng((self._seed, stamp)).standard_normal((COUNT, 2))
+            pixels = pixels + self._noise * np.random.default_rng((self._seed, stamp)).standard_normal(
+                (COUNT, 2)
+            )
         seen = ((pixels > -0.5) & (pixels < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=1)
-        self._keypoints.publish(keypoints_message(stamp, CAMERA_NAME, np.column_stack([pixels, seen.astype(float)])))
+        self._keypoints.publish(
+            keypoints_message(stamp, CAMERA_NAME, np.column_stack([pixels, seen.astype(float)]))
+        )
 
 
 def main(args=None):

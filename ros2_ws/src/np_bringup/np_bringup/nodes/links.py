@@ -9,22 +9,28 @@ from rclpy.node import Node
 
 
 class Links:
-    """Listens to `diagnostics` with `node` and compares counts of subscribers with what `node` sees of the graph.
+    """Listens to `diagnostics` with `node` and compares counts of subscribers with what `node` sees of the
+    graph.
 
-    A node sees its own matches only, and one that two other nodes have not made yet loses what is published until then.
+    A node sees its own matches only, and one that two other nodes have not made yet loses what is published
+    until then.
     """
 
     def __init__(self, node: Node):
         self._node = node
-        self._found: dict[str, dict[str, int]] = {}  # node, topic: how many subscribers the node says it has found
+        self._found: dict[
+            str, dict[str, int]
+        ] = {}  # node, topic: how many subscribers the node says it has found
         node.create_subscription(DiagnosticArray, "diagnostics", self._receive, qos.RECORDER)
 
     def are_complete(self, names: set[str]) -> bool:
-        """Whether the named nodes are up, and every publisher, `node`'s own too, has found every subscriber."""
+        """Whether the named nodes are up and every publisher, `node`'s too, has found every subscriber."""
         own = {p.topic_name: p.get_subscription_count() for p in self._node.publishers}
         return names <= set(self._found) and all(
             count >= self._node.count_subscribers(topic)
-            for counts in (own, *self._found.values()) for topic, count in counts.items())
+            for counts in (own, *self._found.values())
+            for topic, count in counts.items()
+        )
 
     def missing(self, names: set[str]) -> list[str]:
         """The named nodes that have not spoken yet."""
@@ -34,4 +40,5 @@ class Links:
         for status in message.status:
             links = next((value.value for value in status.values if value.key == SUBSCRIBERS), "")
             self._found[status.name.lstrip("/")] = {
-                topic: int(count) for topic, _, count in (link.rpartition("=") for link in links.split())}
+                topic: int(count) for topic, _, count in (link.rpartition("=") for link in links.split())
+            }

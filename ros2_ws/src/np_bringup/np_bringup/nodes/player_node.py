@@ -1,4 +1,4 @@
-"""The player: stands where robot, camera and episode stood, says again what they said, and hears the answers."""
+"""The player: stands where robot, camera and episode stood, says what they said, hears the answers."""
 
 from __future__ import annotations
 
@@ -32,17 +32,30 @@ class Player:
         self.comparison = Comparison(script.live)
         os.environ.update(supervisor.environment)
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=supervisor.domain_id, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            context=self._context,
+            domain_id=supervisor.domain_id,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
         self._node = rclpy.create_node("player", context=self._context)
         self.links = Links(self._node)
         self._publishers = {
-            name: self._node.create_publisher(message_class(BY_NAME[name].type), name,
-                                              qos.LATCHED if BY_NAME[name].latched else qos.LOCKSTEP)
-            for name in script.fed}
+            name: self._node.create_publisher(
+                message_class(BY_NAME[name].type),
+                name,
+                qos.LATCHED if BY_NAME[name].latched else qos.LOCKSTEP,
+            )
+            for name in script.fed
+        }
         self._received: dict[str, deque[bytes]] = {name: deque() for name in script.live}
         for name in script.live:
-            self._node.create_subscription(message_class(BY_NAME[name].type), name, self._receiver(name),
-                                           qos.EVENT if name in _EVENTS else qos.LOCKSTEP, raw=True)
+            self._node.create_subscription(
+                message_class(BY_NAME[name].type),
+                name,
+                self._receiver(name),
+                qos.EVENT if name in _EVENTS else qos.LOCKSTEP,
+                raw=True,
+            )
         self._spinner = Spinner(self._node)
 
     def __enter__(self) -> Player:
@@ -59,10 +72,14 @@ class Player:
 
     def wait_until_ready(self, names: set[str], timeout: float = 120.0) -> None:
         """Until the nodes are up and matched, among each other and with the player."""
-        self._wait(lambda: self.links.are_complete(names), timeout, f"the nodes {', '.join(sorted(names))}, all matched")
+        self._wait(
+            lambda: self.links.are_complete(names),
+            timeout,
+            f"the nodes {', '.join(sorted(names))}, all matched",
+        )
 
     def play(self, step: Step) -> bool:
-        """One step: say, hear, compare. False once an answer stayed away: then no further one can be relied on."""
+        """One step: say, hear, compare. False if an answer stayed away: no other is to be relied on."""
         for said, awaited in ((step.first, step.answers), (step.then, step.final_answers)):
             for message in said:
                 self._publishers[message.topic.name].publish(message.data)
@@ -99,4 +116,5 @@ class Player:
                 return True
             self._spinner.spin_once(0.05)
             return bool(condition())
+
         self._supervisor.wait(spun, timeout, what)

@@ -22,16 +22,23 @@ _QUIET = 0.05  # s without a message after which everything sent before is taken
 class Recorder(Node):
     """Bags are called <bag>_000, <bag>_001, ...; an existing one is never overwritten.
 
-    A bag begun by `~/start` begins with the state of the next reset (the stamp of `goal_pose`). `~/start` fails while a topic of `required` has no publisher yet, saying which. `~/stop` answers with JSON: bag,
+    A bag begun by `~/start` begins with the state of the next reset (the stamp of `goal_pose`). `~/start`
+    fails while a topic of `required` has no publisher yet, saying which. `~/stop` answers with JSON: bag,
     messages, repeated, lost. SIGINT and SIGTERM close an open bag like `~/stop`.
     """
 
     def __init__(self):
         super().__init__("recorder")
         self._path = parameter(self, "bag", "recording", "Path of the bags, without the number.")
-        self._information = parameter(self, "run_info", "{}", "JSON object kept in the bag's metadata under run_info.")
-        required = parameter(self, "required", "", "Topics, separated by commas, without a publisher of which ~/start fails.")
-        at_once = parameter(self, "record_at_start", True, "Record from the start of the node, without ~/start.")
+        self._information = parameter(
+            self, "run_info", "{}", "JSON object kept in the bag's metadata under run_info."
+        )
+        required = parameter(
+            self, "required", "", "Topics, separated by commas, without a publisher of which ~/start fails."
+        )
+        at_once = parameter(
+            self, "record_at_start", True, "Record from the start of the node, without ~/start."
+        )
         images = parameter(self, "record_images", True, "Whether camera/image_raw is recorded.")
         self._required = [name for name in required.split(",") if name]
         self._writer: BagWriter | None = None
@@ -39,12 +46,20 @@ class Recorder(Node):
         self._diagnostics = Diagnostics(self)
         self._subscriptions_by_topic = {
             topic.name: self.create_subscription(
-                message_class(topic.type), topic.name, self._receiver(topic),
-                qos.LATCHED if topic.latched else qos.RECORDER, raw=True)
-            for topic in TOPICS if images or topic.name != "camera/image_raw"}
+                message_class(topic.type),
+                topic.name,
+                self._receiver(topic),
+                qos.LATCHED if topic.latched else qos.RECORDER,
+                raw=True,
+            )
+            for topic in TOPICS
+            if images or topic.name != "camera/image_raw"
+        }
         unknown = sorted(set(self._required) - set(self._subscriptions_by_topic))
         if unknown:
-            raise ValueError(f"parameter required: expected topics that are recorded, got {', '.join(unknown)}")
+            raise ValueError(
+                f"parameter required: expected topics that are recorded, got {', '.join(unknown)}"
+            )
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/stop", self._on_stop)
         if at_once:
@@ -68,6 +83,7 @@ class Recorder(Node):
             except ValueError as error:
                 self._diagnostics.count("malformed messages")
                 self.get_logger().error(f"{topic.name}: {error}")
+
         return receive
 
     def _open(self, begin_at: Topic | None) -> None:
@@ -86,19 +102,28 @@ class Recorder(Node):
             sequencer.flush()
         finally:
             writer.close()
-        return {"bag": str(writer.path), "messages": writer.count, "repeated": sequencer.repeated, "lost": sequencer.lost}
+        return {
+            "bag": str(writer.path),
+            "messages": writer.count,
+            "repeated": sequencer.repeated,
+            "lost": sequencer.lost,
+        }
 
     def _take_what_is_under_way(self) -> None:
         quiet_since = time.monotonic()
         while time.monotonic() - quiet_since < _QUIET:
             for subscription in self._subscriptions_by_topic.values():
-                while (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
+                while (
+                    taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                ) is not None:
                     subscription.callback(*taken)
                     quiet_since = time.monotonic()
             time.sleep(_QUIET / 10)
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        missing = [name for name in self._required if not self._subscriptions_by_topic[name].get_publisher_count()]
+        missing = [
+            name for name in self._required if not self._subscriptions_by_topic[name].get_publisher_count()
+        ]
         if self._writer is not None:
             response.message = f"expected no open bag, {self._writer.path} is being recorded"
         elif missing:
@@ -119,8 +144,10 @@ class Recorder(Node):
             result = self._close()
             response.success, response.message = True, json.dumps(result)
             self._diagnostics.values.update(result)
-            self._diagnostics.report(DiagnosticStatus.WARN if result["lost"] else DiagnosticStatus.OK,
-                                     f"closed {result['bag']}, {result['lost']} messages lost")
+            self._diagnostics.report(
+                DiagnosticStatus.WARN if result["lost"] else DiagnosticStatus.OK,
+                f"closed {result['bag']}, {result['lost']} messages lost",
+            )
         except OSError as error:
             response.success, response.message = False, str(error)
             self._diagnostics.report(DiagnosticStatus.ERROR, str(error))

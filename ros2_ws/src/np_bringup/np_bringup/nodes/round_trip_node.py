@@ -1,7 +1,8 @@
-"""Measures the control loop from outside: from a state's publication to the arrival of the command that answers it.
+"""Measures the control loop from outside: from a state's publication to the arrival of the command that
+answers it.
 
-Times are those the middleware stamps on messages: a state's at its publication, a command's at its arrival here, which
-is when it arrives at the backend too. What this node does later with a message does not count.
+Times are those the middleware stamps on messages: a state's at its publication, a command's at its arrival
+here, which is when it arrives at the backend too. What this node does later with a message does not count.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ class RoundTrip(Node):
     def __init__(self):
         super().__init__("round_trip")
         self._out = Path(parameter(self, "out", "round_trip.json", "File for the result."))
-        self._deadline = parameter(self, "deadline", 0.002, "Time in which a state must be answered, s.", 1e-4, 1.0)
+        self._deadline = parameter(
+            self, "deadline", 0.002, "Time in which a state must be answered, s.", 1e-4, 1.0
+        )
         self._diagnostics = Diagnostics(self)
         self._forget()
         self.create_service(Trigger, "~/start", self._on_start)
@@ -67,16 +70,28 @@ class RoundTrip(Node):
         if not stamps or not self._arrived:
             return {"periods": len(stamps), "answered": 0}
         stamps = [s for s in stamps if s >= min(self._arrived)]
-        milliseconds = np.array([(self._arrived[s] - self._sent[s]) * 1e-6 for s in stamps if s in self._arrived])
-        unheard = max(self._numbers) - min(self._numbers) + 1 - len(set(self._numbers))  # lost on the way to here only
+        milliseconds = np.array(
+            [(self._arrived[s] - self._sent[s]) * 1e-6 for s in stamps if s in self._arrived]
+        )
+        unheard = (
+            max(self._numbers) - min(self._numbers) + 1 - len(set(self._numbers))
+        )  # lost on the way to here only
         unanswered = max(0, len(stamps) - len(milliseconds) - unheard)
         late = int((milliseconds > 1e3 * self._deadline).sum())
         elapsed = (max(self._sent.values()) - min(self._sent.values())) * 1e-9
         p50, p99 = np.percentile(milliseconds, (50, 99))
-        return {"periods": len(stamps), "p50_ms": round(float(p50), 3), "p99_ms": round(float(p99), 3),
-                "max_ms": round(float(milliseconds.max()), 3), "missed": round((late + unanswered) / len(stamps), 5),
-                "late": late, "unanswered": unanswered, "state_rate": round(len(stamps) / elapsed, 1),
-                "keypoint_rate": round(self._keypoints / elapsed, 1), "seconds": round(elapsed, 1)}
+        return {
+            "periods": len(stamps),
+            "p50_ms": round(float(p50), 3),
+            "p99_ms": round(float(p99), 3),
+            "max_ms": round(float(milliseconds.max()), 3),
+            "missed": round((late + unanswered) / len(stamps), 5),
+            "late": late,
+            "unanswered": unanswered,
+            "state_rate": round(len(stamps) / elapsed, 1),
+            "keypoint_rate": round(self._keypoints / elapsed, 1),
+            "seconds": round(elapsed, 1),
+        }
 
 
 def main(args=None):
