@@ -101,17 +101,20 @@ def detector_figures(domain: Domain, weights: str, repeats: int = 50) -> dict[st
 def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str, object]:
     """One decision of the post-contact policy, observation to gains, against its bare torch module."""
     import torch
+    from np_policy.networks import PostContactPolicy
     from np_policy.observation import POST_SIZE
     from np_policy.policy import PostContactController, weights_file
     from np_policy.pose_estimation import project_keypoints
+    from np_policy.weights import load
 
     torch.set_num_threads(1)
-    controller = PostContactController(weights_file("post_contact", domain, weights), domain)
+    file = weights_file("post_contact", domain, weights)
+    controller = PostContactController(file, domain)
     start, goal = sample_task(domain, np.random.default_rng(0))
     here, there = project_keypoints(domain, start), project_keypoints(domain, goal)
     q, dq = np.concatenate([NOMINAL.ready, np.zeros(2)]), np.zeros(9)
     figures = milliseconds(lambda: controller.act(q, dq, here, there), repeats)
-    network, state = controller._network, torch.zeros(POST_SIZE)
+    network, state = load(PostContactPolicy(), file), torch.zeros(POST_SIZE)
 
     def plain():
         with torch.inference_mode():
@@ -122,32 +125,34 @@ def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str
 
 
 def planner_figures(domain: Domain, tasks: int = 10) -> dict[str, object]:
-    """Planning the approach to the object's top, against RRT-Connect alone on the same tasks."""
+    """Planning the approach to the object's top from random postures, against RRT-Connect alone."""
     from np_policy.approach import ApproachConfig, plan_approach
     from np_policy.collision import CollisionModel
     from np_policy.planning import Budget, PlanningError
 
     collision = CollisionModel(domain)
     down = np.array([0.0, 1.0, 0.0, 0.0])  # the hand points at the table
+    lower, upper = NOMINAL.position_lower + 0.1, NOMINAL.position_upper - 0.1
+
+    def random_start(rng: np.random.Generator) -> np.ndarray:
+        while True:
+            joints = rng.uniform(lower, upper)
+            if collision.is_free(joints):
+                return joints
 
     def plan(budget: Budget) -> dict[str, object]:
-        seconds, lengths, failures = [], [], 0
+        seconds, durations, failures = [], [], 0
         for seed in range(tasks):
-            start, _ = sample_task(domain, np.random.default_rng(seed))
+            rng = np.random.default_rng(seed)
+            start, _ = sample_task(domain, rng)
             wanted = Pose(start.position + [0.0, 0.0, domain.half_size[2] + 0.005], down)
+            collision.place(start, 0.0)
+            joints = random_start(rng)
             began = time.perf_counter()
             try:
-                lengths.append(
-                    plan_approach(
-                        collision,
-                        NOMINAL.ready,
-                        wanted,
-                        0.0,
-                        start,
-                        seed=seed,
-                        config=ApproachConfig(budget=budget),
-                    ).trajectory.duration
-                )
+                config = ApproachConfig(budget=budget)
+                plan = plan_approach(collision, joints, wanted, 0.0, start, seed=seed, config=config)
+                durations.append(plan.trajectory.duration)
             except PlanningError:
                 failures += 1
             seconds.append(time.perf_counter() - began)
@@ -155,7 +160,7 @@ def planner_figures(domain: Domain, tasks: int = 10) -> dict[str, object]:
             "p50_s": round(float(np.median(seconds)), 3),
             "max_s": round(max(seconds), 3),
             "failures": failures,
-            "motion_s": round(float(np.median(lengths)), 2) if lengths else None,
+            "motion_s": round(float(np.median(durations)), 2) if durations else None,
         }
 
     full, first = plan(Budget()), plan(Budget(improve=0))

@@ -1,0 +1,47 @@
+"""The oracle projects the true pose, under its stamp, with noise that a seed and a stamp name."""
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from np_description.camera import CAMERA
+from np_description.domains import CARD, sample_task
+from np_description.keypoints import box_keypoints
+from np_description.panda import BASE_FRAME
+from np_ros.messages import keypoints_array, pose_message, stamp_nanoseconds
+from sensor_msgs.msg import PointCloud2
+
+STAMPS = (100_000_000, 134_000_000, 166_000_000)
+
+
+def ask(probe, pose):
+    """Keypoints (3, 8, 3) that the oracle gives for `pose` at three stamps."""
+    received = probe.messages["keypoints"]
+    received.clear()
+    for stamp in STAMPS:
+        probe.publish("object_pose", pose_message(stamp, BASE_FRAME, pose.position, pose.quaternion))
+    probe.wait_until(lambda: len(received) == len(STAMPS), what="keypoints")
+    assert [stamp_nanoseconds(m.header.stamp) for m in received] == list(STAMPS)
+    return np.array([keypoints_array(m) for m in received])
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+def test_keypoints_are_the_projected_truth(graph, probe, noise):
+    probe.collect("keypoints", PointCloud2)
+    probe.advertise("object_pose", PoseStamped)
+    names = {graph.run("np_bringup", "keypoint_oracle", {"noise": noise, "seed": 4})}
+    probe.wait_until_ready(names)
+    pose, _ = sample_task(CARD, np.random.default_rng(1))
+    corners = box_keypoints(np.asarray(CARD.half_size), pose.position, pose.quaternion)
+    truth = CAMERA.project(corners)[0]
+    keypoints = ask(probe, pose)
+    error = keypoints[:, :, :2] - truth
+    assert (keypoints[:, :, 2] == 1).all()
+    assert (ask(probe, pose) == keypoints).all()  # the same question has the same answer
+    if noise == 0:
+        assert np.abs(error).max() < 1e-4
+    else:
+        assert np.abs(error).max() > 0.5 and np.abs(error).max() < 6 * noise
+        assert not np.allclose(error[0], error[1])  # other stamps, other draws
+    refused = pose_message(200_000_000, "somewhere", pose.position, pose.quaternion)
+    probe.publish("object_pose", refused)
+    assert len(ask(probe, pose)) == len(STAMPS)  # refused, and the node goes on

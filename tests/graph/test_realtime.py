@@ -1,0 +1,27 @@
+"""The whole graph in real time: an episode ends in a named phase, and the control loop can be measured."""
+
+import json
+import signal
+
+from np_bringup.contract import END_PHASES, split_phase
+from np_ros import qos
+from std_msgs.msg import String
+
+
+def test_an_episode_in_real_time(graph, probe, untrained, tmp_path):
+    """A busy machine may make the backend stop for want of commands: that too is an end with a name."""
+    phases = probe.collect("phase", String, qos.LATCHED)
+    names = graph.run_card(
+        {"episode": {"post_timeout": 1.0}}, mode="realtime", keypoints="truth", weights=str(untrained))
+    graph.run("np_bringup", "round_trip", {"out": str(tmp_path / "round_trip.json")})
+    probe.wait_until_ready(names | {"round_trip"})
+    assert probe.call("round_trip/start").success
+    probe.wait_until(lambda: probe.call("sim_bridge/reset").success, what="a reset")
+    phases.clear()
+    probe.wait_until(lambda: probe.call("episode/start").success, what="a start")
+    probe.wait_until(lambda: phases and split_phase(phases[-1].data)[0] in END_PHASES, what="the end")
+    assert split_phase(phases[0].data)[0] == "pre"
+    assert graph.kill("round_trip", signal.SIGINT) == 0
+    result = json.loads((tmp_path / "round_trip.json").read_text())
+    assert result["periods"] > 100 and 0 < result["p50_ms"] <= result["p99_ms"] <= result["max_ms"]
+    assert 0 <= result["missed"] <= 1 and result["keypoint_rate"] > 0
