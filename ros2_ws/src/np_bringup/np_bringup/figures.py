@@ -151,8 +151,8 @@ def planner_figures(domain: Domain, tasks: int = 10) -> dict[str, object]:
             began = time.perf_counter()
             try:
                 config = ApproachConfig(budget=budget)
-                plan = plan_approach(collision, joints, wanted, 0.0, start, seed=seed, config=config)
-                durations.append(plan.trajectory.duration)
+                found = plan_approach(collision, joints, wanted, 0.0, start, seed=seed, config=config)
+                durations.append(found.trajectory.duration)
             except PlanningError:
                 failures += 1
             seconds.append(time.perf_counter() - began)
