@@ -6,6 +6,8 @@ import pytest
 from np_bringup.episode import Outcome
 from np_bringup.evaluation import Results, breakdown, result_of, summary
 from np_bringup.intervals import wilson_interval
+from np_bringup.plots import results_plot
+from np_description.domains import CARD
 
 SETTINGS = {
     "domain": "card",
@@ -84,3 +86,9 @@ def test_the_summary_counts_by_the_truth():
 def test_no_episode_has_no_rate():
     figures = summary([])
     assert figures["success"] is None and figures["ci95"] == [0.0, 1.0]
+
+
+def test_the_plot_shows_every_whole_episode():
+    results = [good(0), good(1), breakdown(2, "node approach ended", 2.0)]
+    svg = results_plot(results, CARD)
+    assert svg.startswith("<svg") and "success: 2" in svg and "failure: 0" in svg

@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-from np_description.domains import DOMAINS
+from np_description.domains import DOMAINS, find_domain
 
 from np_bringup.card import CONTROLLERS, KEYPOINT_SOURCES
 from np_bringup.commands.common import (
@@ -21,6 +21,7 @@ from np_bringup.commands.common import (
 )
 from np_bringup.evaluation import Result, Results, breakdown, result_of, summary
 from np_bringup.nodes.conductor_node import GraphError
+from np_bringup.plots import results_plot
 from np_bringup.supervisor import NodeDied
 
 IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change nothing
@@ -100,7 +101,9 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     figures = summary(results.results[: options.episodes])
     figures["wall_s"] = round(figures["wall_s"] + seconds_ready, 1)
     figures["this_run_s"] = round(time.monotonic() - started, 1)
-    return {**figures, "results": str(results.path)}
+    picture = results.path.with_suffix(".svg")
+    picture.write_text(results_plot(results.results[: options.episodes], find_domain(options.domain)))
+    return {**figures, "results": str(results.path), "plot": str(picture)}
 
 
 def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
