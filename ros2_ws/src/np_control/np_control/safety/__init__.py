@@ -4,10 +4,11 @@ Pure NumPy and clock-free (every function is told the time), so that the sim bri
 the controller share one definition and one behaviour.
 """
 
-from np_control.safety.commands import Command, Reason, Refusal, Refusals, check_command, check_finite
+from np_control.safety.commands import Command, check_command
 from np_control.safety.filter import Applied, SafetyFilter
 from np_control.safety.limits import LIMITS, SafetyLimits, clamp_torque, limit_gains, limit_target, \
     limit_torque, slew_gains, torque_bounds, velocity_bounds
+from np_control.safety.refusals import Reason, Refusal, Refusals, check_finite
 from np_control.safety.watchdog import State, Watchdog
 
 __all__ = [

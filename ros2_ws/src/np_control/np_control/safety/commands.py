@@ -1,78 +1,14 @@
-"""Validation of commands: names, lengths, values, limits, stamps. Every refusal has a reason and a count."""
+"""Validation of commands: names, lengths, values, limits, stamps."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from np_control.safety.limits import SafetyLimits
-
-
-class Reason(StrEnum):
-    """Why a command was refused."""
-
-    NAMES = "names"  # not the seven joints, in order
-    LENGTH = "length"  # an array of the wrong length
-    NOT_FINITE = "not_finite"  # NaN or infinity
-    LATE = "late"  # answers a state older than the limit
-    FUTURE = "future"  # answers a state that was not published yet
-    ORDER = "order"  # older than the command before it
-    POSITION = "position"  # joint target outside the joint's range
-    VELOCITY = "velocity"  # joint target faster than the joint's limit
-    TORQUE = "torque"  # torque over the limit
-    WORKSPACE = "workspace"  # T_E target far outside the box
-    GAINS = "gains"  # stiffness or damping outside their bounds
-    UNPAIRED = "unpaired"  # a target pose without gains
-    UNREACHABLE = "unreachable"  # a target pose that inverse kinematics cannot meet
-    TRAJECTORY = "trajectory"  # malformed trajectory
-    START = "start"  # first joint target is not the measured position
-    STATE = "state"  # not in a state that takes commands
-    NOT_AT_REST = "not_at_rest"  # recovery while the arm still moves
-
-
-class Refusal(ValueError):
-    """A command that must not be carried out: `reason` says why, the text what was expected and what came."""
-
-    def __init__(self, reason: Reason, text: str):
-        super().__init__(f"{reason}: {text}")
-        self.reason = reason
-
-
-class Refusals:
-    """Counts of refusals by reason, and the last one's text, for diagnostics."""
-
-    def __init__(self):
-        self.counts = dict.fromkeys(Reason, 0)
-        self.last = ""
-
-    def add(self, refusal: Refusal) -> None:
-        """Count one refusal."""
-        self.counts[refusal.reason] += 1
-        self.last = str(refusal)
-
-    @contextmanager
-    def counting(self) -> Iterator[None]:
-        """Count a Refusal raised inside, and let it pass."""
-        try:
-            yield
-        except Refusal as refusal:
-            self.add(refusal)
-            raise
-
-    @property
-    def total(self) -> int:
-        """All refusals so far."""
-        return sum(self.counts.values())
-
-    def nonzero(self) -> dict[str, int]:
-        """Counts of the reasons that occurred."""
-        return {str(reason): count for reason, count in self.counts.items() if count}
+from np_control.safety.limits import SafetyLimits
+from np_control.safety.refusals import Reason, Refusal, check_finite
 
 
 @dataclass(frozen=True)
@@ -86,13 +22,6 @@ class Command:
     position: np.ndarray
     velocity: np.ndarray
     effort: np.ndarray
-
-
-def check_finite(**arrays: np.ndarray) -> None:
-    """Raise Refusal(not_finite), naming the first array that holds NaN or infinity."""
-    for name, array in arrays.items():
-        if not np.isfinite(array).all():
-            raise Refusal(Reason.NOT_FINITE, f"{name}: expected finite numbers, got {np.asarray(array)}")
 
 
 def check_command(limits: SafetyLimits, stamp: int, names: Sequence[str], position: Sequence[float],

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_control.impedance import STIFFNESS_MAX, torque as impedance_torque
-from np_control.safety.commands import Command, Reason, Refusal, Refusals, check_command, check_finite
+from np_control.safety.commands import Command, check_command
 from np_control.safety.limits import LIMITS, SafetyLimits, limit_torque
+from np_control.safety.refusals import Reason, Refusal, Refusals, check_finite
 from np_control.safety.watchdog import State, Watchdog
 
 HOLD_STIFFNESS = STIFFNESS_MAX

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
-from np_control.safety.commands import Reason, Refusal, check_finite
+from np_control.safety.refusals import Reason, Refusal, check_finite
 from np_description.panda import NOMINAL, PandaModel
 
 _GAIN_SPAN = np.stack([STIFFNESS_MAX - STIFFNESS_MIN, np.full(7, DAMPING_RATIO_MAX - DAMPING_RATIO_MIN)])

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from np_control.safety.commands import Reason, Refusal
 from np_control.safety.limits import SafetyLimits
+from np_control.safety.refusals import Reason, Refusal
 
 
 class State(StrEnum):
