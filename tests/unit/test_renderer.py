@@ -13,6 +13,7 @@ from np_description.scene import CORNER_COLOURS, OBJECT
 from np_sim_bridge import renderer as renderers
 from np_sim_bridge.imaging import CameraThread
 from np_sim_bridge.renderer import EglRenderer, WarpRenderer, egl_works, make_renderer
+from np_sim_bridge.renderer_process import RendererProcess
 from np_sim_bridge.simulation import Simulation
 
 HAS_EGL = egl_works()
@@ -191,3 +192,33 @@ def test_an_error_while_building_the_renderer_reaches_the_node():
 
     with pytest.raises(OSError, match="no renderer"):
         CameraThread(broken, lambda stamp, pixels: None)
+
+
+def test_a_process_of_its_own_draws_the_same_pixels(scene):
+    simulation, configuration = scene
+    kind = "egl" if HAS_EGL else "warp"
+    here, there = make_renderer(kind, simulation.model), RendererProcess(kind, simulation.model)
+    try:
+        for shift in (0.0, 0.1):
+            moved = configuration.copy()
+            moved[9] += shift
+            assert np.array_equal(here.render(moved), there.render(moved))
+    finally:
+        here.close()
+        there.close()
+    assert there._child.returncode is not None
+
+
+def test_a_renderer_process_that_cannot_draw_says_why(scene):
+    with pytest.raises(RuntimeError, match="renderer: expected one of auto, egl, warp, got 'crayon'"):
+        RendererProcess("crayon", scene[0].model)
+
+
+def test_a_killed_renderer_process_is_an_error_not_a_hang(scene):
+    simulation, configuration = scene
+    renderer = RendererProcess("egl" if HAS_EGL else "warp", simulation.model)
+    renderer._child.kill()
+    renderer._child.wait()
+    with pytest.raises(RuntimeError, match="renderer process: expected an image, it ended"):
+        renderer.render(configuration)
+    renderer.close()

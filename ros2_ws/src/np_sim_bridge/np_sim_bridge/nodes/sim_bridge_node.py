@@ -35,6 +35,7 @@ from np_ros.spin import request_realtime
 from np_sim_bridge.imaging import CameraThread
 from np_sim_bridge.lockstep import ACTIVE_PHASES, Barrier
 from np_sim_bridge.renderer import RENDERERS, make_renderer
+from np_sim_bridge.renderer_process import RendererProcess
 from np_sim_bridge.schedule import PERIOD, SECOND, Schedule
 from np_sim_bridge.simulation import Measurement, Simulation
 
@@ -84,7 +85,8 @@ class SimBridge(Node):
         self._create_publishers()
         self._camera = None
         if camera:
-            make = partial(make_renderer, renderer, self._simulation.model, shadows=shadows)
+            make = partial(make_renderer if self._lockstep else RendererProcess, renderer,
+                           self._simulation.model, shadows=shadows)
             self._camera = CameraThread(make, self._publish_image)
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(mode=mode, domain=domain, seed=seed)
