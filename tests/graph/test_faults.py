@@ -13,7 +13,9 @@ from np_ros.messages import joint_state_arrays, stamp_nanoseconds
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-QUICK = {"sim_bridge": {"lockstep_timeout": 10.0}, "episode": {"silence": 2.0, "planning": 8.0}}
+# Who gives up first: the episode, where its inputs are missing, or the backend, where its answers are.
+EPISODE_FIRST = {"episode": {"silence": 2.0, "planning": 8.0}}
+BACKEND_FIRST = {"sim_bridge": {"lockstep_timeout": 10.0}}
 
 NAN_CONTROLLER = """
 import rclpy
@@ -89,7 +91,8 @@ def episode(graph, probe, untrained):
 
 
 def test_a_controller_that_turns_to_nan(graph, probe, episode, untrained, monkeypatch):
-    names = graph.run_card({"episode": QUICK["episode"]}, keypoints="truth", weights=str(untrained))
+    # With the usual patience: simulated time stands still until the other controller is up.
+    names = graph.run_card({}, keypoints="truth", weights=str(untrained))
     episode.start(names)
     episode.wait_for_motion("approach")
     graph.kill("joint_impedance")
@@ -104,7 +107,7 @@ def test_a_controller_that_turns_to_nan(graph, probe, episode, untrained, monkey
     [("joint_impedance", signal.SIGKILL, "effort_command"), ("post_contact", signal.SIGTERM, "target_pose")],
 )
 def test_a_node_killed_while_the_arm_pushes(graph, probe, episode, untrained, victim, number, topic):
-    names = graph.run_card(QUICK, keypoints="truth", weights=str(untrained))
+    names = graph.run_card(BACKEND_FIRST, keypoints="truth", weights=str(untrained))
     episode.start(names)
     episode.wait_for_motion("post")
     graph.kill(victim, number)
@@ -116,7 +119,7 @@ def test_a_node_killed_while_the_arm_pushes(graph, probe, episode, untrained, vi
 
 def test_a_planner_killed_before_it_plans(graph, probe, episode, untrained):
     names = graph.run_card(
-        {"episode": QUICK["episode"]}, leave_out=["approach"], keypoints="truth", weights=str(untrained)
+        EPISODE_FIRST, leave_out=["approach"], keypoints="truth", weights=str(untrained)
     )
     episode.start(names)
     phase, reason = episode.end()
@@ -124,9 +127,7 @@ def test_a_planner_killed_before_it_plans(graph, probe, episode, untrained):
 
 
 def test_a_silent_camera(graph, probe, episode, untrained):
-    names = graph.run_card(
-        {**QUICK, "sim_bridge": {**QUICK["sim_bridge"], "camera": False}}, weights=str(untrained)
-    )
+    names = graph.run_card({**EPISODE_FIRST, "sim_bridge": {"camera": False}}, weights=str(untrained))
     episode.start(names)
     phase, reason = episode.end()
     assert phase == "failed" and reason == "pre: no keypoints within 2 s"
@@ -134,7 +135,7 @@ def test_a_silent_camera(graph, probe, episode, untrained):
 
 def test_a_new_episode_after_a_fault(graph, probe, episode, untrained):
     """A controller that came back: recover, reset, and the episode runs."""
-    names = graph.run_card(QUICK, keypoints="truth", weights=str(untrained))
+    names = graph.run_card(BACKEND_FIRST, keypoints="truth", weights=str(untrained))
     episode.start(names)
     episode.wait_for_motion("approach")
     graph.kill("joint_impedance")
