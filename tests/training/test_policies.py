@@ -92,6 +92,13 @@ def test_a_contact_inside_the_table_is_refused():
     assert not contact.resolve(CARD, action, objects).feasible.any()
 
 
+def test_a_pool_without_contacts_says_so(environment):
+    environment_starts = environment.draw_starts(PreContactPolicy(), 16)
+    nowhere = dataclasses.replace(environment_starts.contacts, feasible=torch.zeros(16, dtype=torch.bool))
+    with pytest.raises(ValueError, match="at least one feasible contact among 16, found none"):
+        dataclasses.replace(environment_starts, contacts=nowhere).take(3)
+
+
 def test_mass_randomisation_leaves_the_object_where_it_is(environment):
     everyone = torch.arange(WORLDS)
     environment.reset(everyone)
