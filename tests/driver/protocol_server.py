@@ -23,6 +23,9 @@ from franky_sim.franka_server import BaseCommand
 from franky_sim.mujoco_simulator import MujocoSimulator
 
 READY = (0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398)
+# The robot's own hold while nobody controls it. franky-sim's gains chatter for ever after a stop from speed.
+HOLD_STIFFNESS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # Nm/rad
+HOLD_DAMPING = (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)  # Nms/rad
 JOINT_REFLEX = 6  # index of joint_reflex among libfranka's 41 errors
 
 
@@ -100,7 +103,7 @@ def main() -> None:
         requests.put("")
 
     with MujocoSimulator() as simulator:
-        simulator.add_robot(initial_q=READY, initial_hand_width=0.0,
+        simulator.add_robot(initial_q=READY, initial_hand_width=0.0, kp=HOLD_STIFFNESS, kv=HOLD_DAMPING,
                             robot_parameters=RobotParameters(ee_mass=float(sys.argv[1])))
         with Server(simulator) as server:
             threading.Thread(target=listen, daemon=True).start()

@@ -70,7 +70,7 @@ class SimulatedRobot:
             received = os.read(self.process.stdout.fileno(), 65536) if ready else b""
             if not received:
                 self.close()
-                raise RuntimeError("the simulated robot ended" if ready else f"it said nothing for {TIMEOUT} s")
+                raise RuntimeError("the simulated robot " + ("ended" if ready else "said nothing"))
             self._buffer += received
         line, _, self._buffer = self._buffer.partition(b"\n")
         return json.loads(line)

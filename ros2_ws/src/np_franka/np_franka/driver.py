@@ -9,7 +9,7 @@ from time import monotonic
 
 import numpy as np
 
-from np_control.safety import Applied, SafetyFilter, SafetyLimits
+from np_control.safety import Applied, SafetyFilter, SafetyLimits, State
 from np_franka.arm import MILLISECOND, Arm, ArmError, Reading
 from np_franka.limits import CYCLE_NS
 
@@ -44,6 +44,11 @@ class Driver:
         self._sent = np.zeros(7)
         self._read_at: float | None = None
         self._periods: deque[float] = deque(maxlen=MEASURED_CYCLES)
+
+    @property
+    def state(self) -> State:
+        """State of the watchdog."""
+        return self.filter.state
 
     def start(self, now: int) -> None:
         """Connect, and hold the arm where it is; `now`: ns, what the stamps begin with.

@@ -58,7 +58,7 @@ class Gripper:
             self.opening, self.error = said.get("opening", self.opening), said.get("error", "")
 
     def move(self, opening: float) -> None:
-        """Move each finger to `opening` m; the newest wish wins. Raises ValueError outside 0 .. FINGER_MAX."""
+        """Move each finger to `opening` m; the newest wish wins. ValueError outside 0 .. FINGER_MAX."""
         if not 0 <= opening <= FINGER_MAX:
             raise ValueError(f"gripper opening: expected 0 .. {FINGER_MAX} m, got {opening}")
         try:

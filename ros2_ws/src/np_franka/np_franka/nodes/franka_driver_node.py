@@ -172,7 +172,7 @@ class FrankaDriver(Node):
 
     def _report(self) -> None:
         """Tell the state, and what it means: published at once when it changes."""
-        state, cause = self._driver.filter.state, self._driver.filter.watchdog.cause
+        state, cause = self._driver.state, self._driver.filter.watchdog.cause
         if (state, cause) != self._reported:
             self._reported = state, cause
             self.diagnostics.values["state"] = str(state)
