@@ -39,6 +39,7 @@ class Driver:
         self.filter = SafetyFilter(limits)
         self.stamp = 0
         self.lost_cycles = 0
+        self.error = ""  # what broke last, even where a stop came first
         self._origin = 0
         self._time = 0
         self._sent = np.zeros(7)
@@ -64,7 +65,7 @@ class Driver:
         except ArmError as error:
             obstacle = str(error)
         if obstacle:
-            self.filter.fault(obstacle)
+            self._fault(obstacle)
 
     def cycle(self) -> Cycle | None:
         """One cycle, paced by the robot; None without a connection."""
@@ -73,7 +74,7 @@ class Driver:
         try:
             reading = self._read()
         except ArmError as error:
-            self.filter.fault(str(error))
+            self._fault(str(error))
             return None
         applied = self.filter.apply(self.stamp, reading.q, reading.dq)
         if not self.arm.is_controlled:
@@ -81,7 +82,7 @@ class Driver:
         try:
             self._write(applied.torque)
         except ArmError as error:
-            self.filter.fault(str(error))
+            self._fault(str(error))
         return Cycle(self.stamp, reading, replace(applied, torque=self._sent))
 
     def offer(self, stamp: int, names: Sequence[str], position: Sequence[float], velocity: Sequence[float],
@@ -113,7 +114,7 @@ class Driver:
         try:
             self._take_control()
         except ArmError as error:
-            self.filter.fault(str(error))
+            self._fault(str(error))
             raise
 
     def close(self) -> None:
@@ -133,6 +134,10 @@ class Driver:
     def period_percentiles(self, *percentiles: float) -> list[float]:
         """Percentiles of the time between two states, ms, over the last cycles; empty before the second."""
         return np.percentile(np.array(self._periods) * 1e3, percentiles).tolist() if self._periods else []
+
+    def _fault(self, cause: str) -> None:
+        self.error = cause
+        self.filter.fault(cause)
 
     def _connect(self, now: int) -> Reading:
         self.arm.connect()

@@ -61,8 +61,6 @@ class FrankaDriver(Node):
         self._driver = Driver(arm, FR3_LIMITS)
         self._published = -1  # number of the period published last
         self._reported: tuple[State, str] | None = None
-        self._opening = (0, 0.0 if self._gripper is None else self._gripper.opening)  # ns, m
-        self._finger_velocity = 0.0
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(mode="realtime", hostname=hostname)
         stream = qos.publisher(lockstep=False)
@@ -100,28 +98,22 @@ class FrankaDriver(Node):
 
     def _publish(self, cycle: Cycle, stamp: int) -> None:
         reading, applied = cycle.reading, cycle.applied
-        fingers, nothing = np.full(2, self._opening[1]), np.zeros(2)
+        fingers = np.full(2, 0.0 if self._gripper is None else self._gripper.opening)
+        unknown = np.zeros(2)  # the hand tells neither speed nor force
         self._joint_states.publish(joint_state_message(
-            stamp, STATE_NAMES, np.append(reading.q, fingers),
-            np.append(reading.dq, np.full(2, self._finger_velocity)), np.append(reading.torque, nothing)))
+            stamp, STATE_NAMES, np.append(reading.q, fingers), np.append(reading.dq, unknown),
+            np.append(reading.torque, unknown)))
         self._motor_states.publish(joint_state_message(
             stamp, JOINT_NAMES, reading.theta, reading.dtheta, reading.commanded))
         if stamp % APPLIED_EVERY == 0:
             self._applied.publish(joint_state_message(
                 stamp, JOINT_NAMES, applied.position, applied.velocity, applied.torque))
-            self._read_gripper(stamp)
+            if self._gripper is not None:
+                self._gripper.poll()
+                self.diagnostics.values["gripper_error"] = self._gripper.error
         self.diagnostics.values.update(
             stamp=stamp, robot_mode=reading.mode, robot_errors=reading.errors,
             command_success_rate=round(reading.success_rate, 3))
-
-    def _read_gripper(self, stamp: int) -> None:
-        if self._gripper is None:
-            return
-        self._gripper.poll()
-        before, opening = self._opening
-        self._finger_velocity = (self._gripper.opening - opening) / max((stamp - before) * 1e-9, 1e-3)
-        self._opening = stamp, self._gripper.opening
-        self.diagnostics.values["gripper_error"] = self._gripper.error
 
     # Commands
 
@@ -175,7 +167,7 @@ class FrankaDriver(Node):
         state, cause = self._driver.state, self._driver.filter.watchdog.cause
         if (state, cause) != self._reported:
             self._reported = state, cause
-            self.diagnostics.values["state"] = str(state)
+            self.diagnostics.values.update(state=str(state), last_error=self._driver.error)
             self.diagnostics.report(LEVELS.get(state, DiagnosticStatus.OK), f"{state}: {cause}")
 
     def _on_statistics(self) -> None:
