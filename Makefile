@@ -15,10 +15,10 @@ PYTEST_ARGS ?=
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test bench evaluate train lock clean distclean
+.PHONY: help setup demo test test-driver hardware bench evaluate train lock clean distclean
 
 help: ## this list
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 setup: ros2_ws/install/.built ## .venv from requirements.lock, then colcon build
 
@@ -51,6 +51,21 @@ train: setup ## DOMAIN SEED: train its policies on the GPU or CPU that is there
 test: setup ## every test that needs no GPU
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)
 
+# What a robot's network protocol needs is installed only here: nobody else does.
+.venv/.hardware: requirements-hardware.txt .venv/.installed
+	@.venv/bin/python -m pip --disable-pip-version-check -qq install -r $<
+	@touch $@
+
+.venv-franka-sim/.installed: tests/driver/requirements.txt tools/python.sh
+	@unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONHOME; "$$(tools/python.sh)" -m venv --clear .venv-franka-sim \
+		&& .venv-franka-sim/bin/python -m pip --disable-pip-version-check -qq install -r $<
+	@touch $@
+
+hardware: setup .venv/.hardware ## add what the driver of a real arm needs: docs/hardware.md
+
+test-driver: hardware .venv-franka-sim/.installed ## the hardware driver against a simulated robot's network protocol
+	@$(ACTIVATE) exec python -m pytest tests/driver tests/contract -k driver $(PYTEST_ARGS)
+
 lock: setup ## resolve requirements.txt into requirements.lock
 	@.venv/bin/python tools/lock.py > requirements.lock.new && mv requirements.lock.new requirements.lock
 
@@ -58,4 +73,4 @@ clean: ## remove what colcon built
 	rm -rf ros2_ws/build ros2_ws/install ros2_ws/log
 
 distclean: clean ## remove the virtual environment too
-	rm -rf .venv
+	rm -rf .venv .venv-franka-sim

@@ -5,8 +5,11 @@ To have another backend judged, add it to BACKENDS: the tests only use what docs
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from np_control.safety import LIMITS
@@ -15,25 +18,51 @@ from np_ros import qos
 from np_ros.messages import joint_state_message, stamp_nanoseconds
 from sensor_msgs.msg import JointState
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "driver"))
+
+import simulated_robot  # noqa: E402
+
 PERIOD = LIMITS.period_ns
+
+
+@contextmanager
+def nothing() -> Iterator[dict]:
+    """What a backend needs that brings everything itself."""
+    yield {}
+
+
+@contextmanager
+def robot() -> Iterator[dict]:
+    """A robot for a driver, simulated behind its network protocol."""
+    with simulated_robot.simulated_robot() as (_, parameters):
+        yield parameters
 
 
 @dataclass(frozen=True)
 class Backend:
-    """One backend: its executable, the parameters of each mode, whether it draws tasks and images."""
+    """One backend: its executable, the parameters of each mode, what it can do besides moving the arm.
+
+    has_tasks: it draws tasks; has_camera: it gives images; can_pause: its time can stand still. needs: what
+    must run before it, giving further parameters. missing: why it cannot be started here, or empty.
+    """
 
     package: str
     name: str
     modes: dict[str, dict] = field(default_factory=dict)
     has_tasks: bool = False
     has_camera: bool = False
+    can_pause: bool = False
+    needs: Callable[[], AbstractContextManager[dict]] = nothing
+    missing: str = ""
 
 
 BACKENDS = {
     "sim_bridge": Backend(
-        "np_sim_bridge", "sim_bridge", has_tasks=True, has_camera=True,
+        "np_sim_bridge", "sim_bridge", has_tasks=True, has_camera=True, can_pause=True,
         modes={"lockstep": {"mode": "lockstep", "tick_barrier": False, "camera": False},
                "realtime": {"mode": "realtime", "camera": False}}),
+    "franka_driver": Backend(
+        "np_franka", "franka_driver", modes={"realtime": {}}, needs=robot, missing=simulated_robot.missing()),
 }
 
 

@@ -31,8 +31,8 @@ def test_a_silent_controller_leads_to_hold_and_then_to_rest(realtime_start):
     harness.follow(stay, lambda: harness.status.get("state") == "moving", "commands to be taken again")
 
 
-def test_images_come_at_their_own_rate(realtime_start):
-    harness = realtime_start(camera=True)
+def test_images_come_at_their_own_rate(camera_start):
+    harness = camera_start(camera=True)
     images = harness.probe.collect("camera/image_raw", Image)
     harness.wait(lambda: len(images) >= 5, "images")
     stamps = [stamp_nanoseconds(image.header.stamp) for image in images]
@@ -42,8 +42,8 @@ def test_images_come_at_their_own_rate(realtime_start):
         assert min(phase, 1_000_000_000 - phase) <= 30 * PERIOD // 2
 
 
-def test_pause_stops_time_and_step_takes_one_period(realtime_start):
-    harness = realtime_start()
+def test_pause_stops_time_and_step_takes_one_period(pausing_start):
+    harness = pausing_start()
     assert not harness.call("step").success
     assert harness.call("pause", True).success
     harness.states.clear()

@@ -28,13 +28,14 @@ from np_ros.spin import Spinner
 Value = TypeVar("Value", bool, int, float, str)
 
 
-def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fast: bool = True) -> int:
+def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fast: bool = True,
+        spin: Callable[[Node, Spinner], None] | None = None) -> int:
     """Construct a node and spin it until SIGINT, SIGTERM or rclpy.shutdown(); the exit status of the process.
 
     A node that cannot start (ValueError, OSError or a refused parameter in its constructor) ends with one
     line that says why and status 1; any other exception is a bug and keeps its traceback. `destroy_node` is
     called in every case, and is where a node flushes or brings to rest what it owns. `fast=False` uses
-    rclpy's executor.
+    rclpy's executor. `spin`: a loop of the node's own in place of the spinner's, calling its `spin_once`.
     """
     node = spinner = None
     try:
@@ -46,7 +47,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fas
             rclpy.logging.get_logger(name).fatal(f"cannot start: {error}")
             return 1
         spinner = Spinner(node, allow_fast=fast)
-        spinner.spin()
+        spinner.spin() if spin is None else spin(node, spinner)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except RuntimeError:

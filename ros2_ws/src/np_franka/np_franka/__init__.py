@@ -1,0 +1,1 @@
+"""A Franka arm and hand behind the topics of docs/graph.md."""

@@ -1,0 +1,170 @@
+"""One arm behind guards and state machine of `np_control.safety`, a cycle of the robot at a time. No ROS."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from time import monotonic
+
+import numpy as np
+
+from np_control.safety import Applied, SafetyFilter, SafetyLimits, State
+from np_franka.arm import MILLISECOND, Arm, ArmError, Reading
+from np_franka.limits import CYCLE_NS
+
+MEASURED_CYCLES = 10_000  # over which cycle times are reported
+REST_TIMEOUT = 2.0  # s that the arm may take to come to rest at the end
+
+
+@dataclass(frozen=True, eq=False)
+class Cycle:
+    """One cycle: `stamp` ns on the driver's clock, what the robot said, what was applied then."""
+
+    stamp: int
+    reading: Reading
+    applied: Applied
+
+
+class Driver:
+    """Reads a state, guards and sends the newest command, over and over: call `cycle` without pause.
+
+    Between commands the last one holds: torques change at the controller's rate, guards act at the robot's.
+    What breaks in between is a fault with the robot's words as cause; `recover` clears it, and connects again
+    where the connection was lost.
+    """
+
+    def __init__(self, arm: Arm, limits: SafetyLimits):
+        self.arm = arm
+        self.filter = SafetyFilter(limits)
+        self.stamp = 0
+        self.lost_cycles = 0
+        self.error = ""  # what broke last, even where a stop came first
+        self._origin = 0
+        self._time = 0
+        self._sent = np.zeros(7)
+        self._read_at: float | None = None
+        self._periods: deque[float] = deque(maxlen=MEASURED_CYCLES)
+
+    @property
+    def state(self) -> State:
+        """State of the watchdog."""
+        return self.filter.state
+
+    def start(self, now: int) -> None:
+        """Connect, and hold the arm where it is; `now`: ns, what the stamps begin with.
+
+        A robot that must not move now is connected all the same, at fault. Raises ArmError if none answers.
+        """
+        reading = self._connect(now)
+        try:
+            obstacle = self.arm.obstacle()
+            if not obstacle:
+                self.filter.start(reading.q)
+                self._take_control()
+        except ArmError as error:
+            obstacle = str(error)
+        if obstacle:
+            self._fault(obstacle)
+
+    def cycle(self) -> Cycle | None:
+        """One cycle, paced by the robot; None without a connection."""
+        if not self.arm.is_connected:
+            return None
+        try:
+            reading = self._read()
+        except ArmError as error:
+            self._fault(str(error))
+            return None
+        applied = self.filter.apply(self.stamp, reading.q, reading.dq)
+        if not self.arm.is_controlled:
+            return Cycle(self.stamp, reading, replace(applied, torque=np.zeros(7)))
+        try:
+            self._write(applied.torque)
+        except ArmError as error:
+            self._fault(str(error))
+        return Cycle(self.stamp, reading, replace(applied, torque=self._sent))
+
+    def offer(self, stamp: int, names: Sequence[str], position: Sequence[float], velocity: Sequence[float],
+              effort: Sequence[float]) -> None:
+        """Take a command from the next cycle on. Raises Refusal, as SafetyFilter.offer."""
+        self.filter.offer(stamp, names, position, velocity, effort, now=self.stamp)
+
+    def stop(self, cause: str = "stop requested") -> None:
+        """Damp to rest from the next cycle on, until `recover`."""
+        self.filter.stop(cause)
+
+    def recover(self, now: int) -> None:
+        """Hold the measured pose again, after connecting and clearing the robot's errors where needed.
+
+        Raises Refusal, or ArmError for what the robot says; the arm then stays stopped or at fault.
+        """
+        if self.filter.watchdog.may_move or self.arm.is_controlled:
+            self.filter.recover(self._reading.q)  # the first is a refusal
+            return
+        if not self.arm.is_connected:
+            self._connect(now)
+        self.arm.clear_errors()
+        obstacle = self.arm.obstacle()
+        if obstacle:
+            raise ArmError(obstacle)
+        reading = self._read()
+        self.filter.apply(self.stamp, reading.q, reading.dq)  # whether it is at rest
+        self.filter.recover(reading.q)
+        try:
+            self._take_control()
+        except ArmError as error:
+            self._fault(str(error))
+            raise
+
+    def close(self) -> None:
+        """Bring the arm to rest, end the motion and leave the robot."""
+        self.filter.stop("the driver ends")
+        deadline = monotonic() + REST_TIMEOUT
+        while self.arm.is_controlled and not self.filter.at_rest and monotonic() < deadline:
+            self.cycle()
+        if self.arm.is_controlled:
+            try:
+                self._read()
+                self.arm.write(np.zeros(7), last=True)
+            except ArmError:
+                pass  # it ends in any case, and the robot holds itself
+        self.arm.close()
+
+    def period_percentiles(self, *percentiles: float) -> list[float]:
+        """Percentiles of the time between two states, ms, over the last cycles; empty before the second."""
+        return np.percentile(np.array(self._periods) * 1e3, percentiles).tolist() if self._periods else []
+
+    def _fault(self, cause: str) -> None:
+        self.error = cause
+        self.filter.fault(cause)
+
+    def _connect(self, now: int) -> Reading:
+        self.arm.connect()
+        reading = self._reading = self.arm.read()
+        # Stamps begin at the host's time and go on with the robot's clock; they never go back.
+        begin = max(now, self.stamp + self.filter.limits.period_ns)
+        self._origin = -(-begin // MILLISECOND) * MILLISECOND - reading.time
+        self._time, self.stamp = reading.time, self._origin + reading.time
+        return reading
+
+    def _take_control(self) -> None:
+        self._sent = np.zeros(7)
+        self._read_at = None
+        self.arm.start()
+
+    def _read(self) -> Reading:
+        reading = self._reading = self.arm.read()
+        now = monotonic()
+        if self._read_at is not None:
+            self._periods.append(now - self._read_at)
+            self.lost_cycles += max(0, (reading.time - self._time) // CYCLE_NS - 1)
+        self._read_at, self._time = now, reading.time
+        self.stamp = self._origin + reading.time
+        return reading
+
+    def _write(self, torque: np.ndarray) -> None:
+        """Send torque (7,) Nm no further from the last one sent than the torque rate allows."""
+        step = self.filter.limits.torque_rate * self.filter.limits.period
+        self._sent = np.clip(torque, self._sent - step, self._sent + step)
+        self.arm.write(self._sent)

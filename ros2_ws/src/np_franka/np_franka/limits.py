@@ -1,0 +1,48 @@
+"""Limits of the FR3 as this project uses it, and the collision thresholds it is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from np_control.safety import LIMITS, SafetyLimits
+
+CYCLE_NS = 1_000_000  # the robot's control cycle, 1 kHz
+
+# FR3 datasheet (robot and interface specifications), rad. The policies were trained on the Panda's range.
+_FR3_LOWER = np.array([-2.7437, -1.7837, -2.9007, -3.0421, -2.8065, 0.5445, -3.0159])
+_FR3_UPPER = np.array([2.7437, 1.7837, 2.9007, -0.1518, 2.8065, 4.5169, 3.0159])
+
+
+def cycle_limits(limits: SafetyLimits, **changes) -> SafetyLimits:
+    """`limits` for guards that run in every cycle of the robot; the deadlines stay as long as they were."""
+    periods = limits.period_ns // CYCLE_NS
+    return replace(limits, period_ns=CYCLE_NS, late_periods=periods * limits.late_periods,
+                   missed_periods=periods * limits.missed_periods, **changes)
+
+
+FR3_LIMITS = cycle_limits(LIMITS, position_lower=np.maximum(LIMITS.position_lower, _FR3_LOWER),
+                          position_upper=np.minimum(LIMITS.position_upper, _FR3_UPPER))
+"""What is in the range of both arms; speed and torque limits are the Panda's, which the FR3 exceeds."""
+
+
+@dataclass(frozen=True)
+class Collision:
+    """Above these the robot stops itself (a reflex).
+
+    torque: external torque of a joint, as a share of its torque limit; force N and moment Nm: external wrench
+    at the hand. Contact is reported from half of them on. Pushing takes up to 20 N.
+    """
+
+    torque: float = 0.45
+    force: float = 40.0
+    moment: float = 12.0
+
+    def torques(self, limits: SafetyLimits) -> np.ndarray:
+        """Threshold of each joint (7,) Nm."""
+        return self.torque * limits.torque
+
+    def wrench(self) -> np.ndarray:
+        """Threshold of force and moment (6,) N, Nm."""
+        return np.repeat([self.force, self.moment], 3)

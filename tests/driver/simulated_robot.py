@@ -1,0 +1,86 @@
+"""Starts protocol_server.py in the simulator's environment, and talks to it."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import select
+import signal
+import subprocess
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+SIMULATOR = Path(os.environ.get("FRANKA_SIMULATOR", ROOT / ".venv-franka-sim/bin/python"))
+TIMEOUT = 60.0  # s
+OF_ROS = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME")
+
+
+def missing() -> str:
+    """Why the driver cannot be tested here; empty if it can."""
+    if importlib.util.find_spec("pylibfranka") is None:
+        return "the hardware extra is not installed (make test-driver installs it)"
+    if not SIMULATOR.exists():
+        return f"no protocol simulator at {SIMULATOR} (make test-driver installs it)"
+    return ""
+
+
+class SimulatedRobot:
+    """A robot of its own, on a loopback address of its own; ends with `close`.
+
+    hand_mass: kg, of the end effector that its settings name.
+    """
+
+    def __init__(self, hand_mass: float = 0.73):
+        environment = {key: value for key, value in os.environ.items() if key not in OF_ROS}
+        self.process = subprocess.Popen(
+            [str(SIMULATOR), str(Path(__file__).with_name("protocol_server.py")), str(hand_mass)],
+            env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        self._buffer = b""
+        self.hostname = self._read()["hostname"]
+
+    def request(self, line: str) -> dict:
+        """Send one request, and its answer."""
+        self.process.stdin.write(line.encode() + b"\n")
+        self.process.stdin.flush()
+        return self._read()
+
+    def freeze(self) -> None:
+        """Stop the robot's clock: it answers nobody."""
+        self.process.send_signal(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        """Go on."""
+        self.process.send_signal(signal.SIGCONT)
+
+    def close(self) -> None:
+        """End the process."""
+        self.process.kill()  # it may be frozen
+        self.process.wait()
+        self.process.stdin.close()
+        self.process.stdout.close()
+
+    def _read(self) -> dict:
+        deadline = time.monotonic() + TIMEOUT
+        while b"\n" not in self._buffer:
+            left = max(0.0, deadline - time.monotonic())
+            ready, _, _ = select.select([self.process.stdout], [], [], left)
+            received = os.read(self.process.stdout.fileno(), 65536) if ready else b""
+            if not received:
+                self.close()
+                raise RuntimeError("the simulated robot " + ("ended" if ready else "said nothing"))
+            self._buffer += received
+        line, _, self._buffer = self._buffer.partition(b"\n")
+        return json.loads(line)
+
+
+@contextmanager
+def simulated_robot(**arguments):
+    """A simulated robot, and the parameters that lead the driver to it."""
+    robot = SimulatedRobot(**arguments)
+    try:
+        yield robot, {"hostname": robot.hostname, "realtime": "ignore"}
+    finally:
+        robot.close()

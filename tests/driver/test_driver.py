@@ -1,0 +1,70 @@
+"""The library half of the driver, cycle by cycle, against a simulated robot."""
+
+import time
+
+import numpy as np
+import pytest
+from np_control.safety import Refusal, State
+from np_description.panda import JOINT_NAMES
+from np_franka.limits import CYCLE_NS, FR3_LIMITS, Collision
+
+
+@pytest.fixture
+def driver(start_robot):
+    """A started driver."""
+    from np_franka.arm import Arm
+    from np_franka.driver import Driver
+
+    _, parameters = start_robot()
+    driver = Driver(Arm(parameters["hostname"], FR3_LIMITS, Collision(), enforce_realtime=False), FR3_LIMITS)
+    driver.start(time.time_ns())
+    yield driver
+    driver.close()
+
+
+def offer(driver, cycle, effort):
+    """Ask for the measured posture and a torque."""
+    driver.offer(cycle.stamp, JOINT_NAMES, cycle.reading.q, np.zeros(7), effort)
+
+
+def test_a_jump_in_torque_is_spread_over_cycles_and_reaches_the_drives(driver):
+    wanted = np.array([0, 0, 0, 0, 0, 0, 6.0])
+    cycles = [driver.cycle()]
+    while len(cycles) < 100 and driver.state is not State.STOPPED:
+        offer(driver, cycles[-1], wanted)
+        cycles.append(driver.cycle())
+    torques = np.array([cycle.applied.torque for cycle in cycles])
+    assert np.abs(np.diff(torques, axis=0)).max() <= FR3_LIMITS.torque_rate * CYCLE_NS * 1e-9 + 1e-9
+    assert torques[:, 6].max() > 3.0
+    # What the robot says that it was told is what was sent a cycle or two before.
+    told = np.array([cycle.reading.commanded for cycle in cycles])
+    assert min(np.abs(told[-1] - torques[-k]).max() for k in (2, 3, 4)) < 1e-5
+
+
+def test_measured_torque_is_without_gravity(driver):
+    readings = [driver.cycle().reading for _ in range(200)]
+    mean = np.mean([reading.torque for reading in readings], axis=0)
+    assert np.abs(mean).max() < 0.5  # the second joint alone carries several Nm against gravity
+
+
+def test_stamps_begin_at_the_hosts_time_and_go_with_the_robots_clock(driver):
+    cycles = [driver.cycle() for _ in range(50)]
+    assert abs(cycles[0].stamp - time.time_ns()) < 60e9
+    for before, after in zip(cycles, cycles[1:]):
+        assert after.stamp - before.stamp == after.reading.time - before.reading.time > 0
+        assert after.stamp % CYCLE_NS == 0
+
+
+def test_recover_is_refused_while_nothing_is_wrong(driver):
+    driver.cycle()
+    with pytest.raises(Refusal, match="nothing to recover"):
+        driver.recover(time.time_ns())
+
+
+def test_a_command_that_is_not_finite_leaves_the_last_one_in_force(driver):
+    cycle = driver.cycle()
+    offer(driver, cycle, np.full(7, 0.1))
+    with pytest.raises(Refusal, match="not_finite"):
+        offer(driver, cycle, np.full(7, np.nan))
+    assert np.isfinite(driver.cycle().applied.torque).all()
+    assert driver.state is State.MOVING
