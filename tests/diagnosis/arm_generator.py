@@ -1,7 +1,7 @@
 """An arm with a known gap, for tests of the doctor.
 
-The doctor uses Pinocchio, Gaussian derivatives and tanh. This uses MuJoCo's Newton-Euler recursion on an analytic
-motion, and friction as an elastoplastic bristle in time, so that both cannot share a mistake.
+The doctor uses Pinocchio, Gaussian derivatives and tanh. This uses MuJoCo's Newton-Euler recursion on an
+analytic motion, and friction as an elastoplastic bristle in time, so that both cannot share a mistake.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ def _zero():
 @dataclass(frozen=True, eq=False)
 class Truth:
     """What the real arm has besides the nominal one; (7,) or scalars, SI. waviness: Nm of sin(5 q), which no
-    catalogue knows; breakaway: rad over which friction builds up; noise: Nm, a fifth of it on the wrist; late: s by which torque is stamped late."""
+    catalogue knows; breakaway: rad over which friction builds up; noise: Nm, a fifth of it
+    on the wrist; late: s by which torque is stamped late.
+    """
 
     coulomb_positive: np.ndarray = _zero()
     coulomb_negative: np.ndarray = _zero()
@@ -85,8 +87,11 @@ def motion(duration: float, seed: int):
 
     def at(time):
         angle = omega * np.asarray(time)[:, None, None] + phase
-        return (NOMINAL.ready + amplitude * np.sin(angle).sum(axis=1), amplitude * (omega * np.cos(angle)).sum(axis=1),
-                -amplitude * (omega**2 * np.sin(angle)).sum(axis=1))
+        return (
+            NOMINAL.ready + amplitude * np.sin(angle).sum(axis=1),
+            amplitude * (omega * np.cos(angle)).sum(axis=1),
+            -amplitude * (omega**2 * np.sin(angle)).sum(axis=1),
+        )
 
     return at
 
@@ -102,19 +107,23 @@ def record(truth: Truth = Truth(), duration: float = 24.0, seed: int = 0, name: 
     level = [NOMINAL.frictionloss + truth.coulomb_negative, NOMINAL.frictionloss + truth.coulomb_positive]
     torque, bristle, last = np.empty_like(q), np.zeros(7), middle[0]
     for i in range(len(time)):
-        bristle = np.clip(bristle + np.maximum(*level) / truth.breakaway * (middle[i] - last), -level[0], level[1])
+        bristle = np.clip(
+            bristle + np.maximum(*level) / truth.breakaway * (middle[i] - last), -level[0], level[1]
+        )
         last = middle[i]
         rigid = arm.torque(middle[i], speed[i], acceleration[i]) - nominal.torque(middle[i], 0, 0)
         torque[i] = rigid + bristle
     torque += (NOMINAL.armature + truth.armature) * acceleration + (NOMINAL.damping + truth.viscous) * speed
     torque += truth.offset + truth.waviness * np.sin(5 * middle)
     commands = _commands(time, q, dq, torque)
-    torque = torque + truth.noise * WRIST * (0.5 * coloured(rng, torque.shape, 0.05) + rng.normal(size=torque.shape))
+    torque = torque + truth.noise * WRIST * (
+        0.5 * coloured(rng, torque.shape, 0.05) + rng.normal(size=torque.shape)
+    )
     return Log(name, time, q, dq, torque, time - PERIOD / 2, False, commands)
 
 
 def _commands(time, q, dq, torque) -> Commands:
-    """Targets for which the law, with the controller's own gains, asks for exactly the torque of the next row."""
+    """Targets for which the law, with the controller's own gains, asks for the torque of the next row."""
     config, dynamics = ControllerConfig(), Dynamics()
     kd = damping(config.stiffness, np.full(7, config.damping_ratio))
     asked = np.vstack([torque[1:], torque[-1:]])

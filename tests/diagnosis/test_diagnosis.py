@@ -54,7 +54,9 @@ def test_asymmetry_is_not_told_from_an_offset_while_moving():
     diagnosis, report = examine(Truth(coulomb_positive=at(1, 0.5), coulomb_negative=at(1, 0.1)))
     assert diagnosis.joints[0].verdict == "ambiguous" == diagnosis.verdict
     chosen = [f for f in diagnosis.joints[0].findings if f.is_chosen]
-    assert {"coulomb_friction", "torque_offset"} <= {i for f in chosen for i in (f.effect.id, *f.equivalent_to)}
+    assert {"coulomb_friction", "torque_offset"} <= {
+        i for f in chosen for i in (f.effect.id, *f.equivalent_to)
+    }
     assert report["next_experiment"]["name"].startswith("standstill")
     levels = chosen[0].parameters
     assert chosen[0].effect.id == "asymmetric_coulomb_friction"
@@ -80,7 +82,7 @@ def test_what_no_catalogue_knows_stays_unexplained():
 
 
 def test_the_public_panda_log(capsys):
-    """Gaz et al. 2019: 10 contiguous blocks, half a second apart, bare flange, no friction in the nominal arm."""
+    """Gaz et al. 2019: 10 contiguous blocks, half a second apart, bare flange, no nominal friction."""
     path = REAL / "panda_gaz2019" / "gaz2019_traj1.npz"
     if not path.exists():
         pytest.skip(f"{path} is not there; NP_REAL_DATA names the folder with real recordings")
@@ -89,8 +91,12 @@ def test_the_public_panda_log(capsys):
     check(log, panda)
     diagnosis = diagnose(sample([log]), panda)
     with capsys.disabled():
-        print(f"\nPanda log: {diagnosis.before:.3f} -> {diagnosis.after:.3f} Nm,",
-              ", ".join(f"{r.joint[-1]}: {r.verdict} {r.before:.3f} -> {r.after:.3f}" for r in diagnosis.joints))
+        print(
+            f"\nPanda log: {diagnosis.before:.3f} -> {diagnosis.after:.3f} Nm,",
+            ", ".join(
+                f"{r.joint[-1]}: {r.verdict} {r.before:.3f} -> {r.after:.3f}" for r in diagnosis.joints
+            ),
+        )
     assert diagnosis.blocks == 10
     assert diagnosis.after <= 0.285
     assert {diagnosis.joints[1].verdict, diagnosis.joints[2].verdict} == {"unexplained"}

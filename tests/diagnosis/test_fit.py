@@ -20,10 +20,24 @@ from np_diagnosis.schema import validate
 from np_diagnosis.signals import Log, sample
 
 SCHEMA = json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text())
-EMPTY = {"schema_version": 1, "verdict": "no_gap", "where": [], "effects": [], "gap": {
-    "metric": "m", "unit": "Nm", "before": 0.1, "after": 0.1, "floor": 0.1, "shrink": 0.0,
-    "shrink_ci95": [0.0, 0.0]}, "next_experiment": None, "data": {
-    "bags": [], "duration_s": 1.0, "train_trajectories": 1, "test_trajectories": 1}, "runtime_s": 0.1}
+EMPTY = {
+    "schema_version": 1,
+    "verdict": "no_gap",
+    "where": [],
+    "effects": [],
+    "gap": {
+        "metric": "m",
+        "unit": "Nm",
+        "before": 0.1,
+        "after": 0.1,
+        "floor": 0.1,
+        "shrink": 0.0,
+        "shrink_ci95": [0.0, 0.0],
+    },
+    "next_experiment": None,
+    "data": {"bags": [], "duration_s": 1.0, "train_trajectories": 1, "test_trajectories": 1},
+    "runtime_s": 0.1,
+}
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +52,9 @@ def test_the_nominal_arm_is_the_same_in_both_dynamics(clean):
     residual = samples.torque - prediction.total
     reversing = np.abs(samples.velocity) < 0.1
     assert np.abs(np.where(reversing, 0, residual)).max() < 0.05
-    assert (np.sqrt((residual**2).mean(axis=0)) < 0.15 * NOMINAL.frictionloss).all()  # friction builds up there
+    assert (
+        np.sqrt((residual**2).mean(axis=0)) < 0.15 * NOMINAL.frictionloss
+    ).all()  # friction builds up there
 
 
 def test_effects_are_those_of_the_catalogue_and_columns_match_parameters(clean):
@@ -91,11 +107,18 @@ def test_a_fit_meets_least_squares_and_its_bounds(seed, width):
     matrix, truth = rng.normal(size=(400, width)), rng.uniform(-1, 1, width)
     whole = np.column_stack([matrix, matrix @ truth + 0.01 * rng.normal(size=400)])
     sums = Sums((whole.T @ whole)[None], np.array([400]))
-    free = SimpleNamespace(prior=np.full(width, 10.0), lower=np.full(width, -np.inf),
-                           upper=np.full(width, np.inf), correlation=1.0)
+    free = SimpleNamespace(
+        prior=np.full(width, 10.0),
+        lower=np.full(width, -np.inf),
+        upper=np.full(width, np.inf),
+        correlation=1.0,
+    )
     columns = np.arange(width)
-    np.testing.assert_allclose(fit(sums, columns, free).parameters[0],
-                               np.linalg.lstsq(matrix, whole[:, -1], rcond=None)[0], atol=1e-5)
+    np.testing.assert_allclose(
+        fit(sums, columns, free).parameters[0],
+        np.linalg.lstsq(matrix, whole[:, -1], rcond=None)[0],
+        atol=1e-5,
+    )
     boxed = SimpleNamespace(**{**vars(free), "lower": np.full(width, -0.3), "upper": np.full(width, 0.2)})
     inside = fit(sums, columns, boxed).parameters[0]
     assert (inside >= -0.3).all() and (inside <= 0.2).all()
@@ -111,8 +134,9 @@ def test_intervals_cover_under_coloured_noise():
     noise = coloured(rng, (600, trials), 0.01)
     matrix = np.repeat(rng.normal(size=(60, 1)), 10, axis=0)
     correlation = 1 + 2 * np.sum([np.exp(-0.2 * k) * (1 - k / 10) for k in range(1, 10)])
-    setting = SimpleNamespace(prior=np.array([10.0]), lower=np.array([-9.0]), upper=np.array([9.0]),
-                              correlation=correlation)
+    setting = SimpleNamespace(
+        prior=np.array([10.0]), lower=np.array([-9.0]), upper=np.array([9.0]), correlation=correlation
+    )
     for i in range(trials):
         whole = np.column_stack([matrix, 0.4 * matrix[:, 0] + noise[:, i]])
         fitted = fit(Sums((whole.T @ whole)[None], np.array([600])), np.array([0]), setting)
@@ -134,10 +158,17 @@ def test_the_ladder_is_level_for_the_law_itself_and_not_for_another(clean):
     assert r0.rms[2] == pytest.approx(1.0, abs=1e-6) and r1.rms[2] == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("change, text", [
-    ({"verdict": "fine"}, "verdict"), ({"runtime_s": "1"}, "runtime_s"), ({"runtime_s": float("nan")}, "finite"),
-    ({"where": [{"module": "software", "component": "arm", "share": 1.5}]}, "share"),
-    ({"effects": [{"effect": "payload"}]}, "component"), ({"schema_version": 2}, "schema_version")])
+@pytest.mark.parametrize(
+    "change, text",
+    [
+        ({"verdict": "fine"}, "verdict"),
+        ({"runtime_s": "1"}, "runtime_s"),
+        ({"runtime_s": float("nan")}, "finite"),
+        ({"where": [{"module": "software", "component": "arm", "share": 1.5}]}, "share"),
+        ({"effects": [{"effect": "payload"}]}, "component"),
+        ({"schema_version": 2}, "schema_version"),
+    ],
+)
 def test_the_schema_refuses(change, text):
     validate(EMPTY, SCHEMA)
     with pytest.raises(ValueError, match=text):

@@ -1,1 +1,1 @@
-"""The gap doctor: where the arm departs from the nominal simulator, which effect explains it, how far the gap shrinks."""
+"""The gap doctor: where the arm departs from its simulator, which effect explains it, how far it shrinks."""

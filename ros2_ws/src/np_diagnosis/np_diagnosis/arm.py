@@ -1,4 +1,4 @@
-"""Effects that all joints show with one set of parameters: estimated over the arm, before the joints compete."""
+"""Effects that all joints show with one set of parameters: estimated before the joints compete."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CONTEXT = ("asymmetric_coulomb_friction", "asymmetric_viscous_friction")
 
 @dataclass(frozen=True, eq=False)
 class ArmOption:
-    """An effect of the arm, or None; parameters (blocks, k) of each training set; what each joint then needs."""
+    """An effect of the arm, or None; parameters (blocks, k) of each training set; what joints then need."""
 
     key: str | None
     parameters: np.ndarray
@@ -44,8 +44,11 @@ def arm_options(designs: list[Design]) -> list[ArmOption]:
     for key, effect in designs[0].effects.items():
         if effect.is_arm:
             parameters = estimate(designs, [d.train for d in designs], key, weights)
-            options.append(ArmOption(key, parameters, [
-                compete(d, *shifted(d, key, parameters), pairs=False) for d in designs]))
+            options.append(
+                ArmOption(
+                    key, parameters, [compete(d, *shifted(d, key, parameters), pairs=False) for d in designs]
+                )
+            )
     return options
 
 
@@ -77,7 +80,8 @@ def estimate(designs: list[Design], sums: list[Sums], key: str, weights: list[fl
         both = np.concatenate([columns, [-1]])
         cross = gram[:, own[:, None], both]
         left = gram[:, columns[:, None], both] - cross[:, :, :-1].transpose(0, 2, 1) @ np.linalg.solve(
-            regular, cross)
+            regular, cross
+        )
         normal = normal + weight * left[:, :, :-1]
         moment = moment + weight * left[:, :, -1]
     solved = np.linalg.solve(normal, moment[..., None])[..., 0]

@@ -57,7 +57,8 @@ class Competition:
 
     @cached_property
     def probabilities(self) -> np.ndarray:
-        """Of the structures: pseudo-BMA+ (Yao et al., Bayesian Analysis 2018), weights from the log predictive
+        """Of the structures: pseudo-BMA+ (Yao et al., Bayesian Analysis 2018), weights from the log
+        predictive
         density, averaged over the Bayesian bootstrap of the blocks."""
         density = np.array([s.score.density[s.score.used] for s in self.structures])
         sizes = np.array([s.size for s in self.structures])
@@ -75,12 +76,18 @@ class Competition:
 
     def effect_probability(self, effect: str) -> float:
         """Probability of the structures that hold an effect of this id."""
-        return float(sum(p for s, p in zip(self.structures, self.probabilities)
-                         if any(self.design.effects[key].id == effect for key in s.keys)))
+        return float(
+            sum(
+                p
+                for s, p in zip(self.structures, self.probabilities)
+                if any(self.design.effects[key].id == effect for key in s.keys)
+            )
+        )
 
 
-def compete(design: Design, train: Sums | None = None, test: Sums | None = None, pairs: bool = True,
-            seed: int = 0) -> Competition:
+def compete(
+    design: Design, train: Sums | None = None, test: Sums | None = None, pairs: bool = True, seed: int = 0
+) -> Competition:
     """Score the structures of a joint, on other sums than the design's own where given."""
     train, test = train or design.train, test or design.test
     keys = [key for key, effect in design.effects.items() if not effect.is_arm]
@@ -97,8 +104,10 @@ def compete(design: Design, train: Sums | None = None, test: Sums | None = None,
 def choose(structures: list[Structure], design: Design) -> Structure:
     """The best of the simplest size that no larger one beats clearly and by an amount worth naming."""
     chosen = structures[0]
-    least = max(LEAST_SHARE * chosen.score.squares.sum(),
-                (VISIBLE * design.torque_limit) ** 2 * design.test.rows[design.used].sum())
+    least = max(
+        LEAST_SHARE * chosen.score.squares.sum(),
+        (VISIBLE * design.torque_limit) ** 2 * design.test.rows[design.used].sum(),
+    )
     for size in sorted({s.size for s in structures} - {0}):
         equals = [s for s in structures if s.size == size]
         most = max(s.total for s in equals)
@@ -130,4 +139,3 @@ def _is_independent(design: Design, pair: tuple[str, str]) -> bool:
     if (scale == 0).any():
         return False
     return bool(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0] > 1e-3)
-

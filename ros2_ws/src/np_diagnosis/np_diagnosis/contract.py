@@ -33,12 +33,16 @@ def _check_range(log: Log, panda: PandaModel) -> None:
         lower, upper = panda.position_lower[j], panda.position_upper[j]
         if low < lower - RANGE_SLACK or high > upper + RANGE_SLACK:
             hint = _hint(np.radians([low, high]), np.array([-high, -low]), lower, upper)
-            raise ContractViolation(f"{log.name}: position of {joint}: expected {lower} to {upper} rad, "
-                                    f"got {low:.3f} to {high:.3f}{hint}")
+            raise ContractViolation(
+                f"{log.name}: position of {joint}: expected {lower} to {upper} rad, "
+                f"got {low:.3f} to {high:.3f}{hint}"
+            )
         fastest, limit = np.abs(log.velocity[:, j]).max(), SPEED_SLACK * panda.velocity_limit[j]
         if fastest > limit:
-            raise ContractViolation(f"{log.name}: velocity of {joint}: expected at most {limit:.2f} rad/s, got "
-                                    f"{fastest:.2f}{' (degrees?)' if np.radians(fastest) < limit else ''}")
+            raise ContractViolation(
+                f"{log.name}: velocity of {joint}: expected at most {limit:.2f} rad/s, got "
+                f"{fastest:.2f}{' (degrees?)' if np.radians(fastest) < limit else ''}"
+            )
 
 
 def _hint(in_radians: np.ndarray, reversed_sign: np.ndarray, lower: float, upper: float) -> str:
@@ -54,8 +58,12 @@ def _check_velocity(log: Log, panda: PandaModel) -> None:
     time = log.time[::step]
     derived = np.diff(log.position[::step], axis=0) / np.diff(time)[:, None]
     # The mean velocity over each step, by the trapezoidal rule on the full rate.
-    area = np.vstack([np.zeros(log.velocity.shape[1]),
-                      np.cumsum(0.5 * (log.velocity[1:] + log.velocity[:-1]) * np.diff(log.time)[:, None], axis=0)])
+    area = np.vstack(
+        [
+            np.zeros(log.velocity.shape[1]),
+            np.cumsum(0.5 * (log.velocity[1:] + log.velocity[:-1]) * np.diff(log.time)[:, None], axis=0),
+        ]
+    )
     measured = np.diff(area[::step], axis=0) / np.diff(time)[:, None]
     for j, joint in enumerate(panda.joints):
         if derived[:, j].std() < STANDSTILL and measured[:, j].std() < STANDSTILL:
@@ -63,8 +71,10 @@ def _check_velocity(log: Log, panda: PandaModel) -> None:
         energy = (measured[:, j] ** 2).sum()
         slope = (measured[:, j] * derived[:, j]).sum() / energy if energy > 0 else np.inf
         if not SLOPE[0] < slope < SLOPE[1]:
-            raise ContractViolation(f"{log.name}: velocity of {joint}: expected the derivative of position, which "
-                                    f"is {slope:.3g} times what was found: wrong unit, sign or joint")
+            raise ContractViolation(
+                f"{log.name}: velocity of {joint}: expected the derivative of position, which "
+                f"is {slope:.3g} times what was found: wrong unit, sign or joint"
+            )
 
 
 def _check_torque(log: Log, panda: PandaModel) -> None:
@@ -73,8 +83,10 @@ def _check_torque(log: Log, panda: PandaModel) -> None:
     given = _residual_energy(samples, panda)
     count = len(panda.joints)
     same = np.arange(count)
-    for what, channels in (("torque", ("torque",)), ("position, velocity and torque",
-                                                     ("position", "velocity", "acceleration", "torque"))):
+    for what, channels in (
+        ("torque", ("torque",)),
+        ("position, velocity and torque", ("position", "velocity", "acceleration", "torque")),
+    ):
         trials = []
         for j in range(count):
             flip = np.ones(count)
@@ -83,23 +95,41 @@ def _check_torque(log: Log, panda: PandaModel) -> None:
         for i, k in combinations(range(count), 2):
             order = same.copy()
             order[[i, k]] = order[[k, i]]
-            trials.append((f"of {panda.joints[i]} and {panda.joints[k]} exchanged", (i, k), order, np.ones(count)))
+            trials.append(
+                (f"of {panda.joints[i]} and {panda.joints[k]} exchanged", (i, k), order, np.ones(count))
+            )
         for text, joints, order, flip in trials:
             changed = replace(samples, **{name: getattr(samples, name)[:, order] * flip for name in channels})
             fall = given - _residual_energy(changed, panda)
             if fall[list(joints)].min() > DECISIVE and fall.sum() > DECISIVE:
                 raise ContractViolation(
-                    f"{log.name}: {what}: expected torques of the nominal arm in the order of its joints, found "
-                    f"that {what} {text} fit {np.exp(fall[list(joints)].min() / 2):.0f} times better")
+                    f"{log.name}: {what}: expected torques of the nominal arm in the order of its joints, "
+                    f"found that {what} {text} fit {np.exp(fall[list(joints)].min() / 2):.0f} times better"
+                )
 
 
 def _thinned(samples: Samples) -> Samples:
     """At most ROWS samples, those with most motion."""
     speed = np.abs(samples.velocity).max(axis=1)
     moving = np.flatnonzero(speed > STANDSTILL)
-    kept = moving[np.linspace(0, moving.size - 1, min(ROWS, moving.size)).astype(int)] if moving.size else moving
-    return replace(samples, **{name: getattr(samples, name)[kept] for name in (
-        "time", "trajectory", "position", "velocity", "acceleration", "torque", "torque_rate")})
+    kept = (
+        moving[np.linspace(0, moving.size - 1, min(ROWS, moving.size)).astype(int)] if moving.size else moving
+    )
+    return replace(
+        samples,
+        **{
+            name: getattr(samples, name)[kept]
+            for name in (
+                "time",
+                "trajectory",
+                "position",
+                "velocity",
+                "acceleration",
+                "torque",
+                "torque_rate",
+            )
+        },
+    )
 
 
 def _residual_energy(samples: Samples, panda: PandaModel) -> np.ndarray:

@@ -44,9 +44,11 @@ def make_blocks(samples: Samples, gap: float = GAP) -> list[Block]:
     for rows, n in zip(trajectories, pieces):
         for part in np.array_split(np.arange(len(rows)), n):
             if part.size < 3 * margin:
-                raise ValueError(f"expected blocks of at least {3 * gap} s, {count} in all; got "
-                                 f"{part.size * GRID * DECIMATION:.2f} s: record more")
-            blocks.append(Block(rows[part], rows[max(0, part[0] - margin):part[-1] + 1 + margin]))
+                raise ValueError(
+                    f"expected blocks of at least {3 * gap} s, {count} in all; got "
+                    f"{part.size * GRID * DECIMATION:.2f} s: record more"
+                )
+            blocks.append(Block(rows[part], rows[max(0, part[0] - margin) : part[-1] + 1 + margin]))
     return blocks
 
 
@@ -64,8 +66,11 @@ class Sums:
         gram = self.gram.copy()
         side = gram[:, :, -1] - np.einsum("bij,bj->bi", gram, change)
         gram[:, :, -1], gram[:, -1, :] = side, side
-        gram[:, -1, -1] = (self.gram[:, -1, -1] - 2 * np.einsum("bi,bi->b", self.gram[:, :, -1], change)
-                           + np.einsum("bi,bij,bj->b", change, self.gram, change))
+        gram[:, -1, -1] = (
+            self.gram[:, -1, -1]
+            - 2 * np.einsum("bi,bi->b", self.gram[:, :, -1], change)
+            + np.einsum("bi,bij,bj->b", change, self.gram, change)
+        )
         return Sums(gram, self.rows)
 
 
@@ -99,8 +104,9 @@ class Design:
         return self.test.rows >= LEAST_ROWS
 
 
-def make_design(samples: Samples, prediction: Prediction, joint: int, blocks: list[Block],
-                torque_limit: float) -> Design:
+def make_design(
+    samples: Samples, prediction: Prediction, joint: int, blocks: list[Block], torque_limit: float
+) -> Design:
     """Columns of every effect for one joint, and their sums."""
     nuisance, prior = nuisances(samples, prediction, joint)
     matrix, priors = [nuisance], [prior]
@@ -120,28 +126,43 @@ def make_design(samples: Samples, prediction: Prediction, joint: int, blocks: li
     whole = np.column_stack([table, residual]) * moving[:, None]
     gram = np.array([whole[b.rows].T @ whole[b.rows] for b in blocks])
     held = np.array([whole[b.excluded].T @ whole[b.excluded] for b in blocks])
-    count, left_out = (np.array([moving[rows].sum() for rows in side])
-                       for side in ([b.rows for b in blocks], [b.excluded for b in blocks]))
+    count, left_out = (
+        np.array([moving[rows].sum() for rows in side])
+        for side in ([b.rows for b in blocks], [b.excluded for b in blocks])
+    )
     total = whole.T @ whole
     scale = np.concatenate(priors)
-    return Design(joint, effects, columns, table, residual, scale, np.concatenate(lower),
-                  np.concatenate(upper), Sums(gram, count), Sums(total - held, moving.sum() - left_out),
-                  _correlation(table[moving], residual[moving], scale), moving, torque_limit)
+    return Design(
+        joint,
+        effects,
+        columns,
+        table,
+        residual,
+        scale,
+        np.concatenate(lower),
+        np.concatenate(upper),
+        Sums(gram, count),
+        Sums(total - held, moving.sum() - left_out),
+        _correlation(table[moving], residual[moving], scale),
+        moving,
+        torque_limit,
+    )
 
 
 def _correlation(matrix: np.ndarray, residual: np.ndarray, prior: np.ndarray) -> float:
     """Integrated autocorrelation time, in samples, of what all columns together leave."""
     scaled = matrix * prior
     left = residual - scaled @ np.linalg.solve(
-        scaled.T @ scaled + 0.05**2 * np.eye(scaled.shape[1]), scaled.T @ residual)
+        scaled.T @ scaled + 0.05**2 * np.eye(scaled.shape[1]), scaled.T @ residual
+    )
     if len(left) < LEAST_ROWS:
         return 1.0
     left = left - left.mean()
     size = 1 << int(np.ceil(np.log2(2 * len(left))))
     spectrum = np.fft.rfft(left, size)
-    correlation = np.fft.irfft(spectrum * spectrum.conj(), size)[:len(left) // 4]
+    correlation = np.fft.irfft(spectrum * spectrum.conj(), size)[: len(left) // 4]
     if correlation[0] <= 0:
         return 1.0
     correlation = correlation / correlation[0]
     first = np.flatnonzero(correlation <= 0.05)
-    return float(1 + 2 * correlation[1:first[0] if first.size else None].sum())
+    return float(1 + 2 * correlation[1 : first[0] if first.size else None].sum())

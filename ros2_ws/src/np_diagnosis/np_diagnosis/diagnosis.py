@@ -9,7 +9,16 @@ import numpy as np
 from np_description.panda import NOMINAL, PandaModel
 
 from np_diagnosis.arm import ArmOption, arm_options, estimate, pick, shifted
-from np_diagnosis.competition import DRAWS, LEAST_GAIN, T95, VISIBLE, Competition, Structure, compete, standard_error
+from np_diagnosis.competition import (
+    DRAWS,
+    LEAST_GAIN,
+    T95,
+    VISIBLE,
+    Competition,
+    Structure,
+    compete,
+    standard_error,
+)
 from np_diagnosis.design import Design, Sums, make_blocks, make_design
 from np_diagnosis.effects import Effect
 from np_diagnosis.fit import fit
@@ -39,8 +48,8 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Finding:
-    """An effect at a component (joint, or "arm"): probability, parameters by name, the share by which it alone
-    shrinks the held-out RMSE there, the ids that these data cannot tell from it, and whether it is taken into
+    """An effect at a component (joint, or "arm"): probability, parameters by name, the share by which it
+    alone     shrinks the held-out RMSE there, the ids that these data cannot tell from it, and whether it is taken into
     account in `after`."""
 
     effect: Effect
@@ -96,8 +105,9 @@ def diagnose(samples: Samples, panda: PandaModel = NOMINAL, seed: int = 0) -> Di
     rng = np.random.default_rng(seed)
     prediction = predict(samples, panda)
     blocks = make_blocks(samples)
-    designs = [make_design(samples, prediction, j, blocks, panda.torque_limit[j])
-               for j in range(len(panda.joints))]
+    designs = [
+        make_design(samples, prediction, j, blocks, panda.torque_limit[j]) for j in range(len(panda.joints))
+    ]
     floor, is_measured = repeatability(samples, samples.torque - prediction.total)
     options = arm_options(designs)
     option = pick(options)
@@ -109,24 +119,58 @@ def diagnose(samples: Samples, panda: PandaModel = NOMINAL, seed: int = 0) -> Di
     for design, plain in zip(designs, options[0].joints):
         competition = compete(design, *shifted(design, option.key, option.parameters), seed=seed)
         joint = design.joint
-        result, square = _judge(design, plain, competition, option, is_arm_certain, weights, arm_draws,
-                                panda, blocks, max(floor[joint], 1e-9), bool(is_measured[joint]))
+        result, square = _judge(
+            design,
+            plain,
+            competition,
+            option,
+            is_arm_certain,
+            weights,
+            arm_draws,
+            panda,
+            blocks,
+            max(floor[joint], 1e-9),
+            bool(is_measured[joint]),
+        )
         results.append(result)
         squares.append(square)
     moved = [r for r in results if r.verdict != "not_excited"]
     if not moved:
         raise ValueError(f"expected a joint that moves in {LEAST_BLOCKS} blocks of the recording, got none")
-    before, after, lowest = (float(np.mean([getattr(r, name) for r in moved]))
-                             for name in ("before", "after", "floor"))
+    before, after, lowest = (
+        float(np.mean([getattr(r, name) for r in moved])) for name in ("before", "after", "floor")
+    )
     shrink = 1 - after / before
     draws = _shrink_draws([s for s, r in zip(squares, results) if r.verdict != "not_excited"], weights)
     half = T95 * draws.std()
-    return Diagnosis(_overall(results, arm), tuple(results), arm, before, after, lowest, shrink,
-                     (max(-1.0, shrink - half), min(1.0, shrink + half)), len(blocks), samples, prediction)
+    return Diagnosis(
+        _overall(results, arm),
+        tuple(results),
+        arm,
+        before,
+        after,
+        lowest,
+        shrink,
+        (max(-1.0, shrink - half), min(1.0, shrink + half)),
+        len(blocks),
+        samples,
+        prediction,
+    )
 
 
-def _judge(design: Design, plain: Competition, competition: Competition, option: ArmOption, is_arm_certain: bool,
-           weights, arm_draws, panda: PandaModel, blocks, floor: float, is_measured: bool):
+def _judge(
+    design: Design,
+    plain: Competition,
+    competition: Competition,
+    option: ArmOption,
+    is_arm_certain: bool,
+    weights,
+    arm_draws,
+    panda: PandaModel,
+    blocks,
+    floor: float,
+    is_measured: bool,
+):
     """Verdict of one joint, and its squared errors (before, after) and rows by block for the bootstrap."""
     name = panda.joints[design.joint]
     before, with_arm = plain.rmse(plain.null), competition.rmse(competition.null)
@@ -140,13 +184,16 @@ def _judge(design: Design, plain: Competition, competition: Competition, option:
     if design.used.sum() < LEAST_BLOCKS:
         verdict, chosen = "not_excited", competition.null
     elif not is_explained:
-        is_gap = reducible > max((MATERIAL * limit)**2, floor**2 if is_measured else (3 * floor)**2)
+        is_gap = reducible > max((MATERIAL * limit) ** 2, floor**2 if is_measured else (3 * floor) ** 2)
         verdict, chosen = ("unexplained" if is_gap else "no_gap"), competition.null
-    elif removed < (VISIBLE * limit)**2:
+    elif removed < (VISIBLE * limit) ** 2:
         verdict, chosen = "no_gap", competition.null
     else:
-        certain = is_arm_certain if chosen is competition.null else all(
-            f.probability >= CERTAIN and not f.equivalent_to for f in findings if f.is_chosen)
+        certain = (
+            is_arm_certain
+            if chosen is competition.null
+            else all(f.probability >= CERTAIN and not f.equivalent_to for f in findings if f.is_chosen)
+        )
         verdict = "identified" if certain else "ambiguous"
     if verdict in ("no_gap", "not_excited"):
         findings = ()
@@ -155,18 +202,35 @@ def _judge(design: Design, plain: Competition, competition: Competition, option:
     residual = np.full(len(design.residual), np.nan)
     for b in np.flatnonzero(design.used):
         rows = blocks[b].rows[design.moving[blocks[b].rows]]
-        residual[rows] = design.residual[rows] - (design.matrix[rows][:, chosen.columns]
-                                                  @ chosen.score.fit.parameters[b])
+        residual[rows] = design.residual[rows] - (
+            design.matrix[rows][:, chosen.columns] @ chosen.score.fit.parameters[b]
+        )
         if option.key is not None:
             residual[rows] -= design.matrix[rows][:, design.columns[option.key]] @ option.parameters[b]
     delay = float(chosen.score.fit.parameters[:, 0].mean())
-    result = JointResult(name, verdict, before, with_arm, competition.rmse(chosen), floor, is_measured, delay,
-                         findings, np.where(design.moving, design.residual, np.nan), residual)
-    return result, (plain.null.score.squares, chosen.score.squares, np.where(design.used, design.test.rows, 0))
+    result = JointResult(
+        name,
+        verdict,
+        before,
+        with_arm,
+        competition.rmse(chosen),
+        floor,
+        is_measured,
+        delay,
+        findings,
+        np.where(design.moving, design.residual, np.nan),
+        residual,
+    )
+    return result, (
+        plain.null.score.squares,
+        chosen.score.squares,
+        np.where(design.used, design.test.rows, 0),
+    )
 
 
-def _findings(competition: Competition, chosen: Structure, joint: str, weights, option: ArmOption,
-              arm_draws) -> tuple[Finding, ...]:
+def _findings(
+    competition: Competition, chosen: Structure, joint: str, weights, option: ArmOption, arm_draws
+) -> tuple[Finding, ...]:
     """The chosen effects, then alternatives by probability; of variants of one effect the best."""
     design = competition.design
     singles = {s.keys[0]: s for s in competition.structures if len(s.keys) == 1}
@@ -183,15 +247,26 @@ def _findings(competition: Competition, chosen: Structure, joint: str, weights, 
         if not is_chosen and probability < POSSIBLE:
             continue
         structure = chosen if is_chosen else singles[key]
-        equivalent = set().union(*(other for other in SAME_WHILE_MOVING
-                                   if is_chosen and ids in SAME_WHILE_MOVING and other != ids))
+        equivalent = set().union(
+            *(other for other in SAME_WHILE_MOVING if is_chosen and ids in SAME_WHILE_MOVING and other != ids)
+        )
         if is_chosen and probability < CERTAIN:
-            equivalent |= {other for other in best if other not in ids
-                           and competition.effect_probability(other) >= POSSIBLE}
-        findings.append(Finding(
-            design.effects[key], joint, probability,
-            _estimates(competition, structure, key, weights, option, arm_draws),
-            1 - competition.rmse(singles[key]) / null, tuple(sorted(equivalent)), is_chosen))
+            equivalent |= {
+                other
+                for other in best
+                if other not in ids and competition.effect_probability(other) >= POSSIBLE
+            }
+        findings.append(
+            Finding(
+                design.effects[key],
+                joint,
+                probability,
+                _estimates(competition, structure, key, weights, option, arm_draws),
+                1 - competition.rmse(singles[key]) / null,
+                tuple(sorted(equivalent)),
+                is_chosen,
+            )
+        )
     return tuple(sorted(findings, key=lambda f: (not f.is_chosen, -f.probability)))
 
 
@@ -223,8 +298,9 @@ def _arm_draws(designs: list[Design], option: ArmOption, weights: np.ndarray) ->
     if option.key is None:
         return None
     every = np.vstack([np.ones(weights.shape[1], int), weights])
-    precision = [1 / (c.chosen.score.fit.variance.mean() * d.correlation)
-                 for c, d in zip(option.joints, designs)]
+    precision = [
+        1 / (c.chosen.score.fit.variance.mean() * d.correlation) for c, d in zip(option.joints, designs)
+    ]
     return estimate(designs, [_resampled(d, every) for d in designs], option.key, precision)
 
 
@@ -244,13 +320,28 @@ def _arm_findings(options: list[ArmOption], option: ArmOption, draws, designs: l
         effect = designs[0].effects[o.key]
         own = draws if o is option else np.vstack([o.parameters.mean(axis=0), o.parameters])
         half = T95 * own[1:].std(axis=0)
-        parameters = {q.name: Estimate(float(v), float(v - h), float(v + h), q.unit)
-                      for q, v, h in zip(effect.parameters, own[0], half)}
-        findings.append(Finding(effect, effect.component, float(p), parameters,
-                                1 - o.rmse / options[0].rmse, (), o is option))
-    rivals = tuple(sorted({f.effect.id for f in findings if not f.is_chosen and f.effect.id != option.key}))
-    return tuple(replace(f, equivalent_to=rivals if f.is_chosen else ())
-                 for f in sorted(findings, key=lambda f: (not f.is_chosen, -f.probability)))
+        parameters = {
+            q.name: Estimate(float(v), float(v - h), float(v + h), q.unit)
+            for q, v, h in zip(effect.parameters, own[0], half)
+        }
+        findings.append(
+            Finding(
+                effect, effect.component, float(p), parameters, 1 - o.rmse / options[0].rmse, (), o is option
+            )
+        )
+    rivals = tuple(
+        sorted(
+            {
+                f.effect.id
+                for f in findings
+                if not f.is_chosen and f.effect.id != designs[0].effects[option.key].id
+            }
+        )
+    )
+    return tuple(
+        replace(f, equivalent_to=rivals if f.is_chosen else ())
+        for f in sorted(findings, key=lambda f: (not f.is_chosen, -f.probability))
+    )
 
 
 def _shrink_draws(squares, weights: np.ndarray) -> np.ndarray:
@@ -273,5 +364,7 @@ def _overall(results: list[JointResult], arm: tuple[Finding, ...]) -> str:
         return "no_gap"
     if energy.get("unexplained", 0.0) > 0.5 * sum(energy.values()):
         return "unexplained"
-    is_ambiguous = any(not f.is_chosen for f in arm) or energy.get("ambiguous", 0.0) > energy.get("identified", 0.0)
+    is_ambiguous = any(not f.is_chosen for f in arm) or energy.get("ambiguous", 0.0) > energy.get(
+        "identified", 0.0
+    )
     return "ambiguous" if is_ambiguous else "identified"

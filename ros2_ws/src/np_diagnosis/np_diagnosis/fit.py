@@ -36,7 +36,8 @@ class Score:
 def fit(sums: Sums, columns: np.ndarray, design: Design) -> Fit:
     """Posterior mode within the bounds, for each of the m sums.
 
-    Prior N(0, prior^2); `correlation` samples count as one, so that neither prior nor covariance believes that
+    Prior N(0, prior^2); `correlation` samples count as one, so that neither prior nor covariance believes
+    that
     neighbouring samples are independent.
     """
     normal = sums.gram[:, columns[:, None], columns]
@@ -50,8 +51,11 @@ def fit(sums: Sums, columns: np.ndarray, design: Design) -> Fit:
         parameters = np.linalg.solve(regular, moment[..., None])[..., 0]
         for i in np.flatnonzero(((parameters < lower) | (parameters > upper)).any(axis=1)):
             parameters[i] = _bounded(regular[i], moment[i], lower, upper)
-        squares = (square - 2 * np.einsum("bi,bi->b", parameters, moment)
-                   + np.einsum("bi,bij,bj->b", parameters, normal, parameters))
+        squares = (
+            square
+            - 2 * np.einsum("bi,bi->b", parameters, moment)
+            + np.einsum("bi,bij,bj->b", parameters, normal, parameters)
+        )
         variance = np.maximum(squares / np.maximum(rows - len(columns), 1), 1e-12)
     covariance = (variance * design.correlation)[:, None, None] * np.linalg.inv(regular)
     return Fit(parameters, covariance, variance)
@@ -61,8 +65,11 @@ def score(train: Sums, test: Sums, columns: np.ndarray, design: Design) -> Score
     """Fit to each of the training sums, and predict the block it has not seen."""
     fitted = fit(train, columns, design)
     normal = test.gram[:, columns[:, None], columns]
-    squares = (test.gram[:, -1, -1] - 2 * np.einsum("bi,bi->b", fitted.parameters, test.gram[:, columns, -1])
-               + np.einsum("bi,bij,bj->b", fitted.parameters, normal, fitted.parameters))
+    squares = (
+        test.gram[:, -1, -1]
+        - 2 * np.einsum("bi,bi->b", fitted.parameters, test.gram[:, columns, -1])
+        + np.einsum("bi,bij,bj->b", fitted.parameters, normal, fitted.parameters)
+    )
     squares = np.maximum(squares, 0.0)
     rows = np.maximum(test.rows, 1)
     variance = fitted.variance + np.einsum("bij,bji->b", normal, fitted.covariance) / rows
@@ -75,7 +82,9 @@ def _bounded(normal: np.ndarray, moment: np.ndarray, lower: np.ndarray, upper: n
     """Least squares in a box: what leaves it is put on its side, and the rest is solved again."""
     x, free = np.zeros(len(moment)), np.ones(len(moment), bool)
     while free.any():
-        x[free] = np.linalg.solve(normal[np.ix_(free, free)], moment[free] - normal[np.ix_(free, ~free)] @ x[~free])
+        x[free] = np.linalg.solve(
+            normal[np.ix_(free, free)], moment[free] - normal[np.ix_(free, ~free)] @ x[~free]
+        )
         outside = (x < lower) | (x > upper)
         if not outside.any():
             break

@@ -16,18 +16,22 @@ def repeatability(samples: Samples, residual: np.ndarray) -> tuple[np.ndarray, n
     """Floor of the residual (n, 7) Nm a joint: (RMSE (7,) Nm, whether it was measured (7,) bool).
 
     Measured where the arm came through the same state at least `LEAST_PAIRS` times, a second or a trajectory
-    apart: half the mean square of the difference. Elsewhere only the white noise of the sensor is known, which
+    apart: half the mean square of the difference. Elsewhere only the white noise of the sensor is known,
+    which
     is a lower bound.
     """
-    state = np.hstack([samples.position / NEAR[0], samples.velocity / NEAR[1], samples.acceleration / NEAR[2]])
+    state = np.hstack(
+        [samples.position / NEAR[0], samples.velocity / NEAR[1], samples.acceleration / NEAR[2]]
+    )
     state = state.astype(np.float32)
     square = (state**2).sum(axis=1)
     differences = []
     for start in range(0, len(samples), CHUNK):
         rows = np.arange(start, min(start + CHUNK, len(samples)))
         distance = square[rows, None] + square - 2 * state[rows] @ state.T
-        near_in_time = ((np.abs(samples.time[rows, None] - samples.time) < APART)
-                        & (samples.trajectory[rows, None] == samples.trajectory))
+        near_in_time = (np.abs(samples.time[rows, None] - samples.time) < APART) & (
+            samples.trajectory[rows, None] == samples.trajectory
+        )
         distance[near_in_time] = np.inf
         nearest = distance.argmin(axis=1)
         same = np.abs(state[rows] - state[nearest]).max(axis=1) < 1

@@ -44,8 +44,12 @@ def regimes(samples: Samples) -> dict[str, np.ndarray]:
             nearest = np.abs(samples.time[:, None] - samples.time[turns]).min(axis=1)
             reversing[:, j] = nearest < REVERSAL
     masks, rest = {}, np.ones_like(standing)
-    for name, mask in (("standstill", standing), ("reversal", reversing),
-                       ("accelerating", np.abs(acceleration) > ACCELERATING), ("fast", np.abs(velocity) > FAST)):
+    for name, mask in (
+        ("standstill", standing),
+        ("reversal", reversing),
+        ("accelerating", np.abs(acceleration) > ACCELERATING),
+        ("fast", np.abs(velocity) > FAST),
+    ):
         masks[name], rest = rest & mask, rest & ~mask
     return {name: masks.get(name, rest) for name in REGIMES}
 
@@ -58,9 +62,10 @@ def rungs(log: Log) -> list[Rung]:
     ladder = []
     if commands.has_own_gains:
         ladder.append(Rung("r0", "replayed controller minus commanded torque", _rms(_replayed(log))))
-    inside = ((log.torque_time >= commands.torque_time[0]) & (log.torque_time <= commands.torque_time[-1]))
-    commanded = np.column_stack([np.interp(log.torque_time[inside], commands.torque_time, column)
-                                 for column in commands.torque.T])
+    inside = (log.torque_time >= commands.torque_time[0]) & (log.torque_time <= commands.torque_time[-1])
+    commanded = np.column_stack(
+        [np.interp(log.torque_time[inside], commands.torque_time, column) for column in commands.torque.T]
+    )
     ladder.append(Rung("r1", "measured minus commanded torque", _rms(log.torque[inside] - commanded)))
     return ladder
 
@@ -81,7 +86,9 @@ def _replayed(log: Log) -> np.ndarray:
         q, dq = log.position[row], log.velocity[row]
         feedforward = dynamics.coriolis(q, dq) + dynamics.mass_matrix(q) @ rate[i]
         target = commands.target[i] + lead * commands.target_velocity[i]
-        residual[n] = impedance_torque(q, dq, target, config.stiffness, ratio, feedforward) - commands.torque[i]
+        residual[n] = (
+            impedance_torque(q, dq, target, config.stiffness, ratio, feedforward) - commands.torque[i]
+        )
     return residual
 
 

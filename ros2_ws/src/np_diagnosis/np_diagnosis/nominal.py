@@ -1,4 +1,4 @@
-"""What the nominal simulator says: the torque a measured motion should have taken, and how it depends on inertia."""
+"""The torque a measured motion should have taken in the nominal simulator, and how it depends on inertia."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ class Prediction:
 
     gravity: holds the arm; inertial: accelerates it, Coriolis included, rotors not; rotors; friction. `total`
     is what the sensor should have shown (with gravity only if the sensor does); load: through the gear;
-    direction (n, 7): that of motion, -1..1. regressor (n, 7, 70): change of torque with the inertial parameters of each link (`PARAMETERS` each);
+    direction (n, 7): that of motion, -1..1. regressor (n, 7, 70): change of torque with the inertial
+    parameters
+    of each link (`PARAMETERS` each);
     gravity_slope (n, 7, 7): change of joint i's gravity torque with position k.
     """
 
@@ -67,11 +69,14 @@ def predict(samples: Samples, panda: PandaModel = NOMINAL) -> Prediction:
     slope = np.empty((len(samples), joints, joints))
     for i in range(len(samples)):
         q = samples.position[i]
-        regressor[i] = pin.computeJointTorqueRegressor(model, data, q, samples.velocity[i],
-                                                       samples.acceleration[i])
+        regressor[i] = pin.computeJointTorqueRegressor(
+            model, data, q, samples.velocity[i], samples.acceleration[i]
+        )
         slope[i] = pin.computeGeneralizedGravityDerivatives(model, data, q)
     total = inertial + rotors + friction + (gravity if samples.with_gravity else 0.0)
-    return Prediction(gravity, inertial, rotors, friction, total, gravity + inertial, direction, regressor, slope)
+    return Prediction(
+        gravity, inertial, rotors, friction, total, gravity + inertial, direction, regressor, slope
+    )
 
 
 def expected_torque(samples: Samples, panda: PandaModel = NOMINAL) -> np.ndarray:

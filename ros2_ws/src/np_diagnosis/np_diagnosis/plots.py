@@ -13,8 +13,16 @@ from np_diagnosis.diagnosis import Diagnosis
 
 WIDTH = 9.6
 BEFORE, AFTER, FLOOR = "#b0b7c3", "#1f5fa8", "#2f8f3a"
-_STYLE = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
-          "svg.fonttype": "none", "svg.hashsalt": "np", "font.family": "sans-serif"}
+_STYLE = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "np",
+    "font.family": "sans-serif",
+}
 
 
 def gap_plot(diagnosis: Diagnosis) -> str:
@@ -23,10 +31,16 @@ def gap_plot(diagnosis: Diagnosis) -> str:
         figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
         axes = figure.add_subplot()
         place = np.arange(len(diagnosis.joints))
-        axes.bar(place - 0.2, [r.before for r in diagnosis.joints], 0.4, color=BEFORE, label="nominal simulator")
+        axes.bar(
+            place - 0.2, [r.before for r in diagnosis.joints], 0.4, color=BEFORE, label="nominal simulator"
+        )
         axes.bar(place + 0.2, [r.after for r in diagnosis.joints], 0.4, color=AFTER, label="effects added")
-        axes.hlines([r.floor for r in diagnosis.joints], place - 0.45, place + 0.45, color=FLOOR, lw=2, label="floor")
-        axes.set_xticks(place, [f"{r.joint}\n{r.verdict.replace('_', ' ')}" for r in diagnosis.joints], fontsize=8)
+        axes.hlines(
+            [r.floor for r in diagnosis.joints], place - 0.45, place + 0.45, color=FLOOR, lw=2, label="floor"
+        )
+        axes.set_xticks(
+            place, [f"{r.joint}\n{r.verdict.replace('_', ' ')}" for r in diagnosis.joints], fontsize=8
+        )
         axes.set_ylabel("held-out RMSE (Nm)")
         axes.grid(False, axis="x")
         figure.legend(fontsize=8, loc="outside upper right", ncols=3, frameon=False)
@@ -57,7 +71,10 @@ def _grid(diagnosis: Diagnosis, time, label: str, mark: str, size: float) -> str
         panels[0].set_ylabel("residual (Nm)")
         panels[4].set_ylabel("residual (Nm)")
         panels[-1].axis("off")
-        for text, colour, height in (("nominal simulator", BEFORE, 0.6), ("effects added, held out", AFTER, 0.4)):
+        for text, colour, height in (
+            ("nominal simulator", BEFORE, 0.6),
+            ("effects added, held out", AFTER, 0.4),
+        ):
             panels[-1].text(0.1, height, text, color=colour, weight="bold", transform=panels[-1].transAxes)
         return _svg(figure)
 
@@ -66,4 +83,4 @@ def _svg(figure: Figure) -> str:
     buffer = io.StringIO()
     FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()
-    return text[text.index("<svg"):]
+    return text[text.index("<svg") :]

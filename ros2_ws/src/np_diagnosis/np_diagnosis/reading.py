@@ -1,4 +1,4 @@
-"""Recordings to logs. Fails closed: what does not keep the contract of docs/graph.md is no evidence of friction."""
+"""Recordings to logs. Fails closed: what breaks the contract of docs/graph.md is no evidence of friction."""
 
 from __future__ import annotations
 
@@ -45,17 +45,21 @@ def read_bag(path: str | Path) -> Log:
     stamp, values = states
     _check_times(name, stamp / SECOND, PERIOD)
     time = (stamp - stamp[0]) / SECOND
-    joints = values[:, :, :len(JOINT_NAMES)]
+    joints = values[:, :, : len(JOINT_NAMES)]
     answers = None
     if len(commands[0]):
         _check_order(f"{name}: effort_command", commands[0] / SECOND)
         common, rows, answer = np.intersect1d(stamp, commands[0], return_indices=True)
         if len(common) < (1 - LARGEST_LOSS) * len(commands[0]):
-            raise ContractViolation(f"{name}: effort_command: expected the stamps of joint_states, "
-                                    f"{len(commands[0]) - len(common)} of {len(commands[0])} have others")
+            raise ContractViolation(
+                f"{name}: effort_command: expected the stamps of joint_states, "
+                f"{len(commands[0]) - len(common)} of {len(commands[0])} have others"
+            )
         target, velocity, torque = commands[1][answer].transpose(1, 0, 2)
         answers = Commands(rows, target, velocity, torque, time[rows] + PERIOD / 2, has_own_gains)
-    return Log(Path(path).name, time, joints[:, 0], joints[:, 1], joints[:, 2], time - PERIOD / 2, False, answers)
+    return Log(
+        Path(path).name, time, joints[:, 0], joints[:, 1], joints[:, 2], time - PERIOD / 2, False, answers
+    )
 
 
 def read_npz(path: str | Path) -> Log:
@@ -72,8 +76,10 @@ def read_npz(path: str | Path) -> Log:
         raise ContractViolation(f"{name}: expected an .npz file of numbers, got: {error}") from error
     missing = [key for key in NPZ_KEYS if key not in found]
     if missing:
-        raise ContractViolation(f"{name}: expected {', '.join(NPZ_KEYS)}; {', '.join(missing)} missing, "
-                                f"found {', '.join([*found, *others]) or 'nothing'}")
+        raise ContractViolation(
+            f"{name}: expected {', '.join(NPZ_KEYS)}; {', '.join(missing)} missing, "
+            f"found {', '.join([*found, *others]) or 'nothing'}"
+        )
     time = found["t_s"]
     for key, dimensions in NPZ_KEYS.items():
         shape = (time.size, len(JOINT_NAMES))[:dimensions]
@@ -82,8 +88,15 @@ def read_npz(path: str | Path) -> Log:
         if not np.isfinite(found[key]).all():
             raise ContractViolation(f"{name}: {key}: expected finite numbers")
     _check_times(name, time, None)
-    return Log(Path(path).name, time - time[0], found["q_rad"], found["dq_rad_s"], found["tau_J_Nm"],
-               time - time[0], True)
+    return Log(
+        Path(path).name,
+        time - time[0],
+        found["q_rad"],
+        found["dq_rad_s"],
+        found["tau_J_Nm"],
+        time - time[0],
+        True,
+    )
 
 
 def _joint_states(recording: Recording, topic: str, names) -> tuple[np.ndarray, np.ndarray]:
@@ -95,15 +108,19 @@ def _joint_states(recording: Recording, topic: str, names) -> tuple[np.ndarray, 
             stamps.append(stamp_nanoseconds(decoded.header.stamp))
             values.append(joint_state_arrays(decoded, names))
         except BadMessage as error:
-            raise BadMessage(error.kind, f"bag {recording.path}: {topic} at {message.stamp} ns: {error}") from error
+            raise BadMessage(
+                error.kind, f"bag {recording.path}: {topic} at {message.stamp} ns: {error}"
+            ) from error
     return np.array(stamps, dtype=np.int64), np.array(values, dtype=float).reshape(len(values), 3, len(names))
 
 
 def _check_order(name: str, time: np.ndarray) -> None:
     back = np.flatnonzero(np.diff(time) <= 0)
     if back.size:
-        raise ContractViolation(f"{name}: expected stamps that increase, got {time[back[0]]:.6f} s followed by "
-                                f"{time[back[0] + 1]:.6f} s, and {back.size} such places in all")
+        raise ContractViolation(
+            f"{name}: expected stamps that increase, got {time[back[0]]:.6f} s followed by "
+            f"{time[back[0] + 1]:.6f} s, and {back.size} such places in all"
+        )
 
 
 def _check_times(name: str, time: np.ndarray, period: float | None) -> None:
@@ -115,12 +132,18 @@ def _check_times(name: str, time: np.ndarray, period: float | None) -> None:
     median = float(np.median(steps))
     if period is None:
         if not 1e-4 < median < 1e-2:
-            raise ContractViolation(f"{name}: expected 100 to 10000 rows a second, got {1 / median:.4g}: "
-                                    "times must be in seconds")
+            raise ContractViolation(
+                f"{name}: expected 100 to 10000 rows a second, got {1 / median:.4g}: "
+                "times must be in seconds"
+            )
         return
     if abs(median / period - 1) > PERIOD_TOLERANCE:
-        raise ContractViolation(f"{name}: joint_states: expected {1 / period:.0f} Hz, got {1 / median:.4g} Hz")
+        raise ContractViolation(
+            f"{name}: joint_states: expected {1 / period:.0f} Hz, got {1 / median:.4g} Hz"
+        )
     lost = int(np.round(steps / period - 1).clip(0).sum())
     if lost > LARGEST_LOSS * (len(time) + lost):
-        raise ContractViolation(f"{name}: joint_states: expected at most {LARGEST_LOSS:.0%} missing, got "
-                                f"{lost} of {len(time) + lost}")
+        raise ContractViolation(
+            f"{name}: joint_states: expected at most {LARGEST_LOSS:.0%} missing, got "
+            f"{lost} of {len(time) + lost}"
+        )

@@ -1,4 +1,4 @@
-"""The answer as files: report.json after data/gap_report.schema.json, and report.html, one file with everything."""
+"""The answer as files: report.json after data/gap_report.schema.json, and report.html with everything."""
 
 from __future__ import annotations
 
@@ -26,19 +26,38 @@ def make_report(diagnosis: Diagnosis, logs: Sequence[Log], runtime: float) -> di
         "where": where(diagnosis),
         "effects": [_effect(f) for f in _ranked(diagnosis)],
         "gap": {
-            "metric": "held-out RMSE of joint torque, averaged over the joints that moved", "unit": "Nm",
-            "before": diagnosis.before, "after": diagnosis.after, "floor": diagnosis.floor,
-            "shrink": diagnosis.shrink, "shrink_ci95": [float(v) for v in diagnosis.shrink_interval],
-            "by_component": {r.joint: {
-                "verdict": r.verdict, "before": r.before, "with_arm_effect": r.with_arm, "after": r.after,
-                "floor": r.floor, "floor_is_measured": r.is_floor_measured, "stamp_delay_s": r.delay,
-                "regimes": _regimes(diagnosis, j)} for j, r in enumerate(diagnosis.joints)}},
+            "metric": "held-out RMSE of joint torque, averaged over the joints that moved",
+            "unit": "Nm",
+            "before": diagnosis.before,
+            "after": diagnosis.after,
+            "floor": diagnosis.floor,
+            "shrink": diagnosis.shrink,
+            "shrink_ci95": [float(v) for v in diagnosis.shrink_interval],
+            "by_component": {
+                r.joint: {
+                    "verdict": r.verdict,
+                    "before": r.before,
+                    "with_arm_effect": r.with_arm,
+                    "after": r.after,
+                    "floor": r.floor,
+                    "floor_is_measured": r.is_floor_measured,
+                    "stamp_delay_s": r.delay,
+                    "regimes": _regimes(diagnosis, j),
+                }
+                for j, r in enumerate(diagnosis.joints)
+            },
+        },
         "next_experiment": next_experiment(diagnosis),
-        "data": {"bags": [log.name for log in logs], "duration_s": sum(log.duration for log in logs),
-                 "train_trajectories": diagnosis.blocks - 1, "test_trajectories": diagnosis.blocks,
-                 "held_out": "each block of contiguous motion once, by a fit to the others at least 0.5 s away",
-                 "ladder": {log.name: {rung.name: [float(v) for v in rung.rms] for rung in rungs(log)}
-                            for log in logs}},
+        "data": {
+            "bags": [log.name for log in logs],
+            "duration_s": sum(log.duration for log in logs),
+            "train_trajectories": diagnosis.blocks - 1,
+            "test_trajectories": diagnosis.blocks,
+            "held_out": "each block of contiguous motion once, by a fit to the others at least 0.5 s away",
+            "ladder": {
+                log.name: {rung.name: [float(v) for v in rung.rms] for rung in rungs(log)} for log in logs
+            },
+        },
         "runtime_s": runtime,
     }
     validate(report, json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text()))
@@ -46,7 +65,7 @@ def make_report(diagnosis: Diagnosis, logs: Sequence[Log], runtime: float) -> di
 
 
 def where(diagnosis: Diagnosis) -> list[dict]:
-    """Shares of the gap's energy above the floor by module and component; what nothing explains is unknown."""
+    """Shares of the gap's energy above the floor by module and component; the rest is unknown."""
     energy: dict[tuple[str, str], float] = {}
 
     def add(module: str, component: str, amount: float) -> None:
@@ -77,10 +96,14 @@ def next_experiment(diagnosis: Diagnosis) -> dict | None:
         ids = {finding.effect.id, *finding.equivalent_to}
         split = next((text for members, text in equivalence_classes() if len(members & ids) > 1), None)
         if split is None and ids >= {"asymmetric_coulomb_friction", "torque_offset"}:
-            split = next(text for members, text in equivalence_classes()
-                         if "asymmetric_coulomb_friction" in members)
-        return {"name": split or catalogue()[finding.effect.id]["exciting_experiment"], "separates": sorted(ids),
-                "component": finding.component}
+            split = next(
+                text for members, text in equivalence_classes() if "asymmetric_coulomb_friction" in members
+            )
+        return {
+            "name": split or catalogue()[finding.effect.id]["exciting_experiment"],
+            "separates": sorted(ids),
+            "component": finding.component,
+        }
     return None
 
 
@@ -90,13 +113,23 @@ def write(out: Path, diagnosis: Diagnosis, logs: Sequence[Log], runtime: float) 
     out.mkdir(parents=True, exist_ok=True)
     (out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("np_diagnosis", "data"), autoescape=True, undefined=jinja2.StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True)
+        loader=jinja2.PackageLoader("np_diagnosis", "data"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     ladder = [(log.name, rungs(log)) for log in logs]
     text = environment.get_template("report.html.j2").render(
-        report=report, diagnosis=diagnosis, findings=_ranked(diagnosis), regimes=REGIMES, ladder=ladder,
-        gap_plot=plots.gap_plot(diagnosis), residual_plot=plots.residual_plot(diagnosis),
-        velocity_plot=plots.velocity_plot(diagnosis))
+        report=report,
+        diagnosis=diagnosis,
+        findings=_ranked(diagnosis),
+        regimes=REGIMES,
+        ladder=ladder,
+        gap_plot=plots.gap_plot(diagnosis),
+        residual_plot=plots.residual_plot(diagnosis),
+        velocity_plot=plots.velocity_plot(diagnosis),
+    )
     (out / "report.html").write_text(text, encoding="utf-8")
     return report
 
@@ -107,11 +140,19 @@ def _ranked(diagnosis: Diagnosis) -> list[Finding]:
 
 
 def _effect(finding: Finding) -> dict:
-    return {"effect": finding.effect.id, "component": finding.component,
-            "probability": min(1.0, finding.probability), "equivalent_to": list(finding.equivalent_to),
-            "parameters": {name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit}
-                           for name, e in finding.parameters.items()},
-            "gap_shrink": finding.shrink, "shape": finding.effect.shape, "is_added": finding.is_chosen}
+    return {
+        "effect": finding.effect.id,
+        "component": finding.component,
+        "probability": min(1.0, finding.probability),
+        "equivalent_to": list(finding.equivalent_to),
+        "parameters": {
+            name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit}
+            for name, e in finding.parameters.items()
+        },
+        "gap_shrink": finding.shrink,
+        "shape": finding.effect.shape,
+        "is_added": finding.is_chosen,
+    }
 
 
 def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | None]:
@@ -120,6 +161,12 @@ def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | N
     table = {}
     for name, mask in regimes(diagnosis.samples).items():
         rows = mask[:, joint] & np.isfinite(result.residual_after)
-        table[name] = {side: float(np.sqrt((values[rows] ** 2).mean())) for side, values in (
-            ("before", result.residual_before), ("after", result.residual_after))} if rows.any() else None
+        table[name] = (
+            {
+                side: float(np.sqrt((values[rows] ** 2).mean()))
+                for side, values in (("before", result.residual_before), ("after", result.residual_after))
+            }
+            if rows.any()
+            else None
+        )
     return table

@@ -6,8 +6,19 @@ import math
 
 _TYPES = {"object": dict, "array": list, "string": str, "number": (int, float), "null": type(None)}
 _NOTES = {"$schema", "title", "description"}
-_KNOWN = _NOTES | {"type", "required", "properties", "additionalProperties", "items", "enum", "const", "minimum",
-                   "maximum", "minItems", "maxItems"}
+_KNOWN = _NOTES | {
+    "type",
+    "required",
+    "properties",
+    "additionalProperties",
+    "items",
+    "enum",
+    "const",
+    "minimum",
+    "maximum",
+    "minItems",
+    "maxItems",
+}
 
 
 def validate(value, schema: dict, path: str = "report") -> None:
@@ -24,12 +35,15 @@ def validate(value, schema: dict, path: str = "report") -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError(f"{path}: expected a finite number, got {value}")
     if isinstance(value, (int, float)) and not (
-            schema.get("minimum", -math.inf) <= value <= schema.get("maximum", math.inf)):
+        schema.get("minimum", -math.inf) <= value <= schema.get("maximum", math.inf)
+    ):
         raise ValueError(f"{path}: expected {schema.get('minimum')} to {schema.get('maximum')}, got {value}")
     if isinstance(value, list):
         if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", math.inf):
-            raise ValueError(f"{path}: expected {schema.get('minItems', 0)} to {schema.get('maxItems', 'any')} items, "
-                             f"got {len(value)}")
+            raise ValueError(
+                f"{path}: expected {schema.get('minItems', 0)} to {schema.get('maxItems', 'any')} items, "
+                f"got {len(value)}"
+            )
         for i, item in enumerate(value):
             validate(item, schema.get("items", {}), f"{path}[{i}]")
     if isinstance(value, dict):
@@ -37,5 +51,8 @@ def validate(value, schema: dict, path: str = "report") -> None:
         if missing:
             raise ValueError(f"{path}: expected {', '.join(missing)}")
         for name, item in value.items():
-            validate(item, schema.get("properties", {}).get(name, schema.get("additionalProperties", {})),
-                     f"{path}.{name}")
+            validate(
+                item,
+                schema.get("properties", {}).get(name, schema.get("additionalProperties", {})),
+                f"{path}.{name}",
+            )

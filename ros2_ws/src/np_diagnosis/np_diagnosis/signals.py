@@ -17,7 +17,8 @@ LARGEST_GAP = 0.05  # s without data over which nothing is interpolated
 class Commands:
     """Answers of the controller.
 
-    rows (m,): rows of the log that they answer; target (m, 7) rad, target_velocity (m, 7) rad/s, torque (m, 7)
+    rows (m,): rows of the log that they answer; target (m, 7) rad, target_velocity (m, 7) rad/s, torque (m,
+    7)
     Nm without gravity; in force at torque_time (m,) s. has_own_gains: whether the controller's own gains held
     throughout (no target came with others).
     """
@@ -58,7 +59,8 @@ class Log:
 class Samples:
     """Filtered samples of one or several trajectories.
 
-    time (n,) s within its trajectory; trajectory (n,) its number; position, velocity, acceleration (n, 7) rad,
+    time (n,) s within its trajectory; trajectory (n,) its number; position, velocity, acceleration (n, 7)
+    rad,
     rad/s, rad/s^2; torque (n, 7) Nm and its rate of change torque_rate (n, 7) Nm/s; with_gravity as in `Log`;
     noise (7,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one. segments:
     (position, velocity) (m, 7) on the fine grid, one for each stretch without a gap.
@@ -79,7 +81,8 @@ class Samples:
         return len(self.time)
 
     def filtered(self, joint: int, function: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-        """function(position (m,), velocity (m,)) -> (m,) of a joint on the fine grid, through the filter: (n,).
+        """function(position (m,), velocity (m,)) -> (m,) of a joint on the fine grid, through the filter:
+        (n,).
 
         What is not linear in the motion must be filtered like the torque, not computed from filtered motion.
         """
@@ -97,8 +100,10 @@ def sample(logs: list[Log]) -> Samples:
         raise ValueError("expected logs that agree on whether torque includes gravity, got both")
     parts = [part for number, log in enumerate(logs) for part in _sample_one(log, number)]
     if not parts:
-        raise ValueError(f"expected at least {_SHORTEST} s without a gap of {LARGEST_GAP} s, got none in "
-                         f"{', '.join(log.name for log in logs)}")
+        raise ValueError(
+            f"expected at least {_SHORTEST} s without a gap of {LARGEST_GAP} s, got none in "
+            f"{', '.join(log.name for log in logs)}"
+        )
     *columns, segments = zip(*parts)
     columns = [np.concatenate(column) for column in columns]
     noise = np.sqrt(np.mean([_noise(log) ** 2 for log in logs], axis=0))
@@ -128,8 +133,16 @@ def _sample_one(log: Log, number: int):
         torque = at(log.torque_time, log.torque)
         inner = slice(_HALF, len(grid) - _HALF, DECIMATION)
         kept = grid[inner] - log.time[0]
-        yield (kept, np.full(kept.size, number), _filter(position, _KERNEL), _filter(velocity, _KERNEL),
-               _filter(velocity, _SLOPE), _filter(torque, _KERNEL), _filter(torque, _SLOPE), (position, velocity))
+        yield (
+            kept,
+            np.full(kept.size, number),
+            _filter(position, _KERNEL),
+            _filter(velocity, _KERNEL),
+            _filter(velocity, _SLOPE),
+            _filter(torque, _KERNEL),
+            _filter(torque, _SLOPE),
+            (position, velocity),
+        )
 
 
 def _noise(log: Log) -> np.ndarray:

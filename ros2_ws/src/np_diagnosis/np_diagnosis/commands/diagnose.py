@@ -1,4 +1,4 @@
-"""`diagnose LOG... --out DIR`: compare recordings of free motion with the nominal arm; report.json, report.html."""
+"""`diagnose LOG... --out DIR`: compare recordings of free motion with the nominal arm."""
 
 from __future__ import annotations
 
@@ -21,13 +21,19 @@ from np_diagnosis.signals import sample
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="diagnose", description=__doc__)
-    parser.add_argument("logs", nargs="+", type=Path, metavar="LOG",
-                        help="rosbag2 folder, or .npz file with t_s, q_rad, dq_rad_s, tau_J_Nm (torque with gravity); "
-                             "nothing may touch the arm in it")
+    parser.add_argument(
+        "logs",
+        nargs="+",
+        type=Path,
+        metavar="LOG",
+        help="rosbag2 folder, or .npz file with t_s, q_rad, dq_rad_s, tau_J_Nm (torque with gravity); "
+        "nothing may touch the arm in it",
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder for report.json and report.html")
     parser.add_argument("--no-hand", action="store_true", help="the flange was bare")
-    parser.add_argument("--rigid-body", action="store_true",
-                        help="nominal arm without joint friction, damping and rotors")
+    parser.add_argument(
+        "--rigid-body", action="store_true", help="nominal arm without joint friction, damping and rotors"
+    )
     return parser.parse_args(arguments)
 
 
@@ -55,12 +61,21 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     report = write(options.out, diagnosis, logs, round(time.monotonic() - began, 2))
     gap = report["gap"]
-    print(json.dumps({
-        "verdict": report["verdict"],
-        "effects": [f"{e['effect']} at {e['component']}" for e in report["effects"] if e["is_added"]],
-        "before": gap["before"], "after": gap["after"], "floor": gap["floor"], "shrink": gap["shrink"],
-        "shrink_ci95": gap["shrink_ci95"], "report": str(options.out / "report.json"),
-        "runtime_s": report["runtime_s"]}))
+    print(
+        json.dumps(
+            {
+                "verdict": report["verdict"],
+                "effects": [f"{e['effect']} at {e['component']}" for e in report["effects"] if e["is_added"]],
+                "before": gap["before"],
+                "after": gap["after"],
+                "floor": gap["floor"],
+                "shrink": gap["shrink"],
+                "shrink_ci95": gap["shrink_ci95"],
+                "report": str(options.out / "report.json"),
+                "runtime_s": report["runtime_s"],
+            }
+        )
+    )
     return 0
 
 
