@@ -49,8 +49,8 @@ class Estimate:
 @dataclass(frozen=True)
 class Finding:
     """An effect at a component (joint, or "arm"): probability, parameters by name, the share by which it
-    alone     shrinks the held-out RMSE there, the ids that these data cannot tell from it, and whether it is taken into
-    account in `after`."""
+    alone shrinks the held-out RMSE there, the ids that these data cannot tell from it, and whether it is taken
+    into account in `after`."""
 
     effect: Effect
     component: str
