@@ -1,0 +1,1 @@
+"""The gap doctor: where the arm departs from its simulator, which effect explains it, how far it shrinks."""

@@ -1,0 +1,83 @@
+"""`diagnose LOG... --out DIR`: compare recordings of free motion with the nominal arm."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+from np_description.panda import NOMINAL, PandaModel
+
+from np_diagnosis.contract import check
+from np_diagnosis.diagnosis import diagnose
+from np_diagnosis.nominal import rigid_body_only, without_hand
+from np_diagnosis.reading import ContractViolation, read
+from np_diagnosis.report import write
+from np_diagnosis.signals import sample
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(prog="diagnose", description=__doc__)
+    parser.add_argument(
+        "logs",
+        nargs="+",
+        type=Path,
+        metavar="LOG",
+        help="rosbag2 folder, or .npz file with t_s, q_rad, dq_rad_s, tau_J_Nm (torque with gravity); "
+        "nothing may touch the arm in it",
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder for report.json and report.html")
+    parser.add_argument("--no-hand", action="store_true", help="the flange was bare")
+    parser.add_argument(
+        "--rigid-body", action="store_true", help="nominal arm without joint friction, damping and rotors"
+    )
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; the last line printed is one JSON object. Status 2: a log that breaks the contract."""
+    options = parse(arguments)
+    began = time.monotonic()
+    panda: PandaModel = without_hand(NOMINAL) if options.no_hand else NOMINAL
+    panda = rigid_body_only(panda) if options.rigid_body else panda
+    try:
+        logs = []
+        for number, path in enumerate(options.logs):
+            print(f"reading {path} ({number + 1} of {len(options.logs)})", file=sys.stderr)
+            log = read(path)
+            check(log, panda)
+            logs.append(log)
+        diagnosis = diagnose(sample(logs), panda)
+    except ContractViolation as violation:
+        print(f"contract violation: {violation}", file=sys.stderr)
+        print(json.dumps({"error": f"contract violation: {violation}"}))
+        return 2
+    except ValueError as error:
+        print(f"diagnose: {error}", file=sys.stderr)
+        print(json.dumps({"error": str(error)}))
+        return 1
+    report = write(options.out, diagnosis, logs, round(time.monotonic() - began, 2))
+    gap = report["gap"]
+    print(
+        json.dumps(
+            {
+                "verdict": report["verdict"],
+                "effects": [f"{e['effect']} at {e['component']}" for e in report["effects"] if e["is_added"]],
+                "before": gap["before"],
+                "after": gap["after"],
+                "floor": gap["floor"],
+                "shrink": gap["shrink"],
+                "shrink_ci95": gap["shrink_ci95"],
+                "report": str(options.out / "report.json"),
+                "runtime_s": report["runtime_s"],
+            }
+        )
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

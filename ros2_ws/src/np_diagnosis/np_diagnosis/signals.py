@@ -1,0 +1,157 @@
+"""From raw, jittery logs to samples that can be compared: one uniform grid, one zero-phase filter for all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+GRID = 0.002  # s
+SMOOTHING = 0.012  # s, standard deviation of the Gaussian kernel: half power at 11 Hz
+DECIMATION = 5  # samples come at 100 Hz
+LARGEST_GAP = 0.05  # s without data over which nothing is interpolated
+
+
+@dataclass(frozen=True, eq=False)
+class Commands:
+    """Answers of the controller.
+
+    rows (m,): rows of the log that they answer; target (m, 7) rad, target_velocity (m, 7) rad/s, torque (m,
+    7)
+    Nm without gravity; in force at torque_time (m,) s. has_own_gains: whether the controller's own gains held
+    throughout (no target came with others).
+    """
+
+    rows: np.ndarray
+    target: np.ndarray
+    target_velocity: np.ndarray
+    torque: np.ndarray
+    torque_time: np.ndarray
+    has_own_gains: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One trajectory as recorded, joints in nominal order.
+
+    time (n,) s, increasing; position (n, 7) rad; velocity (n, 7) rad/s; torque (n, 7) Nm, measured, of the
+    moments torque_time (n,) s. with_gravity: whether torque includes that which holds the arm.
+    commands: what the controller asked for, None where not recorded.
+    """
+
+    name: str
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    torque: np.ndarray
+    torque_time: np.ndarray
+    with_gravity: bool
+    commands: Commands | None = None
+
+    @property
+    def duration(self) -> float:
+        """s from the first to the last row."""
+        return float(self.time[-1] - self.time[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Filtered samples of one or several trajectories.
+
+    time (n,) s within its trajectory; trajectory (n,) its number; position, velocity, acceleration (n, 7)
+    rad,
+    rad/s, rad/s^2; torque (n, 7) Nm and its rate of change torque_rate (n, 7) Nm/s; with_gravity as in `Log`;
+    noise (7,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one. segments:
+    (position, velocity) (m, 7) on the fine grid, one for each stretch without a gap.
+    """
+
+    time: np.ndarray
+    trajectory: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    torque: np.ndarray
+    torque_rate: np.ndarray
+    with_gravity: bool
+    noise: np.ndarray
+    segments: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def filtered(self, joint: int, function: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+        """function(position (m,), velocity (m,)) -> (m,) of a joint on the fine grid, through the filter:
+        (n,).
+
+        What is not linear in the motion must be filtered like the torque, not computed from filtered motion.
+        """
+        parts = [function(position[:, joint], velocity[:, joint]) for position, velocity in self.segments]
+        return np.concatenate([_filter(part[:, None], _KERNEL)[:, 0] for part in parts])
+
+
+def sample(logs: list[Log]) -> Samples:
+    """Samples of logs, which must agree on gravity.
+
+    Every channel goes through the same filter, so that none is delayed against another. Raises ValueError
+    for logs that do not agree, or where no stretch is long enough.
+    """
+    if len({log.with_gravity for log in logs}) != 1:
+        raise ValueError("expected logs that agree on whether torque includes gravity, got both")
+    parts = [part for number, log in enumerate(logs) for part in _sample_one(log, number)]
+    if not parts:
+        raise ValueError(
+            f"expected at least {_SHORTEST} s without a gap of {LARGEST_GAP} s, got none in "
+            f"{', '.join(log.name for log in logs)}"
+        )
+    *columns, segments = zip(*parts)
+    columns = [np.concatenate(column) for column in columns]
+    noise = np.sqrt(np.mean([_noise(log) ** 2 for log in logs], axis=0))
+    return Samples(*columns, with_gravity=logs[0].with_gravity, noise=noise, segments=segments)
+
+
+_SHORTEST = 1.0  # s
+_HALF = round(4 * SMOOTHING / GRID)
+_OFFSETS = np.arange(-_HALF, _HALF + 1) * GRID
+_KERNEL = np.exp(-0.5 * (_OFFSETS / SMOOTHING) ** 2)
+_KERNEL /= _KERNEL.sum()
+# The exact derivative of a straight line under the sampled kernel, whatever its truncation.
+_SLOPE = -_OFFSETS * _KERNEL / (_OFFSETS**2 * _KERNEL).sum()
+
+
+def _sample_one(log: Log, number: int):
+    edges = np.flatnonzero(np.diff(log.time) > LARGEST_GAP) + 1
+    for rows in np.split(np.arange(len(log.time)), edges):
+        if not rows.size or log.time[rows[-1]] - log.time[rows[0]] < _SHORTEST:
+            continue
+        grid = np.arange(log.time[rows[0]], log.time[rows[-1]], GRID)
+
+        def at(time, values):
+            return np.column_stack([np.interp(grid, time[rows], column) for column in values[rows].T])
+
+        position, velocity = at(log.time, log.position), at(log.time, log.velocity)
+        torque = at(log.torque_time, log.torque)
+        inner = slice(_HALF, len(grid) - _HALF, DECIMATION)
+        kept = grid[inner] - log.time[0]
+        yield (
+            kept,
+            np.full(kept.size, number),
+            _filter(position, _KERNEL),
+            _filter(velocity, _KERNEL),
+            _filter(velocity, _SLOPE),
+            _filter(torque, _KERNEL),
+            _filter(torque, _SLOPE),
+            (position, velocity),
+        )
+
+
+def _noise(log: Log) -> np.ndarray:
+    # Third differences pass white noise (with the gain sqrt 20) and hardly any motion.
+    raw = 1.4826 * np.median(np.abs(np.diff(log.torque, 3, axis=0)), axis=0) / np.sqrt(20)
+    period = np.median(np.diff(log.time))
+    return raw * np.sqrt(period / (2 * np.sqrt(np.pi) * SMOOTHING))
+
+
+def _filter(values: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+    filtered = np.column_stack([np.convolve(column, kernel, mode="valid") for column in values.T])
+    return filtered[::DECIMATION]

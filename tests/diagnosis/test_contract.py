@@ -1,0 +1,173 @@
+"""Recordings that do not mean what they claim are refused, by name."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm_generator import Truth, record
+
+from np_bringup.contract import BY_NAME, TIMELINE
+from np_bringup.recorder import BagWriter, Sequencer
+from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_diagnosis.commands import diagnose as command
+from np_diagnosis.contract import check
+from np_diagnosis.reading import ContractViolation, read
+from np_ros.messages import joint_state_message
+from rclpy.serialization import serialize_message
+
+PERIOD = 2_000_000
+
+
+@pytest.fixture(scope="module")
+def log():
+    friction = np.array([0.0, 0, 0, 0, 0.3, 0, 0])
+    return record(Truth(coulomb_positive=friction, coulomb_negative=friction), duration=16.0)
+
+
+def flipped(log, joint, *channels):
+    sign = np.ones(7)
+    sign[joint] = -1
+    return replace(log, **{name: getattr(log, name) * sign for name in channels})
+
+
+def exchanged(log, i, k, *channels):
+    order = np.arange(7)
+    order[[i, k]] = order[[k, i]]
+    return replace(log, **{name: getattr(log, name)[:, order] for name in channels})
+
+
+def test_friction_is_no_violation(log):
+    check(log)
+
+
+@pytest.mark.parametrize(
+    "break_it, text",
+    [
+        (
+            lambda log: replace(log, position=np.degrees(log.position), velocity=np.degrees(log.velocity)),
+            "degrees",
+        ),
+        (lambda log: replace(log, velocity=np.degrees(log.velocity)), "degrees"),
+        (lambda log: flipped(log, 3, "position", "velocity", "torque"), "reversed sign"),
+        (lambda log: flipped(log, 1, "velocity"), "derivative of position"),
+        (lambda log: flipped(log, 1, "torque"), "panda_joint2 with reversed sign"),
+        (lambda log: flipped(log, 6, "torque"), "panda_joint7 with reversed sign"),
+        (lambda log: exchanged(log, 0, 2, "velocity"), "derivative of position"),
+        (lambda log: exchanged(log, 0, 2, "torque"), "panda_joint1 and panda_joint3 exchanged"),
+        (
+            lambda log: exchanged(log, 0, 2, "position", "velocity", "torque"),
+            "panda_joint1 and panda_joint3 exchanged",
+        ),
+    ],
+)
+def test_wrong_units_signs_and_order_are_named(log, break_it, text):
+    with pytest.raises(ContractViolation, match=text):
+        check(break_it(log))
+
+
+@pytest.fixture(scope="module")
+def short(log):
+    rows = slice(0, 800)
+    commands = replace(
+        log.commands,
+        **{
+            name: getattr(log.commands, name)[rows]
+            for name in ("rows", "target", "target_velocity", "torque", "torque_time")
+        },
+    )
+    return replace(
+        log,
+        commands=commands,
+        **{
+            name: getattr(log, name)[rows]
+            for name in ("time", "position", "velocity", "torque", "torque_time")
+        },
+    )
+
+
+def bag(path, log, names=STATE_NAMES, period=PERIOD, skip=(), effort_command=True, topic="joint_states"):
+    writer = BagWriter(path, {})
+    sequencer = Sequencer(writer.write)
+    hand = np.zeros(2)
+    for i in range(len(log.time)):
+        if i in skip:
+            continue
+        state = [np.concatenate([values[i], hand]) for values in (log.position, log.velocity, log.torque)]
+        sequencer.add(
+            BY_NAME[topic], serialize_message(joint_state_message(i * period, names, *state)), 2 * i
+        )
+        if effort_command:
+            c = log.commands
+            answer = joint_state_message(
+                i * period, JOINT_NAMES, c.target[i], c.target_velocity[i], c.torque[i]
+            )
+            sequencer.add(BY_NAME["effort_command"], serialize_message(answer), 2 * i + 1)
+    assert TIMELINE.name == "joint_states"
+    sequencer.flush()
+    writer.close()
+    return path
+
+
+def test_a_bag_is_read_as_it_was_recorded(tmp_path, short):
+    log = short
+    found = read(bag(tmp_path / "bag", log))
+    for name in ("position", "velocity", "torque"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(log, name))
+    np.testing.assert_allclose(found.time, log.time, atol=1e-12)
+    np.testing.assert_allclose(found.torque_time, log.torque_time, atol=1e-12)
+    np.testing.assert_array_equal(found.commands.torque, log.commands.torque)
+    assert found.commands.has_own_gains and not found.with_gravity
+    assert read(bag(tmp_path / "mute", log, effort_command=False)).commands is None
+
+
+@pytest.mark.parametrize(
+    "options, text",
+    [
+        (dict(names=(*STATE_NAMES[1::-1], *STATE_NAMES[2:])), "names"),
+        (dict(period=2 * PERIOD), "500 Hz, got 250"),
+        (dict(skip=range(0, 800, 9)), "missing"),
+        (dict(topic="motor_states"), "joint_states"),
+    ],
+)
+def test_bags_that_break_the_graph_contract_are_refused(tmp_path, short, options, text):
+    with pytest.raises(ContractViolation, match=text):
+        read(bag(tmp_path / "bag", short, **options))
+
+
+def test_the_command_writes_both_reports_and_refuses_with_status_2(tmp_path, log, capsys):
+    path = bag(tmp_path / "episode", log)
+    assert command.main([str(path), "--out", str(tmp_path / "out")]) == 0
+    answer = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert answer["effects"] == ["coulomb_friction at panda_joint5"]
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["gap"]["by_component"]["panda_joint5"]["verdict"] in ("identified", "ambiguous")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("<svg") == 3 and 'src="http' not in page
+    assert command.main([str(tmp_path / "nothing"), "--out", str(tmp_path / "none")]) == 2
+    assert "does not exist" in capsys.readouterr().err and not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    "change, text",
+    [
+        (dict(tau_J_Nm=None), "tau_J_Nm missing"),
+        (dict(q_rad=np.zeros((9, 6))), "shape"),
+        (dict(t_s=np.zeros(1000)), "increase"),
+        (dict(dq_rad_s=np.full((1000, 7), np.nan)), "finite"),
+    ],
+)
+def test_npz_files_that_lack_something_are_refused(tmp_path, change, text):
+    columns = (
+        dict(
+            t_s=np.arange(1000) * 1e-3,
+            q_rad=np.zeros((1000, 7)),
+            dq_rad_s=np.zeros((1000, 7)),
+            tau_J_Nm=np.zeros((1000, 7)),
+        )
+        | change
+    )
+    path = tmp_path / "log.npz"
+    np.savez(path, **{name: values for name, values in columns.items() if values is not None})
+    with pytest.raises(ContractViolation, match=text):
+        read(path)
