@@ -69,7 +69,8 @@ class RoundTrip(Node):
         stamps = sorted(self._sent)[:-10]  # the last ones may still be on their way
         if not stamps or not self._arrived:
             return {"periods": len(stamps), "answered": 0}
-        stamps = [s for s in stamps if s >= min(self._arrived)]
+        first = min(self._arrived)
+        stamps = [s for s in stamps if s >= first]
         milliseconds = np.array(
             [(self._arrived[s] - self._sent[s]) * 1e-6 for s in stamps if s in self._arrived]
         )
