@@ -7,7 +7,7 @@ rollout: inverse kinematics and collision checks then cost one large batch inste
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import torch
 
@@ -20,8 +20,8 @@ from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training import contact
 from np_training.physics import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics, PhysicsConfig
 from np_training.randomisation import NOMINAL_CONDITIONS, Conditions
-from np_training.rewards import RewardConfig, reward_terms
-from np_training.tasks import Poses, sample_tasks
+from np_training.rewards import Measures, RewardConfig, reward_terms
+from np_training.tasks import Poses, quarter_tips, sample_practice, sample_tasks
 
 PRE_STATE_SIZE = 18
 PRIVILEGED_SIZE = 18 + 6 + 3 + 2
@@ -29,12 +29,14 @@ PRIVILEGED_SIZE = 18 + 6 + 3 + 2
 
 @dataclass(frozen=True)
 class EnvironmentConfig:
-    """worlds; limit: steps an episode; hold: steps within tolerance that count as success; seed."""
+    """worlds; limit: steps an episode; hold: steps within tolerance that count as success; seed; practice: share of tasks
+    easier than the domain's, see `tasks.sample_practice`."""
 
     worlds: int = 24576
     limit: int = 100
     hold: int = 1
     seed: int = 0
+    practice: float = 0.0
     reward: RewardConfig = RewardConfig()
     physics: PhysicsConfig = PhysicsConfig()
     conditions: Conditions = NOMINAL_CONDITIONS
@@ -50,6 +52,7 @@ class Starts:
     action: torch.Tensor
     log_probability: torch.Tensor
     contacts: contact.Contacts
+    practice: torch.Tensor
     next: int = 0
     usable: torch.Tensor = field(init=False)
 
@@ -96,6 +99,8 @@ class Environment:
         self.age = torch.zeros(n, dtype=torch.long, device=device)
         self.held = torch.zeros(n, dtype=torch.long, device=device)
         self.total = torch.zeros(n, device=device)
+        self.practice = torch.zeros(n, dtype=torch.bool, device=device)
+        self.tips = torch.zeros(n, dtype=torch.long, device=device)  # quarter turns from the start's upper face to the goal's
         # What the pre-contact policy saw and did for the episode of each world, and how probable it was.
         self.pre_state = torch.zeros(n, PRE_STATE_SIZE, device=device)
         self.pre_action = torch.zeros(n, contact.SIZE, device=device)
@@ -116,9 +121,16 @@ class Environment:
         """Corners (n, 8, 3) m of the objects now."""
         return box_keypoints(self.half_size, self.objects.position, self.objects.quaternion)
 
-    def corner_distance(self) -> torch.Tensor:
-        """Mean distance (n,) m of the corners from their goals."""
-        return (self.corners() - self.goal_corners).norm(dim=-1).mean(-1)
+    def measure(self) -> Measures:
+        """How far the episodes are from their goals now."""
+        objects = self.objects
+        distance, angle = pose_error(objects.position, objects.quaternion, self.goals.position, self.goals.quaternion)
+        if self.domain.tolerance_angle is None:
+            angle = torch.zeros_like(angle)
+        else:
+            distance = (self.corners() - self.goal_corners).norm(dim=-1).mean(-1)
+        hand, _ = forward_kinematics(self.physics.qpos[:, ARM])
+        return Measures(distance, angle, (hand - objects.position).norm(dim=-1))
 
     def observe(self) -> tuple[torch.Tensor, torch.Tensor]:
         """What the policy sees (n, 79), with sensor noise, and what only the critic sees beside it (n, 29)."""
@@ -144,9 +156,17 @@ class Environment:
     def draw_starts(self, pre_policy, count: int) -> Starts:
         """A pool of `count` tasks with the contacts that `pre_policy.act(state)` -> (action, log p) chooses."""
         objects, goals = sample_tasks(self.domain, count, self.generator)
+        easy = round(self.config.practice * count)
+        if easy:
+            for mine, drawn in zip((objects, goals), sample_practice(self.domain, easy, self.generator)):
+                mine.position[:easy], mine.quaternion[:easy] = drawn.position, drawn.quaternion
+        practice = torch.arange(count, device=self.device) < easy
+        order = torch.randperm(count, generator=self.generator, device=self.device)
+        objects, goals, practice = objects[order], goals[order], practice[order]
         state = pre_contact_state(objects, goals)
         action, log_probability = pre_policy.act(state)
-        return Starts(objects, goals, state, action, log_probability, contact.resolve(self.domain, action, objects))
+        contacts = contact.resolve(self.domain, action, objects)
+        return Starts(objects, goals, state, action, log_probability, contacts, practice)
 
     def reset(self, where: torch.Tensor) -> None:
         """Begin new episodes in the worlds `where` (n,), from the pool of starts."""
@@ -175,6 +195,8 @@ class Environment:
         self.age[where] = 0
         self.held[where] = 0
         self.total[where] = 0
+        self.practice[where] = starts.practice[row]
+        self.tips[where] = quarter_tips(starts.objects[row], starts.goals[row])
         self.pre_state[where], self.pre_action[where] = starts.state[row], starts.action[row]
         self.pre_log_probability[where] = starts.log_probability[row]
         self._draw_conditions(where)
@@ -199,7 +221,7 @@ class Environment:
         Ended worlds are NOT reset: call `reset(done.nonzero())`, after the critic has seen the last state.
         """
         physics, config = self.physics, self.config
-        before = self.corner_distance()
+        before = self.measure()
         q = physics.qpos[:, ARM].clone()
         position, rotation = forward_kinematics(q)
         target = actions.decode(action, position, rotation, self.limits)
@@ -217,7 +239,8 @@ class Environment:
         success = self.held >= config.hold
         lost = (is_lost(self.domain, objects.position) | broken) & ~success
         timeout = (self.age >= config.limit) & ~success & ~lost
-        after = torch.where(broken, before, self.corner_distance())
+        after = self.measure()
+        after = Measures(*(torch.where(broken, getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures)))
         terms = reward_terms(config.reward, before, after, success, lost, target.stiffness)
         reward = sum(terms.values())
         self.total += reward

@@ -43,7 +43,8 @@ def evaluate(environment: Environment, networks: ActorCritic, student: PreContac
             contacts = contact.reach(env.domain, *pose, objects)
     feasible = contacts.feasible
     everyone = dataclasses.replace(contacts, feasible=torch.ones_like(feasible))
-    env.starts = Starts(objects, goals, state, action, torch.zeros(worlds, device=env.device), everyone)
+    env.starts = Starts(objects, goals, state, action, torch.zeros(worlds, device=env.device), everyone,
+                        torch.zeros_like(feasible))
     env.reset(torch.arange(worlds, device=env.device))
     ended = torch.zeros(worlds, dtype=torch.bool, device=env.device)
     result = {name: torch.zeros(worlds, dtype=torch.bool, device=env.device) for name in ("success", "lost", "timeout")}
