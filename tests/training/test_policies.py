@@ -17,7 +17,7 @@ from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion
 from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
-from np_training import contact, ppo, train
+from np_training import contact, curriculum, ppo, train
 from np_training.distill import distil
 from np_training.environment import Environment, EnvironmentConfig, pre_contact_state
 from np_training.evaluate import evaluate
@@ -191,7 +191,7 @@ def test_advantages_are_the_returns_where_lambda_and_the_values_say_so():
 
 
 def test_curriculum_is_geometric_from_loose_to_tight():
-    limits = [train.stage_limits(stage) for stage in range(train.STAGES + 2)]
+    limits = [curriculum.stage_limits(stage) for stage in range(curriculum.STAGES + 2)]
     ratios = [b.position / a.position for a, b in zip(limits[:-2], limits[1:-1])]
     assert np.allclose(ratios, ratios[0]) and limits[-1] == limits[-2]
     assert np.allclose((limits[0].rotation, limits[-1].rotation), (0.1, 0.03))

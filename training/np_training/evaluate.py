@@ -15,6 +15,7 @@ import torch
 
 from np_bringup.intervals import wilson_interval
 from np_description.domains import DOMAINS, find_domain
+from np_description.panda import NOMINAL
 from np_policy import hand_pose
 from np_policy.action import TIGHT
 from np_policy.networks import PreContactStudent
@@ -23,6 +24,7 @@ from np_training import contact
 from np_training.distill import student_input
 from np_training.environment import Environment, EnvironmentConfig, Starts, pre_contact_state
 from np_training.networks import ActorCritic
+from np_training.physics import PhysicsConfig
 from np_training.randomisation import NOMINAL_CONDITIONS, PAPER, Conditions
 from np_training.tasks import sample_tasks
 
@@ -50,8 +52,8 @@ def evaluate(environment: Environment, networks: ActorCritic, student: PreContac
     result = {name: torch.zeros(worlds, dtype=torch.bool, device=env.device) for name in ("success", "lost", "timeout")}
     length = torch.zeros(worlds, device=env.device)
     fast, strong, steps = 0.0, 0.0, 0
-    speed_limit = torch.tensor(contact.NOMINAL.velocity_limit, device=env.device)
-    torque_limit = torch.tensor(contact.NOMINAL.torque_limit, device=env.device)
+    speed_limit = torch.tensor(NOMINAL.velocity_limit, device=env.device)
+    torque_limit = torch.tensor(NOMINAL.torque_limit, device=env.device)
     for _ in range(env.config.limit):
         with torch.no_grad():
             out = env.step(networks.post(env.observe()[0]))
@@ -82,12 +84,15 @@ def main() -> None:
     parser.add_argument("--conditions", choices=("nominal", "paper"), default="nominal")
     parser.add_argument("--hold", type=int, default=3)
     parser.add_argument("--seed", type=int, default=1000)
+    parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
+    parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     arguments = parser.parse_args()
     begin = time.monotonic()
     conditions: Conditions = PAPER if arguments.conditions == "paper" else NOMINAL_CONDITIONS
     environment = Environment(find_domain(arguments.domain), arguments.device, EnvironmentConfig(
-        worlds=arguments.episodes, hold=arguments.hold, seed=arguments.seed, conditions=conditions))
+        worlds=arguments.episodes, hold=arguments.hold, seed=arguments.seed, conditions=conditions,
+        physics=PhysicsConfig(contacts=arguments.contacts, constraints=arguments.constraints)))
     networks = ActorCritic().to(arguments.device)
     networks.load_state_dict(torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)["networks"])
     student = load(PreContactStudent(), arguments.student).to(arguments.device) if arguments.student else None
