@@ -48,9 +48,6 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
     parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
     parser.add_argument("--entropy", type=float, default=PPOConfig.entropy, help="weight of the entropy bonus")
-    parser.add_argument("--limit", type=int, default=EnvironmentConfig.limit, help="steps an episode")
-    parser.add_argument("--practice", type=float, default=EnvironmentConfig.practice,
-                        help="share of episodes with tasks easier than the domain's; they do not count as successes")
     parser.add_argument("--curriculum", choices=("residual", "none"), default="residual",
                         help="none: residual limits at zeta* from the first step")
     return parser.parse_args()
@@ -61,7 +58,7 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
     begin = time.monotonic()
     torch.backends.cuda.matmul.allow_tf32 = True
     environment = Environment(find_domain(arguments.domain), device, EnvironmentConfig(
-        worlds=arguments.worlds, seed=arguments.seed, practice=arguments.practice, limit=arguments.limit,
+        worlds=arguments.worlds, seed=arguments.seed,
         physics=PhysicsConfig(contacts=arguments.contacts, constraints=arguments.constraints)))
     config = TrainConfig(rollout=arguments.rollout, curriculum=CurriculumConfig(residual=arguments.curriculum == "residual"))
     ppo = PPOConfig(rate=(PPOConfig.rate[0], arguments.rate_limit), entropy=arguments.entropy)

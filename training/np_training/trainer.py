@@ -10,7 +10,6 @@ from pathlib import Path
 import torch
 
 from np_training import distributed
-from np_training.breakdown import groups
 from np_training.curriculum import Curriculum, CurriculumConfig, stage_limits
 from np_training.environment import Environment
 from np_training.networks import ActorCritic, sample
@@ -86,10 +85,6 @@ class Trainer:
             counts |= {f"reward_{name}": term.sum() for name, term in out["terms"].items()}
             counts |= {"length": env.age[where].sum(), "total": env.total[where].sum(),
                        "end_distance": out["distance"][where].sum(), "end_angle": out["angle"][where].sum()}
-            real = ~env.practice[where]
-            counts |= {"real": real.sum(), "real_success": (out["success"][where] & real).sum()}
-            for name, mask in groups(env.domain, env.tips[where], env.goals.position[where]).items():
-                counts |= {f"ended_{name}": (mask & real).sum(), f"success_{name}": (out["success"][where] & mask & real).sum()}
             for name, count in counts.items():
                 sums[name] = sums.get(name, 0) + count
             env.reset(where)
@@ -102,16 +97,13 @@ class Trainer:
         """Means over episodes or steps from sums over the rollout; counts the iteration and moves the curriculum."""
         steps = distributed.size() * self.environment.config.worlds * self.config.rollout
         done = max(sums["done"], 1.0)
-        means = {name: sums[name] / done for name in ("lost", "timeout", "length", "total", "end_distance",
+        means = {name: sums[name] / done for name in ("success", "lost", "timeout", "length", "total", "end_distance",
                                                       "end_angle")}
         means |= {name: value / steps for name, value in sums.items() if name.startswith("reward_")}
-        means["success"] = sums["real_success"] / max(sums["real"], 1.0)  # practice counts for nothing but learning
-        means |= {name: value / max(sums[name.replace("success", "ended")], 1.0)
-                  for name, value in sums.items() if name.startswith("success_")}
         self.iteration += 1
         self.steps += steps
         stage = self.curriculum.stage
-        if self.curriculum.advance(means["success"], int(sums["real"])):
+        if self.curriculum.advance(means["success"], int(sums["done"])):
             self._apply_stage()
         return {"iteration": self.iteration, "steps": self.steps, "stage": stage, "episodes": int(sums["done"]),
                 "success_mean": self.curriculum.success, "broken": sums["broken"],
