@@ -1,4 +1,7 @@
-"""The curriculum: residual limits tighten as success rises, then domain randomisation begins (paper)."""
+"""The curriculum: residual limits tighten as success rises, then domain randomisation begins (paper).
+
+Ours beside it: a share of the episodes is practice (`tasks.sample_practice`), until the domain's own tasks succeed.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,13 @@ STAGES = 10  # geometric steps from LOOSE to TIGHT (paper)
 class CurriculumConfig:
     """residual: start with loose limits (paper), else at zeta* from the first step (the paper's "fixed zeta*");
     advance_at: success that tightens the limits (paper); randomise_at: success at the tightest limits that switches
-    domain randomisation on."""
+    domain randomisation on; practice: share of practice at no success, falling to none at a success of `practised_at`."""
 
     residual: bool = True
     advance_at: float = 0.8
     randomise_at: float = 0.9
+    practice: float = 0.0
+    practised_at: float = 0.6
 
 
 def stage_limits(stage: int) -> ResidualLimits:
@@ -40,6 +45,11 @@ class Curriculum:
     def randomised(self) -> bool:
         """Whether domain randomisation is on."""
         return self.stage > STAGES
+
+    @property
+    def practice(self) -> float:
+        """Share of episodes that are practice now."""
+        return self.config.practice * max(0.0, 1 - self.success / self.config.practised_at)
 
     def advance(self, success: float, episodes: int) -> bool:
         """Count episodes that ended, `success` their share of successes; returns whether a new stage begins."""

@@ -20,12 +20,12 @@ class PPOConfig:
     of the bonus; target_kl: the learning rate falls by 1.5 above twice it and rises below half of it; rate: bounds of the
     learning rate."""
 
-    discount: float = 0.98
+    discount: float = 0.99
     trace: float = 0.95
     clip: float = 0.2
     epochs: int = 5
     minibatches: int = 8
-    entropy: float = 0.002
+    entropy: float = 0.0005
     target_kl: float = 0.01
     rate: tuple[float, float] = (2e-5, 1e-3)
     gradient_norm: float = 1.0

@@ -27,9 +27,12 @@ from np_training.log import Log
 from np_training.physics import PhysicsConfig
 from np_training.ppo import PPOConfig
 from np_training.randomisation import PAPER
+from np_training.rewards import RewardConfig
 from np_training.trainer import TrainConfig, Trainer
 
 SAVE_EVERY = 120.0  # s
+LIMITS = {"card": 100, "bump": 150, "wall": 100}  # steps an episode
+PRACTICE = {"card": 0.0, "bump": 0.6, "wall": 0.5}  # share of practice at the beginning
 
 
 def parse() -> argparse.Namespace:
@@ -50,7 +53,15 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--entropy", type=float, default=PPOConfig.entropy, help="weight of the entropy bonus")
     parser.add_argument("--curriculum", choices=("residual", "none"), default="residual",
                         help="none: residual limits at zeta* from the first step")
-    return parser.parse_args()
+    parser.add_argument("--discount", type=float, default=PPOConfig.discount)
+    parser.add_argument("--limit", type=int, help=f"steps an episode; default: {LIMITS}")
+    parser.add_argument("--practice", type=float, help=f"share of easier tasks at the beginning; default: {PRACTICE}")
+    parser.add_argument("--turn", type=float, default=RewardConfig.turn, help="weight of the angle's potential")
+    arguments = parser.parse_args()
+    for name, defaults in (("limit", LIMITS), ("practice", PRACTICE)):
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, defaults[arguments.domain])
+    return arguments
 
 
 def run(arguments: argparse.Namespace, device: str) -> dict:
@@ -58,10 +69,13 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
     begin = time.monotonic()
     torch.backends.cuda.matmul.allow_tf32 = True
     environment = Environment(find_domain(arguments.domain), device, EnvironmentConfig(
-        worlds=arguments.worlds, seed=arguments.seed,
+        worlds=arguments.worlds, seed=arguments.seed, limit=arguments.limit,
+        reward=RewardConfig(turn=arguments.turn),
         physics=PhysicsConfig(contacts=arguments.contacts, constraints=arguments.constraints)))
-    config = TrainConfig(rollout=arguments.rollout, curriculum=CurriculumConfig(residual=arguments.curriculum == "residual"))
-    ppo = PPOConfig(rate=(PPOConfig.rate[0], arguments.rate_limit), entropy=arguments.entropy)
+    config = TrainConfig(rollout=arguments.rollout, curriculum=CurriculumConfig(
+        residual=arguments.curriculum == "residual", practice=arguments.practice))
+    ppo = PPOConfig(rate=(PPOConfig.rate[0], arguments.rate_limit), entropy=arguments.entropy,
+                    discount=arguments.discount)
     trainer = Trainer(environment, config, ppo)
     checkpoint = arguments.out / "checkpoint.pt"
     source = arguments.resume or (checkpoint if checkpoint.exists() else None)
@@ -104,6 +118,8 @@ def progress_line(row: dict[str, float], left: float) -> str:
     """What the terminal shows of a row of the log, with the seconds that are left."""
     return (f"\r{row['steps'] / 1e6:8.1f} M steps  {row['steps_per_second'] / 1e3:6.1f} k/s  stage {row['stage']:2d}  "
             f"success {row['success']:.3f}  lost {row['lost']:.3f}  length {row['length']:5.1f}  "
+            f"tips {row['success_tips0']:.2f} {row['success_tips1']:.2f} {row['success_tips2']:.2f}  "
+            f"practice {row['practice']:.2f} {row['success_practice']:.2f}  "
             f"end {1e3 * row['end_distance']:5.1f} mm {row['end_angle']:.2f} rad  feasible {row['pre_feasible']:.2f}  "
             f"std {row['std']:.2f}  kl {row['kl']:.4f}  left {left / 60:5.1f} min")
 

@@ -65,6 +65,7 @@ class Trainer:
     def iterate(self) -> dict[str, float]:
         """One rollout, one update of both policies; returns a row of the log, over all processes."""
         env, nets, worlds = self.environment, self.networks, self.environment.config.worlds
+        env.config = dataclasses.replace(env.config, practice=self.curriculum.practice)
         env.starts = env.draw_starts(nets.pre, worlds)
         data: dict[str, list[torch.Tensor]] = {k: [] for k in ("state", "critic", "action", "logp", "value", "reward", "done")}
         ended: list[tuple[torch.Tensor, ...]] = []
@@ -81,10 +82,7 @@ class Trainer:
                 data[name].append(tensor)
             where = out["done"].nonzero()[:, 0]
             ended.append((env.pre_state[where], env.pre_action[where], env.pre_log_probability[where], env.total[where]))
-            counts = {name: out[name].sum() for name in ("success", "lost", "timeout", "broken", "done")}
-            counts |= {f"reward_{name}": term.sum() for name, term in out["terms"].items()}
-            counts |= {"length": env.age[where].sum(), "total": env.total[where].sum(),
-                       "end_distance": out["distance"][where].sum(), "end_angle": out["angle"][where].sum()}
+            counts = self._count(out)
             for name, count in counts.items():
                 sums[name] = sums.get(name, 0) + count
             env.reset(where)
@@ -93,12 +91,26 @@ class Trainer:
         update = self._update(data, ended)
         return self._row(distributed.total(sums, env.device)) | update
 
+    def _count(self, out: dict) -> dict[str, torch.Tensor]:
+        """Sums over the worlds of what a step gave; those of ended episodes leave practice out."""
+        env = self.environment
+        done, success = out["done"] & ~env.practice, out["success"] & ~env.practice
+        counts = {"done": done.sum(), "success": success.sum(), "broken": out["broken"].sum()}
+        counts |= {name: (out[name] & done).sum() for name in ("lost", "timeout")}
+        counts |= {name: value[done].sum() for name, value in (
+            ("length", env.age), ("total", env.total), ("end_distance", out["distance"]), ("end_angle", out["angle"]))}
+        for name, mask in (("practice", env.practice), *((f"tips{k}", ~env.practice & (env.tips == k)) for k in range(3))):
+            counts |= {f"done_{name}": (out["done"] & mask).sum(), f"success_{name}": (out["success"] & mask).sum()}
+        return counts | {f"reward_{name}": term.sum() for name, term in out["terms"].items()}
+
     def _row(self, sums: dict[str, float]) -> dict[str, float]:
         """Means over episodes or steps from sums over the rollout; counts the iteration and moves the curriculum."""
         steps = distributed.size() * self.environment.config.worlds * self.config.rollout
         done = max(sums["done"], 1.0)
         means = {name: sums[name] / done for name in ("success", "lost", "timeout", "length", "total", "end_distance",
                                                       "end_angle")}
+        means |= {f"success_{name}": sums[f"success_{name}"] / max(sums[f"done_{name}"], 1.0)
+                  for name in ("practice", "tips0", "tips1", "tips2")}
         means |= {name: value / steps for name, value in sums.items() if name.startswith("reward_")}
         self.iteration += 1
         self.steps += steps
@@ -106,7 +118,7 @@ class Trainer:
         if self.curriculum.advance(means["success"], int(sums["done"])):
             self._apply_stage()
         return {"iteration": self.iteration, "steps": self.steps, "stage": stage, "episodes": int(sums["done"]),
-                "success_mean": self.curriculum.success, "broken": sums["broken"],
+                "success_mean": self.curriculum.success, "practice": self.environment.config.practice, "broken": sums["broken"],
                 "pre_feasible": sums["pre_feasible"] / sums["drawn"]} | means
 
     def _update(self, data: dict[str, list[torch.Tensor]], ended: list[tuple[torch.Tensor, ...]]) -> dict[str, float]:
@@ -136,7 +148,8 @@ class Trainer:
     def state_dict(self) -> dict:
         """Everything a run needs to go on elsewhere, with any number of processes, except the episodes under way."""
         return {"networks": self.networks.state_dict(), "post": self.post.state_dict(), "pre": self.pre.state_dict(),
-                "iteration": self.iteration, "steps": self.steps, "seconds": self.seconds, "stage": self.curriculum.stage}
+                "iteration": self.iteration, "steps": self.steps, "seconds": self.seconds, "stage": self.curriculum.stage,
+                "success": self.curriculum.success}
 
     def load_state_dict(self, state: dict) -> None:
         """Restore what `state_dict` gave."""
@@ -144,7 +157,7 @@ class Trainer:
         self.post.load_state_dict(state["post"])
         self.pre.load_state_dict(state["pre"])
         self.iteration, self.steps, self.seconds = state["iteration"], state["steps"], state.get("seconds", 0.0)
-        self.curriculum.stage = state["stage"]
+        self.curriculum.stage, self.curriculum.success = state["stage"], state.get("success", 0.0)
         self._apply_stage()
         self._seed()
 
