@@ -187,7 +187,7 @@ class Environment:
         width = starts.contacts.width[row][:, None].expand(n, 2)
         self.physics.place(where, torch.cat([q, width, starts.objects.position[row], starts.objects.quaternion[row]], -1))
         self.physics.fingers[where] = width
-        self.physics.command[:, where] = torch.stack([q, torch.full_like(q, 100.0), torch.ones_like(q)] * 2)
+        self.physics.hold(where, q)
         for mine, drawn in ((self.goals.position, starts.goals.position), (self.goals.quaternion, starts.goals.quaternion)):
             mine[where] = drawn[row]
         self.goal_corners[where] = box_keypoints(self.half_size, self.goals.position[where], self.goals.quaternion[where])
@@ -225,9 +225,7 @@ class Environment:
         q = physics.qpos[:, ARM].clone()
         position, rotation = forward_kinematics(q)
         target = actions.decode(action, position, rotation, self.limits)
-        physics.command[:3] = physics.command[3:].clone()
-        physics.command[3] = solve_ik(q, target.position, target.rotation)
-        physics.command[4], physics.command[5] = target.stiffness, target.damping_ratio
+        physics.aim(solve_ik(q, target.position, target.rotation), target)
         physics.noise.copy_(config.conditions.torque_noise * self._normal(config.worlds, 7))
         physics.advance()
         self.last_action = action.clamp(-1, 1)

@@ -24,7 +24,7 @@ from np_training import distributed
 from np_training.curriculum import CurriculumConfig
 from np_training.environment import Environment, EnvironmentConfig
 from np_training.log import Log
-from np_training.physics import PhysicsConfig
+from np_training.physics import CONTROLLERS, PhysicsConfig
 from np_training.ppo import PPOConfig
 from np_training.randomisation import PAPER
 from np_training.rewards import RewardConfig
@@ -51,6 +51,8 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
     parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
     parser.add_argument("--entropy", type=float, default=PPOConfig.entropy, help="weight of the entropy bonus")
+    parser.add_argument("--controller", choices=CONTROLLERS, default=PhysicsConfig.controller,
+                        help="osc: operational-space control of T_E with gains of its own, in place of joint impedance")
     parser.add_argument("--curriculum", choices=("residual", "none"), default="residual",
                         help="none: residual limits at zeta* from the first step")
     parser.add_argument("--discount", type=float, default=PPOConfig.discount)
@@ -71,7 +73,8 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
     environment = Environment(find_domain(arguments.domain), device, EnvironmentConfig(
         worlds=arguments.worlds, seed=arguments.seed, limit=arguments.limit,
         reward=RewardConfig(turn=arguments.turn),
-        physics=PhysicsConfig(contacts=arguments.contacts, constraints=arguments.constraints)))
+        physics=PhysicsConfig(contacts=arguments.contacts, constraints=arguments.constraints,
+                              controller=arguments.controller)))
     config = TrainConfig(rollout=arguments.rollout, curriculum=CurriculumConfig(
         residual=arguments.curriculum == "residual", practice=arguments.practice))
     ppo = PPOConfig(rate=(PPOConfig.rate[0], arguments.rate_limit), entropy=arguments.entropy,
