@@ -18,6 +18,7 @@ from np_description.rotations import matrix_from_quaternion, matrix_from_vector,
 from np_policy import action as actions
 from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training import contact
+from np_training.joint_range import JointRange
 from np_training.physics import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics, PhysicsConfig
 from np_training.randomisation import NOMINAL_CONDITIONS, Conditions
 from np_training.rewards import Measures, RewardConfig, reward_terms
@@ -109,6 +110,7 @@ class Environment:
         self.conditions = torch.ones(n, 3, device=device)  # factors of table friction, finger friction, mass
         self.half_size = torch.tensor(domain.half_size, device=device)
         self.starts: Starts | None = None
+        self.joint_range: JointRange | None = None
 
     # --- state ---------------------------------------------------------------------------------------------------
 
@@ -240,6 +242,8 @@ class Environment:
         after = self.measure()
         after = Measures(*(torch.where(broken, getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures)))
         terms = reward_terms(config.reward, before, after, success, lost, target.stiffness)
+        if self.joint_range is not None:
+            terms["joint_range"] = config.reward.scale * self.joint_range.term(physics.qpos[:, ARM])
         reward = sum(terms.values())
         self.total += reward
         return {"reward": reward, "done": success | lost | timeout, "success": success, "lost": lost,

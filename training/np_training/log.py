@@ -11,8 +11,8 @@ def _records(path: Path) -> tuple[list[str], list[list[str]]]:
     """Column names and rows; a row cut short by a kill is left out."""
     if not path.exists():
         return [], []
-    with path.open(newline="") as file:
-        names, *rows = list(csv.reader(file)) or [[]]
+    whole = [line for line in path.read_text().splitlines(keepends=True) if line.endswith("\n")]
+    names, *rows = list(csv.reader(whole)) or [[]]
     return names, [row for row in rows if len(row) == len(names)]
 
 

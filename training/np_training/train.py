@@ -23,14 +23,16 @@ from np_description.domains import DOMAINS, find_domain
 from np_training import distributed
 from np_training.curriculum import CurriculumConfig
 from np_training.environment import Environment, EnvironmentConfig
+from np_training.fixed_contact import STARTS
 from np_training.log import Log
 from np_training.physics import CONTROLLERS, PhysicsConfig
 from np_training.ppo import PPOConfig
+from np_training.progress import Progress
 from np_training.randomisation import PAPER
 from np_training.rewards import RewardConfig
 from np_training.trainer import TrainConfig, Trainer
 
-SAVE_EVERY = 120.0  # s
+CHECKPOINT, SAVE_EVERY = "checkpoint.pt", 120.0  # s
 LIMITS = {"card": 100, "bump": 150, "wall": 100}  # steps an episode
 PRACTICE = {"card": 0.0, "bump": 0.6, "wall": 0.5}  # share of practice at the beginning
 
@@ -53,6 +55,9 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--entropy", type=float, default=PPOConfig.entropy, help="weight of the entropy bonus")
     parser.add_argument("--controller", choices=CONTROLLERS, default=PhysicsConfig.controller,
                         help="osc: operational-space control of T_E with gains of its own, in place of joint impedance")
+    parser.add_argument("--start", choices=list(STARTS), default=TrainConfig.start,
+                        help="where an episode begins: contact: where the pre-contact policy says; above, right: without one")
+    parser.add_argument("--adaptive-joint-range", action="store_true", help="see np_training.joint_range")
     parser.add_argument("--curriculum", choices=("residual", "none"), default="residual",
                         help="none: residual limits at zeta* from the first step")
     parser.add_argument("--discount", type=float, default=PPOConfig.discount)
@@ -66,65 +71,70 @@ def parse() -> argparse.Namespace:
     return arguments
 
 
+def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
+    """The trainer that the command line asks for, from its checkpoint where there is one."""
+    environment = Environment(find_domain(arguments.domain), device, EnvironmentConfig(
+        worlds=arguments.worlds, seed=arguments.seed, limit=arguments.limit, reward=RewardConfig(turn=arguments.turn),
+        physics=PhysicsConfig(contacts=arguments.contacts, constraints=arguments.constraints,
+                              controller=arguments.controller)))
+    curriculum = CurriculumConfig(residual=arguments.curriculum == "residual", practice=arguments.practice)
+    config = TrainConfig(rollout=arguments.rollout, start=arguments.start, curriculum=curriculum,
+                         adaptive_joint_range=arguments.adaptive_joint_range)
+    ppo = PPOConfig(rate=(PPOConfig.rate[0], arguments.rate_limit), entropy=arguments.entropy,
+                    discount=arguments.discount)
+    trainer = Trainer(environment, config, ppo)
+    checkpoint = arguments.out / CHECKPOINT
+    source = arguments.resume or (checkpoint if checkpoint.exists() else None)
+    if source:
+        trainer.load_state_dict(torch.load(source, map_location=device, weights_only=True))
+        if distributed.rank() == 0:
+            print(f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, stage {trainer.curriculum.stage}",
+                  file=sys.stderr, flush=True)
+    return trainer
+
+
+def write_config(trainer: Trainer, path: Path) -> None:
+    """What a report says of a run beside its log."""
+    parts = {"environment": trainer.environment.config, "train": trainer.config, "ppo": trainer.ppo, "randomisation": PAPER}
+    device = trainer.environment.device
+    path.write_text(json.dumps({
+        "command": sys.argv, "setting": trainer.setting, "processes": distributed.size(),
+        "device": torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU",
+        **{name: dataclasses.asdict(part) for name, part in parts.items()}}, indent=1))
+
+
 def run(arguments: argparse.Namespace, device: str) -> dict:
     """Train for the time or the iterations given; returns what the last line says."""
     begin = time.monotonic()
     torch.backends.cuda.matmul.allow_tf32 = True
-    environment = Environment(find_domain(arguments.domain), device, EnvironmentConfig(
-        worlds=arguments.worlds, seed=arguments.seed, limit=arguments.limit,
-        reward=RewardConfig(turn=arguments.turn),
-        physics=PhysicsConfig(contacts=arguments.contacts, constraints=arguments.constraints,
-                              controller=arguments.controller)))
-    config = TrainConfig(rollout=arguments.rollout, curriculum=CurriculumConfig(
-        residual=arguments.curriculum == "residual", practice=arguments.practice))
-    ppo = PPOConfig(rate=(PPOConfig.rate[0], arguments.rate_limit), entropy=arguments.entropy,
-                    discount=arguments.discount)
-    trainer = Trainer(environment, config, ppo)
-    checkpoint = arguments.out / "checkpoint.pt"
-    source = arguments.resume or (checkpoint if checkpoint.exists() else None)
-    if source:
-        trainer.load_state_dict(torch.load(source, map_location=device, weights_only=True))
-    first = distributed.rank() == 0
+    trainer = make_trainer(arguments, device)
+    first, checkpoint, row = distributed.rank() == 0, arguments.out / CHECKPOINT, {}
     if first:
         arguments.out.mkdir(parents=True, exist_ok=True)
-        if source:
-            print(f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, stage {trainer.curriculum.stage}", flush=True)
-        (arguments.out / "config.json").write_text(json.dumps({
-            "command": sys.argv, "processes": distributed.size(), "environment": dataclasses.asdict(environment.config),
-            "train": dataclasses.asdict(config), "ppo": dataclasses.asdict(ppo),
-            "randomisation": dataclasses.asdict(PAPER)}, indent=1))
-        log, saved = Log(arguments.out / "log.csv"), time.monotonic()
-    row = {}
-    for _ in range(arguments.iterations):
+        write_config(trainer, arguments.out / "config.json")
+        log, progress, saved = Log(arguments.out / "log.csv"), Progress(), time.monotonic()
+    for number in range(1, arguments.iterations + 1):
         started, before = time.monotonic(), trainer.steps
         row = trainer.iterate()
         now = time.monotonic()
         trainer.seconds += now - started
-        left = arguments.minutes * 60 - (now - begin)
+        left = min(arguments.minutes * 60 - (now - begin), (arguments.iterations - number) * (now - started))
         if first:
             row |= {"steps_per_second": (trainer.steps - before) / (now - started), "elapsed": trainer.seconds}
             log.write(row)
-            print(progress_line(row, left), end="" if sys.stdout.isatty() else "\n", flush=True)
+            progress.show(row, max(left, 0.0))
             if now - saved > SAVE_EVERY:
                 trainer.save(checkpoint)
                 saved = now
-        if distributed.any_of(left < 0, environment.device):
+        if distributed.any_of(left < 0, trainer.environment.device):
             break
     if first:
+        progress.end()
         trainer.save(checkpoint)
-    return {"checkpoint": str(checkpoint), "overflow": environment.physics.overflow(), "processes": distributed.size(),
+    return {"checkpoint": str(checkpoint), "overflow": trainer.environment.physics.overflow(),
+            "processes": distributed.size(),
             **{k: row.get(k) for k in ("steps", "stage", "success", "lost", "steps_per_second")},
             "wall_s": round(time.monotonic() - begin, 1)}
-
-
-def progress_line(row: dict[str, float], left: float) -> str:
-    """What the terminal shows of a row of the log, with the seconds that are left."""
-    return (f"\r{row['steps'] / 1e6:8.1f} M steps  {row['steps_per_second'] / 1e3:6.1f} k/s  stage {row['stage']:2d}  "
-            f"success {row['success']:.3f}  lost {row['lost']:.3f}  length {row['length']:5.1f}  "
-            f"tips {row['success_tips0']:.2f} {row['success_tips1']:.2f} {row['success_tips2']:.2f}  "
-            f"practice {row['practice']:.2f} {row['success_practice']:.2f}  "
-            f"end {1e3 * row['end_distance']:5.1f} mm {row['end_angle']:.2f} rad  feasible {row['pre_feasible']:.2f}  "
-            f"std {row['std']:.2f}  kl {row['kl']:.4f}  left {left / 60:5.1f} min")
 
 
 def main() -> None:
@@ -134,7 +144,7 @@ def main() -> None:
     try:
         result = run(arguments, device)
         if distributed.rank() == 0:
-            print("\n" + json.dumps(result), flush=True)
+            print(json.dumps(result), flush=True)
     finally:
         distributed.leave()
 

@@ -10,8 +10,11 @@ from pathlib import Path
 import torch
 
 from np_training import distributed
+from np_training.breakdown import groups
 from np_training.curriculum import Curriculum, CurriculumConfig, stage_limits
 from np_training.environment import Environment
+from np_training.fixed_contact import FixedContact
+from np_training.joint_range import JointRange
 from np_training.networks import ActorCritic, sample
 from np_training.ppo import Learner, PPOConfig, advantages
 from np_training.randomisation import NOMINAL_CONDITIONS, PAPER
@@ -20,11 +23,14 @@ from np_training.randomisation import NOMINAL_CONDITIONS, PAPER
 @dataclass(frozen=True)
 class TrainConfig:
     """rollout: steps between updates; hold: steps at the goal that count as success once randomised; pre_least:
-    episodes without which the pre-contact policy is left as it is."""
+    episodes without which the pre-contact policy is left as it is; start: contact where the pre-contact policy chooses,
+    else see `fixed_contact`; adaptive_joint_range: see `joint_range`."""
 
     rollout: int = 12
     hold: int = 3
     pre_least: int = 64
+    start: str = "contact"
+    adaptive_joint_range: bool = False
     curriculum: CurriculumConfig = CurriculumConfig()
 
 
@@ -42,13 +48,23 @@ class Trainer:
         self.post = Learner(self.networks.post, self.networks.post_value, ppo)
         self.pre = Learner(self.networks.pre, self.networks.pre_value, dataclasses.replace(ppo, epochs=4, minibatches=4))
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
+        self.chooser = self.networks.pre if config.start == "contact" else FixedContact(config.start)
+        if config.adaptive_joint_range:
+            environment.joint_range = JointRange(environment.device)
         self.curriculum = Curriculum(distributed.size() * environment.config.worlds, config.curriculum)
         self._seed()
         self._apply_stage()
-        environment.starts = environment.draw_starts(self.networks.pre, 2 * environment.config.worlds)
+        environment.starts = environment.draw_starts(self.chooser, 2 * environment.config.worlds)
         environment.reset(torch.arange(environment.config.worlds, device=environment.device))
         # Without this every episode would end in the same step.
         environment.age.random_(0, environment.config.limit, generator=environment.generator)
+
+    @property
+    def setting(self) -> dict[str, str | int]:
+        """What an evaluation has to share with the training."""
+        env = self.environment
+        return {"domain": env.domain.name, "start": self.config.start, "controller": env.config.physics.controller,
+                "limit": env.config.limit}
 
     def _seed(self) -> None:
         """Random numbers of its own for every process and every resumption, the same in a repeated run."""
@@ -66,7 +82,7 @@ class Trainer:
         """One rollout, one update of both policies; returns a row of the log, over all processes."""
         env, nets, worlds = self.environment, self.networks, self.environment.config.worlds
         env.config = dataclasses.replace(env.config, practice=self.curriculum.practice)
-        env.starts = env.draw_starts(nets.pre, worlds)
+        env.starts = env.draw_starts(self.chooser, worlds)
         data: dict[str, list[torch.Tensor]] = {k: [] for k in ("state", "critic", "action", "logp", "value", "reward", "done")}
         ended: list[tuple[torch.Tensor, ...]] = []
         sums: dict[str, torch.Tensor] = {}
@@ -99,8 +115,9 @@ class Trainer:
         counts |= {name: (out[name] & done).sum() for name in ("lost", "timeout")}
         counts |= {name: value[done].sum() for name, value in (
             ("length", env.age), ("total", env.total), ("end_distance", out["distance"]), ("end_angle", out["angle"]))}
-        for name, mask in (("practice", env.practice), *((f"tips{k}", ~env.practice & (env.tips == k)) for k in range(3))):
-            counts |= {f"done_{name}": (out["done"] & mask).sum(), f"success_{name}": (out["success"] & mask).sum()}
+        counts |= {"done_practice": (out["done"] & env.practice).sum(), "success_practice": (out["success"] & env.practice).sum()}
+        for name, mask in groups(env.domain, env.tips, env.goals.position).items():
+            counts |= {f"done_{name}": (done & mask).sum(), f"success_{name}": (success & mask).sum()}
         return counts | {f"reward_{name}": term.sum() for name, term in out["terms"].items()}
 
     def _row(self, sums: dict[str, float]) -> dict[str, float]:
@@ -109,14 +126,18 @@ class Trainer:
         done = max(sums["done"], 1.0)
         means = {name: sums[name] / done for name in ("success", "lost", "timeout", "length", "total", "end_distance",
                                                       "end_angle")}
-        means |= {f"success_{name}": sums[f"success_{name}"] / max(sums[f"done_{name}"], 1.0)
-                  for name in ("practice", "tips0", "tips1", "tips2")}
+        means |= {name: value / max(sums[name.replace("success", "done")], 1.0)
+                  for name, value in sums.items() if name.startswith("success_")}
         means |= {name: value / steps for name, value in sums.items() if name.startswith("reward_")}
         self.iteration += 1
         self.steps += steps
         stage = self.curriculum.stage
         if self.curriculum.advance(means["success"], int(sums["done"])):
             self._apply_stage()
+        if self.environment.joint_range is not None:
+            if self.curriculum.randomised:
+                self.environment.joint_range.adapt(self.curriculum.success)
+            means["joint_range"] = self.environment.joint_range.share
         return {"iteration": self.iteration, "steps": self.steps, "stage": stage, "episodes": int(sums["done"]),
                 "success_mean": self.curriculum.success, "practice": self.environment.config.practice, "broken": sums["broken"],
                 "pre_feasible": sums["pre_feasible"] / sums["drawn"]} | means
@@ -137,7 +158,8 @@ class Trainer:
                            env.starts.log_probability[rejected], failure)]
         pre_state, pre_action, pre_logp, total = (torch.cat(parts) for parts in zip(*groups))
         row = {"lr": self.post.rate, "std": float(nets.post.log_std.detach().exp().mean())} | post
-        if distributed.total({"episodes": len(pre_state)}, env.device)["episodes"] >= self.config.pre_least:
+        episodes = distributed.total({"episodes": len(pre_state)}, env.device)["episodes"]
+        if self.config.start == "contact" and episodes >= self.config.pre_least:
             with torch.no_grad():
                 baseline = nets.pre_value(pre_state)[:, 0]
             pre = self.pre.update(pre_state, pre_state, pre_action, pre_logp, total - baseline, total)
@@ -149,7 +171,8 @@ class Trainer:
         """Everything a run needs to go on elsewhere, with any number of processes, except the episodes under way."""
         return {"networks": self.networks.state_dict(), "post": self.post.state_dict(), "pre": self.pre.state_dict(),
                 "iteration": self.iteration, "steps": self.steps, "seconds": self.seconds, "stage": self.curriculum.stage,
-                "success": self.curriculum.success}
+                "success": self.curriculum.success, "setting": self.setting,
+                "joint_range": self.environment.joint_range.share if self.environment.joint_range else 1.0}
 
     def load_state_dict(self, state: dict) -> None:
         """Restore what `state_dict` gave."""
@@ -158,6 +181,8 @@ class Trainer:
         self.pre.load_state_dict(state["pre"])
         self.iteration, self.steps, self.seconds = state["iteration"], state["steps"], state.get("seconds", 0.0)
         self.curriculum.stage, self.curriculum.success = state["stage"], state.get("success", 0.0)
+        if self.environment.joint_range is not None:
+            self.environment.joint_range.share = state.get("joint_range", 1.0)
         self._apply_stage()
         self._seed()
 
