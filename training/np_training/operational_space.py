@@ -23,11 +23,10 @@ vec6 = wp.types.vector(length=6, dtype=float)
 
 @wp.struct
 class Chain:
-    """The arm's fixed transforms, link to link, then hand and T_E; its torque limits; and the gains."""
+    """The arm's fixed transforms, link to link, then hand and T_E, and the gains."""
 
     position: wp.array(dtype=wp.vec3)
     rotation: wp.array(dtype=wp.quat)
-    limit: wp.array(dtype=float)
     row: wp.array(dtype=int)  # where the row of a joint begins in the simulator's mass matrix
     stiffness: vec6
     posture: float
@@ -42,11 +41,20 @@ def make_chain(rows: np.ndarray, device: wp.Device, gains: CartesianGains = Cart
     chain = Chain()
     chain.position = wp.array([f.position for f in frames], dtype=wp.vec3, device=device)
     chain.rotation = wp.array([xyzw_from_wxyz(f.quaternion) for f in frames], dtype=wp.quat, device=device)
-    chain.limit = wp.array(panda.torque_limit, dtype=float, device=device)
     chain.row = wp.array(rows, dtype=int, device=device)
     chain.stiffness = vec6(*np.repeat([gains.position, gains.rotation], 3).tolist())
     chain.posture, chain.damping_ratio, chain.regularisation = gains.posture, gains.damping_ratio, REGULARISATION
     return chain
+
+
+@wp.func
+def count_excess(substep: int, kind: int, i: int, j: int, value: float, limit: wp.array2d(dtype=float),
+                 over: wp.array3d(dtype=int)):
+    """Count a substep of joint j in world i whose value is beyond its limit; the first substep starts the count anew."""
+    if substep == 0:
+        over[kind, i, j] = 0
+    if wp.abs(value) > limit[kind, j]:
+        over[kind, i, j] = over[kind, i, j] + 1
 
 
 @wp.func
@@ -91,14 +99,14 @@ def cholesky6(a: mat6):
 
 
 @wp.kernel
-def operational_space_kernel(substep: int, chain: Chain, qpos: wp.array2d(dtype=float), qvel: wp.array2d(dtype=float),
-                             bias: wp.array2d(dtype=float), gravity: wp.array2d(dtype=float),
+def operational_space_kernel(substep: int, chain: Chain, limit: wp.array2d(dtype=float), qpos: wp.array2d(dtype=float),
+                             qvel: wp.array2d(dtype=float), bias: wp.array2d(dtype=float), gravity: wp.array2d(dtype=float),
                              mass: wp.array2d(dtype=float), command: wp.array3d(dtype=float), delay: wp.array(dtype=int),
-                             noise: wp.array2d(dtype=float), ctrl: wp.array2d(dtype=float)):
+                             noise: wp.array2d(dtype=float), ctrl: wp.array2d(dtype=float), over: wp.array3d(dtype=int)):
     """np_control.operational_space.operational_space_torque for world i; a test holds both to the same result.
 
     command (6, worlds, 7): posture, T_E as position and quaternion (scalar last), and a row that is not used, of the last
-    period, then of this one, which takes effect after `delay` substeps.
+    period, then of this one, which takes effect after `delay` substeps. limit, over: see `physics.impedance_kernel`.
     """
     i = wp.tid()
     new = 0
@@ -207,4 +215,6 @@ def operational_space_kernel(substep: int, chain: Chain, qpos: wp.array2d(dtype=
         torque = inner[j] + bias[i, j] - gravity[i, j] + noise[i, j]
         for k in range(6):
             torque = torque + jac[k, j] * force[k]
-        ctrl[i, j] = wp.clamp(torque, -chain.limit[j], chain.limit[j])
+        count_excess(substep, 0, i, j, qvel[i, j], limit, over)
+        count_excess(substep, 1, i, j, torque, limit, over)
+        ctrl[i, j] = wp.clamp(torque, -limit[1, j], limit[1, j])

@@ -20,7 +20,7 @@ from np_description.panda import NOMINAL
 from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
 from np_description.scene import OBJECT, load_model
 from np_policy.action import Target
-from np_training.operational_space import make_chain, operational_space_kernel
+from np_training.operational_space import count_excess, make_chain, operational_space_kernel
 
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.
 RANDOMISED = ("geom_friction", "body_mass", "body_subtreemass", "body_inertia")
@@ -48,14 +48,15 @@ class PhysicsConfig:
 
 
 @wp.kernel
-def impedance_kernel(substep: int, limit: wp.array(dtype=float), qpos: wp.array2d(dtype=float),
+def impedance_kernel(substep: int, limit: wp.array2d(dtype=float), qpos: wp.array2d(dtype=float),
                      qvel: wp.array2d(dtype=float), bias: wp.array2d(dtype=float), gravity: wp.array2d(dtype=float),
                      command: wp.array3d(dtype=float), delay: wp.array(dtype=int), noise: wp.array2d(dtype=float),
-                     ctrl: wp.array2d(dtype=float)):
+                     ctrl: wp.array2d(dtype=float), over: wp.array3d(dtype=int)):
     """np_control.impedance.torque for joint j of world i; a test holds both to the same result.
 
     command (6, worlds, 7): joint target, stiffness, damping ratio of the last period, then of this one, which takes
-    effect after `delay` substeps.
+    effect after `delay` substeps. limit (2, 7): of velocity and torque; over (2, worlds, 7): substeps of this period
+    beyond them.
     """
     i, j = wp.tid()
     new = 0
@@ -65,14 +66,17 @@ def impedance_kernel(substep: int, limit: wp.array(dtype=float), qpos: wp.array2
     damping = command[new + 2, i, j] * wp.sqrt(stiffness)
     coriolis = bias[i, j] - gravity[i, j]
     torque = stiffness * (command[new, i, j] - qpos[i, j]) - damping * qvel[i, j] + coriolis + noise[i, j]
-    ctrl[i, j] = wp.clamp(torque, -limit[j], limit[j])
+    count_excess(substep, 0, i, j, qvel[i, j], limit, over)
+    count_excess(substep, 1, i, j, torque, limit, over)
+    ctrl[i, j] = wp.clamp(torque, -limit[1, j], limit[1, j])
 
 
 class BatchedPhysics:
     """`worlds` copies of a domain's scene.
 
     qpos (worlds, 16): 7 joints, 2 fingers, object position, object quaternion wxyz; qvel (worlds, 15); command
-    (6, worlds, 7), see `impedance_kernel` and `operational_space_kernel`; delay (worlds,) substeps; noise (worlds, 7) Nm; fingers (worlds,) m.
+    (6, worlds, 7), see `impedance_kernel` and `operational_space_kernel`; delay (worlds,) substeps; noise (worlds, 7) Nm; fingers (worlds,) m; over
+    (2, worlds, 7): physics steps of the last period beyond the limits of joint velocity, and of torque as commanded.
     """
 
     def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
@@ -95,12 +99,14 @@ class BatchedPhysics:
             self._command = wp.zeros((6, worlds, 7), dtype=float)
             self._delay = wp.zeros(worlds, dtype=int)
             self._noise = wp.zeros((worlds, 7), dtype=float)
-            self._limit = wp.array(NOMINAL.torque_limit, dtype=float)
+            self._limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float)
+            self._over = wp.zeros((2, worlds, 7), dtype=int)
             self._chain = make_chain(model.M_rowadr[ARM], self._wp_device)
         d = self.data
         self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))
         self._stale = [wp.to_torch(a) for a in (d.qacc_warmstart, d.qfrc_bias, d.qfrc_gravcomp)]
-        self.command, self.delay, self.noise = (wp.to_torch(a) for a in (self._command, self._delay, self._noise))
+        self.command, self.delay, self.noise, self.over = (
+            wp.to_torch(a) for a in (self._command, self._delay, self._noise, self._over))
         self.hold(torch.arange(worlds, device=self.device), self.qpos[:, ARM])
         self.friction, self.mass, self.subtree_mass, self.inertia = (
             wp.to_torch(getattr(self.model, name)) for name in RANDOMISED)
@@ -153,12 +159,13 @@ class BatchedPhysics:
         for substep in range(self.config.substeps):
             state = [d.qpos, d.qvel, d.qfrc_bias, d.qfrc_gravcomp]
             command = [self._command, self._delay, self._noise]
+            out = [d.ctrl, self._over]
             if self.config.controller == "osc":
-                wp.launch(operational_space_kernel, dim=self.worlds, inputs=[substep, self._chain, *state, d.M, *command],
-                          outputs=[d.ctrl])
+                wp.launch(operational_space_kernel, dim=self.worlds,
+                          inputs=[substep, self._chain, self._limit, *state, d.M, *command], outputs=out)
             else:
                 wp.launch(impedance_kernel, dim=(self.worlds, 7), inputs=[substep, self._limit, *state, *command],
-                          outputs=[d.ctrl])
+                          outputs=out)
             mjw.step(self.model, d)
 
     def place(self, where: torch.Tensor, qpos: torch.Tensor) -> None:
