@@ -17,15 +17,16 @@ from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion
 from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
-from np_training import contact, curriculum, ppo, train
+from np_training import contact, curriculum, ppo, practice, train
 from np_training.distill import distil
 from np_training.environment import Environment, EnvironmentConfig, pre_contact_state
 from np_training.evaluate import evaluate
 from np_training.networks import ActorCritic, PreContactPolicy
 from np_training.physics import BatchedPhysics, PhysicsConfig
+from np_training.practice import sample_practice
 from np_training.randomisation import PAPER
 from np_training.rewards import Measures, RewardConfig, reward_terms
-from np_training.tasks import quarter_tips, sample_practice, sample_tasks
+from np_training.tasks import quarter_tips, sample_tasks
 
 WORLDS = 16
 
@@ -117,14 +118,33 @@ def test_most_contacts_of_an_untrained_policy_can_be_reached(domain):
     assert feasible[side].float().mean() > (0.8 if domain is BUMP else 0.25)
 
 
-def test_practice_is_near_at_hand():
+def test_practice_on_the_bump_rests_on_it_and_turns_little():
     generator = torch.Generator().manual_seed(7)
-    starts, goals = sample_practice(BUMP, 3000, generator)
-    assert (quarter_tips(starts, goals) <= 1).all() and (quarter_tips(starts, goals) == 1).any()
-    resting = torch.cat([starts.position[:, 2], goals.position[:, 2]])
-    assert ((resting - 0.045).abs().minimum((resting - 0.075).abs()) < 1e-5).all()
+    starts, goals = sample_practice(BUMP, 4000, generator)
+    assert (quarter_tips(starts, goals) <= 1).all() and (quarter_tips(starts, goals) == 1).float().mean() > 0.5
+    for poses in (starts, goals):
+        on_bump = poses.position[:, 1].abs() < 0.02
+        assert torch.allclose(poses.position[:, 2], torch.where(on_bump, 0.075, 0.045), atol=1e-5)
     far_starts, far_goals = sample_tasks(BUMP, 3000, generator)
     assert torch.bincount(quarter_tips(far_starts, far_goals), minlength=3).min() > 300
+
+
+def test_a_cube_rolls_the_way_it_moves(monkeypatch):
+    monkeypatch.setattr(practice, "SQUARE", 0.0)
+    starts, goals = practice._rolls(BUMP, 500, torch.Generator().manual_seed(8))
+    towards = (goals.position - starts.position)[:, 1].sign()
+    top = matrix_from_quaternion(starts.quaternion)[:, 2]  # the upward direction, in the object's frame
+    now = (matrix_from_quaternion(goals.quaternion) @ top[..., None])[..., 0]
+    assert torch.allclose(now, torch.stack([0 * towards, towards, 0 * towards], -1), atol=1e-5)
+
+
+def test_practice_at_the_wall_lifts_straight_or_stays_on_top():
+    starts, goals = sample_practice(WALL, 2000, torch.Generator().manual_seed(9))
+    lift = starts.position[:, 2] < 0.1
+    assert 0.5 < lift.float().mean() < 0.8
+    assert torch.allclose(starts.position[lift, 0], goals.position[lift, 0])
+    assert (goals.position[lift, 2] > 0.05 + practice.LIFT[0] - 1e-6).all()
+    assert torch.allclose(starts.position[~lift, 2], torch.tensor(0.15)) and torch.allclose(goals.position[~lift, 2], torch.tensor(0.15))
 
 
 def test_a_contact_inside_the_table_is_refused():

@@ -1,6 +1,6 @@
 """The curriculum: residual limits tighten as success rises, then domain randomisation begins (paper).
 
-Ours beside it: a share of the episodes is practice (`tasks.sample_practice`), until the domain's own tasks succeed.
+Ours beside it: a share of the episodes is practice (`practice.sample_practice`), until the domain's own tasks succeed.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ STAGES = 10  # geometric steps from LOOSE to TIGHT (paper)
 class CurriculumConfig:
     """residual: start with loose limits (paper), else at zeta* from the first step (the paper's "fixed zeta*");
     advance_at: success that tightens the limits (paper); randomise_at: success at the tightest limits that switches
-    domain randomisation on; practice: share of practice at no success, falling to none at a success of `practised_at`."""
+    domain randomisation on; practice, explore: share of practice and of
+    contacts chosen at random at no success, falling to none at a success of `practised_at`."""
 
     residual: bool = True
     advance_at: float = 0.8
     randomise_at: float = 0.9
     practice: float = 0.0
+    explore: float = 0.0
     practised_at: float = 0.6
 
 
@@ -47,9 +49,10 @@ class Curriculum:
         return self.stage > STAGES
 
     @property
-    def practice(self) -> float:
-        """Share of episodes that are practice now."""
-        return self.config.practice * max(0.0, 1 - self.success / self.config.practised_at)
+    def help(self) -> dict[str, float]:
+        """Shares of practice and of exploring contacts now."""
+        left = max(0.0, 1 - self.success / self.config.practised_at)
+        return {"practice": self.config.practice * left, "explore": self.config.explore * left}
 
     def advance(self, success: float, episodes: int) -> bool:
         """Count episodes that ended, `success` their share of successes; returns whether a new stage begins."""

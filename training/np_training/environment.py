@@ -20,9 +20,10 @@ from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training import contact
 from np_training.joint_range import JointRange
 from np_training.physics import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics, PhysicsConfig
+from np_training.practice import sample_practice
 from np_training.randomisation import NOMINAL_CONDITIONS, Conditions
 from np_training.rewards import Measures, RewardConfig, reward_terms
-from np_training.tasks import Poses, quarter_tips, sample_practice, sample_tasks
+from np_training.tasks import Poses, quarter_tips, sample_tasks
 
 PRE_STATE_SIZE = 18
 PRIVILEGED_SIZE = 18 + 6 + 3 + 2
@@ -31,13 +32,15 @@ PRIVILEGED_SIZE = 18 + 6 + 3 + 2
 @dataclass(frozen=True)
 class EnvironmentConfig:
     """worlds; limit: steps an episode; hold: steps within tolerance that count as success; seed; practice: share of tasks
-    easier than the domain's, see `tasks.sample_practice`."""
+    easier than the domain's (`practice`); explore: share of contacts at any point of the object, which the pre-contact
+    policy did not choose."""
 
     worlds: int = 24576
     limit: int = 100
     hold: int = 1
     seed: int = 0
     practice: float = 0.0
+    explore: float = 0.0
     reward: RewardConfig = RewardConfig()
     physics: PhysicsConfig = PhysicsConfig()
     conditions: Conditions = NOMINAL_CONDITIONS
@@ -156,7 +159,7 @@ class Environment:
     # --- starts --------------------------------------------------------------------------------------------------
 
     def draw_starts(self, pre_policy, count: int) -> Starts:
-        """A pool of `count` tasks with the contacts that `pre_policy.act(state)` -> (action, log p) chooses."""
+        """A pool of `count` tasks with the contacts that `pre_policy.act(state, explore)` -> (action, log p) chooses."""
         objects, goals = sample_tasks(self.domain, count, self.generator)
         easy = round(self.config.practice * count)
         if easy:
@@ -166,7 +169,7 @@ class Environment:
         order = torch.randperm(count, generator=self.generator, device=self.device)
         objects, goals, practice = objects[order], goals[order], practice[order]
         state = pre_contact_state(objects, goals)
-        action, log_probability = pre_policy.act(state)
+        action, log_probability = pre_policy.act(state, self.config.explore)
         contacts = contact.resolve(self.domain, action, objects)
         return Starts(objects, goals, state, action, log_probability, contacts, practice)
 

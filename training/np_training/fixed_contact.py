@@ -26,6 +26,6 @@ class FixedContact:
         """The action (n, 9) for states (n, 18), of which only the number matters."""
         return self.action.to(state).repeat(len(state), 1)
 
-    def act(self, state: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """The action (n, 9) and its log-probability (n,), 0."""
+    def act(self, state: torch.Tensor, explore: float = 0.0) -> tuple[torch.Tensor, torch.Tensor]:
+        """The action (n, 9) and its log-probability (n,), 0; there is nothing to explore."""
         return self(state), state.new_zeros(len(state))

@@ -34,7 +34,8 @@ from np_training.trainer import TrainConfig, Trainer
 
 CHECKPOINT, SAVE_EVERY = "checkpoint.pt", 120.0  # s
 LIMITS = {"card": 100, "bump": 150, "wall": 100}  # steps an episode
-PRACTICE = {"card": 0.0, "bump": 0.6, "wall": 0.5}  # share of practice at the beginning
+PRACTICE = {"card": 0.0, "bump": 0.6, "wall": 0.6}  # share of practice at the beginning
+EXPLORE = {"card": 0.0, "bump": 0.3, "wall": 0.3}  # share of contacts chosen at random at the beginning
 
 
 def parse() -> argparse.Namespace:
@@ -62,10 +63,11 @@ def parse() -> argparse.Namespace:
                         help="none: residual limits at zeta* from the first step")
     parser.add_argument("--discount", type=float, default=PPOConfig.discount)
     parser.add_argument("--limit", type=int, help=f"steps an episode; default: {LIMITS}")
+    parser.add_argument("--explore", type=float, help=f"share of random contacts at the beginning; default: {EXPLORE}")
     parser.add_argument("--practice", type=float, help=f"share of easier tasks at the beginning; default: {PRACTICE}")
     parser.add_argument("--turn", type=float, default=RewardConfig.turn, help="weight of the angle's potential")
     arguments = parser.parse_args()
-    for name, defaults in (("limit", LIMITS), ("practice", PRACTICE)):
+    for name, defaults in (("limit", LIMITS), ("practice", PRACTICE), ("explore", EXPLORE)):
         if getattr(arguments, name) is None:
             setattr(arguments, name, defaults[arguments.domain])
     return arguments
@@ -77,7 +79,8 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         worlds=arguments.worlds, seed=arguments.seed, limit=arguments.limit, reward=RewardConfig(turn=arguments.turn),
         physics=PhysicsConfig(contacts=arguments.contacts, constraints=arguments.constraints,
                               controller=arguments.controller)))
-    curriculum = CurriculumConfig(residual=arguments.curriculum == "residual", practice=arguments.practice)
+    curriculum = CurriculumConfig(residual=arguments.curriculum == "residual", practice=arguments.practice,
+                                  explore=arguments.explore)
     config = TrainConfig(rollout=arguments.rollout, start=arguments.start, curriculum=curriculum,
                          adaptive_joint_range=arguments.adaptive_joint_range)
     ppo = PPOConfig(rate=(PPOConfig.rate[0], arguments.rate_limit), entropy=arguments.entropy,

@@ -81,7 +81,7 @@ class Trainer:
     def iterate(self) -> dict[str, float]:
         """One rollout, one update of both policies; returns a row of the log, over all processes."""
         env, nets, worlds = self.environment, self.networks, self.environment.config.worlds
-        env.config = dataclasses.replace(env.config, practice=self.curriculum.practice)
+        env.config = dataclasses.replace(env.config, **self.curriculum.help)
         env.starts = env.draw_starts(self.chooser, worlds)
         data: dict[str, list[torch.Tensor]] = {k: [] for k in ("state", "critic", "action", "logp", "value", "reward", "done")}
         ended: list[tuple[torch.Tensor, ...]] = []
