@@ -72,6 +72,9 @@ def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypat
     for group in ("tips0", "tips1", "tips2", "goal0", "goal1"):
         assert 0 <= rows[-1][f"success_{group}"] <= 1
     assert json.loads((tmp_path / "config.json").read_text())["setting"] == state["setting"]
+    monkeypatch.setattr("sys.argv", ["train", "--domain", "bump", "--worlds", "4", "--device", "cpu", "--out", str(tmp_path)])
+    with pytest.raises(ValueError, match="expected a checkpoint of .*'start': 'contact'.* got one of .*'right'"):
+        train.main()
 
 
 def test_a_log_survives_a_kill_and_new_columns(tmp_path):

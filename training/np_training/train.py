@@ -42,7 +42,7 @@ def parse() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
-    parser.add_argument("--out", type=Path, default=Path("runs/card"))
+    parser.add_argument("--out", type=Path, help="default: runs/DOMAIN")
     parser.add_argument("--resume", type=Path, help="checkpoint to start from; default: OUT/checkpoint.pt where it exists")
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--iterations", type=int, default=10**9)
@@ -67,6 +67,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--practice", type=float, help=f"share of easier tasks at the beginning; default: {PRACTICE}")
     parser.add_argument("--turn", type=float, default=RewardConfig.turn, help="weight of the angle's potential")
     arguments = parser.parse_args()
+    arguments.out = arguments.out or Path("runs") / arguments.domain
     for name, defaults in (("limit", LIMITS), ("practice", PRACTICE), ("explore", EXPLORE)):
         if getattr(arguments, name) is None:
             setattr(arguments, name, defaults[arguments.domain])
@@ -89,11 +90,22 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
     checkpoint = arguments.out / CHECKPOINT
     source = arguments.resume or (checkpoint if checkpoint.exists() else None)
     if source:
-        trainer.load_state_dict(torch.load(source, map_location=device, weights_only=True))
+        state = torch.load(source, map_location=device, weights_only=True)
+        check_same_run(state, trainer, source if arguments.resume is None else None)
+        trainer.load_state_dict(state)
         if distributed.rank() == 0:
             print(f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, stage {trainer.curriculum.stage}",
                   file=sys.stderr, flush=True)
     return trainer
+
+
+def check_same_run(state: dict, trainer: Trainer, found: Path | None) -> None:
+    """Raise ValueError where a checkpoint that was found, not named, is of another task: two runs share a folder."""
+    theirs = state.get("setting", {})
+    other = [name for name in ("domain", "start", "controller") if theirs.get(name, trainer.setting[name]) != trainer.setting[name]]
+    if found and other:
+        raise ValueError(f"{found}: expected a checkpoint of {trainer.setting}, got one of {theirs}; name another --out, or "
+                         "start from it with --resume")
 
 
 def write_config(trainer: Trainer, path: Path) -> None:
