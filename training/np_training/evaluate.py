@@ -81,7 +81,7 @@ def evaluate(environment: Environment, networks: ActorCritic, student: PreContac
     if conditions == "twice":
         alone = {name: rate(play(widen(PAPER, [name])).of("success")) for name in GROUPS}
         figures |= {"one_at_a_time": alone, "breaks_first": breaks_first(rate(play(PAPER).of("success")), alone)}
-    return figures | {"overflow": environment.physics.overflow()}
+    return figures | {"worlds_over_capacity": int(environment.physics.take_overflowed())}
 
 
 def breaks_first(base: dict, alone: dict[str, dict]) -> str | None:

@@ -25,6 +25,8 @@ from np_training.operational_space import count_excess, make_chain, operational_
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.
 RANDOMISED = ("geom_friction", "body_mass", "body_subtreemass", "body_inertia")
 CONTROLLERS = ("impedance", "osc")
+CAPACITY = (mjw.OverflowType.NEFC | mjw.OverflowType.NJMAX_NNZ | mjw.OverflowType.BROADPHASE
+            | mjw.OverflowType.NARROWPHASE | mjw.OverflowType.CCD)
 HOLD_STIFFNESS, HOLD_DAMPING_RATIO = 100.0, 1.0  # while an episode's first target is on its way
 ARM, OBJECT_POSITION, OBJECT_QUATERNION = slice(0, 7), slice(9, 12), slice(12, 16)
 
@@ -93,8 +95,8 @@ class BatchedPhysics:
             data = mujoco.MjData(model)
             mujoco.mj_resetDataKeyframe(model, data, 0)
             mujoco.mj_forward(model, data)
-            # Worlds that end a step before full convergence are the normal case, not worth a line each.
-            self.model.opt.warn_overflow &= ~(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
+            # Counted, not printed a line each: see take_overflowed. Steps that end short of convergence are the normal case.
+            self.model.opt.warn_overflow = 0
             self.data = mjw.put_data(model, data, nworld=worlds, nconmax=config.contacts, njmax=config.constraints)
             self._command = wp.zeros((6, worlds, 7), dtype=float)
             self._delay = wp.zeros(worlds, dtype=int)
@@ -103,6 +105,7 @@ class BatchedPhysics:
             self._over = wp.zeros((2, worlds, 7), dtype=int)
             self._chain = make_chain(model.M_rowadr[ARM], self._wp_device)
         d = self.data
+        self._overflow = wp.to_torch(d.overflow)
         self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))
         self._stale = [wp.to_torch(a) for a in (d.qacc_warmstart, d.qfrc_bias, d.qfrc_gravcomp)]
         self.command, self.delay, self.noise, self.over = (
@@ -190,7 +193,13 @@ class BatchedPhysics:
         nominal = torch.as_tensor(inertia[self.object_body], dtype=torch.float32, device=self.device)
         self.inertia[where, self.object_body] = nominal * mass[:, None]
 
+    def take_overflowed(self) -> torch.Tensor:
+        """Number () of worlds that lacked room for a contact or a constraint since the last call: these were dropped."""
+        count = ((self._overflow & int(CAPACITY)) != 0).sum()
+        self._overflow.zero_()
+        return count
+
     def overflow(self) -> dict[str, int]:
-        """Contacts and constraints in use against capacity: what was dropped would be silent otherwise."""
+        """Contacts and constraints in use now against capacity."""
         return {"contacts": int(self.data.nacon.numpy()[0]), "contact_capacity": self.data.naconmax,
                 "constraints": int(self.data.nefc.numpy().max()), "constraint_capacity": self.data.njmax}

@@ -103,7 +103,7 @@ class Trainer:
                 sums[name] = sums.get(name, 0) + count
             env.reset(where)
         feasible = env.starts.contacts.feasible
-        sums |= {"drawn": torch.tensor(len(feasible)), "pre_feasible": feasible.sum()}
+        sums |= {"drawn": torch.tensor(len(feasible)), "pre_feasible": feasible.sum(), "overflowed": env.physics.take_overflowed()}
         update = self._update(data, ended)
         return self._row(distributed.total(sums, env.device)) | update
 
@@ -139,7 +139,7 @@ class Trainer:
                 self.environment.joint_range.adapt(self.curriculum.success)
             means["joint_range"] = self.environment.joint_range.share
         return {"iteration": self.iteration, "steps": self.steps, "stage": stage, "episodes": int(sums["done"]),
-                "success_mean": self.curriculum.success, "practice": self.environment.config.practice, "broken": sums["broken"],
+                "success_mean": self.curriculum.success, "practice": self.environment.config.practice, "broken": sums["broken"], "overflowed": sums["overflowed"],
                 "pre_feasible": sums["pre_feasible"] / sums["drawn"]} | means
 
     def _update(self, data: dict[str, list[torch.Tensor]], ended: list[tuple[torch.Tensor, ...]]) -> dict[str, float]:
