@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -37,3 +39,20 @@ PAPER = Conditions(
     keypoint_noise=0.03, keypoint_bias=0.01, joint_noise=0.01, velocity_noise=0.01, start_position=0.006,
     start_rotation=0.03)
 """Friction, mass, torque, keypoint and sensor ranges are the paper's; delay, bias and start errors are ours."""
+
+GROUPS = {"friction": ("table_friction", "finger_friction"), "mass": ("mass",), "torque_noise": ("torque_noise",),
+          "keypoint_noise": ("keypoint_noise", "keypoint_bias"), "sensor_noise": ("joint_noise", "velocity_noise")}
+"""What is widened to see which part of the randomisation matters, by name."""
+
+
+def widen(conditions: Conditions, groups: Iterable[str], factor: float = 2.0) -> Conditions:
+    """Conditions with the ranges of some `GROUPS` `factor` times as far from nominal, noise `factor` times as strong."""
+    wide = {}
+    for name in (name for group in groups for name in GROUPS[group]):
+        value = getattr(conditions, name)
+        wide[name] = tuple(1 + factor * (end - 1) for end in value) if isinstance(value, tuple) else factor * value
+    return dataclasses.replace(conditions, **wide)
+
+
+TWICE = widen(PAPER, GROUPS)
+"""Friction, mass and noise at twice the range that training draws from."""
