@@ -149,11 +149,14 @@ def _by_block(cells, old, new, blocks: int):
 
 
 def _rms(cells, squares, rows, weights, joints: int) -> np.ndarray:
-    """(draws, joints): root of the sum over stages of the mean square."""
+    """(draws, joints): root of the sum over rungs of the mean square."""
     total = np.zeros((len(weights), joints))
-    for n, cell in enumerate(cells):
-        if _counted(cell):
-            total[:, cell.joint] += (weights @ squares[n]) / np.maximum(weights @ rows[n], 1)
+    for joint in range(joints):
+        for name in ("r0", "r1", "r2"):
+            mine = [n for n, c in enumerate(cells) if c.joint == joint and rung(c.stage) == name]
+            if mine:
+                count = np.maximum(sum(weights @ rows[n] for n in mine), 1)
+                total[:, joint] += sum(weights @ squares[n] for n in mine) / count
     return np.sqrt(total)
 
 

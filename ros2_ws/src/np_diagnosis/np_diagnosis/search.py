@@ -14,7 +14,7 @@ from np_diagnosis.design import Candidate, Design
 from np_diagnosis.fit import Score, score
 
 WIDTH = 6  # structures that are grown further
-LARGEST = 4  # effects in a structure
+BROAD = 3  # effects up to which several structures are grown
 CROWD = 2  # effects in a joint
 TRIED = 30  # candidates that each structure is grown by
 ADDED = 3.0  # nats that an effect must bring beyond its prior odds
@@ -112,11 +112,11 @@ class Search:
         """Log predictive density and prior."""
         return structure.total + sum(self.odds(m) for m in structure.members)
 
-    def run(self, width: int = WIDTH, largest: int = LARGEST) -> Structure:
-        """Grow structures; returns the chosen one."""
+    def run(self, width: int = WIDTH, largest: int | None = None) -> Structure:
+        """Grow structures: broadly while they are small, then the best one only; returns the chosen one."""
         chosen = self.structure(())
         front = [chosen]
-        for size in range(1, largest + 1):
+        for size in range(1, (largest or CROWD * len(self.design.context.arm)) + 1):
             grown: dict[tuple[int, ...], Structure] = {}
             for parent in front:
                 for number in self.promising(parent, TRIED if size > 1 else 2 * TRIED):
@@ -126,7 +126,7 @@ class Search:
             if not grown:
                 break
             ranked = sorted(grown.values(), key=self.value, reverse=True)
-            front = _distinct(ranked, self.design, width)
+            front = _distinct(ranked, self.design, width if size < BROAD else 1)
             best = ranked[0]
             near = [s for s in ranked[: 4 * width] if self.value(s) > self.value(best) - TIE]
             best = min(near, key=lambda s: (self._parameters(s), -self.value(s)))

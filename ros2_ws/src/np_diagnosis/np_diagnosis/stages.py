@@ -82,7 +82,8 @@ class Drive:
 
     time (n,) s, trajectory (n,); period s; starts: rows at which a stretch without a gap begins. law,
     commanded, measured (n, k) Nm without gravity: the law replayed, what was asked for, what came; error
-    (n, k) rad: joint target with its lead, minus position; velocity (n, k) rad/s; gravity (n, k) Nm.
+    (n, k) rad: joint target with its lead, minus position; velocity, target_velocity (n, k) rad/s; stiffness
+    (n, k) Nm/rad, damping (n, k) Nms/rad: the gains in force; gravity (n, k) Nm.
     """
 
     time: np.ndarray
@@ -94,6 +95,9 @@ class Drive:
     measured: np.ndarray
     error: np.ndarray
     velocity: np.ndarray
+    target_velocity: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
     gravity: np.ndarray
 
 
@@ -124,6 +128,9 @@ def drive(logs: list[Log], arm: Arm) -> Drive | None:
                 log.torque[rows + 1],
                 error,
                 log.velocity[rows],
+                c.target_velocity[kept],
+                c.stiffness[kept],
+                c.damping[kept],
                 still,
             )
         )

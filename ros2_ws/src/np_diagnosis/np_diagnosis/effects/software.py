@@ -14,21 +14,43 @@ def effects(context: Context) -> list[Effect]:
     """Effects of a single joint; none without commands."""
     if context.drive is None:
         return []
+    change = Parameter("change", "1", -0.9, 3.0, 0.1)
+    law = "tau = kp (q_d - q) - kd dq"
     return [
         Effect(
             "stiffness_gain_error",
-            (Parameter("change", "Nm/rad", -600.0, 600.0, 30.0),),
-            {"r0": lambda c, j: stack(c.drive.error[:, j])},
-            "tau = kp (q_d - q) - kd dq",
+            (change,),
+            {"r0": lambda c, j: stack(c.drive.stiffness[:, j] * c.drive.error[:, j])},
+            law,
         ),
         Effect(
             "damping_gain_error",
-            (Parameter("change", "Nms/rad", -60.0, 60.0, 3.0),),
-            {"r0": lambda c, j: stack(-c.drive.velocity[:, j])},
-            "tau = kp (q_d - q) - kd dq",
+            (change,),
+            {"r0": lambda c, j: stack(-c.drive.damping[:, j] * c.drive.velocity[:, j])},
+            law,
+        ),
+        # A target ahead by kd/kp of its velocity is part of the law: with the wrong gain it is another one.
+        Effect(
+            "stiffness_gain_error",
+            (change,),
+            {"r0": lambda c, j: stack(c.drive.stiffness[:, j] * c.drive.error[:, j] - _lead(c, j))},
+            law,
+            "lead with the wrong gain",
+        ),
+        Effect(
+            "damping_gain_error",
+            (change,),
+            {"r0": lambda c, j: stack(_lead(c, j) - c.drive.damping[:, j] * c.drive.velocity[:, j])},
+            law,
+            "lead with the wrong gain",
         ),
         *(_filter(t) for t in FILTERS),
     ]
+
+
+def _lead(c: Context, j: int) -> np.ndarray:
+    """Torque (n,) of the law by which the target is ahead."""
+    return c.drive.damping[:, j] * c.drive.target_velocity[:, j]
 
 
 def _filter(lag: float) -> Effect:
