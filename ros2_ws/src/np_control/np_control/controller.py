@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from np_control.dynamics import Dynamics
-from np_control.impedance import STIFFNESS_MAX, damping, torque as impedance_torque
+from np_control.impedance import STIFFNESS_MAX, lead, torque as impedance_torque
 from np_control.kinematics import pose_distance, solve_ik
 from np_control.operational_space import CartesianGains, operational_space_torque
 from np_control.safety import LIMITS, Reason, Refusal, SafetyLimits, check_finite, limit_gains, \
@@ -238,9 +238,7 @@ class Controller:
                 self.config.cartesian, self._dynamics.mass_matrix(state.q), feedforward)
             return torque, velocity
         stiffness, ratio = self._gains
-        # The law damps absolute velocity. A target ahead by kd/kp times its velocity turns that into damping
-        # of the velocity error, so that a moving target is not trailed.
-        lead = self._position + damping(stiffness, ratio) / stiffness * velocity
         if acceleration.any():
             feedforward = feedforward + self._dynamics.mass_matrix(state.q) @ acceleration
-        return impedance_torque(state.q, state.dq, lead, stiffness, ratio, feedforward), velocity
+        target = lead(self._position, velocity, stiffness, ratio)
+        return impedance_torque(state.q, state.dq, target, stiffness, ratio, feedforward), velocity

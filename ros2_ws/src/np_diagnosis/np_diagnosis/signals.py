@@ -9,7 +9,7 @@ import numpy as np
 
 GRID = 0.002  # s
 SMOOTHING = 0.012  # s, standard deviation of the Gaussian kernel: half power at 11 Hz
-DECIMATION = 5  # samples come at 100 Hz
+DECIMATION = 20  # samples come at 25 Hz: a kernel is about as wide as their distance, so noise stays white
 LARGEST_GAP = 0.05  # s without data over which nothing is interpolated
 
 
@@ -17,10 +17,9 @@ LARGEST_GAP = 0.05  # s without data over which nothing is interpolated
 class Commands:
     """Answers of the controller.
 
-    rows (m,): rows of the log that they answer; target (m, 7) rad, target_velocity (m, 7) rad/s, torque (m,
-    7)
-    Nm without gravity; in force at torque_time (m,) s. has_own_gains: whether the controller's own gains held
-    throughout (no target came with others).
+    rows (m,): rows of the log that they answer; target (m, k) rad, target_velocity (m, k) rad/s, torque (m, k)
+    Nm without gravity; in force at torque_time (m,) s. stiffness (m, k) Nm/rad, damping (m, k) Nms/rad: gains
+    the controller was told to use. feedforward: whether the law adds the target's inertial torque.
     """
 
     rows: np.ndarray
@@ -28,16 +27,19 @@ class Commands:
     target_velocity: np.ndarray
     torque: np.ndarray
     torque_time: np.ndarray
-    has_own_gains: bool
+    stiffness: np.ndarray
+    damping: np.ndarray
+    feedforward: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One trajectory as recorded, joints in nominal order.
+    """One recording, k joints in the arm's order.
 
-    time (n,) s, increasing; position (n, 7) rad; velocity (n, 7) rad/s; torque (n, 7) Nm, measured, of the
+    time (n,) s, increasing; position (n, k) rad; velocity (n, k) rad/s; torque (n, k) Nm, measured, of the
     moments torque_time (n,) s. with_gravity: whether torque includes that which holds the arm.
-    commands: what the controller asked for, None where not recorded.
+    commands: what the controller asked for, None where not recorded. motor (n, k) rad: angle before the gear
+    on the joint's side of the ratio, None where the backend has none. labels: (s, text) of what began when.
     """
 
     name: str
@@ -48,6 +50,8 @@ class Log:
     torque_time: np.ndarray
     with_gravity: bool
     commands: Commands | None = None
+    motor: np.ndarray | None = None
+    labels: tuple[tuple[float, str], ...] = ()
 
     @property
     def duration(self) -> float:
@@ -59,11 +63,11 @@ class Log:
 class Samples:
     """Filtered samples of one or several trajectories.
 
-    time (n,) s within its trajectory; trajectory (n,) its number; position, velocity, acceleration (n, 7)
+    time (n,) s within its trajectory; trajectory (n,) its number; position, velocity, acceleration (n, k)
     rad,
-    rad/s, rad/s^2; torque (n, 7) Nm and its rate of change torque_rate (n, 7) Nm/s; with_gravity as in `Log`;
-    noise (7,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one. segments:
-    (position, velocity) (m, 7) on the fine grid, one for each stretch without a gap.
+    rad/s, rad/s^2; torque (n, k) Nm and its rate of change torque_rate (n, k) Nm/s; with_gravity as in `Log`;
+    noise (k,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one. segments:
+    (position, velocity) (m, k) on the fine grid, one for each stretch without a gap.
     """
 
     time: np.ndarray
@@ -88,6 +92,17 @@ class Samples:
         """
         parts = [function(position[:, joint], velocity[:, joint]) for position, velocity in self.segments]
         return np.concatenate([_filter(part[:, None], _KERNEL)[:, 0] for part in parts])
+
+
+    def filtered_extreme(self, joint: int, extreme) -> np.ndarray:
+        """np.min or np.max (n,) of a joint's velocity over each sample's filter window."""
+        parts = []
+        for _, velocity in self.segments:
+            column = velocity[:, joint]
+            column = np.convolve(np.pad(column, 4, mode="edge"), np.full(9, 1 / 9), mode="valid")  # less noise
+            windows = np.lib.stride_tricks.sliding_window_view(column, 2 * _HALF + 1)[::DECIMATION]
+            parts.append(extreme(windows, axis=1))
+        return np.concatenate(parts)
 
 
 def sample(logs: list[Log]) -> Samples:
