@@ -110,13 +110,13 @@ def test_a_load_that_nobody_compensates_is_seen_as_mass(plant):
 def test_a_log_is_cut_at_gaps_and_needs_commands():
     time = np.concatenate([np.arange(700) * PERIOD, 3.0 + np.arange(900) * PERIOD, [9.0]])
     zero = np.zeros((time.size, 2))
-    commands = Commands(np.arange(time.size), zero, zero, zero + 1.0, time, True)
+    commands = Commands(np.arange(time.size), zero, zero, zero + 1.0, time, zero + STIFFNESS, zero + np.sqrt(STIFFNESS))
     log = Log("log", time, zero, zero, zero, time, False, commands)
-    parts = stretches(log, STIFFNESS, np.ones(2))
+    parts = stretches(log)
     assert [len(part) for part in parts] == [700, 900]
     assert np.allclose(parts[0].feedforward, 1.0)
     with pytest.raises(ValueError, match="effort_command, found none"):
-        stretches(replace(log, commands=None), STIFFNESS, np.ones(2))
+        stretches(replace(log, commands=None))
 
 
 def test_resampling_interpolates_what_was_measured_and_holds_what_was_commanded(plant):

@@ -21,7 +21,7 @@ from np_diagnosis.baselines import compare, gap
 from np_diagnosis.excitation import suite
 from np_diagnosis.identification import JOINT, Budget
 from np_diagnosis.plant import panda_plant
-from np_diagnosis.replay import Stretch
+from np_diagnosis.replay import Stretch, stretches
 from np_training.identify_reference import known_arm, record
 
 FITTED, HELD_OUT = ("sinusoid", "third_posture"), ("reference", "second_posture", "low_damping")  # of the suite
@@ -46,12 +46,9 @@ def simulated(seed: int) -> tuple[list[Stretch], list[Stretch], dict[str, np.nda
 
 def from_bags(paths: Sequence[Path]) -> list[Stretch]:
     """The stretches of recordings. Raises ContractViolation and ValueError for what cannot be replayed."""
-    from np_control.controller import ControllerConfig
-    from np_diagnosis.reading import read
-    from np_diagnosis.replay import stretches
+    from np_diagnosis.reading import read  # needs ROS's messages, which a simulated arm does not
 
-    own = ControllerConfig()
-    return [part for path in paths for part in stretches(read(path), own.stiffness, own.damping_ratio)]
+    return [part for path in paths for part in stretches(read(path))]
 
 
 def report(

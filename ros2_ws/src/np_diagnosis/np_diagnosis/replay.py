@@ -100,15 +100,15 @@ def stretch(
     return Stretch(name, period, position, velocity, target, stiffness, damping_ratio, torque - law)
 
 
-def stretches(log: Log, stiffness: np.ndarray, damping_ratio: np.ndarray) -> list[Stretch]:
-    """The stretches of a log without gap, given the gains (m, k) or (k,) of its commands' rows.
+def stretches(log: Log) -> list[Stretch]:
+    """The stretches of a log without gap.
 
     Raises ValueError where no command was recorded, or no stretch is long enough.
     """
     commands = log.commands
     if commands is None:
         raise ValueError(f"{log.name}: a replay needs the commands; expected effort_command, found none")
-    time = log.time[commands.rows]
+    time, stiffness = log.time[commands.rows], commands.stiffness
     whole = stretch(
         log.name,
         float(np.median(np.diff(time))),
@@ -117,7 +117,7 @@ def stretches(log: Log, stiffness: np.ndarray, damping_ratio: np.ndarray) -> lis
         commands.target,
         commands.torque,
         stiffness,
-        damping_ratio,
+        commands.damping / np.sqrt(stiffness),
     )
     edges = [0, *(np.flatnonzero(np.diff(time) > GAP * whole.period) + 1), len(time)]
     parts = [whole.cut(slice(a, b)) for a, b in zip(edges[:-1], edges[1:]) if (b - a) * whole.period >= SHORTEST]
