@@ -2,6 +2,7 @@
 
     python -m np_training.identify BAG... [--held-out BAG...]     # recordings of `ros2 run np_diagnosis excite`
     python -m np_training.identify --simulate                     # a reference arm whose parameters are known
+    python -m np_training.identify LOG.npz --arm z1.xml --blocks 2.3 --delays 0 0.005 0.01     # drives with own loops
 
 Writes OUT/identification.json and .png. The last line printed is one JSON object.
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import platform
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,9 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from np_diagnosis.baselines import compare, gap
+from np_diagnosis.drive_log import read_drive_log
 from np_diagnosis.excitation import suite
-from np_diagnosis.identification import JOINT, Budget
-from np_diagnosis.plant import panda_plant
+from np_diagnosis.identification import JOINT, Budget, likeliest_delay
+from np_diagnosis.plant import Plant, load_plant, panda_plant
 from np_diagnosis.replay import Stretch, stretches
 from np_training.identify_reference import known_arm, record
 
@@ -37,6 +40,12 @@ def split(recorded: Sequence[Stretch], share: float = SHARE) -> tuple[list[Stret
     )
 
 
+def alternate(recorded: Sequence[Stretch], seconds: float) -> tuple[list[Stretch], list[Stretch]]:
+    """Blocks of this length by turns: the first, third, ... to fit to, the others held out."""
+    blocks = [block for stretch in recorded for block in stretch.windows(seconds, seconds)]
+    return blocks[::2], blocks[1::2]
+
+
 def simulated(seed: int) -> tuple[list[Stretch], list[Stretch], dict[str, np.ndarray]]:
     """Recordings of a reference arm to fit to, others held out, and its parameters."""
     truth = known_arm(seed)
@@ -44,23 +53,31 @@ def simulated(seed: int) -> tuple[list[Stretch], list[Stretch], dict[str, np.nda
     return fitted, record(truth, suite(HELD_OUT), seed + 1), truth
 
 
-def from_bags(paths: Sequence[Path]) -> list[Stretch]:
-    """The stretches of recordings. Raises ContractViolation and ValueError for what cannot be replayed."""
-    from np_diagnosis.reading import read  # needs ROS's messages, which a simulated arm does not
+def from_files(paths: Sequence[Path], plant: Plant) -> list[Stretch]:
+    """The stretches of recordings, bags or logs of drives (.npz). Raises ValueError for what cannot be replayed."""
+    period, joints = plant.model.opt.timestep, len(plant.joints)
+    recorded = [read_drive_log(path, joints, period) for path in paths if path.suffix == ".npz"]
+    if bags := [path for path in paths if path.suffix != ".npz"]:
+        from np_diagnosis.reading import read  # needs what reads bags, which an .npz file does not
 
-    return [part for path in paths for part in stretches(read(path))]
+        recorded += [part for path in bags for part in stretches(read(path))]
+    return recorded
 
 
 def report(
-    fitted: list[Stretch], held_out: list[Stretch], truth: Mapping[str, np.ndarray] | None, budget: Budget, seed: int
+    plant: Plant,
+    fitted: list[Stretch],
+    held_out: list[Stretch],
+    truth: Mapping[str, np.ndarray] | None,
+    budget: Budget,
+    seed: int,
 ) -> dict:
     """Every method's figures; with the errors of its parameters where the truth is known."""
-    plant = panda_plant()
     result = {
         "joints": plant.joints,
         "nominal": {name: plant.nominal()[name].tolist() for name in JOINT},
-        "fitted": {s.name: round(s.duration, 3) for s in fitted},
-        "held_out": {s.name: round(s.duration, 3) for s in held_out},
+        "fitted": [[s.name, round(s.duration, 3)] for s in fitted],
+        "held_out": [[s.name, round(s.duration, 3)] for s in held_out],
         "methods": compare(plant, fitted, held_out, budget, seed, _show),
     }
     if truth is not None:
@@ -127,25 +144,37 @@ def _show(name: str, done: int, limit: int) -> None:
 def main() -> None:
     """Identify, write the figures and the plot."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("bags", nargs="*", type=Path, help="recordings to fit to")
-    parser.add_argument("--held-out", nargs="+", type=Path, default=[], help=f"default: the last {1 - SHARE:.0%} of BAGS")
+    parser.add_argument("recordings", nargs="*", type=Path, help="to fit to: bags, or drives' logs (.npz)")
+    parser.add_argument("--held-out", nargs="+", type=Path, default=[], help=f"default: the last {1 - SHARE:.0%} of each")
+    parser.add_argument("--blocks", type=float, help="hold out every second block of this length, s, instead")
+    parser.add_argument("--arm", type=Path, help="MJCF file; default: the nominal Panda")
+    parser.add_argument("--delays", nargs="+", type=float, default=[], help="s, of commands, of which to take the best")
     parser.add_argument("--simulate", action="store_true", help="a reference arm with known parameters instead")
     parser.add_argument("--out", type=Path, default=Path("runs/identify"))
     parser.add_argument("--seed", type=int, default=0)
     for name, default in vars(Budget()).items():
         parser.add_argument(f"--{name}", type=type(default), default=default)
     arguments = parser.parse_args()
-    if bool(arguments.bags) == arguments.simulate:
+    if bool(arguments.recordings) == arguments.simulate:
         parser.error("expected recordings, or --simulate")
     budget = Budget(**{name: getattr(arguments, name) for name in vars(Budget())})
-    truth = None
+    plant = load_plant(arguments.arm) if arguments.arm else panda_plant()
+    truth, delays = None, {}
     if arguments.simulate:
         fitted, held_out, truth = simulated(arguments.seed)
     else:
-        fitted = from_bags(arguments.bags)
-        fitted, held_out = (fitted, from_bags(arguments.held_out)) if arguments.held_out else split(fitted)
-    result = report(fitted, held_out, truth, budget, arguments.seed)
-    result |= {"command": sys.argv[1:], "seed": arguments.seed, "budget": vars(budget), "machine": platform.processor()}
+        recorded, held_out = from_files(arguments.recordings, plant), from_files(arguments.held_out, plant)
+        if held_out:
+            fitted = recorded
+        else:
+            fitted, held_out = alternate(recorded, arguments.blocks) if arguments.blocks else split(recorded)
+    if arguments.delays:
+        delay, delays = likeliest_delay(plant, fitted, arguments.delays, budget, _show)
+        fitted, held_out = ([s.delayed(delay) for s in part] for part in (fitted, held_out))
+    result = report(plant, fitted, held_out, truth, budget, arguments.seed)
+    if delays:
+        result |= {"delay_s": delay, "rmse_of_delays_rad": delays}
+    result |= {"command": sys.argv[1:], "seed": arguments.seed, "budget": vars(budget), "machine": f"{os.cpu_count()} cores, {platform.machine()}"}
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "identification.json").write_text(json.dumps(result, indent=1) + "\n")
     plot(result, arguments.out / "identification.png")

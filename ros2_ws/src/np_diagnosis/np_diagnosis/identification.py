@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -56,7 +56,7 @@ Progress = Callable[[str, int, int], None]
 
 
 def active_windows(recorded: list[Stretch], budget: Budget) -> tuple[list[Stretch], np.ndarray]:
-    """Windows in which one joint moves, and the number (w,) of that joint: the sinusoids, wherever they are.
+    """Windows in which one joint moves, the sinusoids, wherever they are; and rows (p, 2): a window, its joint.
 
     Of each joint those in which its target has the largest share of the motion of all, and not less than half of
     its largest one. A joint that never moves has none. Raises ValueError where no stretch is as long as a window,
@@ -71,21 +71,21 @@ def active_windows(recorded: list[Stretch], budget: Budget) -> tuple[list[Stretc
         raise ValueError(f"expected a stretch of {budget.window} s at least, got {[s.duration for s in recorded]} s")
     activity = np.array([window.activity for *_, window in places])
     shares = np.where(activity > STILL, activity / activity.sum(axis=1, keepdims=True), 0.0)
-    chosen, joints = [], []
+    pairs = []
     for joint, value in enumerate(shares.T):
         value = np.where(value < value.max() / 2, 0.0, value)
         for _ in range(budget.windows):
             best = int(value.argmax())
             if not value[best]:
                 break
-            chosen.append(places[best][2])
-            joints.append(joint)
+            pairs.append((best, joint))
             for i, (stretch, step, _) in enumerate(places):
                 if stretch == places[best][0] and abs(step - places[best][1]) < STEPS:
                     value[i] = 0.0  # overlaps
-    if not chosen:
+    if not pairs:
         raise ValueError("expected targets that move, found all joints holding still")
-    return chosen, np.array(joints)
+    chosen = sorted({window for window, _ in pairs})
+    return [places[i][2] for i in chosen], np.array([(chosen.index(window), joint) for window, joint in pairs])
 
 
 def paper_identification(
@@ -100,13 +100,13 @@ def paper_identification(
     import cma  # takes two seconds
 
     begin = time.monotonic()
-    windows, about = active_windows(recorded, budget)
+    windows, pairs = active_windows(recorded, budget)
     replay = Replay(plant, windows, budget.threads)
     nominal = plant.nominal()
     scale = np.stack([plant.largest[name] for name in JOINT])  # (3, k)
     best = np.stack([nominal[name] for name in JOINT])
     searches = {}
-    for joint in np.unique(about):
+    for joint in np.unique(pairs[:, 1]):
         start = np.clip(best[:, joint] / scale[:, joint], OFF_BOUND, 1 - OFF_BOUND)
         options = {"bounds": [0.0, 1.0], "popsize": budget.population, "maxiter": budget.generations}
         options |= {"seed": 1 + 1000 * seed + int(joint), "verbose": -9, "tolx": 1e-4}
@@ -120,12 +120,12 @@ def paper_identification(
         for joint, candidates in zip(running, asked):
             own = np.tile(best, (len(candidates), 1, 1))
             own[:, :, joint] = candidates * scale[:, joint]
-            for window in np.flatnonzero(about == joint):
+            for window, _ in pairs[pairs[:, 1] == joint]:
                 which += [window] * len(candidates)
                 trials.append(own)
         square = mean_square(replay.errors(np.array(which), dict(zip(JOINT, np.concatenate(trials).swapaxes(0, 1)))))
         for joint, candidates in zip(running, asked):
-            rows, square = np.split(square, [len(candidates) * np.count_nonzero(about == joint)])
+            rows, square = np.split(square, [len(candidates) * np.count_nonzero(pairs[:, 1] == joint)])
             cost = rows[:, joint].reshape(-1, len(candidates)).mean(axis=0)
             # In mrad^2: CMA-ES's tolerances of the objective are absolute.
             searches[joint].tell(list(candidates), list(1e6 * cost))
@@ -179,6 +179,20 @@ def least_squares(
     values = {name: value[0] for name, value in scaled.values(solution.as_vector()[None]).items()}
     rmse = root(mean_square(replay.errors(np.arange(len(windows)), values)))
     return Fit(f"sysid_{len(free)}", values, rmse, replay.steps, time.monotonic() - begin)
+
+
+def likeliest_delay(
+    plant: Plant, recorded: list[Stretch], delays: Sequence[float], budget: Budget, progress: Progress | None = None
+) -> tuple[float, dict[float, float]]:
+    """The delay, s, of commands with which the paper's parameters explain the windows best; RMSE, rad, of each.
+
+    A delay passes for damping and for inertia: where the recording does not say it, it has to be sought too.
+    """
+    rmse = {}
+    for delay in delays:
+        windows, _ = active_windows([stretch.delayed(delay) for stretch in recorded], budget)
+        rmse[delay] = least_squares(plant, windows, JOINT, budget, progress).rmse
+    return min(rmse, key=rmse.get), rmse
 
 
 def mean_square(errors: np.ndarray) -> np.ndarray:

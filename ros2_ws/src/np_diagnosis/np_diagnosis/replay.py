@@ -78,6 +78,11 @@ class Stretch:
         between = {n: (1 - share) * getattr(self, n)[below] + share * getattr(self, n)[below + 1] for n in MEASURED}
         return replace(held, period=period, **between)
 
+    def delayed(self, seconds: float) -> Stretch:
+        """As if commands had taken effect later than their rows say; the first ones are held until then."""
+        rows = np.maximum(np.arange(len(self)) - round(seconds / self.period), 0)
+        return replace(self, **{name: getattr(self, name)[rows] for name in COMMANDED})
+
     def windows(self, seconds: float, stride: float) -> list[Stretch]:
         """Windows of this length, one begun every `stride` s; a remainder is dropped."""
         rows, step = round(seconds / self.period), max(1, round(stride / self.period))
