@@ -3,12 +3,16 @@
 import copy
 import json
 import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from np_control.impedance import torque
 from np_diagnosis import baselines
@@ -16,6 +20,7 @@ from np_diagnosis.drive_log import read_drive_log
 from np_diagnosis.identification import (
     JOINT,
     Budget,
+    Fit,
     active_windows,
     least_squares,
     likeliest_delay,
@@ -168,6 +173,44 @@ def test_baselines_in_one_table(plant, recorded, held_out):
     for name in ("paper", "sysid_3", "sysid_6"):
         assert table[name]["gap_after_rad"] < 0.25 * table[name]["gap_before_rad"]
     assert {name for name, *_ in seen} == {"paper", "sysid"}
+
+
+def test_a_fit_becomes_a_patch_of_changes(plant):
+    fit = Fit("some", {"frictionloss": np.array([0.5, 0.2]), "gain": np.array([1.0, 0.9])})
+    assert baselines.as_patch(plant, Fit("none")) == []
+    friction, scale = baselines.as_patch(plant, fit)
+    assert friction == {"effect": "coulomb_friction", "component": "a", "parameters": {"level": pytest.approx(0.2)}}
+    assert scale == {"effect": "torque_scale", "component": "b", "parameters": {"scale": pytest.approx(-0.1)}}
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.floats(0.5, 2.0), min_size=2, max_size=2), st.lists(st.floats(-0.05, 0.05), min_size=2, max_size=2))
+def test_a_patch_of_moments_weighs_what_the_fit_weighs(plant, factors, shifts):
+    nominal = plant.nominal()
+    mass, com = nominal["mass"] * factors, nominal["com"] + np.array(shifts)[:, None] * [1.0, 0.0, 0.5]
+    moments = {e["component"]: e["parameters"] for e in baselines.as_patch(plant, Fit("w", {"mass": mass, "com": com}))}
+
+    def weight(position, mass, com):
+        model = copy.copy(plant.model)
+        model.body_gravcomp[:], model.body_mass[1:], model.body_ipos[1:] = 0.0, mass, com
+        data = mujoco.MjData(model)
+        mujoco.mj_setConst(model, data)
+        data.qpos[:] = position
+        mujoco.mj_forward(model, data)
+        return data.qfrc_bias.copy()
+
+    shift = np.zeros((2, 3))
+    for i, name in enumerate(plant.joints):
+        shift[i] = [moments.get(name, {}).get(f"moment_{axis}", 0.0) for axis in "xyz"]
+    for position in ([0.0, 0.0], [0.4, -0.9], [-1.1, 0.3]):
+        fitted, patched = weight(position, mass, com), weight(position, nominal["mass"], nominal["com"] + shift / nominal["mass"][:, None])
+        assert np.allclose(fitted, patched, atol=1e-9)
+
+
+def test_the_baselines_need_neither_ros_nor_torch_nor_pinocchio():
+    command = "import sys, np_diagnosis.baselines; print([m for m in ('rclpy', 'torch', 'pinocchio') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_stretches_that_do_not_belong_to_the_arm_are_refused(plant, recorded):

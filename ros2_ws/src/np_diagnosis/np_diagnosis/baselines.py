@@ -24,13 +24,26 @@ from np_diagnosis.identification import (
     root,
 )
 from np_diagnosis.plant import Plant
-from np_diagnosis.replay import Replay, Stretch
+from np_diagnosis.replay import INERTIA, Replay, Stretch
 
 
 def gap(plant: Plant, recorded: list[Stretch], values: Mapping[str, np.ndarray], threads: int = 0) -> np.ndarray:
     """RMS position error (k,) rad of the closed-loop replay along whole stretches; infinite where all diverge."""
     errors = Replay(plant, recorded, threads).errors(np.arange(len(recorded)), values)
     return np.sqrt(mean_square(errors.reshape(1, -1, errors.shape[-1]))[0])
+
+
+def fits(
+    plant: Plant, recorded: list[Stretch], budget: Budget = Budget(), seed: int = 0, progress: Progress | None = None
+) -> list[Fit]:
+    """Every baseline, fitted. Raises ValueError for recordings that cannot be replayed, or in which nothing moves."""
+    active, _ = active_windows(recorded, budget)
+    return [
+        Fit("none"),
+        paper_identification(plant, recorded, budget, seed, progress),
+        least_squares(plant, active, JOINT, budget, progress),
+        least_squares(plant, active + spread_windows(recorded, budget), EVERYTHING, budget, progress),
+    ]
 
 
 def compare(
@@ -47,14 +60,8 @@ def compare(
     replay on held-out stretches), values, fit_rmse_rad, steps, wall_s.
     """
     before = gap(plant, held_out, {}, budget.threads)
-    active, _ = active_windows(recorded, budget)
     report = {}
-    for fit in (
-        Fit("none"),
-        paper_identification(plant, recorded, budget, seed, progress),
-        least_squares(plant, active, JOINT, budget, progress),
-        least_squares(plant, active + spread_windows(recorded, budget), EVERYTHING, budget, progress),
-    ):
+    for fit in fits(plant, recorded, budget, seed, progress):
         after = gap(plant, held_out, fit.values, budget.threads)
         report[fit.name] = {
             "gap_before_rad": root(before**2),
@@ -66,6 +73,46 @@ def compare(
             "wall_s": round(fit.wall_s, 2),
         }
     return report
+
+
+EFFECTS = {
+    "frictionloss": ("coulomb_friction", "level"),
+    "damping": ("viscous_friction", "coefficient"),
+    "armature": ("armature", "inertia"),
+    "gain": ("torque_scale", "scale"),
+}
+"""Parameter of a fit: effect of the catalogue and its parameter, both as changes of the nominal arm."""
+
+
+def as_patch(plant: Plant, fit: Fit) -> list[dict]:
+    """The fit as a patch of the nominal arm: effect, component and parameters of each change, after the catalogue.
+
+    Masses and centres of mass become changes of the links' first moments (`link_com`); that a heavier link also
+    accelerates its carriers is lost, which matters little at the speeds of an arm.
+    """
+    nominal, entries = plant.nominal(), []
+    for name, (effect, parameter) in EFFECTS.items():
+        for joint, change in zip(plant.joints, fit.values.get(name, nominal[name]) - nominal[name]):
+            if change:
+                entries.append({"effect": effect, "component": joint, "parameters": {parameter: float(change)}})
+    for joint, moment in zip(plant.joints, _moments(plant, fit)):
+        if moment.any():
+            parameters = {f"moment_{axis}": float(value) for axis, value in zip("xyz", moment)}
+            entries.append({"effect": "link_com", "component": joint, "parameters": parameters})
+    return entries
+
+
+def _moments(plant: Plant, fit: Fit) -> np.ndarray:
+    """Change (k, 3) kg m of the first moment about its joint of what each link carries, masses beyond it as points."""
+    nominal, model = plant.nominal(), plant.model
+    mass, com = (fit.values.get(name, nominal[name]) for name in INERTIA)
+    moments = mass[:, None] * com - nominal["mass"][:, None] * nominal["com"]
+    beyond = mass - nominal["mass"]
+    for link in range(len(moments) - 1, 0, -1):
+        # The origin of a link lies on its axis: seen from the link before it stays where it is.
+        moments[link - 1] += beyond[link] * model.body_pos[model.jnt_bodyid[link]]
+        beyond[link - 1] += beyond[link]
+    return moments
 
 
 def spread_windows(recorded: list[Stretch], budget: Budget) -> list[Stretch]:
