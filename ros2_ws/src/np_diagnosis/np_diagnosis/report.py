@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from np_description.patch import Patch, PatchEffect, dump_patch
+
 from np_diagnosis.design import REVERSAL
 from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.effects import equivalence_classes
@@ -100,11 +102,29 @@ def write(out: Path, diagnosis: Diagnosis, logs: Sequence[Log], runtime: float, 
     report = make_report(diagnosis, logs, runtime)
     out.mkdir(parents=True, exist_ok=True)
     (out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    (out / "patch.yaml").write_text(patch_text(diagnosis), encoding="utf-8")
     if page:
         from np_diagnosis.page import render  # drawing is slow to import
 
         (out / "report.html").write_text(render(report, diagnosis), encoding="utf-8")
     return report
+
+
+def patch_text(diagnosis: Diagnosis) -> str:
+    """patch.yaml: the chosen effects, for the simulated arm and for training; none where unexplained."""
+    chosen = [f for f in diagnosis.findings if f.is_chosen and diagnosis.verdict != "unexplained"]
+    return dump_patch(
+        Patch(
+            tuple(
+                PatchEffect(
+                    f.effect.id,
+                    f.component,
+                    {**{name: e.value for name, e in f.parameters.items()}, **f.effect.constants},
+                )
+                for f in chosen
+            )
+        )
+    )
 
 
 def _effect(finding: Finding) -> dict:

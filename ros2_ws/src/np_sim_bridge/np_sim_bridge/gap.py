@@ -42,7 +42,7 @@ class Gap:
         self._measured: deque[tuple[np.ndarray, np.ndarray]] = deque(
             maxlen=int(joint("measurement_delay", "delay").max() / period) + 2)
         self._late = float(joint("measurement_delay", "delay").max() / period)
-        self._bias, self._step = joint("encoder_bias", "bias"), joint("encoder_quantisation", "step")
+        self.bias, self._step = joint("encoder_bias", "bias"), joint("encoder_quantisation", "step")
         self._gain, self._zero = 1 + joint("torque_sensor_error", "gain"), joint("torque_sensor_error", "offset")
         self._uneven_coulomb = 0.5 * (joint("asymmetric_coulomb_friction", "level_positive")
                                       - joint("asymmetric_coulomb_friction", "level_negative"))
@@ -60,7 +60,6 @@ class Gap:
         self._through: np.ndarray | None = None
         self._rated: np.ndarray | None = None
         self._gravity = _Gravity(patch) if _touches_gravity(patch) else None
-        self._moves_gravity = bool(self._gravity or self._by_load.any())
         self._load = _Gravity(Patch()) if self._by_load.any() else None
 
     def drive(self, torque: np.ndarray) -> np.ndarray:
@@ -113,7 +112,7 @@ class Gap:
         newer, older = states[max(0, len(states) - 1 - whole)], states[max(0, len(states) - 2 - whole)]
         share = self._late - whole
         angle, speed = ((1 - share) * a + share * b for a, b in zip(newer, older))
-        angle = angle + self._bias
+        angle = angle + self.bias
         coarse = self._step > 0
         angle = np.where(coarse, np.round(angle / np.where(coarse, self._step, 1.0)) * self._step, angle)
         return angle, speed, self._gain * torque + self._zero

@@ -8,7 +8,7 @@ competition picks one and `refine` settles it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 
@@ -69,7 +69,8 @@ class Effect:
 
     An effect of one joint acts on that joint only; an effect of the whole arm (`is_arm`) shows in every joint
     with the same parameters. variant: what tells it from others of this id, in words. component: of an arm
-    effect, the joint it sits at, or "arm"; only_joint: the one joint a variant is meant for, None for all.
+    effect, the joint it sits at, or "arm"; only_joint: the one joint a variant is meant for, None for all;
+    constants: numbers of the variant that a simulator needs besides the parameters.
     """
 
     id: str
@@ -81,6 +82,7 @@ class Effect:
     is_arm: bool = False
     component: str = "arm"
     only_joint: int | None = None
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def entry(self) -> dict:

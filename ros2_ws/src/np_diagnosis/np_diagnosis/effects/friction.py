@@ -146,6 +146,7 @@ def _ripple(joint: int, order: int) -> Effect:
         "order of the wave generator",
         f"order {order}",
         only_joint=joint,
+        constants={"order": float(order)},
     )
 
 
