@@ -24,7 +24,7 @@ from np_diagnosis.stages import Drive, Prediction
 class Context:
     """What effects may look at. drive: None without commands; ripples: orders per revolution found by joint;
     quanta (k,) rad: step of each encoder, 0 where none shows; held (n,) bool: periods of the drive in which the
-    last command was held, None without drive."""
+    last command was held, None without drive; held_share: of the periods in which that could have been seen."""
 
     arm: Arm
     logs: list[Log]
@@ -34,6 +34,8 @@ class Context:
     transmission: object | None
     ripples: Mapping[int, tuple[int, ...]]
     held: np.ndarray | None
+    held_share: float
+    quanta: np.ndarray
 
 
 @dataclass(frozen=True)

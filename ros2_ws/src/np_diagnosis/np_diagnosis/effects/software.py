@@ -64,4 +64,5 @@ def _filter(lag: float) -> Effect:
         "low-pass filter on the commanded torque (libfranka: 100 Hz)",
         f"{1e3 * lag:.3g} ms",
         Shape("time_constant", "s", lag, _filter, linear=True),
+        is_arm=True,
     )
