@@ -40,7 +40,10 @@ class Context:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A change against the nominal simulator, from lower to upper, N(centre, prior^2) before any data."""
+    """A change against the nominal simulator, from lower to upper, N(centre, prior^2) before any data.
+
+    least: magnitude up to which it is what any arm has of it, and not worth naming.
+    """
 
     name: str
     unit: str
@@ -48,6 +51,7 @@ class Parameter:
     upper: float
     prior: float
     centre: float = 0.0
+    least: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ def effects(context: Context) -> list[Effect]:
     """Effects of a single joint; none without commands."""
     if context.drive is None:
         return []
-    change = Parameter("change", "1", -0.9, 3.0, 0.1)
+    change = Parameter("relative", "1", -0.9, 3.0, 0.1)
     law = "tau = kp (q_d - q) - kd dq"
     return [
         Effect(
