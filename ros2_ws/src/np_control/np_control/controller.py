@@ -126,12 +126,15 @@ class Controller:
             self._answer = Answer(state.stamp, self._position, velocity, self._torque, tuple(limited))
         return self._answer
 
-    def follow(self, trajectory: Trajectory, start: int | None = None) -> None:
+    def follow(self, trajectory: Trajectory, start: int | None = None,
+               gains: np.ndarray | None = None) -> None:
         """Follow a trajectory from the state of `start` ns on, or from the next state that is answered.
 
-        Targets given before are dropped. Raises Refusal(start) where the trajectory does not begin at the
-        measured pose.
+        gains (2, 7): rows stiffness Nm/rad, damping ratio; the controller's own where None. Targets given
+        before are dropped. Raises Refusal: start where the trajectory does not begin at the measured pose,
+        gains.
         """
+        gains = self._own_gains if gains is None else np.stack(limit_gains(*gains))
         if not self._states:
             raise Refusal(Reason.STATE, "no joint state has come yet")
         error = np.abs(trajectory.positions[0] - self._states[-1].q)
@@ -142,7 +145,7 @@ class Controller:
                           f"position; allowed are {self.limits.start_tolerance}")
         self._trajectory, self._start, self._target = trajectory, start, None
         self._targets.clear()
-        self._gains_target = self._own_gains
+        self._gains_target = gains
 
     def set_target(self, stamp: int, position: np.ndarray, rotation: np.ndarray, stiffness: np.ndarray,
                    ratio: np.ndarray) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 
 from np_diagnosis.arm_model import Arm
 from np_diagnosis.effects.base import Context
+from np_diagnosis.effects.sensing import find_quantum
 from np_diagnosis.effects.timing import find_held
 from np_diagnosis.signals import Log, Samples, sample
 from np_diagnosis.stages import Prediction, drive, predict
@@ -34,6 +35,7 @@ def make_context(logs: list[Log], arm: Arm) -> Context:
     samples = sample(logs)
     prediction = predict(samples, arm)
     driven = drive(logs, arm)
+    held, share = (None, 0.0) if driven is None else find_held(driven)
     return Context(
         arm,
         logs,
@@ -42,7 +44,9 @@ def make_context(logs: list[Log], arm: Arm) -> Context:
         driven,
         _transmission(logs, samples, prediction),
         _ripples(samples, prediction),
-        None if driven is None else find_held(driven),
+        held,
+        share,
+        np.array([find_quantum(logs[0].position[:, j]) for j in range(len(arm))]),
     )
 
 

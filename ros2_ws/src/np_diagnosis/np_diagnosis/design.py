@@ -29,8 +29,8 @@ SLOWEST = 0.002  # rad/s, below which a joint may be standing
 # motion, error of the inertial torque, zero of the motor's encoder.
 NUISANCES = {
     "r0": (),
-    "r1": (Parameter("delay", "s", -0.01, 0.01, 1e-3),),
-    "r2": (Parameter("delay", "s", -0.01, 0.01, 1e-3), Parameter("inertia", "1", -0.5, 0.5, 0.03)),
+    "r1": (Parameter("delay", "s", -8e-4, 8e-4, 2e-4),),
+    "r2": (Parameter("delay", "s", -8e-4, 8e-4, 2e-4), Parameter("inertia", "1", -0.5, 0.5, 0.03)),
     "r3": (Parameter("zero", "rad", -0.1, 0.1, 0.01),),
     REVERSAL: (),
 }

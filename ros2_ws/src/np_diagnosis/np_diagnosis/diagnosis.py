@@ -10,6 +10,7 @@ from np_diagnosis.arm_model import Arm, panda
 from np_diagnosis.context import make_context
 from np_diagnosis.design import Design, make_design
 from np_diagnosis.effects import Context, Effect
+from np_diagnosis.effects.sensing import quantised
 from np_diagnosis.estimates import Estimate, estimate
 from np_diagnosis.gap import Gap, measure
 from np_diagnosis.omnibus import Rest, examine
@@ -20,6 +21,7 @@ from np_diagnosis.signals import Log
 CERTAIN = 0.8  # probability of an effect from which on it counts as identified
 EXPLAINED = 0.8  # of what is predictable at all: a structure that explains less is no explanation
 LEFT_SURE = 25.0  # nats by which a flexible model must predict better for something to be left
+COARSE = 2e-5  # rad, a step of an encoder that shows
 MATERIAL = 0.001  # of the torque limit: what is left below is nothing
 
 
@@ -110,9 +112,10 @@ def _findings(search: Search, chosen: Structure, gap: Gap, seed: int, quick: boo
                 gap.removed(search, chosen, m),
             )
         )
+    found += _steps(design)
     found.sort(key=lambda f: -f.energy)
     for (name, place), probability in sorted(likely.items(), key=lambda item: -item[1]):
-        if (name, place) in named or probability < 0.02 or len(found) > 8 or not chosen.members:
+        if (name, place) in named or probability < 0.02 or len(found) > 8 or not found:
             continue
         m = max(
             (n for n, c in enumerate(design.candidates) if c.effect.id == name and c.at(joints) == place),
@@ -120,6 +123,21 @@ def _findings(search: Search, chosen: Structure, gap: Gap, seed: int, quick: boo
         )
         effect, values = estimate(search, search.structure((m,)), m, seed, refined=False)
         found.append(Finding(effect, place, probability, values, gap.alone(search, m), (), False, 0.0))
+    return found
+
+
+def _steps(design: Design) -> list[Finding]:
+    """Encoders that read in steps too coarse to be left out of a simulator."""
+    context, found = design.context, []
+    for j, step in enumerate(context.quanta):
+        if step < COARSE:
+            continue
+        half = 0.01 * step
+        values = {"step": Estimate(float(step), float(step - half), float(step + half), "rad")}
+        energy = float(np.square(context.drive.stiffness[:, j].mean() * step) / 12) if context.drive else 0.0
+        found.append(
+            Finding(quantised(step), context.arm.joints[j], 1.0, values, 0.0, (), True, max(energy, 1e-9))
+        )
     return found
 
 

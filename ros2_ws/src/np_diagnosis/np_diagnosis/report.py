@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 
+from np_description.panda import NOMINAL
+from np_description.patch import Patch, PatchEffect, dump_patch
+
 from np_diagnosis.design import REVERSAL
 from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.effects import equivalence_classes
+from np_diagnosis.forward import shoot
 from np_diagnosis.gap import REGIMES, regimes
 from np_diagnosis.schema import validate
 from np_diagnosis.signals import Log
 
 
-def make_report(diagnosis: Diagnosis, logs: Sequence[Log], runtime: float) -> dict:
-    """The report as a JSON object. Raises ValueError if it breaks the schema."""
+def make_report(
+    diagnosis: Diagnosis, logs: Sequence[Log], runtime: float, shots: dict | None = None
+) -> dict:
+    """The report as a JSON object; shots: of `closed_loop`. Raises ValueError if it breaks the schema."""
     gap, joints = diagnosis.gap, diagnosis.context.arm.joints
     report = {
         "schema_version": 1,
@@ -47,6 +53,7 @@ def make_report(diagnosis: Diagnosis, logs: Sequence[Log], runtime: float) -> di
                 for j, joint in enumerate(joints)
             },
             "worse": _worse(diagnosis),
+            "closed_loop_rad": shots or {},
         },
         "next_experiment": next_experiment(diagnosis),
         "data": {
@@ -95,16 +102,60 @@ def next_experiment(diagnosis: Diagnosis) -> dict | None:
     return None
 
 
-def write(out: Path, diagnosis: Diagnosis, logs: Sequence[Log], runtime: float, page: bool = True) -> dict:
-    """Write report.json, patch.yaml and (unless `page` is false) report.html into `out`; returns the report."""
-    report = make_report(diagnosis, logs, runtime)
+def write(
+    out: Path, diagnosis: Diagnosis, logs: Sequence[Log], runtime: Callable[[], float], quick: bool = False
+) -> dict:
+    """Write report.json, patch.yaml and report.html into `out`; returns the report.
+
+    runtime: s it has taken so far; quick: without closed-loop shots and page.
+    """
+    shots = None if quick else closed_loop(diagnosis, make_patch(diagnosis))
+    report = make_report(diagnosis, logs, round(runtime(), 2), shots)
     out.mkdir(parents=True, exist_ok=True)
     (out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    if page:
+    (out / "patch.yaml").write_text(dump_patch(make_patch(diagnosis)), encoding="utf-8")
+    if not quick:
         from np_diagnosis.page import render  # drawing is slow to import
 
         (out / "report.html").write_text(render(report, diagnosis), encoding="utf-8")
     return report
+
+
+def make_patch(diagnosis: Diagnosis) -> Patch:
+    """The chosen effects, for the simulated arm and for training; nothing where unexplained."""
+    chosen = [f for f in diagnosis.findings if f.is_chosen and diagnosis.verdict != "unexplained"]
+    return Patch(
+        tuple(
+            PatchEffect(
+                f.effect.id,
+                f.component,
+                {**{name: e.value for name, e in f.parameters.items()}, **f.effect.constants},
+            )
+            for f in chosen
+        )
+    )
+
+
+def closed_loop(diagnosis: Diagnosis, patch: Patch) -> dict[str, dict[str, float]] | None:
+    """r4 by joint: RMS rad of the simulator's departure within a second, nominal and with the patch; None for
+    another arm, or recordings without commands."""
+    joints = diagnosis.context.arm.joints
+    if joints != NOMINAL.joints:
+        return None
+    shots = []
+    for log in diagnosis.context.logs:
+        before = shoot(log)
+        if before is None:
+            continue
+        try:
+            after = shoot(log, patch) if patch.effects else before
+        except FloatingPointError:
+            return {"diverged": {"before": 0.0, "after": 0.0}}
+        shots.append((before.rms, after.rms))
+    if not shots:
+        return None
+    old, new = np.sqrt(np.mean(np.square(shots), axis=0))
+    return {joint: {"before": float(old[j]), "after": float(new[j])} for j, joint in enumerate(joints)}
 
 
 def _effect(finding: Finding) -> dict:

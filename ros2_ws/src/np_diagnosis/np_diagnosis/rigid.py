@@ -13,7 +13,7 @@ import numpy as np
 from np_diagnosis.arm_model import Arm
 
 PARAMETERS = 10  # of a link: m, m c (3), inertia about its joint's origin (xx, xy, yy, xz, yz, zz)
-_PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def regressor(arm: Arm, motion: Motion, link: int) -> np.ndarray:
         unit = np.broadcast_to(np.eye(3)[axis], w.shape)
         forces[:, 1 + axis] = _cross(a, unit) + _cross(w, _cross(w, unit))
         couples[:, 1 + axis] = _cross(unit, b)
-    for number, (r, c) in enumerate(_PAIRS):
+    for number, (r, c) in enumerate(PAIRS):
         basis = np.zeros((3, 3))
         basis[r, c] = basis[c, r] = 1.0
         couples[:, 4 + number] = a @ basis + _cross(w, w @ basis)

@@ -19,8 +19,8 @@ CROWD = 2  # effects in a joint
 TRIED = 30  # candidates that each structure is grown by
 ADDED = 3.0  # nats that an effect must bring beyond its prior odds
 CERTAINTY = 1.5  # standard errors over blocks that it must bring
-LEAST_SHARE = 0.02  # of the stage's held-out energy at its place, below which an effect is not worth naming
-VISIBLE = 0.0005  # of the joint's torque limit, likewise
+LEAST_SHARE = 0.01  # of the stage's held-out energy at its place, below which an effect is not worth naming
+VISIBLE = 0.0001  # of the joint's torque limit, likewise
 TIE = 2.0  # nats within which fewer parameters are preferred
 
 
@@ -185,7 +185,9 @@ class Search:
         return is_sure and gain + extra > ADDED and self.is_material(one, other)
 
     def is_material(self, one: Structure, other: Structure) -> bool:
-        """Whether some stage of some joint gets better by an amount that matters."""
+        """Whether some stage of some joint gets better by an amount that matters, through what is no trifle."""
+        if any(self._is_trifle(one, m) for m in one.members if m not in other.members):
+            return False
         before, after = self.energies(other.members), self.energies(one.members)
         for cell, old, new in zip(self.design.cells, before, after):
             rows = max(cell.rows.sum(), 1)
@@ -194,6 +196,17 @@ class Search:
             if old - new > max(LEAST_SHARE * old, least * rows):
                 return True
         return False
+
+    def _is_trifle(self, structure: Structure, member: int) -> bool:
+        """Whether a member's parameters all are within what any arm has."""
+        ids = self.design.candidates[member].ids
+        least = np.array([self.design.parameters[i].least for i in ids])
+        if not least.any():
+            return False
+        joints, inside = next(g for g in self.groups(structure.members) if member in g[1])
+        at = np.isin(self.ids(joints, inside), ids)
+        values = self.group(joints, inside)[0].fit.parameters[:, at].mean(axis=0)
+        return bool((np.abs(values) <= least).all())
 
     def energies(self, members: tuple[int, ...]) -> list[float]:
         """Squared held-out residual of each cell, before whitening, of blocks predicted from the others."""

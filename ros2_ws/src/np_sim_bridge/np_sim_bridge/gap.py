@@ -42,7 +42,7 @@ class Gap:
         self._measured: deque[tuple[np.ndarray, np.ndarray]] = deque(
             maxlen=int(joint("measurement_delay", "delay").max() / period) + 2)
         self._late = float(joint("measurement_delay", "delay").max() / period)
-        self._bias, self._step = joint("encoder_bias", "bias"), joint("encoder_quantisation", "step")
+        self.bias, self._step = joint("encoder_bias", "bias"), joint("encoder_quantisation", "step")
         self._gain, self._zero = 1 + joint("torque_sensor_error", "gain"), joint("torque_sensor_error", "offset")
         self._uneven_coulomb = 0.5 * (joint("asymmetric_coulomb_friction", "level_positive")
                                       - joint("asymmetric_coulomb_friction", "level_negative"))
@@ -54,13 +54,12 @@ class Gap:
         self._late_level = joint("presliding_friction", "level")
         self._stroke = np.maximum(joint("presliding_friction", "stroke"), 1e-4)
         self._bristle, self._last = np.zeros(7), None
-        self._spring, self._spring_offset = joint("cable_torque", "stiffness"), joint("cable_torque", "offset")
+        self._spring = joint("cable_torque", "stiffness")
         self._sine, self._cosine = joint("torque_ripple", "sine"), joint("torque_ripple", "cosine")
         self._order, self._drift = joint("torque_ripple", "order"), joint("thermal_drift", "change")
         self._through: np.ndarray | None = None
         self._rated: np.ndarray | None = None
         self._gravity = _Gravity(patch) if _touches_gravity(patch) else None
-        self._moves_gravity = bool(self._gravity or self._by_load.any())
         self._load = _Gravity(Patch()) if self._by_load.any() else None
 
     def drive(self, torque: np.ndarray) -> np.ndarray:
@@ -91,14 +90,14 @@ class Gap:
         direction = np.tanh(dq / STICTION_SPEED)
         torque = -self._uneven_coulomb * np.abs(direction) - self._uneven_viscous * np.abs(dq)
         torque -= self._breakaway * direction * np.exp(-((dq / self._stribeck) ** 2))
-        torque -= self._spring * (q - NOMINAL.ready) + self._spring_offset
+        torque -= self._spring * (q - NOMINAL.ready)
         torque -= self._sine * np.sin(self._order * q) + self._cosine * np.cos(self._order * q)
         nominal = NOMINAL.frictionloss * direction + NOMINAL.damping * dq
         torque -= self._drift * min(self._time / DRIFT_DURATION, 1.0) * nominal
         moved = q - (q if self._last is None else self._last)
         self._last = q.copy()
         self._bristle = np.sign(moved) + (self._bristle - np.sign(moved)) * np.exp(-np.abs(moved) / self._stroke)
-        torque -= self._late_level * (self._bristle - direction)
+        torque -= self._late_level * self._bristle
         if self._load is not None:
             torque -= self._by_load * np.abs(self._load.nominal(q)) * direction
         if self._gravity is not None:
@@ -113,7 +112,7 @@ class Gap:
         newer, older = states[max(0, len(states) - 1 - whole)], states[max(0, len(states) - 2 - whole)]
         share = self._late - whole
         angle, speed = ((1 - share) * a + share * b for a, b in zip(newer, older))
-        angle = angle + self._bias
+        angle = angle + self.bias
         coarse = self._step > 0
         angle = np.where(coarse, np.round(angle / np.where(coarse, self._step, 1.0)) * self._step, angle)
         return angle, speed, self._gain * torque + self._zero

@@ -154,7 +154,7 @@ class ControllerNode(Node):
             return
         self._enter(inputs.phase)
         if inputs.trajectory is not None:
-            self._follow(inputs.trajectory, stamp)
+            self._follow(*inputs.trajectory, stamp)
         if inputs.target is not None:
             self._aim(stamp, *inputs.target)
 
@@ -163,9 +163,9 @@ class ControllerNode(Node):
             self._controller.hold()  # a new episode
         self._phase = phase
 
-    def _follow(self, trajectory: Trajectory, start: int | None) -> None:
+    def _follow(self, trajectory: Trajectory, gains: np.ndarray | None, start: int | None) -> None:
         try:
-            self._controller.follow(trajectory, start)
+            self._controller.follow(trajectory, start, gains)
         except Refusal as refusal:
             self._refuse(refusal)
 
@@ -193,7 +193,8 @@ class ControllerNode(Node):
             self._gate.trajectory(stamp, trajectory)  # a refused plan is an answer too
             self._answer()
         elif trajectory is not None:
-            self._follow(trajectory, None)
+            gains, self._gains = self._gains, None
+            self._follow(trajectory, gains, None)
 
     def _on_gains(self, message: Float64MultiArray) -> None:
         gains = None

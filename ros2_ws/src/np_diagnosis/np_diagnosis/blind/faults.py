@@ -14,6 +14,7 @@ from importlib.resources import files
 import numpy as np
 import yaml
 
+from np_control.impedance import STIFFNESS_MAX
 from np_description.panda import JOINT_NAMES, NOMINAL
 
 from np_diagnosis.blind.plant import Physics
@@ -133,7 +134,8 @@ def _presliding(p, i, j, size, rng):
     return {"level": (size, "Nm"), "stroke": (p.lugre_stroke[i, j], "rad")}
 
 
-def _soften(p: Physics, i: int, j: int, stiffness: float) -> None:
+def soften(p: Physics, i: int, j: int, stiffness: float) -> None:
+    """Make a gear flexible, Nm/rad."""
     p.flexible[i, j], p.stiffness[i, j] = 1.0, stiffness
     # Well enough damped that the loop, which feeds back the link's speed, is stable.
     p.gear_damping[i, j] = max(0.3 * np.sqrt(stiffness * 0.06), 8.0)
@@ -141,21 +143,21 @@ def _soften(p: Physics, i: int, j: int, stiffness: float) -> None:
 
 @_fault("backlash")
 def _backlash(p, i, j, size, rng):
-    _soften(p, i, j, ROTOR_FIXED)
+    soften(p, i, j, ROTOR_FIXED)
     p.play[i, j] = size
     return {"half_play": (size, "rad")}
 
 
 @_fault("transmission_hysteresis")
 def _hysteresis(p, i, j, size, rng):
-    _soften(p, i, j, ROTOR_FIXED)
+    soften(p, i, j, ROTOR_FIXED)
     p.hysteresis_torque[i, j], p.hysteresis_stroke[i, j] = size * ROTOR_FIXED, rng.uniform(1e-4, 4e-4)
     return {"width": (size, "rad"), "stroke": (p.hysteresis_stroke[i, j], "rad")}
 
 
 @_fault("joint_elasticity")
 def _elasticity(p, i, j, size, rng):
-    _soften(p, i, j, 1.0 / size)
+    soften(p, i, j, 1.0 / size)
     return {"compliance": (size, "rad/Nm")}
 
 
@@ -165,16 +167,20 @@ def _scale(p, i, j, size, rng):
     return {"scale": (p.torque_scale[i, j], "1")}
 
 
+def _gain(relative: float, gain: float, unit: str) -> Parameters:
+    return {"relative": (relative, "1"), "change": (relative * gain, unit)}
+
+
 @_fault("stiffness_gain_error")
 def _stiffness_gain(p, i, j, size, rng):
     p.stiffness_factor[i, j] = 1.0 + _sign(rng) * size
-    return {"relative": (p.stiffness_factor[i, j] - 1.0, "1")}
+    return _gain(p.stiffness_factor[i, j] - 1.0, STIFFNESS_MAX[j], "Nm/rad")
 
 
 @_fault("damping_gain_error")
 def _damping_gain(p, i, j, size, rng):
     p.damping_factor[i, j] = 1.0 + _sign(rng) * size
-    return {"relative": (p.damping_factor[i, j] - 1.0, "1")}
+    return _gain(p.damping_factor[i, j] - 1.0, np.sqrt(STIFFNESS_MAX[j]), "Nms/rad")
 
 
 @_fault("torque_offset")

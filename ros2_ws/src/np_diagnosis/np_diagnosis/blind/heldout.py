@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
 
+from np_control.impedance import STIFFNESS_MAX
+
+from np_diagnosis.blind.cases import Case, make_physics
 from np_diagnosis.blind.loop import Targets, make_targets, run
-from np_diagnosis.blind.plant import Physics
+from np_diagnosis.blind.patched import patched_physics
+from np_diagnosis.blind.plant import Physics, stack
 from np_diagnosis.excitation import READY, SCALE, Segment
 from np_diagnosis.motions import Motion, visits, waves
 
 _SEED = 20261121
-_GAINS = np.stack([np.array([400.0] * 4 + [100.0] * 3), np.ones(7)])
+_GAINS = np.stack([STIFFNESS_MAX, np.ones(7)])
 
 
 @cache
@@ -34,6 +39,18 @@ def motions(physics: Physics, targets: Targets) -> np.ndarray:
 def gaps(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """RMS difference (B,) rad, over time and joints, of motions (n, B, 7)."""
     return np.sqrt(((one - other) ** 2).mean(axis=(0, 2)))
+
+
+def heldout_gaps(cases: Sequence[Case], patches: Sequence[list[dict]]) -> list[tuple[float, float, float]]:
+    """For each case, gaps rad of the nominal arm, of the nominal arm with the true faults, and of the patched.
+
+    Each against the arm itself, its background included, without sensor noise.
+    """
+    clean = [Case(case.number, "null", (), case.seed) for case in cases]
+    arms = [make_physics(list(cases))[0], make_physics(clean, background=False)[0],
+            make_physics(list(cases), background=False)[0], patched_physics(list(patches))]
+    truth, *others = np.split(motions(stack(arms), heldout_targets()), len(arms), axis=1)
+    return [tuple(map(float, row)) for row in zip(*(gaps(other, truth) for other in others))]
 
 
 def _segment(name: str, duration: float, motion: Motion) -> Segment:

@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"diagnose: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))
         return 1
-    report = write(options.out, diagnosis, logs, round(time.monotonic() - began, 2), page=not options.quick)
+    report = write(options.out, diagnosis, logs, lambda: time.monotonic() - began, options.quick)
     gap = report["gap"]
     print(
         json.dumps(

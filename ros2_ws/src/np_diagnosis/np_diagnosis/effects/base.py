@@ -8,7 +8,7 @@ competition picks one and `refine` settles it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 
@@ -24,7 +24,7 @@ from np_diagnosis.stages import Drive, Prediction
 class Context:
     """What effects may look at. drive: None without commands; ripples: orders per revolution found by joint;
     quanta (k,) rad: step of each encoder, 0 where none shows; held (n,) bool: periods of the drive in which the
-    last command was held, None without drive."""
+    last command was held, None without drive; held_share: of the periods in which that could have been seen."""
 
     arm: Arm
     logs: list[Log]
@@ -34,11 +34,16 @@ class Context:
     transmission: object | None
     ripples: Mapping[int, tuple[int, ...]]
     held: np.ndarray | None
+    held_share: float
+    quanta: np.ndarray
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A change against the nominal simulator, from lower to upper, N(centre, prior^2) before any data."""
+    """A change against the nominal simulator, from lower to upper, N(centre, prior^2) before any data.
+
+    least: magnitude up to which it is what any arm has of it, and not worth naming.
+    """
 
     name: str
     unit: str
@@ -46,6 +51,7 @@ class Parameter:
     upper: float
     prior: float
     centre: float = 0.0
+    least: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +75,8 @@ class Effect:
 
     An effect of one joint acts on that joint only; an effect of the whole arm (`is_arm`) shows in every joint
     with the same parameters. variant: what tells it from others of this id, in words. component: of an arm
-    effect, the joint it sits at, or "arm"; only_joint: the one joint a variant is meant for, None for all.
+    effect, the joint it sits at, or "arm"; only_joint: the one joint a variant is meant for, None for all;
+    constants: numbers of the variant that a simulator needs besides the parameters.
     """
 
     id: str
@@ -81,6 +88,7 @@ class Effect:
     is_arm: bool = False
     component: str = "arm"
     only_joint: int | None = None
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def entry(self) -> dict:

@@ -66,8 +66,8 @@ def effects(context: Context) -> list[Effect]:
         ),
         Effect(
             "cable_torque",
-            (Parameter("stiffness", "Nm/rad", -3.0, 3.0, 0.3), Parameter("offset", "Nm", -3.0, 3.0, 0.5)),
-            {"r2": lambda c, j: stack(c.samples.position[:, j] - c.arm.rest[j], np.ones(len(c.samples)))},
+            (Parameter("stiffness", "Nm/rad", -3.0, 3.0, 0.3),),
+            {"r2": lambda c, j: stack(c.samples.position[:, j] - c.arm.rest[j])},
             "spring about the rest posture",
         ),
     ]
@@ -95,11 +95,10 @@ def _stribeck(speed: float) -> Effect:
 
 
 def _presliding(stroke: float) -> Effect:
-    """Friction of the nominal level that builds up over a distance instead of at once."""
+    """More friction, of a kind that builds up over a distance instead of at once."""
 
     def columns(c: Context, j: int) -> np.ndarray:
-        late = c.samples.filtered(j, lambda q, v: dahl(q, stroke))
-        return stack(late - c.prediction.direction[:, j])
+        return stack(c.samples.filtered(j, lambda q, v: dahl(q, stroke)))
 
     return Effect(
         "presliding_friction",
@@ -146,6 +145,7 @@ def _ripple(joint: int, order: int) -> Effect:
         "order of the wave generator",
         f"order {order}",
         only_joint=joint,
+        constants={"order": float(order)},
     )
 
 

@@ -6,9 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis import rigid
+from np_diagnosis.arm_model import Arm
 from np_diagnosis.effects.base import Context, Effect, Parameter, stack
 
-STANDARD_GRAVITY = 9.81
+
+INERTIA_KNOWN = 0.09  # share to which the inertia of a link is ever known: three times 3 %
 
 
 def effects(context: Context) -> list[Effect]:
@@ -49,19 +51,25 @@ def effects(context: Context) -> list[Effect]:
                 component=arm.joints[i],
             )
         )
-        scaled = np.array([arm.inertia[i][r, c] for r, c in rigid._PAIRS])
+        scaled = np.array([_about_centre(arm, i)[r, c] for r, c in rigid.PAIRS])
         found.append(
             Effect(
                 "link_inertia",
-                (Parameter("scale", "1", -0.9, 3.0, 0.3),),
+                (Parameter("scale", "1", -0.9, 3.0, 0.5, least=INERTIA_KNOWN),),
                 {"r2": lambda c, j, t=table, s=scaled: stack(t[:, j, 4:] @ s)},
-                "inverse dynamics are linear in the inertia about the joint",
+                "inverse dynamics are linear in the inertia about the centre of mass",
                 f"link {i + 1}",
                 is_arm=True,
                 component=arm.joints[i],
             )
         )
     return found
+
+
+def _about_centre(arm: Arm, link: int) -> np.ndarray:
+    """Inertia (3, 3) kg m^2 of a link about its centre of mass."""
+    m, h = arm.mass[link], arm.moment[link]
+    return arm.inertia[link] - (h @ h * np.eye(3) - np.outer(h, h)) / max(m, 1e-9)
 
 
 def _tilt(context: Context) -> Effect:

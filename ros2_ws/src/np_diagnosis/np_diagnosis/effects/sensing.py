@@ -27,6 +27,18 @@ def effects(context: Context) -> list[Effect]:
         found.append(
             Effect(
                 "torque_sensor_error",
+                (offset,),
+                {
+                    "r1": lambda c, j: np.ones((len(c.drive.time), 1)),
+                    "r2": lambda c, j: np.ones((len(c.samples), 1)),
+                },
+                "y = tau + offset",
+                "offset only",
+            )
+        )
+        found.append(
+            Effect(
+                "torque_sensor_error",
                 (gain, offset),
                 {
                     "r1": lambda c, j: stack(c.drive.commanded[:, j] + c.drive.gravity[:, j], np.ones(len(c.drive.time))),
@@ -36,6 +48,13 @@ def effects(context: Context) -> list[Effect]:
             )
         )
     return found
+
+
+def quantised(step: float) -> Effect:
+    """The finding that an encoder reads in steps (rad): seen in the readings themselves, not in torque."""
+    return Effect(
+        "encoder_quantisation", (Parameter("step", "rad", 0.0, 0.01, 1e-3),), {}, "readings lie on a grid"
+    )
 
 
 def find_quantum(position: np.ndarray) -> float:

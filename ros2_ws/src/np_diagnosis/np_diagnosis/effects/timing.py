@@ -9,6 +9,7 @@ from np_diagnosis.effects.torque_loop import SHARE
 from np_diagnosis.stages import Drive
 
 DELAYS = (0.003, 0.006, 0.012, 0.025)  # s
+LEAST_HELD = 20  # periods
 SURE = 10.0  # nats by which holding must fit a period better than not holding
 
 
@@ -36,12 +37,13 @@ def effects(context: Context) -> list[Effect]:
             is_arm=True,
         )
     )
-    if context.held is not None and context.held.any():
+    if context.held is not None and context.held.sum() > LEAST_HELD:
+        share = context.held_share
         found.append(
             Effect(
                 "packet_loss",
-                (Parameter("share", "1", 0.7, 1.3, 0.02, 1.0),),
-                {"r1": lambda c, j: stack(hold(c.drive, c.held)[:, j] - c.drive.commanded[:, j])},
+                (Parameter("share", "1", 0.7 * share, 1.3 * share, 0.05 * share, share),),
+                {"r1": lambda c, j: stack(hold(c.drive, c.held)[:, j] - c.drive.commanded[:, j]) / share},
                 "a lost command leaves the last one in force",
                 is_arm=True,
             )
@@ -64,8 +66,9 @@ def hold(d: Drive, held: np.ndarray) -> np.ndarray:
     return d.commanded[np.maximum.accumulate(row)]
 
 
-def find_held(d: Drive) -> np.ndarray:
-    """Periods (n,) in which all joints show the command before instead of their own."""
+def find_held(d: Drive) -> tuple[np.ndarray, float]:
+    """(periods (n,) in which all joints show the command before instead of their own, their share of those in
+    which the two differ enough to tell)."""
     residual = d.measured - d.commanded
     spread = 1.4826 * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0)
     spread = np.maximum(spread, 1e-6)
@@ -77,6 +80,7 @@ def find_held(d: Drive) -> np.ndarray:
     # Only periods that holding could explain at all are looked at one by one.
     step = np.vstack([np.zeros(command.shape[1]), np.diff(command, axis=0)])
     excess = free - 0.5 * np.square(np.array(scaled) + step).sum(axis=1)
+    tellable = 0.5 * np.square(step).sum(axis=1) > 2 * SURE
     last, table = 0, np.array(scaled)
     for i in range(len(residual)):
         if i not in begins and (excess[i] > SURE or (held[i - 1] and i > 0)):
@@ -85,7 +89,8 @@ def find_held(d: Drive) -> np.ndarray:
                 held[i] = True
                 continue
         last = i
-    return held
+    seen = int(tellable.sum())
+    return held, float(held[tellable].mean()) if seen > 100 else float(held.mean())
 
 
 def _delay(delay: float) -> Effect:

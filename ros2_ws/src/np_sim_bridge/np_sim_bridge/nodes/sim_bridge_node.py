@@ -174,7 +174,7 @@ class SimBridge(Node):
             self._advance()
 
     def _on_phase(self, message: String) -> None:
-        self._armed = message.data in ACTIVE_PHASES
+        self._armed = message.data.split(":")[0] in ACTIVE_PHASES
         self._waiting_since = time.monotonic()
 
     def _read_stamp(self, header: Header) -> int | None:
