@@ -1,6 +1,8 @@
 """The comparisons of the paper, each a flag of the same command, and the log of a run."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -92,6 +94,22 @@ def test_a_log_survives_a_kill_and_new_columns(tmp_path):
     assert [row["success"] for row in rows] == pytest.approx([0.1, 0.2, 0.9, 0.95])
     assert rows[2]["lost"] == 0.5 and rows[0]["lost"] != rows[0]["lost"]
     assert len(path.read_text().splitlines()) == 1 + 3 + 2  # what the killed run logged is still there
+
+
+def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path):
+    command = [sys.executable, "-m", "np_training.train", "--worlds", "4", "--rollout", "2", "--device", "cpu", "--out",
+               str(tmp_path), "--save-every", "0", "--show-every", "0", "--iterations"]
+    with subprocess.Popen([*command, "1000"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
+        shown = (line for line in process.stderr if "M steps" in line)
+        first, second = next(shown, ""), next(shown, "")  # a row is logged, shown, then saved: the first was saved
+        process.kill()
+        process.stderr.read()
+    assert "success" in first and "min left" in second
+    saved = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["iteration"]
+    subprocess.run([*command, "1"], check=True, capture_output=True, timeout=280)
+    rows = read_log(tmp_path / "log.csv")
+    last = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["iteration"]
+    assert last == saved + 1 and [row["iteration"] for row in rows][:last] == list(range(1, last + 1))
 
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)
