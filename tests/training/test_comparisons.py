@@ -61,9 +61,33 @@ def test_the_joint_range_tightens_with_success_and_widens_without():
 
 
 def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", [
-        "train", "--domain", "bump", "--worlds", "8", "--rollout", "3", "--limit", "4", "--start", "right", "--controller",
-        "osc", "--curriculum", "none", "--adaptive-joint-range", "--device", "cpu", "--iterations", "2", "--out", str(tmp_path)])
+    monkeypatch.setattr(
+        "sys.argv",
+        [
+            "train",
+            "--domain",
+            "bump",
+            "--worlds",
+            "8",
+            "--rollout",
+            "3",
+            "--limit",
+            "4",
+            "--start",
+            "right",
+            "--controller",
+            "osc",
+            "--curriculum",
+            "none",
+            "--adaptive-joint-range",
+            "--device",
+            "cpu",
+            "--iterations",
+            "2",
+            "--out",
+            str(tmp_path),
+        ],
+    )
     train.main()
     last = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
     assert last["stage"] == STAGES and last["steps"] == 2 * 8 * 3
@@ -74,8 +98,12 @@ def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypat
     for group in ("tips0", "tips1", "tips2", "goal0", "goal1"):
         assert 0 <= rows[-1][f"success_{group}"] <= 1
     assert json.loads((tmp_path / "config.json").read_text())["setting"] == state["setting"]
-    monkeypatch.setattr("sys.argv", ["train", "--domain", "bump", "--worlds", "4", "--device", "cpu", "--out", str(tmp_path)])
-    with pytest.raises(ValueError, match="expected a checkpoint of .*'start': 'contact'.* got one of .*'right'"):
+    monkeypatch.setattr(
+        "sys.argv", ["train", "--domain", "bump", "--worlds", "4", "--device", "cpu", "--out", str(tmp_path)]
+    )
+    with pytest.raises(
+        ValueError, match="expected a checkpoint of .*'start': 'contact'.* got one of .*'right'"
+    ):
         train.main()
 
 
@@ -97,11 +125,32 @@ def test_a_log_survives_a_kill_and_new_columns(tmp_path):
 
 
 def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path):
-    command = [sys.executable, "-m", "np_training.train", "--worlds", "4", "--rollout", "2", "--device", "cpu", "--out",
-               str(tmp_path), "--save-every", "0", "--show-every", "0", "--iterations"]
-    with subprocess.Popen([*command, "1000"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
+    command = [
+        sys.executable,
+        "-m",
+        "np_training.train",
+        "--worlds",
+        "4",
+        "--rollout",
+        "2",
+        "--device",
+        "cpu",
+        "--out",
+        str(tmp_path),
+        "--save-every",
+        "0",
+        "--show-every",
+        "0",
+        "--iterations",
+    ]
+    with subprocess.Popen(
+        [*command, "1000"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+    ) as process:
         shown = (line for line in process.stderr if "M steps" in line)
-        first, second = next(shown, ""), next(shown, "")  # a row is logged, shown, then saved: the first was saved
+        first, second = (
+            next(shown, ""),
+            next(shown, ""),
+        )  # a row is logged, shown, then saved: the first was saved
         process.kill()
         process.stderr.read()
     assert "success" in first and "min left" in second
@@ -114,13 +163,32 @@ def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path):
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)
 def test_progress_names_what_is_going_on(domain, capsys):
-    row = {"steps": 2_000_000, "steps_per_second": 250_000.0, "stage": STAGES + 1, "success": 0.5, "practice": 0.2,
-           "success_practice": 0.9, "lost": 0.1, "length": 30.0, "end_distance": 0.012, "end_angle": 0.2, "pre_feasible": 1.0,
-           "std": 0.3, "kl": 0.01}
+    row = {
+        "steps": 2_000_000,
+        "steps_per_second": 250_000.0,
+        "stage": STAGES + 1,
+        "success": 0.5,
+        "practice": 0.2,
+        "success_practice": 0.9,
+        "lost": 0.1,
+        "length": 30.0,
+        "end_distance": 0.012,
+        "end_angle": 0.2,
+        "pre_feasible": 1.0,
+        "std": 0.3,
+        "kl": 0.01,
+    }
     if domain is not CARD:
         row["success_tips1"] = 0.25
     text = describe(row, 90)
-    for part in ("2.0 M steps", "250.0 k/s", "randomised", "success 0.500", "practice 0.20: 0.90", "1.5 min left"):
+    for part in (
+        "2.0 M steps",
+        "250.0 k/s",
+        "randomised",
+        "success 0.500",
+        "practice 0.20: 0.90",
+        "1.5 min left",
+    ):
         assert part in text
     assert ("tips1 0.25" in text) == (domain is not CARD)
     progress = Progress()
