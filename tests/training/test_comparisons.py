@@ -1,6 +1,8 @@
 """The comparisons of the paper, each a flag of the same command, and the log of a run."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -59,9 +61,33 @@ def test_the_joint_range_tightens_with_success_and_widens_without():
 
 
 def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", [
-        "train", "--domain", "bump", "--worlds", "8", "--rollout", "3", "--limit", "4", "--start", "right", "--controller",
-        "osc", "--curriculum", "none", "--adaptive-joint-range", "--device", "cpu", "--iterations", "2", "--out", str(tmp_path)])
+    monkeypatch.setattr(
+        "sys.argv",
+        [
+            "train",
+            "--domain",
+            "bump",
+            "--worlds",
+            "8",
+            "--rollout",
+            "3",
+            "--limit",
+            "4",
+            "--start",
+            "right",
+            "--controller",
+            "osc",
+            "--curriculum",
+            "none",
+            "--adaptive-joint-range",
+            "--device",
+            "cpu",
+            "--iterations",
+            "2",
+            "--out",
+            str(tmp_path),
+        ],
+    )
     train.main()
     last = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
     assert last["stage"] == STAGES and last["steps"] == 2 * 8 * 3
@@ -72,8 +98,12 @@ def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypat
     for group in ("tips0", "tips1", "tips2", "goal0", "goal1"):
         assert 0 <= rows[-1][f"success_{group}"] <= 1
     assert json.loads((tmp_path / "config.json").read_text())["setting"] == state["setting"]
-    monkeypatch.setattr("sys.argv", ["train", "--domain", "bump", "--worlds", "4", "--device", "cpu", "--out", str(tmp_path)])
-    with pytest.raises(ValueError, match="expected a checkpoint of .*'start': 'contact'.* got one of .*'right'"):
+    monkeypatch.setattr(
+        "sys.argv", ["train", "--domain", "bump", "--worlds", "4", "--device", "cpu", "--out", str(tmp_path)]
+    )
+    with pytest.raises(
+        ValueError, match="expected a checkpoint of .*'start': 'contact'.* got one of .*'right'"
+    ):
         train.main()
 
 
@@ -94,15 +124,71 @@ def test_a_log_survives_a_kill_and_new_columns(tmp_path):
     assert len(path.read_text().splitlines()) == 1 + 3 + 2  # what the killed run logged is still there
 
 
+def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path):
+    command = [
+        sys.executable,
+        "-m",
+        "np_training.train",
+        "--worlds",
+        "4",
+        "--rollout",
+        "2",
+        "--device",
+        "cpu",
+        "--out",
+        str(tmp_path),
+        "--save-every",
+        "0",
+        "--show-every",
+        "0",
+        "--iterations",
+    ]
+    with subprocess.Popen(
+        [*command, "1000"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+    ) as process:
+        shown = (line for line in process.stderr if "M steps" in line)
+        first, second = (
+            next(shown, ""),
+            next(shown, ""),
+        )  # a row is logged, shown, then saved: the first was saved
+        process.kill()
+        process.stderr.read()
+    assert "success" in first and "min left" in second
+    saved = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["iteration"]
+    subprocess.run([*command, "1"], check=True, capture_output=True, timeout=280)
+    rows = read_log(tmp_path / "log.csv")
+    last = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["iteration"]
+    assert last == saved + 1 and [row["iteration"] for row in rows][:last] == list(range(1, last + 1))
+
+
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)
 def test_progress_names_what_is_going_on(domain, capsys):
-    row = {"steps": 2_000_000, "steps_per_second": 250_000.0, "stage": STAGES + 1, "success": 0.5, "practice": 0.2,
-           "success_practice": 0.9, "lost": 0.1, "length": 30.0, "end_distance": 0.012, "end_angle": 0.2, "pre_feasible": 1.0,
-           "std": 0.3, "kl": 0.01}
+    row = {
+        "steps": 2_000_000,
+        "steps_per_second": 250_000.0,
+        "stage": STAGES + 1,
+        "success": 0.5,
+        "practice": 0.2,
+        "success_practice": 0.9,
+        "lost": 0.1,
+        "length": 30.0,
+        "end_distance": 0.012,
+        "end_angle": 0.2,
+        "pre_feasible": 1.0,
+        "std": 0.3,
+        "kl": 0.01,
+    }
     if domain is not CARD:
         row["success_tips1"] = 0.25
     text = describe(row, 90)
-    for part in ("2.0 M steps", "250.0 k/s", "randomised", "success 0.500", "practice 0.20: 0.90", "1.5 min left"):
+    for part in (
+        "2.0 M steps",
+        "250.0 k/s",
+        "randomised",
+        "success 0.500",
+        "practice 0.20: 0.90",
+        "1.5 min left",
+    ):
         assert part in text
     assert ("tips1 0.25" in text) == (domain is not CARD)
     progress = Progress()

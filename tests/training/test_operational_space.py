@@ -45,15 +45,27 @@ def test_kernel_and_controller_compute_the_same_torque():
     for posture, target in zip(postures, targets):
         physics.aim(posture, target)
     physics.delay[: WORLDS // 2] = 1  # these still follow the command of the period before
-    physics.delay[WORLDS // 2:] = 0
-    mass, bias, gravity = (mass_matrix(physics), *(getattr(physics.data, name).numpy()[:, ARM].astype(float)
-                                                   for name in ("qfrc_bias", "qfrc_gravcomp")))
+    physics.delay[WORLDS // 2 :] = 0
+    mass, bias, gravity = (
+        mass_matrix(physics),
+        *(
+            getattr(physics.data, name).numpy()[:, ARM].astype(float)
+            for name in ("qfrc_bias", "qfrc_gravcomp")
+        ),
+    )
     physics.advance()
     for i in range(WORLDS):
         new = int(i >= WORLDS // 2)
         expected = operational_space_torque(
-            q[i], dq[i], targets[new].position[i].double().numpy(), targets[new].rotation[i].double().numpy(),
-            postures[new][i].double().numpy(), CartesianGains(), mass[i], bias[i] - gravity[i])
+            q[i],
+            dq[i],
+            targets[new].position[i].double().numpy(),
+            targets[new].rotation[i].double().numpy(),
+            postures[new][i].double().numpy(),
+            CartesianGains(),
+            mass[i],
+            bias[i] - gravity[i],
+        )
         expected = np.clip(expected, -NOMINAL.torque_limit, NOMINAL.torque_limit)
         np.testing.assert_allclose(physics.ctrl[i, ARM].numpy(), expected, atol=5e-3)
     assert np.abs(expected).max() > 1

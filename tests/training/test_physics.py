@@ -1,4 +1,4 @@
-"""What the batched simulator counts: steps beyond the arm's limits, worlds without room for their contacts."""
+"""What the batched simulator counts: steps beyond the arm's limits, worlds without room for contacts."""
 
 import numpy as np
 import pytest
@@ -33,8 +33,10 @@ def test_physics_steps_beyond_a_limit_are_counted_anew_every_period(controller):
 
 
 def test_worlds_without_room_for_a_constraint_are_counted_once():
-    roomy, narrow = (BatchedPhysics(BUMP, WORLDS, "cpu", PhysicsConfig(substeps=SUBSTEPS, constraints=room))
-                     for room in (96, 22))  # 24 are in use at rest
+    roomy, narrow = (
+        BatchedPhysics(BUMP, WORLDS, "cpu", PhysicsConfig(substeps=SUBSTEPS, constraints=room))
+        for room in (96, 22)
+    )  # 24 are in use at rest
     for physics in (roomy, narrow):
         physics.advance()
     assert roomy.take_overflowed() == 0
@@ -47,6 +49,12 @@ def test_a_target_takes_the_place_of_the_one_before_it_and_keeps_that_for_the_de
     for k in (1.0, 2.0):
         gains = torch.full_like(q, 100 * k), torch.full_like(q, k)
         physics.aim(q + k, Target(torch.zeros(WORLDS, 3), torch.eye(3).repeat(WORLDS, 1, 1), *gains))
-    expected = torch.stack([q + 1, *(torch.full_like(q, x) for x in (100.0, 1.0)),
-                            q + 2, *(torch.full_like(q, x) for x in (200.0, 2.0))])
+    expected = torch.stack(
+        [
+            q + 1,
+            *(torch.full_like(q, x) for x in (100.0, 1.0)),
+            q + 2,
+            *(torch.full_like(q, x) for x in (200.0, 2.0)),
+        ]
+    )
     np.testing.assert_allclose(physics.command.numpy(), expected.numpy())

@@ -13,8 +13,15 @@ from matplotlib.figure import Figure
 from np_training.curriculum import STAGES
 
 WINDOW = 10  # iterations that a success has to last
-_STYLE = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
-          "svg.fonttype": "none", "svg.hashsalt": "np"}
+_STYLE = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "np",
+}
 
 Rows = list[dict[str, float]]
 
@@ -25,7 +32,8 @@ def column(rows: Rows, name: str) -> np.ndarray:
 
 
 def reached(rows: Rows, success: float) -> dict[str, float] | None:
-    """Policy steps and wall seconds after which the mean of WINDOW iterations first was at least `success`, or None."""
+    """Policy steps and wall seconds after which the mean of WINDOW iterations first was at least `success`,
+    or None."""
     values = column(rows, "success")
     if len(values) < WINDOW:
         return None
@@ -37,7 +45,7 @@ def reached(rows: Rows, success: float) -> dict[str, float] | None:
 
 
 def draw_curves(rows: Rows) -> Figure:
-    """Success, stage, reward terms, episodes, contacts, optimisation and speed of a run against policy steps."""
+    """Success, stage, reward terms, episodes, contacts, optimisation and speed against policy steps."""
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(11, 9.5), layout="constrained")
         axes = figure.subplots(3, 2, sharex=True).flat
@@ -75,7 +83,7 @@ def svg(figure: Figure) -> str:
     text = io.StringIO()
     with matplotlib.rc_context(_STYLE):
         figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()[text.getvalue().index("<svg"):]
+    return text.getvalue()[text.getvalue().index("<svg") :]
 
 
 def _lines(ax: Axes, rows: Rows, names: dict[str, str], scale: float = 1.0) -> None:
@@ -88,8 +96,10 @@ def _lines(ax: Axes, rows: Rows, names: dict[str, str], scale: float = 1.0) -> N
 
 
 def _success(ax: Axes, rows: Rows) -> None:
-    groups = sorted({name for row in rows for name in row if name.startswith("success_") and name != "success_mean"})
-    _lines(ax, rows, {"success": "all", **{name: name[len("success_"):] for name in groups}})
+    groups = sorted(
+        {name for row in rows for name in row if name.startswith("success_") and name != "success_mean"}
+    )
+    _lines(ax, rows, {"success": "all", **{name: name[len("success_") :] for name in groups}})
     ax.set(ylabel="success of ended episodes", ylim=(0, 1.02))
     stage = ax.twinx()
     stage.step(column(rows, "steps") / 1e6, column(rows, "stage"), color="0.5", where="post", linewidth=1)
@@ -99,7 +109,7 @@ def _success(ax: Axes, rows: Rows) -> None:
 
 def _rewards(ax: Axes, rows: Rows) -> None:
     names = sorted({name for row in rows for name in row if name.startswith("reward_")})
-    _lines(ax, rows, {name: name[len("reward_"):].replace("_", " ") for name in names})
+    _lines(ax, rows, {name: name[len("reward_") :].replace("_", " ") for name in names})
     ax.set_yscale("symlog", linthresh=1e-3)
     ax.set(ylabel="reward a step, scaled")
 
@@ -112,14 +122,31 @@ def _ends(ax: Axes, rows: Rows) -> None:
 
 
 def _contacts(ax: Axes, rows: Rows) -> None:
-    _lines(ax, rows, {"pre_feasible": "feasible contacts", "lost": "objects lost", "practice": "practice",
-                      "joint_range": "joint range"})
+    _lines(
+        ax,
+        rows,
+        {
+            "pre_feasible": "feasible contacts",
+            "lost": "objects lost",
+            "practice": "practice",
+            "joint_range": "joint range",
+        },
+    )
     ax.set(ylabel="share", ylim=(0, 1.02))
 
 
 def _optimisation(ax: Axes, rows: Rows) -> None:
-    _lines(ax, rows, {"std": "deviation, post-contact", "pre_std": "deviation, pre-contact", "lr": "learning rate",
-                      "kl": "KL divergence", "value_loss": "value loss"})
+    _lines(
+        ax,
+        rows,
+        {
+            "std": "deviation, post-contact",
+            "pre_std": "deviation, pre-contact",
+            "lr": "learning rate",
+            "kl": "KL divergence",
+            "value_loss": "value loss",
+        },
+    )
     ax.set_yscale("log")
     ax.set(ylabel="optimisation")
 

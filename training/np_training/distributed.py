@@ -1,7 +1,7 @@
 """Training on several devices, one process each, started by `torchrun`.
 
-Every process simulates worlds of its own; gradients, statistics and decisions are sums over all of them. A process
-alone gets the same answers without a message: every function here is then the identity.
+Every process simulates worlds of its own; gradients, statistics and decisions are sums over all of them. A
+process alone gets the same answers without a message: every function here is then the identity.
 """
 
 from __future__ import annotations
@@ -25,8 +25,10 @@ def join(device: str) -> str:
         return device
     local = int(os.environ["LOCAL_RANK"])
     if local >= torch.cuda.device_count():
-        raise ValueError(f"--nproc-per-node: expected at most {torch.cuda.device_count()}, the GPUs of this machine, "
-                         f"got a process {local}")
+        raise ValueError(
+            f"--nproc-per-node: expected at most {torch.cuda.device_count()}, the GPUs of this machine, "
+            f"got a process {local}"
+        )
     device = f"cuda:{local}"
     torch.cuda.set_device(local)
     wp.set_device(device)
@@ -62,11 +64,14 @@ def add(*tensors: torch.Tensor) -> None:
 
 def total(values: dict[str, torch.Tensor | float], device: torch.device) -> dict[str, float]:
     """Sums over all processes of named numbers, in one message; the names have to be the same everywhere."""
-    numbers = torch.stack([torch.as_tensor(value, dtype=torch.float64, device=device) for value in values.values()])
+    numbers = torch.stack(
+        [torch.as_tensor(value, dtype=torch.float64, device=device) for value in values.values()]
+    )
     add(numbers)
     return dict(zip(values, numbers.tolist()))
 
 
 def any_of(condition: bool, device: torch.device) -> bool:
-    """Whether the condition holds on any process: clocks differ, and all have to stop after the same iteration."""
+    """Whether the condition holds on any process: clocks differ, and all have to stop after the same
+    iteration."""
     return total({"condition": float(condition)}, device)["condition"] > 0

@@ -1,4 +1,4 @@
-"""Episodes of trained policies, one in every world: deterministic actions at zeta*, and what became of each."""
+"""Episodes of trained policies, one in every world, with mean actions at zeta*; what became of each."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ from np_training.randomisation import Conditions
 from np_training.tasks import Poses, sample_tasks
 
 MODES = ("success", "infeasible", "broken", "lost", "timeout")
-"""How an episode ends: at the goal; without a contact that can be reached; in numbers that are not finite; with the object
-off the table; when the time is over."""
+"""How an episode ends: at the goal; without a contact that can be reached; in numbers that are not finite;
+with the object off the table; when the time is over."""
 
 
 @dataclass(frozen=True)
 class Episodes:
     """Ended episodes (n,), arrays of NumPy.
 
-    mode: index into MODES; length: policy steps; distance m, angle rad: to the goal at the end; over (2, n, 7): physics
-    steps beyond the limits of joint velocity and torque; groups: masks (n,) by kind of task (`breakdown.groups`);
-    goals (n, 7): position and quaternion; qpos (steps + 1, n, 16), held still from each end on, where it was recorded.
+    mode: index into MODES; length: policy steps; distance m, angle rad: to the goal at the end; over (2, n,
+    7): physics steps beyond the limits of joint velocity and torque; groups: masks (n,) by kind of task
+    (`breakdown.groups`); goals (n, 7): position and quaternion; qpos (steps + 1, n, 16), held still from each
+    end on, where it was recorded.
     """
 
     mode: np.ndarray
@@ -53,20 +54,30 @@ class Episodes:
 
 def concatenate(parts: list[Episodes]) -> Episodes:
     """All episodes of several runs, without their recordings."""
+
     def join(name: str, axis: int = 0) -> np.ndarray:
         return np.concatenate([getattr(part, name) for part in parts], axis=axis)
 
     groups = {name: np.concatenate([part.groups[name] for part in parts]) for name in parts[0].groups}
-    return Episodes(join("mode"), join("length"), join("distance"), join("angle"), join("over", 1), groups, join("goals"))
+    return Episodes(
+        join("mode"), join("length"), join("distance"), join("angle"), join("over", 1), groups, join("goals")
+    )
 
 
-def run_episodes(env: Environment, networks: ActorCritic, chooser: Callable[[torch.Tensor], torch.Tensor],
-                 student: PreContactStudent | None = None, conditions: Conditions | None = None, seed: int | None = None,
-                 record: bool = False) -> Episodes:
-    """One episode in every world of tasks drawn with `seed`, under conditions (both the environment's, where None).
+def run_episodes(
+    env: Environment,
+    networks: ActorCritic,
+    chooser: Callable[[torch.Tensor], torch.Tensor],
+    student: PreContactStudent | None = None,
+    conditions: Conditions | None = None,
+    seed: int | None = None,
+    record: bool = False,
+) -> Episodes:
+    """One episode in every world of tasks drawn with `seed`, under conditions (both the environment's, where
+    None).
 
-    chooser: the pre-contact policy, state (n, 18) to action (n, 9); a student takes its place. An episode whose contact
-    cannot be reached is counted as such and not as what became of it.
+    chooser: the pre-contact policy, state (n, 18) to action (n, 9); a student takes its place. An episode
+    whose contact cannot be reached is counted as such and not as what became of it.
     """
     worlds, device = env.config.worlds, env.device
     everyone = torch.arange(worlds, device=device)
@@ -103,14 +114,22 @@ def run_episodes(env: Environment, networks: ActorCritic, chooser: Callable[[tor
             break
     mode[~feasible] = MODES.index("infeasible")
     masks = {name: mask.cpu().numpy() for name, mask in groups_of_tasks(env.domain, objects, goals).items()}
-    return Episodes(*(a.cpu().numpy() for a in (mode, length, distance, angle, over)), masks,
-                    torch.cat([goals.position, goals.quaternion], -1).cpu().numpy(),
-                    torch.stack(frames).cpu().numpy() if record else None)
+    return Episodes(
+        *(a.cpu().numpy() for a in (mode, length, distance, angle, over)),
+        masks,
+        torch.cat([goals.position, goals.quaternion], -1).cpu().numpy(),
+        torch.stack(frames).cpu().numpy() if record else None,
+    )
 
 
-def _start(env: Environment, objects: Poses, goals: Poses, chooser: Callable[[torch.Tensor], torch.Tensor],
-           student: PreContactStudent | None) -> torch.Tensor:
-    """Put the contacts that are chosen for the tasks into the pool, all of them; returns which can be reached (n,)."""
+def _start(
+    env: Environment,
+    objects: Poses,
+    goals: Poses,
+    chooser: Callable[[torch.Tensor], torch.Tensor],
+    student: PreContactStudent | None,
+) -> torch.Tensor:
+    """Put the contacts chosen for the tasks into the pool, all of them; returns which can be reached (n,)."""
     state = pre_contact_state(objects, goals)
     with torch.no_grad():
         action = chooser(state)

@@ -1,11 +1,12 @@
-"""Success of trained policies in the batched simulator: deterministic actions, tightest limits, and how they fail.
+"""Success of trained policies in the batched simulator at zeta*, and how they fail.
 
-    python -m np_training.evaluate --checkpoint runs/card/checkpoint.pt [--student FILE] --conditions nominal paper twice \\
-        --episodes 1000 --seeds 1000 1001 --out runs/card/evaluation.jsonl
+    python -m np_training.evaluate --checkpoint runs/card/checkpoint.pt [--student FILE] \\
+        --conditions nominal paper twice --episodes 1000 --seeds 1000 1001 --out runs/card/evaluation.jsonl
 
-One JSON object a line and condition, printed and appended to --out. `twice` widens friction, mass and noise to twice the
-range that training draws from, all together, then one at a time, and names what breaks first. Domain, start, controller
-and time limit are the checkpoint's. --video N draws episodes, half of them failures where there are as many.
+One JSON object a line and condition, printed and appended to --out. `twice` widens friction, mass and noise
+to twice the range that training draws from, all together, then one at a time, and names what breaks first.
+Domain, start, controller and time limit are the checkpoint's. --video N draws episodes, half of them failures
+where there are as many.
 """
 
 from __future__ import annotations
@@ -37,7 +38,11 @@ def rate(success: np.ndarray) -> dict:
     """Share, 95 % Wilson interval and number of a mask (n,); the share of none is None."""
     count, hits = len(success), int(success.sum())
     low, high = wilson_interval(hits, count) if count else (0.0, 1.0)
-    return {"success": hits / count if count else None, "ci95": [round(low, 4), round(high, 4)], "episodes": count}
+    return {
+        "success": hits / count if count else None,
+        "ci95": [round(low, 4), round(high, 4)],
+        "episodes": count,
+    }
 
 
 def summarise(episodes: Episodes, substeps: int) -> dict:
@@ -51,20 +56,38 @@ def summarise(episodes: Episodes, substeps: int) -> dict:
         if mask.any():
             failures[mode] = {"episodes": int(mask.sum())}
             if mode != "infeasible":  # these were not played
-                failures[mode] |= {"median_end_distance_mm": round(1e3 * float(np.nanmedian(episodes.distance[mask])), 1),
-                                   "median_end_angle_rad": round(float(np.nanmedian(episodes.angle[mask])), 3)}
-    return {**rate(success), **{mode: int(episodes.of(mode).sum()) for mode in MODES[1:]},
-            "mean_steps_to_success": float(episodes.length[success].mean()) if success.any() else None,
-            "over_velocity_limit": {"largest_joint_share": float(over[0].max()), "by_joint": [round(float(x), 6) for x in over[0]]},
-            "over_torque_limit": {"largest_joint_share": float(over[1].max()), "by_joint": [round(float(x), 6) for x in over[1]]},
-            "by_group": {name: rate(success[mask]) for name, mask in episodes.groups.items()}, "failures": failures}
+                failures[mode] |= {
+                    "median_end_distance_mm": round(1e3 * float(np.nanmedian(episodes.distance[mask])), 1),
+                    "median_end_angle_rad": round(float(np.nanmedian(episodes.angle[mask])), 3),
+                }
+    return {
+        **rate(success),
+        **{mode: int(episodes.of(mode).sum()) for mode in MODES[1:]},
+        "mean_steps_to_success": float(episodes.length[success].mean()) if success.any() else None,
+        "over_velocity_limit": {
+            "largest_joint_share": float(over[0].max()),
+            "by_joint": [round(float(x), 6) for x in over[0]],
+        },
+        "over_torque_limit": {
+            "largest_joint_share": float(over[1].max()),
+            "by_joint": [round(float(x), 6) for x in over[1]],
+        },
+        "by_group": {name: rate(success[mask]) for name, mask in episodes.groups.items()},
+        "failures": failures,
+    }
 
 
-def evaluate(environment: Environment, networks: ActorCritic, student: PreContactStudent | None = None,
-             start: str = "contact", conditions: str | None = None, seeds: tuple[int | None, ...] = (None,),
-             record: Path | None = None) -> dict:
-    """One episode in every world for each seed; conditions: a key of CONDITIONS, or the environment's own where None.
-    record: file for the recording of the first seed's."""
+def evaluate(
+    environment: Environment,
+    networks: ActorCritic,
+    student: PreContactStudent | None = None,
+    start: str = "contact",
+    conditions: str | None = None,
+    seeds: tuple[int | None, ...] = (None,),
+    record: Path | None = None,
+) -> dict:
+    """One episode in every world for each seed; conditions: a key of CONDITIONS, or the environment's own
+    where None. record: file for the recording of the first seed's."""
     chooser = networks.pre if start == "contact" else FixedContact(start)
 
     def play(wanted) -> Episodes:
@@ -76,17 +99,23 @@ def evaluate(environment: Environment, networks: ActorCritic, student: PreContac
                 save_recording(record, environment.domain.name, parts[0])
         return concatenate(parts)
 
-    substeps, here = environment.config.physics.substeps, CONDITIONS.get(conditions, environment.config.conditions)
-    figures = summarise(play(here), substeps)
+    here = CONDITIONS.get(conditions, environment.config.conditions)
+    figures = summarise(play(here), environment.config.physics.substeps)
     if conditions == "twice":
         alone = {name: rate(play(widen(PAPER, [name])).of("success")) for name in GROUPS}
-        figures |= {"one_at_a_time": alone, "breaks_first": breaks_first(rate(play(PAPER).of("success")), alone)}
+        figures |= {
+            "one_at_a_time": alone,
+            "breaks_first": breaks_first(rate(play(PAPER).of("success")), alone),
+        }
     return figures | {"worlds_over_capacity": int(environment.physics.take_overflowed())}
 
 
 def breaks_first(base: dict, alone: dict[str, dict]) -> str | None:
-    """The widened group with the least success; None where no group's interval lies below that of the trained range."""
-    worse = {name: figures["success"] for name, figures in alone.items() if figures["ci95"][1] < base["ci95"][0]}
+    """The widened group with the least success; None where no group's interval lies below that of the trained
+    range."""
+    worse = {
+        name: figures["success"] for name, figures in alone.items() if figures["ci95"][1] < base["ci95"][0]
+    }
     return min(worse, key=worse.get) if worse else None
 
 
@@ -95,7 +124,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--domain", choices=list(DOMAINS), help="default: the checkpoint's")
     parser.add_argument("--checkpoint", type=Path, required=True)
-    parser.add_argument("--student", type=Path, help="weights that choose the contact from keypoints, in the teacher's place")
+    parser.add_argument(
+        "--student", type=Path, help="weights that choose the contact from keypoints, in the teacher's place"
+    )
     parser.add_argument("--episodes", type=int, default=1000, help="of each seed")
     parser.add_argument("--conditions", nargs="+", choices=list(CONDITIONS), default=["nominal"])
     parser.add_argument("--seeds", "--seed", nargs="+", type=int, default=[1000])
@@ -106,28 +137,56 @@ def main() -> None:
     parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
     parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
     parser.add_argument("--out", type=Path, help="file to which the lines are appended")
-    parser.add_argument("--record", type=Path, help="file (.npz) for the joint positions of the last condition's episodes")
-    parser.add_argument("--video", type=int, metavar="N", help="draw N of the recorded episodes beside --record")
+    parser.add_argument(
+        "--record", type=Path, help="file (.npz) for the joint positions of the last condition's episodes"
+    )
+    parser.add_argument(
+        "--video", type=int, metavar="N", help="draw N of the recorded episodes beside --record"
+    )
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     arguments = parser.parse_args()
     if arguments.video and not arguments.record:
         parser.error("--video needs --record FILE, beside which it writes")
     state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
     # Checkpoints of the first version did not say what they were trained with.
-    setting = {"domain": "card", "start": "contact", "controller": "impedance", "limit": 100} | state.get("setting", {})
+    setting = {"domain": "card", "start": "contact", "controller": "impedance", "limit": 100} | state.get(
+        "setting", {}
+    )
     setting |= {name: value for name in setting if (value := getattr(arguments, name)) is not None}
     networks = ActorCritic().to(arguments.device)
     networks.load_state_dict(state["networks"])
     student = load(PreContactStudent(), arguments.student).to(arguments.device) if arguments.student else None
-    environment = Environment(find_domain(setting["domain"]), arguments.device, EnvironmentConfig(
-        worlds=arguments.episodes, hold=arguments.hold, limit=setting["limit"], physics=PhysicsConfig(
-            contacts=arguments.contacts, constraints=arguments.constraints, controller=setting["controller"])))
+    environment = Environment(
+        find_domain(setting["domain"]),
+        arguments.device,
+        EnvironmentConfig(
+            worlds=arguments.episodes,
+            hold=arguments.hold,
+            limit=setting["limit"],
+            physics=PhysicsConfig(
+                contacts=arguments.contacts,
+                constraints=arguments.constraints,
+                controller=setting["controller"],
+            ),
+        ),
+    )
     for conditions in arguments.conditions:
         begin = time.monotonic()
         record = arguments.record if conditions == arguments.conditions[-1] else None
-        figures = evaluate(environment, networks, student, setting["start"], conditions, tuple(arguments.seeds), record)
-        line = json.dumps({"conditions": conditions, "student": bool(student), **setting, "seeds": arguments.seeds,
-                           "steps": state["steps"], **figures, "wall_s": round(time.monotonic() - begin, 1)})
+        figures = evaluate(
+            environment, networks, student, setting["start"], conditions, tuple(arguments.seeds), record
+        )
+        line = json.dumps(
+            {
+                "conditions": conditions,
+                "student": bool(student),
+                **setting,
+                "seeds": arguments.seeds,
+                "steps": state["steps"],
+                **figures,
+                "wall_s": round(time.monotonic() - begin, 1),
+            }
+        )
         if arguments.video and record:
             from np_training.video import draw_recording
 

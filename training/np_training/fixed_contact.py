@@ -1,4 +1,4 @@
-"""Episodes without a pre-contact policy: the hand always begins at the same place beside the object (paper's comparison)."""
+"""Episodes without a pre-contact policy (paper's comparison): the hand begins at one side of the object."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import torch
 from np_training import contact
 
 STARTS = {"contact": None, "above": (0.0, 0.0, 1.0), "right": (0.0, -1.0, 0.0)}
-"""Where an episode begins: where the pre-contact policy says, over the object (EE-ABOVE), or at its right side as seen
-from the robot (EE-AT-RIGHT); directions from the object's centre in the base frame."""
+"""Where an episode begins: where the pre-contact policy says, over the object (EE-ABOVE), or at its right
+side as seen from the robot (EE-AT-RIGHT); directions from the object's centre in the base frame."""
 
 
 class FixedContact:
-    """Stands in for the pre-contact policy: closed fingertips, in the middle of their ranges otherwise, before the point
-    of the object's surface that lies in a fixed direction."""
+    """Stands in for the pre-contact policy: closed fingertips, in the middle of their ranges otherwise,
+    before the point of the object's surface that lies in a fixed direction."""
 
     def __init__(self, start: str) -> None:
         if STARTS.get(start) is None:

@@ -1,4 +1,4 @@
-"""The log of a run: a CSV file with one row an iteration, which survives a kill and changes of its columns."""
+"""The log of a run: a CSV file, one row an iteration, which survives a kill and changes of its columns."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ def _records(path: Path) -> tuple[list[str], list[list[str]]]:
 
 
 def read_log(path: Path) -> list[dict[str, float]]:
-    """Rows in the order of iterations. Of an iteration logged twice, by a run that was killed and resumed from a
-    checkpoint further back, the later row. Columns that a row does not have are NaN."""
+    """Rows in the order of iterations. Of an iteration logged twice, by a run that was killed and resumed
+    from a checkpoint further back, the later row. Columns that a row does not have are NaN."""
     names, rows = _records(path)
     parsed = [{name: float(text) if text else float("nan") for name, text in zip(names, row)} for row in rows]
     return [row for _, row in sorted({row["iteration"]: row for row in parsed}.items())]
 
 
 class Log:
-    """Appends rows. A file with other columns, or whose last row was cut short, is rewritten first, keeping its rows."""
+    """Appends rows. A file with other columns, or whose last row was cut short, is rewritten first, keeping
+    its rows."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -41,7 +42,9 @@ class Log:
             self.names = old + new
             self._rewrite([values + [""] * len(new) for values in rows])
         with self.path.open("a", newline="") as file:
-            csv.writer(file).writerow([f"{row[n]:.6g}" if isinstance(row.get(n), float) else row.get(n, "") for n in self.names])
+            csv.writer(file).writerow(
+                [f"{row[n]:.6g}" if isinstance(row.get(n), float) else row.get(n, "") for n in self.names]
+            )
 
     def _rewrite(self, rows: list[list[str]]) -> None:
         partial = self.path.with_suffix(".partial")

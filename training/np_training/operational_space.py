@@ -34,23 +34,33 @@ class Chain:
     regularisation: float
 
 
-def make_chain(rows: np.ndarray, device: wp.Device, gains: CartesianGains = CartesianGains(),
-               panda: PandaModel = NOMINAL) -> Chain:
-    """The arm for the kernel. rows (7,): first element of each joint's row, columns 0 to j, of the mass matrix."""
+def make_chain(
+    rows: np.ndarray, device: wp.Device, gains: CartesianGains = CartesianGains(), panda: PandaModel = NOMINAL
+) -> Chain:
+    """The arm for the kernel. rows (7,): first element of each joint's row, columns 0 to j, of the mass
+    matrix."""
     frames = [*panda.joint_frames, panda.frames["link7_hand"], panda.frames["hand_tcp"]]
     chain = Chain()
     chain.position = wp.array([f.position for f in frames], dtype=wp.vec3, device=device)
     chain.rotation = wp.array([xyzw_from_wxyz(f.quaternion) for f in frames], dtype=wp.quat, device=device)
     chain.row = wp.array(rows, dtype=int, device=device)
     chain.stiffness = vec6(*np.repeat([gains.position, gains.rotation], 3).tolist())
-    chain.posture, chain.damping_ratio, chain.regularisation = gains.posture, gains.damping_ratio, REGULARISATION
+    chain.posture, chain.damping_ratio = gains.posture, gains.damping_ratio
+    chain.regularisation = REGULARISATION
     return chain
 
 
 @wp.func
-def count_excess(substep: int, kind: int, i: int, j: int, value: float, limit: wp.array2d(dtype=float),
-                 over: wp.array3d(dtype=int)):
-    """Count a substep of joint j in world i whose value is beyond its limit; the first substep starts the count anew."""
+def count_excess(
+    substep: int,
+    kind: int,
+    i: int,
+    j: int,
+    value: float,
+    limit: wp.array2d(dtype=float),
+    over: wp.array3d(dtype=int),
+):
+    """Count a substep of joint j in world i whose value is beyond its limit; the first begins anew."""
     if substep == 0:
         over[kind, i, j] = 0
     if wp.abs(value) > limit[kind, j]:
@@ -99,14 +109,26 @@ def cholesky6(a: mat6):
 
 
 @wp.kernel
-def operational_space_kernel(substep: int, chain: Chain, limit: wp.array2d(dtype=float), qpos: wp.array2d(dtype=float),
-                             qvel: wp.array2d(dtype=float), bias: wp.array2d(dtype=float), gravity: wp.array2d(dtype=float),
-                             mass: wp.array2d(dtype=float), command: wp.array3d(dtype=float), delay: wp.array(dtype=int),
-                             noise: wp.array2d(dtype=float), ctrl: wp.array2d(dtype=float), over: wp.array3d(dtype=int)):
-    """np_control.operational_space.operational_space_torque for world i; a test holds both to the same result.
+def operational_space_kernel(
+    substep: int,
+    chain: Chain,
+    limit: wp.array2d(dtype=float),
+    qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float),
+    bias: wp.array2d(dtype=float),
+    gravity: wp.array2d(dtype=float),
+    mass: wp.array2d(dtype=float),
+    command: wp.array3d(dtype=float),
+    delay: wp.array(dtype=int),
+    noise: wp.array2d(dtype=float),
+    ctrl: wp.array2d(dtype=float),
+    over: wp.array3d(dtype=int),
+):
+    """np_control.operational_space_torque for world i; a test holds both to the same result.
 
-    command (6, worlds, 7): posture, T_E as position and quaternion (scalar last), and a row that is not used, of the last
-    period, then of this one, which takes effect after `delay` substeps. limit, over: see `physics.impedance_kernel`.
+    command (6, worlds, 7): posture, T_E as position and quaternion (scalar last), and a row that is not used,
+    of the last period, then of this one, which takes effect after `delay` substeps. limit, over: see
+    `physics.impedance_kernel`.
     """
     i = wp.tid()
     new = 0
@@ -136,7 +158,9 @@ def operational_space_kernel(substep: int, chain: Chain, limit: wp.array2d(dtype
 
     # Acceleration that is asked of T_E.
     target = wp.vec3(command[new + 1, i, 0], command[new + 1, i, 1], command[new + 1, i, 2])
-    wanted = wp.quat(command[new + 1, i, 3], command[new + 1, i, 4], command[new + 1, i, 5], command[new + 1, i, 6])
+    wanted = wp.quat(
+        command[new + 1, i, 3], command[new + 1, i, 4], command[new + 1, i, 5], command[new + 1, i, 6]
+    )
     shift = target - at
     turn = rotation_vector(wanted * wp.quat_inverse(turned))
     force = vec6()
@@ -149,7 +173,9 @@ def operational_space_kernel(substep: int, chain: Chain, limit: wp.array2d(dtype
             error = shift[k]
         else:
             error = turn[k - 3]
-        force[k] = chain.stiffness[k] * error - 2.0 * chain.damping_ratio * wp.sqrt(chain.stiffness[k]) * speed
+        force[k] = (
+            chain.stiffness[k] * error - 2.0 * chain.damping_ratio * wp.sqrt(chain.stiffness[k]) * speed
+        )
 
     # M and what it makes of the pull towards the posture.
     inertia = mat7()

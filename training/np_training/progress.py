@@ -31,14 +31,30 @@ class Progress:
 
 
 def describe(row: dict[str, float], left: float) -> str:
-    """A row of the log in one line; success also by groups of tasks, where there are any (`breakdown.groups`)."""
-    groups = " ".join(f"{name[8:]} {value:.2f}" for name, value in row.items()
-                      if name.startswith(("success_tips", "success_goal")))
+    """A row of the log in one line; success also by groups of tasks, where there are any
+    (`breakdown.groups`)."""
+    groups = " ".join(
+        f"{name[8:]} {value:.2f}"
+        for name, value in row.items()
+        if name.startswith(("success_tips", "success_goal"))
+    )
     practice = f"practice {row['practice']:.2f}: {row['success_practice']:.2f}" if row.get("practice") else ""
     stage = "randomised" if row["stage"] > STAGES else f"stage {row['stage']:2d}/{STAGES}"
     trouble = f"{row['overflowed']:.0f} worlds over capacity" if row.get("overflowed") else ""
-    parts = [f"{row['steps'] / 1e6:7.1f} M steps", f"{row['steps_per_second'] / 1e3:5.1f} k/s", stage,
-             f"success {row['success']:.3f}", groups, practice, f"lost {row['lost']:.3f}", f"length {row['length']:5.1f}",
-             f"end {1e3 * row['end_distance']:5.1f} mm {row['end_angle']:.2f} rad", f"feasible {row['pre_feasible']:.2f}",
-             f"std {row['std']:.2f}", f"kl {row['kl']:.4f}", trouble, f"{left / 60:.1f} min left"]
+    parts = [
+        f"{row['steps'] / 1e6:7.1f} M steps",
+        f"{row['steps_per_second'] / 1e3:5.1f} k/s",
+        stage,
+        f"success {row['success']:.3f}",
+        groups,
+        practice,
+        f"lost {row['lost']:.3f}",
+        f"length {row['length']:5.1f}",
+        f"end {1e3 * row['end_distance']:5.1f} mm {row['end_angle']:.2f} rad",
+        f"feasible {row['pre_feasible']:.2f}",
+        f"std {row['std']:.2f}",
+        f"kl {row['kl']:.4f}",
+        trouble,
+        f"{left / 60:.1f} min left",
+    ]
     return "  ".join(part for part in parts if part)

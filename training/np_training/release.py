@@ -2,7 +2,8 @@
 
     python -m np_training.release runs/bump --student runs/bump/pre_contact_student_bump.safetensors
 
-Takes checkpoint.pt, log.csv, config.json and evaluation.jsonl from the run's folder, the domain from the checkpoint.
+Takes checkpoint.pt, log.csv, config.json and evaluation.jsonl from the run's folder, the domain from the
+checkpoint.
 """
 
 from __future__ import annotations
@@ -38,32 +39,57 @@ _CARD = """# {title}
 {figures}
 """
 _FILES = (
-    ("post_contact", "Post-contact policy", "Observation (79) to pose residual and joint gains (20), 10 Hz; see "
-     "np_policy.observation and np_policy.action. Mean action; residual limits 0.02 m, 0.03 rad a step."),
-    ("pre_contact", "Pre-contact student", "Keypoints and goal keypoints (32) to the hand pose before contact and finger "
-     "width (10); distilled from the teacher that sees poses."))
+    (
+        "post_contact",
+        "Post-contact policy",
+        "Observation (79) to pose residual and joint gains (20), 10 Hz; see "
+        "np_policy.observation and np_policy.action. Mean action; residual limits 0.02 m, 0.03 rad a step.",
+    ),
+    (
+        "pre_contact",
+        "Pre-contact student",
+        "Keypoints and goal keypoints (32) to the hand pose before contact and finger "
+        "width (10); distilled from the teacher that sees poses.",
+    ),
+)
 
 
 def figure_table(lines: list[dict]) -> str:
-    """Markdown tables of `np_training.evaluate` results: by conditions, by kind of task, and what breaks first."""
-    rows = ["| simulated conditions | contact from | success | 95 % interval | episodes | out of reach | lost | timeout |",
-            "|---|---|---|---|---|---|---|---|"]
+    """Markdown of `np_training.evaluate` results: by conditions, by kind of task, and what breaks first."""
+    rows = [
+        "| simulated conditions | contact from | success | 95 % interval | episodes | out of reach | lost "
+        "| timeout |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     notes = []
     for r in lines:
         source = "student" if r["student"] else "teacher"
-        rows.append(f"| {r['conditions']} | {source} | {r['success']:.3f} | {r['ci95'][0]:.3f} to {r['ci95'][1]:.3f} | "
-                    f"{r['episodes']} | {r['infeasible']} | {r['lost']} | {r['timeout']} |")
-        parts = [f"{name} {g['success']:.3f} ({g['episodes']})" for name, g in r.get("by_group", {}).items() if g["episodes"]]
+        rows.append(
+            f"| {r['conditions']} | {source} | {r['success']:.3f} | "
+            f"{r['ci95'][0]:.3f} to {r['ci95'][1]:.3f} | "
+            f"{r['episodes']} | {r['infeasible']} | {r['lost']} | {r['timeout']} |"
+        )
+        parts = [
+            f"{name} {g['success']:.3f} ({g['episodes']})"
+            for name, g in r.get("by_group", {}).items()
+            if g["episodes"]
+        ]
         if parts:
-            notes.append(f"- {r['conditions']}, {source}, by quarter turns needed and goal region: {', '.join(parts)}.")
+            notes.append(
+                f"- {r['conditions']}, {source}, by quarter turns needed and goal region: {', '.join(parts)}."
+            )
         if "breaks_first" in r:
-            alone = ", ".join(f"{name.replace('_', ' ')} {g['success']:.3f}" for name, g in r["one_at_a_time"].items())
+            alone = ", ".join(
+                f"{name.replace('_', ' ')} {g['success']:.3f}" for name, g in r["one_at_a_time"].items()
+            )
             first = (r["breaks_first"] or "nothing beyond doubt").replace("_", " ")
             notes.append(f"- {source}, one range widened at a time: {alone}. What breaks first: {first}.")
         if "over_velocity_limit" in r:
-            notes.append(f"- {r['conditions']}, {source}: physics steps over a limit, worst joint: velocity "
-                         f"{r['over_velocity_limit']['largest_joint_share']:.4%}, torque asked for "
-                         f"{r['over_torque_limit']['largest_joint_share']:.4%}.")
+            notes.append(
+                f"- {r['conditions']}, {source}: physics steps over a limit, worst joint: velocity "
+                f"{r['over_velocity_limit']['largest_joint_share']:.4%}, torque asked for "
+                f"{r['over_torque_limit']['largest_joint_share']:.4%}."
+            )
     return "\n".join(rows + ([""] + notes if notes else []))
 
 
@@ -71,22 +97,33 @@ def check_releasable(setting: dict, evaluations: list[dict]) -> None:
     """Raise ValueError for a run that the nodes cannot deploy, or that was never evaluated."""
     for name, expected in (("start", "contact"), ("controller", "impedance")):
         if setting.get(name, expected) != expected:
-            raise ValueError(f"release: expected a run with {name} {expected}, which the nodes deploy, got {setting[name]}")
+            raise ValueError(
+                f"release: expected a run with {name} {expected}, which the nodes deploy, got {setting[name]}"
+            )
     if not evaluations:
-        raise ValueError("release: expected evaluation.jsonl with a line in the run's folder (np_training.evaluate --out)")
+        raise ValueError(
+            "release: expected evaluation.jsonl with a line in the run's folder (np_training.evaluate --out)"
+        )
     wrong = {line["domain"] for line in evaluations if "domain" in line} - {setting["domain"]}
     if wrong:
-        raise ValueError(f"release: expected evaluations of {setting['domain']}, got some of {', '.join(sorted(wrong))}")
+        raise ValueError(
+            f"release: expected evaluations of {setting['domain']}, got some of {', '.join(sorted(wrong))}"
+        )
 
 
-def release(run: Run, state: dict, student: Path, weights: Path, results: Path, machine: str, command: str) -> list[Path]:
-    """Write weights with cards, and training_DOMAIN.{json,csv,png} into results; returns the weights' files."""
+def release(
+    run: Run, state: dict, student: Path, weights: Path, results: Path, machine: str, command: str
+) -> list[Path]:
+    """Write weights with cards, and training_DOMAIN.{json,csv,png} into results; returns the weights'
+    files."""
     # Checkpoints of the first version did not say what they were trained with.
     setting = {"domain": "card"} | state.get("setting", {})
     check_releasable(setting, run.evaluations)
     domain, seed = setting["domain"], run.config.get("environment", {}).get("seed", 0)
     post = PostContactPolicy()
-    post.load_state_dict({name[5:]: tensor for name, tensor in state["networks"].items() if name.startswith("post.")})
+    post.load_state_dict(
+        {name[5:]: tensor for name, tensor in state["networks"].items() if name.startswith("post.")}
+    )
     modules = {"post_contact": post, "pre_contact": load(PreContactStudent(), student)}
     today = datetime.date.today().isoformat()
     weights.mkdir(parents=True, exist_ok=True)
@@ -95,22 +132,47 @@ def release(run: Run, state: dict, student: Path, weights: Path, results: Path, 
     for name, title, what in _FILES:
         file = weights / f"{name}_{domain}.safetensors"
         save(modules[name], file, {"domain": domain, "date": today})
-        file.with_suffix(".md").write_text(_CARD.format(
-            title=f"{title}, {domain}", what=what, file=file.name, digest=sha256(file), domain=domain,
-            steps=state["steps"] / 1e6, physics=state["steps"] * PHYSICS_STEPS / 1e9, seed=seed, machine=machine,
-            command=command, date=today, figures=figure_table(run.evaluations)))
+        file.with_suffix(".md").write_text(
+            _CARD.format(
+                title=f"{title}, {domain}",
+                what=what,
+                file=file.name,
+                digest=sha256(file),
+                domain=domain,
+                steps=state["steps"] / 1e6,
+                physics=state["steps"] * PHYSICS_STEPS / 1e9,
+                seed=seed,
+                machine=machine,
+                command=command,
+                date=today,
+                figures=figure_table(run.evaluations),
+            )
+        )
         files.append(file)
     shutil.copyfile(run.path / "log.csv", results / f"training_{domain}.csv")
     save_figure(draw_curves(run.rows), results / f"training_{domain}.png")
-    (results / f"training_{domain}.json").write_text(json.dumps({
-        "command": command, "seed": seed, "machine": machine, "date": today, "policy_steps": state["steps"],
-        "physics_steps": state["steps"] * PHYSICS_STEPS, "training_s": run.rows[-1]["elapsed"],
-        "evaluations": run.evaluations}, indent=1) + "\n")
+    (results / f"training_{domain}.json").write_text(
+        json.dumps(
+            {
+                "command": command,
+                "seed": seed,
+                "machine": machine,
+                "date": today,
+                "policy_steps": state["steps"],
+                "physics_steps": state["steps"] * PHYSICS_STEPS,
+                "training_s": run.rows[-1]["elapsed"],
+                "evaluations": run.evaluations,
+            },
+            indent=1,
+        )
+        + "\n"
+    )
     return files
 
 
 def main() -> None:
-    """Write weights/{pre,post}_contact_DOMAIN.safetensors with cards, and docs/results/training_DOMAIN.{json,csv,png}."""
+    """Write weights/{pre,post}_contact_DOMAIN.safetensors with cards, and
+    docs/results/training_DOMAIN.{json,csv,png}."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--student", type=Path, required=True)
@@ -122,7 +184,9 @@ def main() -> None:
     run = read_run(arguments.run)
     state = torch.load(arguments.run / "checkpoint.pt", map_location="cpu", weights_only=True)
     machine = arguments.machine or f"{run.config.get('processes', 1)} x {run.config.get('device', 'unknown')}"
-    command = arguments.command or shlex.join(["python", "-m", "np_training.train", *run.config.get("command", [""])[1:]])
+    command = arguments.command or shlex.join(
+        ["python", "-m", "np_training.train", *run.config.get("command", [""])[1:]]
+    )
     files = release(run, state, arguments.student, arguments.weights, arguments.results, machine, command)
     print(json.dumps({"files": [str(file) for file in files]}))
 

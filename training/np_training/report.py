@@ -1,8 +1,9 @@
-"""The HTML report of a training run: one file with curves, figures, how it fails, videos and configuration in it.
+"""The HTML report of a training run: one file with curves, figures, failures, videos and configuration.
 
     python -m np_training.report runs/bump
 
-Reads log.csv, config.json and, where they are, evaluation.jsonl (np_training.evaluate --out) and videos (*.webm).
+Reads log.csv, config.json and, where they are, evaluation.jsonl (np_training.evaluate --out) and videos
+(*.webm).
 """
 
 from __future__ import annotations
@@ -37,16 +38,27 @@ class Run:
         last, config = self.rows[-1], self.config
         substeps = config.get("environment", {}).get("physics", {}).get("substeps", PHYSICS_STEPS)
         processes = config.get("processes", 1)
-        facts = [("command", " ".join(config.get("command", []))),
-                 ("machine", f"{processes} x {config.get('device', 'not recorded')}"),
-                 ("policy steps", f"{last['steps'] / 1e6:.1f} M ({last['steps'] * substeps / 1e9:.2f} G physics steps)"),
-                 ("training time", f"{last['elapsed'] / 60:.1f} min"),
-                 ("stage at the end", f"{last['stage']:.0f}"),
-                 ("success at the end", f"{last['success']:.3f} of ended episodes, actions sampled")]
+        facts = [
+            ("command", " ".join(config.get("command", []))),
+            ("machine", f"{processes} x {config.get('device', 'not recorded')}"),
+            (
+                "policy steps",
+                f"{last['steps'] / 1e6:.1f} M ({last['steps'] * substeps / 1e9:.2f} G physics steps)",
+            ),
+            ("training time", f"{last['elapsed'] / 60:.1f} min"),
+            ("stage at the end", f"{last['stage']:.0f}"),
+            ("success at the end", f"{last['success']:.3f} of ended episodes, actions sampled"),
+        ]
         for success in (0.5, 0.8, 0.95):
             when = reached(self.rows, success)
-            text = "not reached" if when is None else (
-                f"{when['steps'] / 1e6:.0f} M policy steps, {when['seconds'] / 60:.1f} min, stage {when['stage']:.0f}")
+            text = (
+                "not reached"
+                if when is None
+                else (
+                    f"{when['steps'] / 1e6:.0f} M policy steps, {when['seconds'] / 60:.1f} min, "
+                    f"stage {when['stage']:.0f}"
+                )
+            )
             facts.append((f"success of {success}", text))
         return facts
 
@@ -56,20 +68,32 @@ def read_run(path: Path) -> Run:
     log = path / "log.csv"
     rows = read_log(log)
     if not rows:
-        raise ValueError(f"run {path}: expected log.csv with a row, found {'none in it' if log.exists() else 'no log'}")
+        raise ValueError(
+            f"run {path}: expected log.csv with a row, found {'none in it' if log.exists() else 'no log'}"
+        )
     config, lines = path / "config.json", path / "evaluation.jsonl"
-    return Run(path, rows, json.loads(config.read_text()) if config.exists() else {},
-               [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else [],
-               sorted(path.glob("*.webm")))
+    return Run(
+        path,
+        rows,
+        json.loads(config.read_text()) if config.exists() else {},
+        [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else [],
+        sorted(path.glob("*.webm")),
+    )
 
 
 def write_report(run: Run, path: Path) -> None:
     """Write the report of a run."""
-    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True,
-                                     undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     videos = [(file.stem, base64.b64encode(file.read_bytes()).decode()) for file in run.videos]
     text = environment.get_template("report.html.j2").render(
-        run=run, curves=svg(draw_curves(run.rows)), videos=videos, config=json.dumps(run.config, indent=1))
+        run=run, curves=svg(draw_curves(run.rows)), videos=videos, config=json.dumps(run.config, indent=1)
+    )
     path.write_text(text, encoding="utf-8")
 
 
@@ -81,7 +105,16 @@ def main() -> None:
     arguments = parser.parse_args()
     run, path = read_run(arguments.run), arguments.out or arguments.run / "report.html"
     write_report(run, path)
-    print(json.dumps({"report": str(path), "rows": len(run.rows), "evaluations": len(run.evaluations), "videos": len(run.videos)}))
+    print(
+        json.dumps(
+            {
+                "report": str(path),
+                "rows": len(run.rows),
+                "evaluations": len(run.evaluations),
+                "videos": len(run.videos),
+            }
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@
     torchrun --standalone --nproc-per-node 2 -m np_training.train --domain card --out runs/card --minutes 20
 
 Resumes from `--out/checkpoint.pt` (or `--resume FILE`) as a matter of course, on any machine, with any number of GPUs.
-Writes every two minutes and at the end: checkpoint.pt; log.csv (one row an iteration); config.json. The last line
+Writes config.json; log.csv, a row an iteration; checkpoint.pt, every --save-every seconds and at the end. The last line
 printed is one JSON object.
 """
 
@@ -32,7 +32,7 @@ from np_training.randomisation import PAPER
 from np_training.rewards import RewardConfig
 from np_training.trainer import TrainConfig, Trainer
 
-CHECKPOINT, SAVE_EVERY = "checkpoint.pt", 120.0  # s
+CHECKPOINT = "checkpoint.pt"
 LIMITS = {"card": 100, "bump": 150, "wall": 100}  # steps an episode
 PRACTICE = {"card": 0.0, "bump": 0.6, "wall": 0.6}  # share of practice at the beginning
 EXPLORE = {"card": 0.0, "bump": 0.3, "wall": 0.3}  # share of contacts chosen at random at the beginning
@@ -46,6 +46,8 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--resume", type=Path, help="checkpoint to start from; default: OUT/checkpoint.pt where it exists")
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--iterations", type=int, default=10**9)
+    parser.add_argument("--save-every", type=float, default=120.0, help="seconds between checkpoints")
+    parser.add_argument("--show-every", type=float, default=60.0, help="seconds between lines where there is no terminal")
     parser.add_argument("--worlds", type=int, default=24576, help="of each process")
     parser.add_argument("--rollout", type=int, default=TrainConfig.rollout)
     parser.add_argument("--seed", type=int, default=0)
@@ -127,7 +129,7 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
     if first:
         arguments.out.mkdir(parents=True, exist_ok=True)
         write_config(trainer, arguments.out / "config.json")
-        log, progress, saved = Log(arguments.out / "log.csv"), Progress(), time.monotonic()
+        log, progress, saved = Log(arguments.out / "log.csv"), Progress(every=arguments.show_every), time.monotonic()
     for number in range(1, arguments.iterations + 1):
         started, before = time.monotonic(), trainer.steps
         row = trainer.iterate()
@@ -138,7 +140,7 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
             row |= {"steps_per_second": (trainer.steps - before) / (now - started), "elapsed": trainer.seconds}
             log.write(row)
             progress.show(row, max(left, 0.0))
-            if now - saved > SAVE_EVERY:
+            if now - saved >= arguments.save_every:
                 trainer.save(checkpoint)
                 saved = now
         if distributed.any_of(left < 0, trainer.environment.device):

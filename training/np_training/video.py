@@ -1,6 +1,6 @@
 """Videos of recorded episodes, drawn on the CPU: the scene's camera, the goal's outline, how it ended.
 
-    python -m np_training.video runs/bump/episodes.npz --count 8 --out runs/bump
+python -m np_training.video runs/bump/episodes.npz --count 8 --out runs/bump
 """
 
 from __future__ import annotations
@@ -33,22 +33,27 @@ def frames(renderer: Renderer, domain: Domain, recording: Recording, row: int) -
         draw_box(frame, goal, domain.half_size)
         distance, angle = pose_error(qpos[9:12], qpos[12:16], goal.position, goal.quaternion)
         ended = str(recording.mode[row]) if step == last else ""
-        text = (f"{row:4d}  {step * PERIOD:4.1f} s  {100 * distance:5.1f} cm {np.degrees(angle):4.0f} deg  "
-                f"{int(recording.tips[row])} turns  {ended}")
+        text = (
+            f"{row:4d}  {step * PERIOD:4.1f} s  {100 * distance:5.1f} cm {np.degrees(angle):4.0f} deg  "
+            f"{int(recording.tips[row])} turns  {ended}"
+        )
         cv2.rectangle(frame, (0, 0), (frame.shape[1], 22), _DARK, cv2.FILLED)
         cv2.putText(frame, text, (8, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _WHITE, 1, cv2.LINE_AA)
         yield frame
 
 
 def draw_recording(path: Path, out: Path, count: int, renderer: str = "auto") -> list[Path]:
-    """Draw `count` episodes of a recording, half of them failures where there are as many; one file an episode.
+    """Draw `count` episodes of a recording, half of them failures where there are as many; one file an
+    episode.
 
     Raises ValueError where the recording has no episode that was played.
     """
     recording = load_recording(path)
     rows = recording.choose(count)
     if not len(rows):
-        raise ValueError(f"recording {path}: expected an episode that was played, every contact was out of reach")
+        raise ValueError(
+            f"recording {path}: expected an episode that was played, every contact was out of reach"
+        )
     domain = find_domain(recording.domain)
     drawing = make_renderer(renderer, load_model(domain))
     out.mkdir(parents=True, exist_ok=True)
@@ -69,7 +74,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="folder; default: the recording's")
     parser.add_argument("--renderer", default="auto", help="auto, egl or warp")
     arguments = parser.parse_args()
-    files = draw_recording(arguments.recording, arguments.out or arguments.recording.parent, arguments.count, arguments.renderer)
+    files = draw_recording(
+        arguments.recording, arguments.out or arguments.recording.parent, arguments.count, arguments.renderer
+    )
     print(json.dumps({"files": [str(file) for file in files]}))
 
 
