@@ -15,7 +15,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from np_control.impedance import torque
+from np_description.patch import Patch, PatchEffect, dump_patch, load_patch
 from np_diagnosis import baselines
+from np_diagnosis.blind import generate
+from np_diagnosis.blind.cases import Case, make_physics
+from np_diagnosis.blind.faults import Fault
+from np_diagnosis.blind.patched import patched_physics, read_patch
+from np_diagnosis.commands import baselines as command
 from np_diagnosis.drive_log import read_drive_log
 from np_diagnosis.identification import (
     JOINT,
@@ -177,10 +183,36 @@ def test_baselines_in_one_table(plant, recorded, held_out):
 
 def test_a_fit_becomes_a_patch_of_changes(plant):
     fit = Fit("some", {"frictionloss": np.array([0.5, 0.2]), "gain": np.array([1.0, 0.9])})
-    assert baselines.as_patch(plant, Fit("none")) == []
-    friction, scale = baselines.as_patch(plant, fit)
-    assert friction == {"effect": "coulomb_friction", "component": "a", "parameters": {"level": pytest.approx(0.2)}}
-    assert scale == {"effect": "torque_scale", "component": "b", "parameters": {"scale": pytest.approx(-0.1)}}
+    assert baselines.as_patch(plant, Fit("none")) == Patch()
+    assert baselines.as_patch(plant, fit).effects == (
+        PatchEffect("coulomb_friction", "a", {"level": pytest.approx(0.2)}),
+        PatchEffect("torque_scale", "b", {"scale": pytest.approx(-0.1)}),
+    )
+
+
+def test_the_patch_of_a_panda_can_be_loaded_and_gives_its_parameters(tmp_path):
+    arm, nominal = panda_plant(), panda_plant().nominal()
+    values = {name: 1.3 * nominal[name] for name in (*JOINT, "mass")}
+    (tmp_path / "patch.yaml").write_text(dump_patch(baselines.as_patch(arm, Fit("some", values))))
+    patched = load_patch(tmp_path / "patch.yaml").panda()
+    for name in JOINT:
+        assert np.allclose(getattr(patched, name), values[name])
+
+
+def test_a_blind_bag_gives_patches_that_the_blind_test_can_follow(tmp_path, capsys):
+    case = Case(0, "single", (Fault("coulomb_friction", 6, 8.0),), (1, 2))
+    level = make_physics([case])[1][0][0]["level"][0]
+    generate.make_bags([case], ["sinusoid_7"], tmp_path)
+    options = "--window 1.2 --windows 1 --generations 3 --population 5 --iterations 3 --threads 1".split()
+    bag = str(generate.bag_path(tmp_path, 0))
+    assert command.main([bag, "--out", str(tmp_path / "out"), *options]) == 0
+    assert set(json.loads(capsys.readouterr().out.splitlines()[-1])) == {"none", "paper", "sysid_3", "sysid_6"}
+    patches = {name: read_patch(tmp_path / "out" / name / "patch.yaml") for name in ("none", "paper", "sysid_3", "sysid_6")}
+    assert patches["none"] == [] and {e["component"] for e in patches["paper"]} == {"panda_joint7"}
+    friction = [e["parameters"]["level"] for e in patches["sysid_3"] if e["effect"] == "coulomb_friction"
+                and e["component"] == "panda_joint7"]
+    assert friction[0] == pytest.approx(level, rel=0.3)
+    patched_physics(list(patches.values()))
 
 
 @settings(max_examples=20, deadline=None)
@@ -188,7 +220,8 @@ def test_a_fit_becomes_a_patch_of_changes(plant):
 def test_a_patch_of_moments_weighs_what_the_fit_weighs(plant, factors, shifts):
     nominal = plant.nominal()
     mass, com = nominal["mass"] * factors, nominal["com"] + np.array(shifts)[:, None] * [1.0, 0.0, 0.5]
-    moments = {e["component"]: e["parameters"] for e in baselines.as_patch(plant, Fit("w", {"mass": mass, "com": com}))}
+    patch = baselines.as_patch(plant, Fit("w", {"mass": mass, "com": com}))
+    moments = {e.component: e.parameters for e in patch.effects}
 
     def weight(position, mass, com):
         model = copy.copy(plant.model)
@@ -203,8 +236,8 @@ def test_a_patch_of_moments_weighs_what_the_fit_weighs(plant, factors, shifts):
     for i, name in enumerate(plant.joints):
         shift[i] = [moments.get(name, {}).get(f"moment_{axis}", 0.0) for axis in "xyz"]
     for position in ([0.0, 0.0], [0.4, -0.9], [-1.1, 0.3]):
-        fitted, patched = weight(position, mass, com), weight(position, nominal["mass"], nominal["com"] + shift / nominal["mass"][:, None])
-        assert np.allclose(fitted, patched, atol=1e-9)
+        patched = weight(position, nominal["mass"], nominal["com"] + shift / nominal["mass"][:, None])
+        assert np.allclose(weight(position, mass, com), patched, atol=1e-9)
 
 
 def test_the_baselines_need_neither_ros_nor_torch_nor_pinocchio():

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from np_description.patch import Patch, PatchEffect
+
 from np_diagnosis.identification import (
     EVERYTHING,
     JOINT,
@@ -84,22 +86,21 @@ EFFECTS = {
 """Parameter of a fit: effect of the catalogue and its parameter, both as changes of the nominal arm."""
 
 
-def as_patch(plant: Plant, fit: Fit) -> list[dict]:
-    """The fit as a patch of the nominal arm: effect, component and parameters of each change, after the catalogue.
+def as_patch(plant: Plant, fit: Fit) -> Patch:
+    """The fit as a patch of the nominal arm, which simulators load and the blind test follows.
 
     Masses and centres of mass become changes of the links' first moments (`link_com`); that a heavier link also
     accelerates its carriers is lost, which matters little at the speeds of an arm.
     """
-    nominal, entries = plant.nominal(), []
+    nominal, found = plant.nominal(), []
     for name, (effect, parameter) in EFFECTS.items():
         for joint, change in zip(plant.joints, fit.values.get(name, nominal[name]) - nominal[name]):
             if change:
-                entries.append({"effect": effect, "component": joint, "parameters": {parameter: float(change)}})
+                found.append(PatchEffect(effect, joint, {parameter: float(change)}))
     for joint, moment in zip(plant.joints, _moments(plant, fit)):
         if moment.any():
-            parameters = {f"moment_{axis}": float(value) for axis, value in zip("xyz", moment)}
-            entries.append({"effect": "link_com", "component": joint, "parameters": parameters})
-    return entries
+            found.append(PatchEffect("link_com", joint, {f"moment_{a}": float(m) for a, m in zip("xyz", moment)}))
+    return Patch(tuple(found))
 
 
 def _moments(plant: Plant, fit: Fit) -> np.ndarray:
