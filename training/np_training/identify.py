@@ -111,7 +111,8 @@ def plot(result: dict, path: Path) -> None:
         offset = (i - (len(methods) - 1) / 2) * 0.2
         errors.bar(joints + offset, 1e3 * np.array(method["gap_after_by_joint_rad"]), 0.2, label=name)
     errors.set(yscale="log", ylabel="mrad", title="held-out position error of the closed-loop replay, RMS")
-    errors.legend()
+    errors.set_ylim(top=4 * errors.get_ylim()[1])
+    errors.legend(ncols=len(methods), loc="upper center")
     units = {"frictionloss": "Nm", "damping": "Nms/rad", "armature": "kg m$^2$"}
     for axes, (quantity, unit) in zip(parameters, units.items()):
         axes.plot(joints, result["nominal"][quantity], "k_", markersize=14, label="nominal")
@@ -121,7 +122,7 @@ def plot(result: dict, path: Path) -> None:
             if quantity in method["values"]:
                 axes.plot(joints + 0.12 * (i - 2), method["values"][quantity], "o", color=f"C{i}", label=name)
         axes.set(ylabel=unit, title=quantity, ylim=(0, None))
-    parameters[0].legend()
+    parameters[0].legend(ncols=2)
     for axes in (errors, *parameters):
         axes.set_xticks(joints, [f"J{j + 1}" for j in joints])
     figure.savefig(path, dpi=110)

@@ -74,7 +74,7 @@ def active_windows(recorded: list[Stretch], budget: Budget) -> tuple[list[Stretc
             f"expected a stretch of {budget.window} s at least, got {[s.duration for s in recorded]} s"
         )
     activity = np.array([window.activity for *_, window in places])
-    shares = np.where(activity > STILL, activity / activity.sum(axis=1, keepdims=True), 0.0)
+    shares = np.where(activity > STILL, activity / (activity.sum(axis=1, keepdims=True) + 1e-12), 0.0)
     pairs = []
     for joint, value in enumerate(shares.T):
         value = np.where(value < value.max() / 2, 0.0, value)
