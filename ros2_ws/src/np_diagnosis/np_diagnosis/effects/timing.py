@@ -9,7 +9,7 @@ from np_diagnosis.effects.torque_loop import SHARE
 from np_diagnosis.stages import Drive
 
 DELAYS = (0.003, 0.006, 0.012, 0.025)  # s
-DELAY_LEAST = 3e-4  # s, up to which a delay is what any loop has
+DELAY_LEAST = 5e-4  # s, up to which a delay is what any loop has
 DELAY_KNOWN = 1e-4  # s, standard deviation of the delay that any loop has
 LEAST_HELD = 20  # periods
 SURE = 10.0  # nats by which holding must fit a period better than not holding
