@@ -32,7 +32,7 @@ class Transmission:
 
 def make_context(logs: list[Log], arm: Arm) -> Context:
     """Everything that effects and stages look at. Raises ValueError where the logs are too short."""
-    samples = sample(logs)
+    samples = sample(logs, all(log.commands is not None for log in logs))
     prediction = predict(samples, arm)
     driven = drive(logs, arm)
     held, share = (None, 0.0) if driven is None else find_held(driven)
@@ -53,13 +53,10 @@ def make_context(logs: list[Log], arm: Arm) -> Context:
 def _transmission(logs: list[Log], samples: Samples, prediction: Prediction) -> Transmission | None:
     if any(log.motor is None for log in logs):
         return None
-    twist = np.full(samples.position.shape, np.nan)
-    for number, log in enumerate(logs):
-        rows = samples.trajectory == number
-        difference = log.motor - log.position
-        twist[rows] = np.column_stack(
-            [np.interp(samples.time[rows], log.time, column) for column in difference.T]
-        )
+    trajectory = np.concatenate([np.full(len(log.time), number) for number, log in enumerate(logs)])
+    time = np.concatenate([log.time for log in logs])
+    apart = np.concatenate([log.motor - log.position for log in logs])
+    twist = np.column_stack([samples.project(trajectory, time, column) for column in apart.T])
     load = samples.torque + (0.0 if samples.with_gravity else prediction.gravity)
     return Transmission(samples.time, samples.trajectory, twist, load, samples.torque_rate)
 

@@ -25,11 +25,13 @@ KINK = 0.02  # rad/s^2 by which the target's acceleration may jump for what was 
 REVERSAL = "r2 at reversal"
 SLOWEST = 0.002  # rad/s, below which a joint may be standing
 
+DELAY = 2.7e-4  # s between command and torque that any loop has
+
 # What every candidate may use besides its own, by stage: delay of torque against command, of torque against
 # motion, error of the inertial torque, zero of the motor's encoder.
 NUISANCES = {
     "r0": (),
-    "r1": (Parameter("delay", "s", -8e-4, 8e-4, 2e-4),),
+    "r1": (Parameter("delay", "s", -3e-4, 8e-4, 1e-4, centre=DELAY),),
     "r2": (Parameter("delay", "s", -8e-4, 8e-4, 2e-4), Parameter("inertia", "1", -0.5, 0.5, 0.03)),
     "r3": (Parameter("zero", "rad", -0.1, 0.1, 0.01),),
     REVERSAL: (),
@@ -156,10 +158,11 @@ def make_design(context: Context) -> Design:
         for stage in stages.names:
             matrix, ids = [stages.nuisances(stage, joint)], [nuisance[joint][stage]]
             for candidate in candidates:
-                columns = candidate.effect.columns.get(rung(stage))
-                if columns is not None and candidate.joint in (None, joint):
-                    matrix.append(columns(context, joint))
-                    ids.append(candidate.ids)
+                if candidate.joint in (None, joint):
+                    columns = stages.columns(candidate.effect, stage, joint)
+                    if columns is not None:
+                        matrix.append(columns)
+                        ids.append(candidate.ids)
             cells.append(
                 make_cell(stages, stage, joint, np.concatenate(ids), np.column_stack(matrix), blocks, parameters)
             )
@@ -172,6 +175,7 @@ class Stages:
 
     def __init__(self, context: Context):
         self.context = context
+        self._projected: dict[tuple[int, int], np.ndarray] = {}
         self.names = ["r2", REVERSAL]
         self._slides = np.column_stack([_slides(context, j) for j in range(len(context.arm))])
         if context.drive is not None:
@@ -195,6 +199,25 @@ class Stages:
         if stage == "r0":
             return c.drive.commanded[:, joint] - c.drive.law[:, joint]
         return c.drive.measured[:, joint] - c.drive.commanded[:, joint]
+
+    def columns(self, effect: Effect, stage: str, joint: int) -> np.ndarray | None:
+        """Columns (n, parameters) of an effect, None where it does not show.
+
+        With commands, r2 is taken from the commanded torque: its noise is then none of r1's. What the drive
+        makes of a command is missing from it, whatever the sensor says.
+        """
+        c = self.context
+        own = effect.columns.get(rung(stage))
+        if rung(stage) != "r2" or c.drive is None or "r1" not in effect.columns:
+            return None if own is None else own(c, joint)
+        if effect.module == "sensing":
+            return None
+        key = (id(effect), joint)
+        if key not in self._projected:
+            d, values = c.drive, effect.columns["r1"](c, joint)
+            projected = [c.samples.project(d.trajectory, d.time + d.period / 2, column) for column in values.T]
+            self._projected[key] = -np.column_stack(projected)
+        return self._projected[key]
 
     def rows(self, stage: str, joint: int) -> np.ndarray:
         """Rows (n,) that count. A joint that stands is held by friction of any size up to its level: its

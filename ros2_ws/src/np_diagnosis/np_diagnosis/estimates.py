@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from np_diagnosis.design import Candidate, Cell, Design, Stages, make_cell, rung
+from np_diagnosis.design import Candidate, Cell, Design, Stages, make_cell
 from np_diagnosis.effects import Effect
 from np_diagnosis.fit import fit
 from np_diagnosis.search import Search, Structure
@@ -40,6 +40,8 @@ def estimate(
         effect, cells, spread = _settle(design, cells, ids, candidate)
     value, half = _interval(cells, ids, design, seed)
     at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
+    known = np.array([p.background for p in effect.parameters])
+    half[at] = np.hypot(half[at], T95 * known)
     found = {
         p.name: Estimate(float(value[i]), float(value[i] - half[i]), float(value[i] + half[i]), p.unit)
         for p, i in zip(effect.parameters, at)
@@ -47,9 +49,9 @@ def estimate(
     shape = effect.shape
     if shape is not None and shape.linear:
         share = found.pop(effect.parameters[0].name)
-        found[shape.name] = Estimate(
-            shape.value * share.value, shape.value * share.low, shape.value * share.high, shape.unit
-        )
+        value, spread = shape.value * share.value, shape.value * (share.high - share.value)
+        spread = float(np.hypot(spread, T95 * shape.background))
+        found[shape.name] = Estimate(value, value - spread, value + spread, shape.unit)
     elif shape is not None:
         found.pop("share", None)
         found[shape.name] = Estimate(shape.value, shape.value - spread, shape.value + spread, shape.unit)
@@ -126,12 +128,12 @@ def _with(design: Design, cells: list[Cell], candidate: Candidate, effect: Effec
     stages, changed = Stages(design.context), []
     for cell in cells:
         places = np.flatnonzero(np.isin(cell.ids, candidate.ids))
-        columns = effect.columns.get(rung(cell.stage))
-        if not places.size or columns is None:
+        columns = stages.columns(effect, cell.stage, cell.joint) if places.size else None
+        if columns is None:
             changed.append(cell)
             continue
         matrix = cell.matrix.copy()
-        matrix[:, places] = columns(design.context, cell.joint)
+        matrix[:, places] = columns
         changed.append(
             make_cell(stages, cell.stage, cell.joint, cell.ids, matrix, design.blocks, design.parameters, cell.whiten)
         )

@@ -67,7 +67,8 @@ class Samples:
     rad,
     rad/s, rad/s^2; torque (n, k) Nm and its rate of change torque_rate (n, k) Nm/s; with_gravity as in `Log`;
     noise (k,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one. segments:
-    (position, velocity) (m, k) on the fine grid, one for each stretch without a gap.
+    (position, velocity) (m, k) on the fine grid, one for each stretch without a gap; grids: (trajectory, times
+    (m,) s) of each.
     """
 
     time: np.ndarray
@@ -80,6 +81,7 @@ class Samples:
     with_gravity: bool
     noise: np.ndarray
     segments: tuple[tuple[np.ndarray, np.ndarray], ...]
+    grids: tuple[tuple[int, np.ndarray], ...]
 
     def __len__(self) -> int:
         return len(self.time)
@@ -94,6 +96,14 @@ class Samples:
         return np.concatenate([_filter(part[:, None], _KERNEL)[:, 0] for part in parts])
 
 
+    def project(self, trajectory: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """values (m,) of moments `time` (m,) s of their trajectory, through the filter, at the samples (n,)."""
+        parts = []
+        for number, grid in self.grids:
+            mine = trajectory == number
+            parts.append(_filter(np.interp(grid, time[mine], values[mine])[:, None], _KERNEL)[:, 0])
+        return np.concatenate(parts)
+
     def filtered_extreme(self, joint: int, extreme) -> np.ndarray:
         """np.min or np.max (n,) of a joint's velocity over each sample's filter window."""
         parts = []
@@ -105,24 +115,25 @@ class Samples:
         return np.concatenate(parts)
 
 
-def sample(logs: list[Log]) -> Samples:
-    """Samples of logs, which must agree on gravity.
+def sample(logs: list[Log], commanded: bool = False) -> Samples:
+    """Samples of logs, which must agree on gravity. commanded: of the commanded torque, which has no sensor's
+    noise, instead of the measured one.
 
     Every channel goes through the same filter, so that none is delayed against another. Raises ValueError
     for logs that do not agree, or where no stretch is long enough.
     """
     if len({log.with_gravity for log in logs}) != 1:
         raise ValueError("expected logs that agree on whether torque includes gravity, got both")
-    parts = [part for number, log in enumerate(logs) for part in _sample_one(log, number)]
+    parts = [part for number, log in enumerate(logs) for part in _sample_one(log, number, commanded)]
     if not parts:
         raise ValueError(
             f"expected at least {_SHORTEST} s without a gap of {LARGEST_GAP} s, got none in "
             f"{', '.join(log.name for log in logs)}"
         )
-    *columns, segments = zip(*parts)
+    *columns, segments, grids = zip(*parts)
     columns = [np.concatenate(column) for column in columns]
     noise = np.sqrt(np.mean([_noise(log) ** 2 for log in logs], axis=0))
-    return Samples(*columns, with_gravity=logs[0].with_gravity, noise=noise, segments=segments)
+    return Samples(*columns, with_gravity=logs[0].with_gravity, noise=noise, segments=segments, grids=grids)
 
 
 _SHORTEST = 1.0  # s
@@ -134,7 +145,9 @@ _KERNEL /= _KERNEL.sum()
 _SLOPE = -_OFFSETS * _KERNEL / (_OFFSETS**2 * _KERNEL).sum()
 
 
-def _sample_one(log: Log, number: int):
+def _sample_one(log: Log, number: int, commanded: bool):
+    c = log.commands
+    torque_time, torque_values = (c.torque_time, c.torque) if commanded else (log.torque_time, log.torque)
     edges = np.flatnonzero(np.diff(log.time) > LARGEST_GAP) + 1
     for rows in np.split(np.arange(len(log.time)), edges):
         if not rows.size or log.time[rows[-1]] - log.time[rows[0]] < _SHORTEST:
@@ -142,10 +155,10 @@ def _sample_one(log: Log, number: int):
         grid = np.arange(log.time[rows[0]], log.time[rows[-1]], GRID)
 
         def at(time, values):
-            return np.column_stack([np.interp(grid, time[rows], column) for column in values[rows].T])
+            return np.column_stack([np.interp(grid, time, column) for column in values.T])
 
-        position, velocity = at(log.time, log.position), at(log.time, log.velocity)
-        torque = at(log.torque_time, log.torque)
+        position, velocity = at(log.time[rows], log.position[rows]), at(log.time[rows], log.velocity[rows])
+        torque = at(torque_time, torque_values)
         inner = slice(_HALF, len(grid) - _HALF, DECIMATION)
         kept = grid[inner] - log.time[0]
         yield (
@@ -157,6 +170,7 @@ def _sample_one(log: Log, number: int):
             _filter(torque, _KERNEL),
             _filter(torque, _SLOPE),
             (position, velocity),
+            (number, grid),
         )
 
 

@@ -1,8 +1,9 @@
 """What a recording says at each stage between target and motion, and where the nominal simulator disagrees.
 
 r0: commanded torque minus the controller's law replayed; r1: measured minus commanded torque; both at the rate
-of the recording. r2: measured torque minus inverse dynamics of the nominal arm, at 100 Hz through one filter.
-r3: motor minus joint angle. Residuals are what the arm shows beyond its nominal simulator.
+of the recording. r2: torque minus inverse dynamics of the nominal arm, at 25 Hz through one filter; the torque is
+the commanded one where there is one, so that the noise of the torque sensor is in r1 alone. r3: motor minus joint
+angle. Residuals are what the arm shows beyond its nominal simulator.
 """
 
 from __future__ import annotations

@@ -42,7 +42,8 @@ class Context:
 class Parameter:
     """A change against the nominal simulator, from lower to upper, N(centre, prior^2) before any data.
 
-    least: magnitude up to which it is what any arm has of it, and not worth naming.
+    least: magnitude up to which it is what any arm has of it, and not worth naming; background: standard
+    deviation of what any arm has of it, which no interval can be narrower than.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Parameter:
     prior: float
     centre: float = 0.0
     least: float = 0.0
+    background: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +66,8 @@ class Shape:
     value: float
     rebuild: Callable[[float], Effect]
     linear: bool = False
+    background: float = 0.0
+    least: float = 0.0
 
 
 Columns = Callable[[Context, int], np.ndarray]

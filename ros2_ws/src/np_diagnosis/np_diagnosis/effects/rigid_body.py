@@ -55,7 +55,7 @@ def effects(context: Context) -> list[Effect]:
         found.append(
             Effect(
                 "link_inertia",
-                (Parameter("scale", "1", -0.9, 3.0, 0.5, least=INERTIA_KNOWN),),
+                (Parameter("scale", "1", -0.9, 3.0, 0.5, least=INERTIA_KNOWN, background=INERTIA_KNOWN / 3),),
                 {"r2": lambda c, j, t=table, s=scaled: stack(t[:, j, 4:] @ s)},
                 "inverse dynamics are linear in the inertia about the centre of mass",
                 f"link {i + 1}",

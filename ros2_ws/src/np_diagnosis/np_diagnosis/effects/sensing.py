@@ -1,5 +1,6 @@
 """sensing: encoders and torque sensors that are off. Encoders show in r2 of every joint that bears weight,
-torque sensors in r1 and r2 alike, since the motion knows nothing of them."""
+torque sensors in r1 only: with commands, r2 is taken from the commanded torque, and the motion knows nothing of
+the sensor."""
 
 from __future__ import annotations
 
@@ -30,7 +31,6 @@ def effects(context: Context) -> list[Effect]:
                 (offset,),
                 {
                     "r1": lambda c, j: np.ones((len(c.drive.time), 1)),
-                    "r2": lambda c, j: np.ones((len(c.samples), 1)),
                 },
                 "y = tau + offset",
                 "offset only",
@@ -42,7 +42,6 @@ def effects(context: Context) -> list[Effect]:
                 (gain, offset),
                 {
                     "r1": lambda c, j: stack(c.drive.commanded[:, j] + c.drive.gravity[:, j], np.ones(len(c.drive.time))),
-                    "r2": lambda c, j: stack(c.prediction.load[:, j], np.ones(len(c.samples))),
                 },
                 "y = (1 + gain) tau + offset",
             )
