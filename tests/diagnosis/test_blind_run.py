@@ -17,6 +17,9 @@ from np_diagnosis.excitation import suite
 
 ONLY = ["triangle_fast"]
 COUNT = 4
+TOPICS = ["joint_states", "motor_states", "effort_command", "applied_command", "joint_trajectory", "tick"]
+KEYS = {"module_accuracy", "joint_accuracy", "effect_class_accuracy", "false_alarm",
+        "abstain_out_of_catalogue", "pairs_top3", "coverage95", "shrink_vs_oracle", "harm", "wall_s"}
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +32,7 @@ def bags(tmp_path_factory):
 def test_bags_are_those_of_a_session_and_show_no_cause(bags):
     seen = set()
     for number in range(COUNT):
-        with Recording(bags / f"case_{number:03d}", ["joint_states", "motor_states", "effort_command",
-                                                     "applied_command", "joint_trajectory", "tick"]) as recording:
+        with Recording(bags / f"case_{number:03d}", TOPICS) as recording:
             assert set(recording.information) == {"case", "origin"}
             seen.add(tuple(sorted(recording.counts.items())))
             states = [m.decode() for m in recording.messages("joint_states")]
@@ -51,20 +53,19 @@ def test_bags_are_those_of_a_session_and_show_no_cause(bags):
 
 def test_no_ros_no_mujoco_and_no_pinocchio_is_needed():
     code = ("import sys, np_diagnosis.commands.blind, np_diagnosis.blind.generate; "
-            "print([m for m in ('rclpy', 'pinocchio', 'mujoco', 'torch', 'np_diagnosis.diagnosis') if m in sys.modules])")
+            "unwanted = ('rclpy', 'pinocchio', 'mujoco', 'torch', 'np_diagnosis.diagnosis'); "
+            "print([m for m in unwanted if m in sys.modules])")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
 def test_the_command_scores_the_doctor(tmp_path):
-    command = [sys.executable, "-m", "np_diagnosis.commands.blind", "--cases", str(COUNT), "--set", "development",
-               "--only", *ONLY, "--out", str(tmp_path / "run")]
+    command = [sys.executable, "-m", "np_diagnosis.commands.blind", "--cases", str(COUNT),
+               "--set", "development", "--only", *ONLY, "--out", str(tmp_path / "run")]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout.splitlines()[-1])
-    keys = {"module_accuracy", "joint_accuracy", "effect_class_accuracy", "false_alarm", "abstain_out_of_catalogue",
-            "pairs_top3", "coverage95", "shrink_vs_oracle", "harm", "wall_s"}
-    assert keys <= set(figures) and figures["cases"] == COUNT
+    assert KEYS <= set(figures) and figures["cases"] == COUNT
     assert figures["errors"] == 0, (tmp_path / "run" / "results.md").read_text()
     assert figures["key_sha256"] == digest((tmp_path / "run" / "key.json").read_text())
     assert figures["key_sha256"] == digest(make_key(COUNT, 0, "development"))
@@ -77,7 +78,8 @@ def test_the_command_scores_the_doctor(tmp_path):
 
 
 def test_a_locked_key_that_was_not_sealed_is_refused(tmp_path):
-    done = subprocess.run([sys.executable, "-m", "np_diagnosis.commands.blind", "--cases", "3", "--seed", "987",
-                           "--out", str(tmp_path / "run")], capture_output=True, text=True)
+    command = [sys.executable, "-m", "np_diagnosis.commands.blind", "--cases", "3", "--seed", "987",
+               "--out", str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 1 and "put down (--seal) and committed before the doctor runs" in done.stderr
     assert not (tmp_path / "run").exists()

@@ -31,13 +31,15 @@ def test_an_experiment_is_followed_and_recorded(tmp_path, mode):
     assert segments == SHORT
     with Recording(result["bag"], ["joint_states", "effort_command", "tick"]) as recording:
         decoded = {name: [m.decode() for m in recording.messages(name)]
-                   for name in ("phase", "joint_trajectory", "target_gains", "effort_command", "joint_states")}
+                   for name in ("phase", "joint_trajectory", "target_gains", "effort_command",
+                                "joint_states")}
     assert [m.data for m in decoded["phase"]] == ["excite: sinusoid_7", "idle"]
     (plan,), (gains,) = decoded["joint_trajectory"], decoded["target_gains"]
     assert plan.header.frame_id == "sinusoid_7"
     expected = suite(SHORT)[0]
     times, positions, _ = trajectory_arrays(plan, JOINT_NAMES)
-    assert np.allclose(positions, expected.positions, atol=1e-3) and times[-1] == pytest.approx(expected.duration)
+    assert np.allclose(positions, expected.positions, atol=1e-3)
+    assert times[-1] == pytest.approx(expected.duration)
     assert (gains_array(gains) == expected.gains).all()
     targets = np.array([joint_state_arrays(m, JOINT_NAMES)[0] for m in decoded["effort_command"]])
     reached = np.array([m.position[6] for m in decoded["joint_states"]])
@@ -64,13 +66,15 @@ def test_the_gains_of_an_experiment_hold_from_its_first_state_on(tmp_path):
         start = next(recording.messages("target_gains")).stamp
         gains = [gains_array(m.decode()) for m in recording.messages("target_gains")]
         begin, end = start + 1_000_000_000, start + 6_000_000_000
-        states = {m.stamp: joint_state_arrays(m.decode(), STATE_NAMES) for m in recording.messages("joint_states")}
+        states = {m.stamp: joint_state_arrays(m.decode(), STATE_NAMES)
+                  for m in recording.messages("joint_states")}
         answers = [(m.stamp, joint_state_arrays(m.decode(), JOINT_NAMES))
                    for m in recording.messages("effort_command") if begin < m.stamp < end]
     assert [set(table[1]) for table in gains] == [{LOW_DAMPING}]
     # tau - kp (q_d - q) - feedforward = kd (dq_d - dq), and the feedforward has nothing to do with dq_d - dq.
     error = np.array([answer[1] - states[stamp][1][:7] for stamp, answer in answers])
-    rest = np.array([answer[2] - gains[0][0] * (answer[0] - states[stamp][0][:7]) for stamp, answer in answers])
+    rest = np.array([answer[2] - gains[0][0] * (answer[0] - states[stamp][0][:7])
+                     for stamp, answer in answers])
     dynamics = Dynamics()
     rate = np.gradient([answer[1] for _, answer in answers], LIMITS.period, axis=0)
     fed = np.array([dynamics.coriolis(states[stamp][0][:7], states[stamp][1][:7])
