@@ -9,8 +9,10 @@ KEYPOINTS ?= camera
 CONTROLLER ?= impedance
 OBJECT ?= default
 EFFECTS ?= none
+GPUS ?=
 ARGS ?=
-PYTEST_ARGS ?=
+PYTEST_GPUS ?=
+ARGS ?=
 
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
@@ -45,8 +47,8 @@ evaluate: setup ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT
 bench: setup ## latencies, real-time factor, planning time as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup bench $(ARGS)
 
-train: setup ## DOMAIN SEED: train its policies on the GPU or CPU that is there
-	@$(ACTIVATE) exec python -m np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)
+train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there
+	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)
 
 test: setup ## every test that needs no GPU
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)
