@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -66,6 +67,17 @@ def summary(result: Result, out: Path) -> dict[str, object]:
     return found
 
 
+def _bar(what: str) -> Callable[[int, int], None]:
+    """Shows how many of how many images have been looked at."""
+    bars: list[Progress] = []
+
+    def show(done: int, total: int) -> None:
+        bars[:] = bars or [Progress(total, what)]
+        bars[0].show(done)
+
+    return show
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. Status 1: refused, and no file is written."""
     options = parse(arguments)
@@ -75,13 +87,7 @@ def main(arguments: list[str] | None = None) -> int:
         evidence = []
         for path in (options.bag, options.table):
             if path is not None:
-                progress = Progress(1, f"reading {path}")
-
-                def show(done: int, total: int, progress=progress) -> None:
-                    progress.total = total
-                    progress.show(done)
-
-                evidence.append(read_evidence(path, board, show))
+                evidence.append(read_evidence(path, board, _bar(f"reading {path}")))
         result = calibrate(evidence[0], board, datetime.now(timezone.utc), touched=touched,
                            table=evidence[1] if options.table else None, source=str(options.bag), accept=options.accept)
         result.calibration.save(options.out)
