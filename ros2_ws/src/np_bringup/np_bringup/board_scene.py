@@ -14,7 +14,7 @@ import numpy as np
 from np_control.kinematics import forward_kinematics, pose_distance, solve_ik
 from np_description.calibration import Lens
 from np_description.camera import CAMERA, Camera
-from np_description.domains import CARD
+from np_description.domains import CARD, Pose
 from np_description.panda import NOMINAL, TCP_FRAME
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 from np_description.scene import build_scene
@@ -107,6 +107,10 @@ class BoardScene:
         width, height = self.board.size
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[width / 2, height / 2, _THICKNESS / 2],
                       pos=[0, 0, -_THICKNESS / 2], material="board", **silent)
+
+    def place_card(self, pose: Pose) -> None:
+        """Put the card there in every image from now on."""
+        self._configuration[9:16] = *pose.position, *pose.quaternion
 
     def render(self, joints: np.ndarray) -> np.ndarray:
         """The camera's image (height, width, 3) uint8 with the arm at `joints` (7,) rad."""

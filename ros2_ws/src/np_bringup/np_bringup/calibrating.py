@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -15,8 +15,8 @@ from np_description.domains import CARD
 from np_description.panda import STATE_NAMES
 from np_description.rotations import cross, quaternion_from_matrix
 from np_perception.board import Board, Detection, pose_in_camera, undistort
-from np_perception.bundle import DegenerateError, Fit, Touch, View
-from np_perception.hand_eye import Check, check, solve
+from np_perception.bundle import BOARD, DegenerateError, Fit, Touch, View, linearise, refine
+from np_perception.hand_eye import CORNER_SIGMA, Check, check, solve
 from np_ros.messages import BadMessage, camera_info_lens, image_array, joint_state_arrays
 
 from np_bringup.bag import Recording
@@ -221,21 +221,23 @@ def find_table(evidence: Evidence, board: Board, fit: Fit) -> Table:
     _require_board(evidence, board)
     if not np.allclose(evidence.turn, np.eye(3)) or evidence.lens != fit.lens:
         raise CalibrationRefused("table: expected images of the same camera as in the first recording, camera_info differs")
-    poses = []
-    for view in views_of(evidence, board, in_hand=False):
-        at, turned = pose_in_camera(view.points, view.pixels, fit.lens)
-        rotation = fit.rotation @ turned
-        middle = fit.rotation @ (turned @ board.corners.mean(axis=0) + at) + fit.position
-        poses.append((middle, -rotation[:, 2]))  # the board's z goes into the paper
-    middles, normals = (np.array(column) for column in zip(*poses))
+    views = views_of(evidence, board, in_hand=False)
+    lying = [pose_in_camera(view.points, view.pixels, fit.lens) for view in views]
+    middles = np.array([fit.rotation @ (turned @ board.corners.mean(axis=0) + at) + fit.position for at, turned in lying])
     if np.ptp(middles, axis=0).max() > 0.01:
         raise CalibrationRefused("table: expected a board that stays where it lies, it moved by "
                                  f"{1e3 * np.ptp(middles, axis=0).max():.0f} mm")
-    middle, normal = np.median(middles, axis=0), np.median(normals, axis=0)
-    # An error of the camera moves and tilts what it sees with it.
-    arm = middle - fit.position
-    of_height = np.concatenate([[0, 0, 1], np.cross(arm, [0, 0, 1])])[None]
-    height_95 = norm_bound(of_height @ fit.covariance @ of_height.T, fit.dof)
-    tilt_95 = norm_bound(fit.covariance[3:5, 3:5], fit.dof)
-    tilt = (float(np.arctan2(-normal[1], normal[2])), float(np.arctan2(normal[0], normal[2])))
-    return Table(float(middle[2]), tilt, (float(middle[0]), float(middle[1])), height_95, tilt_95)
+    at, turned = lying[0]
+    # The board's frame is moved to its middle, so that an error of its tilt does not move it.
+    centred = [replace(view, points=view.points - board.corners.mean(axis=0)) for view in views]
+    seen = refine(replace(fit, board_position=middles[0], board_rotation=fit.rotation @ turned), centred, (), BOARD)
+    rows = linearise(seen, centred[:1])[1].reshape(-1, 16)[:, BOARD]  # further views of the same see no more
+    of_board = max(seen.rms, CORNER_SIGMA)**2 * np.linalg.inv(rows.T @ rows)
+    # An error of the camera moves and tilts what it sees with it; one of the corners found comes on top.
+    of_height = np.concatenate([[0, 0, 1], np.cross(seen.board_position - fit.position, [0, 0, 1])])
+    height_95 = norm_bound(of_height @ fit.covariance @ of_height + of_board[2, 2], fit.dof)
+    tilt_95 = norm_bound(fit.covariance[3:5, 3:5] + of_board[3:5, 3:5], fit.dof)
+    normal = -seen.board_rotation[:, 2]  # the board's z goes into the paper
+    x, y, height = seen.board_position.tolist()
+    return Table(height, (float(np.arctan2(-normal[1], normal[2])), float(np.arctan2(normal[0], normal[2]))), (x, y),
+                 height_95, tilt_95)

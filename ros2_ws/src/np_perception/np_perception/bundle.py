@@ -49,7 +49,7 @@ class Touch:
 @dataclass(frozen=True)
 class Fit:
     """position (3,) m, rotation (3, 3): the camera in the base frame; board_position, board_rotation: the board on its
-    carrier; rms px of the median view; view_rms (n,) px; lens as fitted; used: which views and touches were not wrong, indices; covariance
+    carrier; rms px of the median view; view_rms (n,) px; lens as fitted; used: numbers of the views that were not wrong; left_out: how many were; covariance
     (6, 6) of the camera, as np_description.calibration.Calibration has it, and its degrees of freedom."""
 
     position: np.ndarray
@@ -61,6 +61,7 @@ class Fit:
     rms: float = np.inf
     view_rms: np.ndarray = field(default_factory=lambda: np.zeros(0))
     used: tuple[int, ...] = ()
+    left_out: int = 0
     covariance: np.ndarray = field(default_factory=lambda: np.full((6, 6), np.inf))
     dof: float = 1.0
 
@@ -78,6 +79,7 @@ class Fit:
 # Joint refinement. The order of unknowns: camera 3 + 3, board 3 + 3, focal length (log), principal point 2, scale (log).
 
 POSES = tuple(range(12))
+BOARD = tuple(range(6, 12))
 LENS = (*POSES, 12, 13, 14)
 SCALE = (*POSES, 15)
 

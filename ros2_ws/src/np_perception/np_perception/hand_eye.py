@@ -3,7 +3,7 @@
 Unknown are the camera in the base frame and the board on whatever carries it (the hand, or the table). The start comes
 from the closed form of Park and Martin (IEEE T-RA 10(5), 1994) on random triples of views, of which the best one is taken,
 so that a few wrong views do no harm. Then all corners of all views are fitted at once: Gauss-Newton on Huber-weighted
-reprojection errors. (OpenCV 5 has no hand-eye calibration any more.)
+reprojection errors.
 
 Errors of the arm's kinematics move all corners of a view together, so views, not corners, are the independent pieces of
 evidence: the covariance is that of leaving out one view at a time (jackknife).
@@ -19,15 +19,16 @@ import numpy as np
 from np_description.calibration import Lens, norm_bound
 from np_description.rotations import vector_from_matrix
 from np_perception.board import pose_in_camera
-from np_perception.bundle import LENS, POSES, SCALE, DegenerateError, Fit, Touch, View, refine, residuals
+from np_perception.bundle import LENS, POSES, SCALE, DegenerateError, Fit, Touch, View, linearise, refine, residuals
 
 MIN_VIEWS = 8
 MIN_TOUCHES = 6
 MIN_TURN = np.radians(12)  # spread of the hand's orientations, about the axis about which it turned second most
-MIN_SPREAD = 0.05  # m, of the touched points in the direction in which they spread second most
+MIN_SPREAD = 0.03  # m, standard deviation of the touched points in the direction in which they spread second most
 MAX_RMS = 3.0  # px; more than this is another board, another lens or another robot
 MAX_POSITION, MAX_ROTATION = 0.02, np.radians(2)  # 95 % bounds from which nothing can be projected
 _WRONG_VIEW = 4.0  # times the median error of the views
+CORNER_SIGMA = 0.1  # px, by which a corner may be off in every image of a board that lies still
 _HYPOTHESES = 60
 
 
@@ -73,7 +74,8 @@ def solve(views: Sequence[View], lens: Lens, touches: Sequence[Touch] = ()) -> F
         raise DegenerateError(f"expected views that one camera explains within {MAX_RMS:g} px, errors by view are "
                               f"{np.round(fit.view_rms, 2).tolist()} px{_hint(fit, views, touches)}")
     kept = [views[i] for i in right]
-    fit = replace(refine(fit, kept, touches), used=tuple(right.tolist()))
+    fit = replace(refine(fit, kept, touches), used=tuple(right.tolist()),
+                  left_out=len(views) - len(right))
     (_require_touches if touches else _require_views)(kept, touches)
     covariance, dof = _jackknife(fit, kept, touches)
     fit = replace(fit, covariance=covariance, dof=dof)
@@ -95,12 +97,14 @@ def check(fit: Fit, views: Sequence[View], touches: Sequence[Touch] = ()) -> Che
         return np.array([other.scale])
 
     results = []
-    for free, value in ((LENS, lens_values), (SCALE, scale_value)):
+    for free, value in (*(() if touches else ((LENS, lens_values),)), (SCALE, scale_value)):
         full = refine(fit, kept, touches, free)
         values = _left_out(full, kept, touches, value, free)
         spread = np.sqrt(np.diag(_jackknife_covariance(values)))
         results.append((value(full), np.array([norm_bound([[s**2]], len(values) - 1) for s in spread])))
-    (lens, lens_95), (scale, scale_95) = results
+    scale, scale_95 = results[-1]
+    # A board that lies still is one view: it tells nothing of the lens.
+    lens, lens_95 = results[0] if not touches else (np.array([1.0, 0.0, 0.0]), np.full(3, np.inf))
     return Check(lens[0], lens_95[0], lens[1:], lens_95[1:], scale[0], scale_95[0])
 
 
@@ -123,8 +127,8 @@ def _require_touches(views: list[View], touches: list[Touch]) -> None:
     points = np.array([touch.point for touch in touches])
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
     if len(touches) < MIN_TOUCHES or spread[1] < MIN_SPREAD:
-        raise DegenerateError(f"expected at least {MIN_TOUCHES} touches that spread by {1e3 * MIN_SPREAD:g} mm in two directions, "
-                              f"got {len(touches)}, spread by {', '.join(f'{1e3 * s:.0f}' for s in spread[:2])} mm")
+        raise DegenerateError(f"expected at least {MIN_TOUCHES} touches that spread by {1e3 * MIN_SPREAD:g} mm (standard deviation) in two "
+                              f"directions, got {len(touches)}, spread by {', '.join(f'{1e3 * s:.0f}' for s in spread[:2])} mm")
     if not np.isfinite([touch.position for touch in touches]).all():
         raise DegenerateError("touch: expected finite positions")
 
@@ -215,4 +219,9 @@ def _jackknife_covariance(values: np.ndarray) -> np.ndarray:
 def _jackknife(fit: Fit, views, touches) -> tuple[np.ndarray, float]:
     values = _left_out(fit, views, touches, lambda f: np.concatenate(
         [f.position - fit.position, vector_from_matrix(f.rotation @ fit.rotation.T)]))
-    return _jackknife_covariance(values), len(values) - 1.0
+    covariance = _jackknife_covariance(values)
+    if touches:  # what all images of a board that lies still have in common shows in none of the fits
+        most = max(views, key=lambda view: len(view.points))
+        rows = linearise(fit, [most])[1].reshape(-1, 16)[:, :6]
+        covariance += max(fit.rms, CORNER_SIGMA)**2 * np.linalg.inv(rows.T @ rows)
+    return covariance, len(values) - 1.0

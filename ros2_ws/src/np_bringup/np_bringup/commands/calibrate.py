@@ -52,15 +52,15 @@ def summary(result: Result, out: Path) -> dict[str, object]:
     distance, angle = calibration.displacement
     found: dict[str, object] = {
         "calibration": str(out), "views": calibration.errors.views, "corners": calibration.errors.corners,
-        "views_left_out": len(fit.view_rms) and [i for i in range(max(fit.used) + 1) if i not in fit.used],
+        "views_left_out": fit.left_out,
         "reprojection_rms_px": round(fit.rms, 3), "position_m": np.round(calibration.position, 5).tolist(),
         "position_95_mm": round(1e3 * calibration.errors.position_95, 2),
         "rotation_95_deg": round(float(np.degrees(calibration.errors.rotation_95)), 3),
         "keypoint_95_px": round(calibration.errors.keypoint_95, 2),
         "displaced_mm": round(1e3 * distance, 1), "displaced_deg": round(float(np.degrees(angle)), 2),
-        "focal": [round(check.focal, 4), round(check.focal_95, 4)],
-        "principal_point_px": np.round([check.centre, check.centre_95], 2).tolist(),
-        "board_scale": [round(check.scale, 4), round(check.scale_95, 4)], "complaints": check.complaints()}
+        "focal": _list([check.focal, check.focal_95]),
+        "principal_point_px": [_list(check.centre), _list(check.centre_95)],
+        "board_scale": _list([check.scale, check.scale_95]), "complaints": check.complaints()}
     if (table := calibration.table) is not None:
         found["table"] = {"height_mm": [round(1e3 * table.height, 2), round(1e3 * table.height_95, 2)],
                           "tilt_deg": np.round(np.degrees([*table.tilt, table.tilt_95]), 3).tolist()}
@@ -76,6 +76,11 @@ def _bar(what: str) -> Callable[[int, int], None]:
         bars[0].show(done)
 
     return show
+
+
+def _list(values) -> list[float | None]:
+    """Rounded; None for what cannot be told (JSON knows no infinity)."""
+    return [round(float(value), 4) if np.isfinite(value) else None for value in values]
 
 
 def main(arguments: list[str] | None = None) -> int:
