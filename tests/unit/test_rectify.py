@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from np_description.calibration import CalibrationError, Lens
 from np_description.camera import CAMERA
 from np_description.rotations import matrix_from_vector
-from np_perception.rectify import Rectifier, from_inverse_distortion, project_distorted, view_camera
+from np_perception.rectify import Rectifier, project_distorted, view_camera
 
 D435 = Lens(1280, 720, 920.0, 921.0, 641.0, 358.0, (0.12, -0.25, 8e-4, -5e-4, 0.08))
 SMALL = st.lists(st.floats(-0.05, 0.05), min_size=3, max_size=3)
@@ -81,19 +81,3 @@ def test_a_view_that_the_image_does_not_cover_is_refused():
 def test_images_of_another_shape_are_refused():
     with pytest.raises(ValueError, match="expected .720, 1280, 3. uint8"):
         Rectifier(D435)(np.zeros((480, 640, 3), np.uint8))
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(-2e-3, 2e-3), st.floats(-2e-3, 2e-3))
-def test_inverse_distortion_is_inverted(k1, k2, p1, p2):
-    """What the coefficients undo, the lens found for them does."""
-    plain = replace(D435, distortion=(0.0,) * 5)
-    inverse = (k1, k2, p1, p2, 0.0)
-    lens = from_inverse_distortion(plain, inverse)
-    pixels = np.random.default_rng(0).uniform((300, 100), (980, 620), (40, 2))
-    distorted = np.column_stack([(pixels - (lens.cx, lens.cy)) / (lens.fx, lens.fy), np.ones(40)])
-    ideal = project_distorted(distorted, Lens(2, 2, 1.0, 1.0, 0.0, 0.0, inverse))
-    again = project_distorted(np.column_stack([ideal, np.ones(40)]), lens)
-    np.testing.assert_allclose(again, pixels, atol=0.25)
-    with pytest.raises(CalibrationError, match="inverted"):
-        from_inverse_distortion(plain, (8.0, -30.0, 0.0, 0.0, 0.0))

@@ -14,7 +14,6 @@ import numpy as np
 from np_description.calibration import Lens
 from np_perception.camera_source import CameraError, Frame
 from np_perception.clock import ClockMapper
-from np_perception.rectify import from_inverse_distortion
 
 COUNTER_WRAPS = 2**32 * 1000  # ns: the camera counts microseconds in 32 bits, and begins anew every 71.6 minutes
 EXPOSURE_UNIT = 1e-4  # s, of the colour sensor's option (librealsense: "exposure" of RGB sensors is in 100 us)
@@ -166,16 +165,17 @@ class RealSense:
 
 
 def lens_of(intrinsics, rs) -> Lens:
-    """The SDK's intrinsics as ours. Raises CameraError for a model of distortion that has no pinhole form."""
-    lens = Lens(intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy, intrinsics.ppx, intrinsics.ppy)
+    """The SDK's intrinsics as ours. Raises CameraError for a model of distortion that is not Brown and Conrady's.
+
+    What the SDK calls Inverse Brown-Conrady is, in its own projection since 2021 and by measurement on cameras (librealsense
+    issue 13824), the ordinary model with OpenCV's order of coefficients; tests hold ours to the SDK's deprojection.
+    """
     coefficients, model = tuple(map(float, intrinsics.coeffs)), intrinsics.model
     if model == rs.distortion.none or not any(coefficients):
-        return lens
-    if model == rs.distortion.brown_conrady:
-        return Lens(lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy, coefficients)
-    if model == rs.distortion.inverse_brown_conrady:
-        return from_inverse_distortion(lens, coefficients)
-    raise CameraError(f"camera: expected (inverse) Brown-Conrady distortion, got {model} with {coefficients}")
+        coefficients = (0.0,) * 5
+    elif model not in (rs.distortion.brown_conrady, rs.distortion.inverse_brown_conrady):
+        raise CameraError(f"camera: expected (inverse) Brown-Conrady distortion, got {model} with {coefficients}")
+    return Lens(intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy, intrinsics.ppx, intrinsics.ppy, coefficients)
 
 
 def _information(device, key) -> str:

@@ -91,25 +91,3 @@ def project_distorted(rays: np.ndarray, lens: Lens) -> np.ndarray:
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     return np.stack([lens.fx * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)) + lens.cx,
                      lens.fy * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y) + lens.cy], axis=-1)
-
-
-def from_inverse_distortion(lens: Lens, inverse: tuple[float, ...], tolerance: float = 0.2) -> Lens:
-    """The lens whose coefficients were given for the other direction, from the distorted image to the ideal one.
-
-    RealSense calls that Inverse Brown-Conrady. The forward coefficients that fit best over the middle of the image, of which
-    the policies see less; raises CalibrationError if they leave more than `tolerance` px.
-    """
-    u, v = np.meshgrid(np.linspace(0.2, 0.8, 33) * lens.width, np.linspace(0.1, 0.9, 33) * lens.height)
-    distorted = np.stack([(u.ravel() - lens.cx) / lens.fx, (v.ravel() - lens.cy) / lens.fy], axis=1)
-    unit = Lens(2, 2, 1.0, 1.0, 0.0, 0.0, tuple(inverse))
-    ideal = project_distorted(np.column_stack([distorted, np.ones(len(distorted))]), unit)
-    x, y = ideal.T
-    r2 = x * x + y * y
-    of_x = np.stack([x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x, x * r2**3], axis=1)
-    of_y = np.stack([y * r2, y * r2**2, r2 + 2 * y * y, 2 * x * y, y * r2**3], axis=1)
-    matrix, target = np.concatenate([of_x, of_y]), (distorted - ideal).T.ravel()
-    forward = np.linalg.lstsq(matrix, target, rcond=None)[0]
-    worst = np.abs(matrix @ forward - target).max() * lens.fx
-    if not worst <= tolerance:
-        raise CalibrationError(f"lens: expected a distortion that can be inverted, {inverse} leaves {worst:.2f} px")
-    return replace(lens, distortion=tuple(forward.tolist()))
