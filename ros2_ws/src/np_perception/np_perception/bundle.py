@@ -15,6 +15,7 @@ from np_description.rotations import cross, matrix_from_vector
 
 _HUBER = 2.5  # robust standard deviations from which a corner counts less
 _ITERATIONS = 30
+_SMALL = 1e-7  # m, rad: a step after which nothing more is gained
 
 
 class DegenerateError(ValueError):
@@ -145,12 +146,16 @@ def refine(fit: Fit, views: Sequence[View], touches: Sequence[Touch], free=POSES
         step = np.zeros(16)
         step[list(free)] = np.linalg.solve(normal, matrix.T @ (weights * np.concatenate([residual.ravel(), touched])))
         fit = moved(fit, step)
-        if np.abs(step[:12]).max() < 1e-9:
+        if np.abs(step[:12]).max() < _SMALL:
             break
-    residual = residuals(fit, views)
-    squared = np.split((residual**2).sum(axis=1), np.cumsum([len(view.points) for view in views])[:-1])
-    by_view = np.sqrt([part.mean() for part in squared])
-    return replace(fit, rms=float(np.sqrt(np.median(by_view**2))), view_rms=by_view)
+    return measured(fit, views)
+
+
+def measured(fit: Fit, views: Sequence[View]) -> Fit:
+    """The fit with the errors that these views have with it."""
+    squared = (residuals(fit, views)**2).sum(axis=1)
+    by_view = np.sqrt([part.mean() for part in np.split(squared, np.cumsum([len(view.points) for view in views])[:-1])])
+    return replace(fit, rms=float(np.median(by_view)), view_rms=by_view)
 
 
 def moved(fit: Fit, step: np.ndarray) -> Fit:

@@ -19,11 +19,11 @@ import numpy as np
 from np_description.calibration import Lens, norm_bound
 from np_description.rotations import vector_from_matrix
 from np_perception.board import pose_in_camera
-from np_perception.bundle import LENS, POSES, SCALE, DegenerateError, Fit, Touch, View, linearise, refine, residuals
+from np_perception.bundle import LENS, POSES, SCALE, DegenerateError, Fit, Touch, View, linearise, measured, refine, residuals
 
 MIN_VIEWS = 8
 MIN_TOUCHES = 6
-MIN_TURN = np.radians(12)  # spread of the hand's orientations, about the axis about which it turned second most
+MIN_TURN = np.radians(8)  # spread of the hand's orientations, about the axis about which it turned second most
 MIN_SPREAD = 0.03  # m, standard deviation of the touched points in the direction in which they spread second most
 MAX_RMS = 3.0  # px; more than this is another board, another lens or another robot
 MAX_POSITION, MAX_ROTATION = 0.02, np.radians(2)  # 95 % bounds from which nothing can be projected
@@ -68,8 +68,10 @@ def solve(views: Sequence[View], lens: Lens, touches: Sequence[Touch] = ()) -> F
     views, touches = list(views), list(touches)
     (_require_touches if touches else _require_views)(views, touches)
     start = _start_from_touches(views, lens, touches) if touches else _start(views, lens)
-    fit = refine(start, views, touches)
-    right = np.flatnonzero(fit.view_rms <= max(_WRONG_VIEW * np.median(fit.view_rms), 0.5))
+    fit, right = measured(start, views), np.arange(len(views))
+    for _ in range(3):  # wrong views must not pull at the fit by which they are found wrong
+        right = np.flatnonzero(fit.view_rms <= max(_WRONG_VIEW * np.median(fit.view_rms), 0.5))
+        fit = measured(refine(fit, [views[i] for i in right], touches), views)
     if len(right) < max(len(views) * 2 / 3, 1 if touches else MIN_VIEWS) or fit.rms > MAX_RMS:
         raise DegenerateError(f"expected views that one camera explains within {MAX_RMS:g} px, errors by view are "
                               f"{np.round(fit.view_rms, 2).tolist()} px{_hint(fit, views, touches)}")
@@ -135,12 +137,13 @@ def _require_touches(views: list[View], touches: list[Touch]) -> None:
 
 def _hint(fit: Fit, views: list[View], touches: list[Touch]) -> str:
     """What would explain the views, if something simple does."""
-    scaled = refine(fit, views, touches, free=SCALE)
-    if scaled.rms < fit.rms / 3:
-        return f"; a board of {scaled.scale:.3f} times the size would explain them: is it printed to scale?"
-    lens = refine(fit, views, touches, free=LENS)
-    if lens.rms < fit.rms / 3:
-        return f"; a lens of {lens.lens.fx / fit.lens.fx:.3f} times the focal length would explain them"
+    if touches:
+        return ""
+    for factor in (0.5, 0.7, 0.9, 1.1, 1.4, 2.0):
+        other = [replace(view, points=factor * view.points) for view in views]
+        scaled = refine(_start(other, fit.lens), other, (), SCALE)
+        if scaled.rms < min(fit.rms / 3, MAX_RMS):
+            return f"; a board of {factor * scaled.scale:.3f} times the size would explain them: is it this one, to scale?"
     return ""
 
 
