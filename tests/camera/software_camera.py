@@ -1,6 +1,8 @@
-"""A RealSense without the glass: the SDK's own software device, with the options and the clock of a D435's colour sensor.
+"""A RealSense without the glass: the SDK's own software device, with the options and the clock of a D435's
+colour sensor.
 
-As a program it is the node `realsense_camera` on such a device; SIGUSR1 unplugs it, SIGUSR2 plugs it in again.
+As a program it is the node `realsense_camera` on such a device; SIGUSR1 unplugs it, SIGUSR2 plugs it in
+again.
 """
 
 import signal
@@ -18,22 +20,36 @@ WIDTH, HEIGHT = 1280, 720
 def picture() -> np.ndarray:
     """A smooth picture: every place has another colour."""
     v, u = np.mgrid[:HEIGHT, :WIDTH]
-    return np.stack([u * 255 // WIDTH, v * 255 // HEIGHT, (u + v) * 255 // (WIDTH + HEIGHT)], axis=2).astype(np.uint8)
+    return np.stack([u * 255 // WIDTH, v * 255 // HEIGHT, (u + v) * 255 // (WIDTH + HEIGHT)], axis=2).astype(
+        np.uint8
+    )
 
 
 class SoftwareCamera:
     """device: the SDK's; push sends one frame with the camera's time in ms."""
 
-    def __init__(self, *, leave_out=(), stubborn=(), model=rs.distortion.inverse_brown_conrady,
-                 coefficients=(0.05, -0.06, 1e-4, -2e-4, 0.0), size=(WIDTH, HEIGHT)) -> None:
+    def __init__(
+        self,
+        *,
+        leave_out=(),
+        stubborn=(),
+        model=rs.distortion.inverse_brown_conrady,
+        coefficients=(0.05, -0.06, 1e-4, -2e-4, 0.0),
+        size=(WIDTH, HEIGHT),
+    ) -> None:
         self.device = rs.software_device()
         self.device.register_info(rs.camera_info.name, "Software D435")
         self.device.register_info(rs.camera_info.serial_number, "0815")
         self.sensor = self.device.add_sensor("RGB Camera")
         option = rs.option
         for which, low, high, value in (
-                (option.enable_auto_exposure, 0, 1, 1), (option.enable_auto_white_balance, 0, 1, 1), (option.exposure, 1, 10000, 156),
-                (option.gain, 0, 128, 64), (option.white_balance, 2800, 6500, 4600), (option.global_time_enabled, 0, 1, 1)):
+            (option.enable_auto_exposure, 0, 1, 1),
+            (option.enable_auto_white_balance, 0, 1, 1),
+            (option.exposure, 1, 10000, 156),
+            (option.gain, 0, 128, 64),
+            (option.white_balance, 2800, 6500, 4600),
+            (option.global_time_enabled, 0, 1, 1),
+        ):
             if which in leave_out:
                 continue
             span = rs.option_range()
@@ -47,7 +63,14 @@ class SoftwareCamera:
         intrinsics.fx, intrinsics.fy, intrinsics.ppx, intrinsics.ppy = 918.0, 917.0, 641.0, 357.0
         intrinsics.model, intrinsics.coeffs = model, list(coefficients)
         stream = rs.video_stream()
-        stream.type, stream.index, stream.uid, stream.fmt, stream.fps, stream.bpp = rs.stream.color, 0, 1, rs.format.rgb8, 30, 3
+        stream.type, stream.index, stream.uid, stream.fmt, stream.fps, stream.bpp = (
+            rs.stream.color,
+            0,
+            1,
+            rs.format.rgb8,
+            30,
+            3,
+        )
         stream.width, stream.height = size
         stream.intrinsics = intrinsics
         self.sensor.add_video_stream(stream)
@@ -55,12 +78,24 @@ class SoftwareCamera:
         self._pixels = picture() if size == (WIDTH, HEIGHT) else np.zeros((size[1], size[0], 3), np.uint8)
         self._number = 0
 
-    def push(self, milliseconds: float, *, domain=rs.timestamp_domain.hardware_clock, exposed_us: int | None = None,
-             lost: int = 0) -> None:
-        """One frame; exposed_us: how long before its own time the middle of its exposure was; lost: frames before it."""
+    def push(
+        self,
+        milliseconds: float,
+        *,
+        domain=rs.timestamp_domain.hardware_clock,
+        exposed_us: int | None = None,
+        lost: int = 0,
+    ) -> None:
+        """One frame; exposed_us: how long before its own time the middle of its exposure was; lost: frames
+        before it."""
         self._number += 1 + lost
         frame = rs.software_video_frame()
-        frame.profile, frame.pixels, frame.stride, frame.bpp = self._profile, self._pixels, 3 * self._pixels.shape[1], 3
+        frame.profile, frame.pixels, frame.stride, frame.bpp = (
+            self._profile,
+            self._pixels,
+            3 * self._pixels.shape[1],
+            3,
+        )
         frame.timestamp, frame.domain, frame.frame_number = milliseconds, domain, self._number
         if exposed_us is not None:
             stamp = int(1000 * milliseconds)

@@ -1,4 +1,5 @@
-"""The RealSense camera up to the SDK, on the SDK's software device; skipped where the hardware extra is not installed."""
+"""The RealSense camera up to the SDK, on the SDK's software device; skipped where the hardware extra is not
+installed."""
 
 import os
 import signal
@@ -10,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-rs = pytest.importorskip("pyrealsense2", reason="the SDK of the cameras is in the hardware extra: make hardware")
+rs = pytest.importorskip(
+    "pyrealsense2", reason="the SDK of the cameras is in the hardware extra: make hardware"
+)
 sys.path.insert(0, str(Path(__file__).parent))
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
@@ -48,9 +51,17 @@ def settle(camera, source, milliseconds=1000.0):
 def test_nothing_is_automatic(opened):
     camera, _ = opened
     option = rs.option
-    assert [camera.sensor.get_option(o) for o in (
-        option.enable_auto_exposure, option.enable_auto_white_balance, option.global_time_enabled, option.exposure,
-        option.gain, option.white_balance)] == [0, 0, 0, 80, 64, 4600]
+    assert [
+        camera.sensor.get_option(o)
+        for o in (
+            option.enable_auto_exposure,
+            option.enable_auto_white_balance,
+            option.global_time_enabled,
+            option.exposure,
+            option.gain,
+            option.white_balance,
+        )
+    ] == [0, 0, 0, 80, 64, 4600]
 
 
 def test_frames_come_with_their_pixels_and_on_the_hosts_clock(opened):
@@ -104,12 +115,18 @@ def test_the_lens_projects_as_the_sdk_deprojects(opened):
         np.testing.assert_allclose(project_distorted(ray, source.lens), pixel, atol=1e-3)
 
 
-@pytest.mark.parametrize("arguments, words", [
-    (dict(leave_out=(rs.option.exposure,)), "expected a colour sensor with the option"),
-    (dict(stubborn=(rs.option.exposure,)), "camera: "),
-    (dict(size=(640, 480)), "expected an rgb8 colour stream of 1280 x 720 at 30 Hz, it offers 640 x 480 at 30"),
-    (dict(model=rs.distortion.ftheta), "expected .inverse. Brown-Conrady"),
-])
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (dict(leave_out=(rs.option.exposure,)), "expected a colour sensor with the option"),
+        (dict(stubborn=(rs.option.exposure,)), "camera: "),
+        (
+            dict(size=(640, 480)),
+            "expected an rgb8 colour stream of 1280 x 720 at 30 Hz, it offers 640 x 480 at 30",
+        ),
+        (dict(model=rs.distortion.ftheta), "expected .inverse. Brown-Conrady"),
+    ],
+)
 def test_a_camera_that_cannot_do_it_is_named(arguments, words):
     camera = SoftwareCamera(**arguments)
     with pytest.raises(CameraError, match=words):
@@ -127,8 +144,10 @@ def test_no_camera_and_no_sdk_are_named(monkeypatch):
 
 
 def test_brown_conrady_and_no_distortion_are_taken_as_they_are():
-    for model, coefficients, expected in ((rs.distortion.none, [1, 1, 1, 1, 1], (0,) * 5),
-                                          (rs.distortion.brown_conrady, [0.1, 0.2, 0.0, 0.0, 0.0], (0.1, 0.2, 0.0, 0.0, 0.0))):
+    for model, coefficients, expected in (
+        (rs.distortion.none, [1, 1, 1, 1, 1], (0,) * 5),
+        (rs.distortion.brown_conrady, [0.1, 0.2, 0.0, 0.0, 0.0], (0.1, 0.2, 0.0, 0.0, 0.0)),
+    ):
         intrinsics = rs.intrinsics()
         intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy = 1280, 720, 900.0, 900.0
         intrinsics.model, intrinsics.coeffs = model, coefficients
@@ -139,11 +158,23 @@ def test_the_node_publishes_the_policies_view_and_tells_of_an_unplugged_camera(g
     images, infos = probe.collect("camera/image_raw", Image), probe.collect("camera/camera_info", CameraInfo)
     diagnostics = probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
     environment = {**os.environ, **graph.environment}
-    child = subprocess.Popen([sys.executable, str(Path(__file__).with_name("software_camera.py")), "--ros-args",
-                              "-p", "serial_number:='0815'"], env=environment)
+    child = subprocess.Popen(
+        [
+            sys.executable,
+            str(Path(__file__).with_name("software_camera.py")),
+            "--ros-args",
+            "-p",
+            "serial_number:='0815'",
+        ],
+        env=environment,
+    )
 
     def says(level, text):
-        return any(s.name == "/realsense_camera" and s.level == level and text in s.message for a in diagnostics for s in a.status)
+        return any(
+            s.name == "/realsense_camera" and s.level == level and text in s.message
+            for a in diagnostics
+            for s in a.status
+        )
 
     try:
         probe.wait_until(lambda: len(images) > 20 and infos, what="images")
@@ -159,10 +190,14 @@ def test_the_node_publishes_the_policies_view_and_tells_of_an_unplugged_camera(g
         assert (np.diff(stamps) > 0).all()
         child.send_signal(signal.SIGUSR1)
         probe.wait_until(lambda: says(DiagnosticStatus.ERROR, "no image for more than"), what="silence")
-        probe.wait_until(lambda: says(DiagnosticStatus.ERROR, "expected a RealSense"), what="the search for it")
+        probe.wait_until(
+            lambda: says(DiagnosticStatus.ERROR, "expected a RealSense"), what="the search for it"
+        )
         diagnostics.clear(), images.clear()
         child.send_signal(signal.SIGUSR2)
-        probe.wait_until(lambda: says(DiagnosticStatus.OK, "running") and len(images) > 5, what="images again")
+        probe.wait_until(
+            lambda: says(DiagnosticStatus.OK, "running") and len(images) > 5, what="images again"
+        )
         assert stamp_nanoseconds(images[0].header.stamp) > stamps[-1]
         child.send_signal(signal.SIGINT)
         assert child.wait(timeout=60) == 0

@@ -30,8 +30,11 @@ def write_pictures(folder, shape=IMAGE_SHAPE):
 
 
 def says(probe, node, level, text):
-    return any(s.name.endswith(node) and s.level == level and text in s.message
-               for a in probe.messages["diagnostics"] for s in a.status)
+    return any(
+        s.name.endswith(node) and s.level == level and text in s.message
+        for a in probe.messages["diagnostics"]
+        for s in a.status
+    )
 
 
 @pytest.fixture
@@ -46,17 +49,24 @@ def test_pictures_become_keypoints_with_their_own_stamps(graph, listening, tmp_p
     write_detector(tmp_path / "weights", score=4.0)
     images = write_pictures(tmp_path / "pictures")
     keypoints = listening.collect("keypoints", PointCloud2)
-    graph.run("np_perception", "keypoint_detector", {"weights": str(tmp_path / "weights"), "mode": "lockstep"})
-    graph.run("np_bringup", "camera_player", {
-        "source": str(tmp_path / "pictures"), "stamps": "recorded", "mode": "lockstep", "subscribers": 2})
+    graph.run(
+        "np_perception", "keypoint_detector", {"weights": str(tmp_path / "weights"), "mode": "lockstep"}
+    )
+    graph.run(
+        "np_bringup",
+        "camera_player",
+        {"source": str(tmp_path / "pictures"), "stamps": "recorded", "mode": "lockstep", "subscribers": 2},
+    )
     listening.wait_until(lambda: len(keypoints) == len(STAMPS), what="keypoints of every picture")
     assert [stamp_nanoseconds(m.header.stamp) for m in keypoints] == STAMPS
     detector = KeypointDetector(CARD, tmp_path / "weights")
     for message, image in zip(keypoints, images):
         expected = detector.detect(image).keypoints
         assert keypoints_array(message).astype(np.float32).tobytes() == expected.tobytes()
-    listening.wait_until(lambda: says(listening, "camera_player", DiagnosticStatus.OK, "played the 6 images"),
-                         what="the end in diagnostics")
+    listening.wait_until(
+        lambda: says(listening, "camera_player", DiagnosticStatus.OK, "played the 6 images"),
+        what="the end in diagnostics",
+    )
 
 
 def test_large_pictures_come_out_as_the_policies_see_them(graph, listening, tmp_path):
@@ -66,13 +76,25 @@ def test_large_pictures_come_out_as_the_policies_see_them(graph, listening, tmp_
     (tmp_path / "pictures" / "camera.yaml").write_text(yaml.safe_dump(content))
     rotation = np.asarray(CAMERA.rotation) @ matrix_from_vector(np.array([0.02, -0.01, 0.03]))
     calibration = Calibration(
-        made=datetime.now(timezone.utc), lens=lens,
-        position=np.array([1.08, 0.01, 0.7]), quaternion=quaternion_from_matrix(rotation), covariance=1e-8 * np.eye(6),
-        errors=Errors(1e-4, 1e-4, 0.1, 0.1, 15, 300))
+        made=datetime.now(timezone.utc),
+        lens=lens,
+        position=np.array([1.08, 0.01, 0.7]),
+        quaternion=quaternion_from_matrix(rotation),
+        covariance=1e-8 * np.eye(6),
+        errors=Errors(1e-4, 1e-4, 0.1, 0.1, 15, 300),
+    )
     calibration.save(tmp_path / "camera.yaml")
-    graph.run("np_bringup", "camera_player", {
-        "source": str(tmp_path / "pictures"), "stamps": "recorded", "mode": "lockstep", "subscribers": 1,
-        "calibration": str(tmp_path / "camera.yaml")})
+    graph.run(
+        "np_bringup",
+        "camera_player",
+        {
+            "source": str(tmp_path / "pictures"),
+            "stamps": "recorded",
+            "mode": "lockstep",
+            "subscribers": 1,
+            "calibration": str(tmp_path / "camera.yaml"),
+        },
+    )
     received, infos = listening.messages["camera/image_raw"], listening.messages["camera/camera_info"]
     listening.wait_until(lambda: len(received) == len(infos) == len(STAMPS), what="every picture")
     rectify = Rectifier(lens, calibration.camera, calibration.turn)
@@ -88,6 +110,8 @@ def test_a_picture_that_cannot_be_read_is_an_error_in_diagnostics(graph, listeni
     write_pictures(tmp_path / "pictures")
     (tmp_path / "pictures" / f"{STAMPS[3]}.png").write_bytes(b"cut off")
     graph.run("np_bringup", "camera_player", {"source": str(tmp_path / "pictures"), "mode": "lockstep"})
-    listening.wait_until(lambda: says(listening, "camera_player", DiagnosticStatus.ERROR, f"{STAMPS[3]}.png"),
-                         what="an error that names the picture")
+    listening.wait_until(
+        lambda: says(listening, "camera_player", DiagnosticStatus.ERROR, f"{STAMPS[3]}.png"),
+        what="an error that names the picture",
+    )
     listening.wait_until(lambda: len(listening.messages["camera/image_raw"]) == 3, what="those before it")

@@ -8,15 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from np_bringup.board_recording import record_rests
-from np_bringup.board_scene import BoardScene, hand_mount, table_mount
-from np_bringup.calibrating import RESTING, CalibrationRefused, averaged, calibrate, find_rests, keypoint_bound, read_evidence
-from np_bringup.commands.calibrate import main
-from np_bringup.commands.calibration_board import main as print_board
-from np_bringup.commands.calibration_board import page
-from np_bringup.commands.calibration_trial import card_errors, true_view
-from np_bringup.contract import BY_NAME
-from np_bringup.recorder import BagWriter
 from np_description.calibration import Lens, load
 from np_description.camera import CAMERA
 from np_description.panda import NOMINAL, STATE_NAMES
@@ -24,6 +15,17 @@ from np_description.rotations import matrix_from_vector, vector_from_matrix
 from np_perception.board import Board, BoardError, Detection
 from np_ros.messages import camera_info_message, image_message, joint_state_message
 from rclpy.serialization import serialize_message
+
+from np_bringup.board_recording import record_rests
+from np_bringup.board_scene import BoardScene, hand_mount, table_mount
+from np_bringup.calibrating import calibrate, keypoint_bound
+from np_bringup.commands.calibrate import main
+from np_bringup.commands.calibration_board import main as print_board
+from np_bringup.commands.calibration_board import page
+from np_bringup.commands.calibration_trial import card_errors, true_view
+from np_bringup.contract import BY_NAME
+from np_bringup.evidence import RESTING, CalibrationRefused, averaged, find_rests, read_evidence
+from np_bringup.recorder import BagWriter
 
 BOARD = Board()
 POSITION = np.asarray(CAMERA.position) + [0.02, -0.015, 0.01]
@@ -42,7 +44,9 @@ def held(tmp_path_factory):
 @pytest.fixture(scope="module")
 def lying(tmp_path_factory):
     """A recording of the board on the table."""
-    with closing(BoardScene(BOARD, table_mount(BOARD, height=0.002), POSITION, ROTATION, in_hand=False)) as scene:
+    with closing(
+        BoardScene(BOARD, table_mount(BOARD, height=0.002), POSITION, ROTATION, in_hand=False)
+    ) as scene:
         return record_rests(tmp_path_factory.mktemp("bags") / "table", scene, [NOMINAL.ready])
 
 
@@ -73,22 +77,38 @@ def test_what_upstream_has_turned_is_turned_back(held):
     lens = evidence.lens
 
     def turned(detection):
-        rays = np.column_stack([(detection.pixels - (lens.cx, lens.cy)) / lens.fx, np.ones(len(detection.pixels))]) @ turn.T
-        return Detection(detection.ids, rays[:, :2] / rays[:, 2:] * lens.fx + (lens.cx, lens.cy), detection.markers)
+        rays = (
+            np.column_stack(
+                [(detection.pixels - (lens.cx, lens.cy)) / lens.fx, np.ones(len(detection.pixels))]
+            )
+            @ turn.T
+        )
+        return Detection(
+            detection.ids, rays[:, :2] / rays[:, 2:] * lens.fx + (lens.cx, lens.cy), detection.markers
+        )
 
-    other = type(evidence)(lens, turn, evidence.rests, [(i, turned(d)) for i, d in evidence.detections], evidence.images,
-                           evidence.markers)
+    other = type(evidence)(
+        lens,
+        turn,
+        evidence.rests,
+        [(i, turned(d)) for i, d in evidence.detections],
+        evidence.images,
+        evidence.markers,
+    )
     again = calibrate(other, BOARD, NOW).calibration
     np.testing.assert_allclose(again.position, plain.position, atol=1e-4)
     np.testing.assert_allclose(again.rotation, plain.rotation, atol=1e-4)
 
 
-@pytest.mark.parametrize("options, words", [
-    (["--dictionary", "DICT_6X6_50"], "with 17 markers of DICT_6X6_50, it was not found"),
-    (["--dictionary", "DICT_9X9"], "one of OpenCV's dictionaries"),
-    (["--marker", "0.05"], "markers smaller than squares"),
-    (["--touched", "0,1,2"], "rest once on each of the 3 corners named, it rested 10 times"),
-])
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        (["--dictionary", "DICT_6X6_50"], "with 17 markers of DICT_6X6_50, it was not found"),
+        (["--dictionary", "DICT_9X9"], "one of OpenCV's dictionaries"),
+        (["--marker", "0.05"], "markers smaller than squares"),
+        (["--touched", "0,1,2"], "rest once on each of the 3 corners named, it rested 10 times"),
+    ],
+)
 def test_another_board_is_refused_and_no_file_is_written(held, tmp_path, capsys, options, words):
     out = tmp_path / "camera.yaml"
     status, said = run(capsys, held, "--out", out, *options)
@@ -106,7 +126,14 @@ def test_a_board_that_is_not_printed_to_scale_is_refused_unless_accepted(held, t
 
 def test_too_few_views_are_refused(held):
     evidence = read_evidence(held, BOARD)
-    few = type(evidence)(evidence.lens, evidence.turn, evidence.rests[:5], [d for d in evidence.detections if d[0] < 5], 5, set())
+    few = type(evidence)(
+        evidence.lens,
+        evidence.turn,
+        evidence.rests[:5],
+        [d for d in evidence.detections if d[0] < 5],
+        5,
+        set(),
+    )
     with pytest.raises(CalibrationRefused, match=r"at least 8 views, got . \(5 postures at rest"):
         calibrate(few, BOARD, NOW)
 
@@ -115,26 +142,38 @@ def test_a_cut_off_bag_is_refused_by_name(held, tmp_path, capsys):
     bag = tmp_path / "bag"
     bag.mkdir()
     for file in held.iterdir():
-        (bag / file.name).write_bytes(file.read_bytes()[:-3000] if file.suffix == ".mcap" else file.read_bytes())
+        (bag / file.name).write_bytes(
+            file.read_bytes()[:-3000] if file.suffix == ".mcap" else file.read_bytes()
+        )
     status, said = run(capsys, bag, "--out", tmp_path / "camera.yaml")
     assert status == 1 and str(bag) in said["error"] and "cut off" in said["error"]
 
 
-@pytest.mark.parametrize("joint, speed, image, words", [
-    (np.nan, 0.0, 400, "expected finite numbers"),
-    (0.0, 0.5, 400, "the arm to rest for 0.8 s at every posture, it never did"),
-    (0.0, 0.0, 300, "expected images of 400 x 400 as in camera_info, got 300 x 300"),
-    (0.0, 0.0, 400, "0 of its markers were seen in 2 images"),
-])
+@pytest.mark.parametrize(
+    "joint, speed, image, words",
+    [
+        (np.nan, 0.0, 400, "expected finite numbers"),
+        (0.0, 0.5, 400, "the arm to rest for 0.8 s at every posture, it never did"),
+        (0.0, 0.0, 300, "expected images of 400 x 400 as in camera_info, got 300 x 300"),
+        (0.0, 0.0, 400, "0 of its markers were seen in 2 images"),
+    ],
+)
 def test_recordings_that_show_nothing_are_refused(tmp_path, capsys, joint, speed, image, words):
     writer = BagWriter(tmp_path / "bag", {})
     for i in range(100):
         stamp, joints = 20_000_000 * i, np.full(9, joint)
-        messages = [("joint_states", joint_state_message(stamp, STATE_NAMES, joints, np.full(9, speed), np.zeros(9)))]
+        messages = [
+            ("joint_states", joint_state_message(stamp, STATE_NAMES, joints, np.full(9, speed), np.zeros(9)))
+        ]
         if i in (50, 90):
             camera = type(CAMERA)(400, 400, 741.0, 741.0, 199.5, 199.5, CAMERA.position, CAMERA.rotation)
-            messages += [("camera/camera_info", camera_info_message(stamp, "camera", camera)),
-                         ("camera/image_raw", image_message(stamp, "camera", np.full((image, image, 3), 128, np.uint8)))]
+            messages += [
+                ("camera/camera_info", camera_info_message(stamp, "camera", camera)),
+                (
+                    "camera/image_raw",
+                    image_message(stamp, "camera", np.full((image, image, 3), 128, np.uint8)),
+                ),
+            ]
         for name, message in messages:
             writer.write(stamp, BY_NAME[name], serialize_message(message))
     writer.close()
@@ -143,7 +182,9 @@ def test_recordings_that_show_nothing_are_refused(tmp_path, capsys, joint, speed
 
 
 @settings(max_examples=20, deadline=None)
-@given(st.lists(st.tuples(st.integers(40, 90), st.integers(3, 20)), min_size=1, max_size=6), st.integers(0, 1000))
+@given(
+    st.lists(st.tuples(st.integers(40, 90), st.integers(3, 20)), min_size=1, max_size=6), st.integers(0, 1000)
+)
 def test_every_rest_is_found(plan, seed):
     """Rests of 0.8 s or more between movements, joint states every 20 ms."""
     rng = np.random.default_rng(seed)
@@ -167,13 +208,17 @@ def test_corners_on_which_images_disagree_are_left_out():
     ids = np.arange(10)
     still, moving = np.random.default_rng(0).uniform(0, 400, (10, 2)), np.zeros((10, 2))
     moving[3] = 2.0
-    points, pixels = averaged([Detection(ids, still + k * moving, ids) for k in range(3)], BOARD,
-                              Lens(400, 400, 741.0, 741.0, 199.5, 199.5))
+    points, pixels = averaged(
+        [Detection(ids, still + k * moving, ids) for k in range(3)],
+        BOARD,
+        Lens(400, 400, 741.0, 741.0, 199.5, 199.5),
+    )
     assert len(points) == 9 and not (pixels == still[3]).all(axis=1).any()
 
 
 def test_the_bound_on_keypoints_is_that_of_the_projection():
-    """A shift of 1 mm (standard deviation) along the image's rows moves a point at 0.9 m by f/0.9 mm = 0.46 px."""
+    """A shift of 1 mm (standard deviation) along the image's rows moves a point at 0.9 m by f/0.9 mm = 0.46
+    px."""
     right = np.asarray(CAMERA.rotation)[:, 0]
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = 1e-6 * np.outer(right, right)

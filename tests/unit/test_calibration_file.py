@@ -8,7 +8,16 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from np_description.calibration import (
-    MAX_AGE, Calibration, CalibrationError, Errors, Lens, Table, calibrated_camera, load, norm_bound)
+    MAX_AGE,
+    Calibration,
+    CalibrationError,
+    Errors,
+    Lens,
+    Table,
+    calibrated_camera,
+    load,
+    norm_bound,
+)
 from np_description.camera import CAMERA
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 
@@ -19,9 +28,16 @@ ERRORS = Errors(0.001, 0.002, 0.5, 0.2, 15, 400)
 
 def example(turn=(0.01, 0.02, -0.01), **changes) -> Calibration:
     rotation = matrix_from_vector(np.asarray(turn, float)) @ np.asarray(CAMERA.rotation)
-    values = dict(made=NOW, lens=LENS, position=np.array([1.11, 0.01, 0.69]), errors=ERRORS,
-                  quaternion=quaternion_from_matrix(rotation), covariance=np.diag([1e-6] * 3 + [1e-7] * 3),
-                  table=Table(0.001, (0.001, -0.002), (0.5, 0.0), 0.002, 0.003), source="bags/hand")
+    values = dict(
+        made=NOW,
+        lens=LENS,
+        position=np.array([1.11, 0.01, 0.69]),
+        errors=ERRORS,
+        quaternion=quaternion_from_matrix(rotation),
+        covariance=np.diag([1e-6] * 3 + [1e-7] * 3),
+        table=Table(0.001, (0.001, -0.002), (0.5, 0.0), 0.002, 0.003),
+        source="bags/hand",
+    )
     return Calibration(**{**values, **changes})
 
 
@@ -42,9 +58,13 @@ def test_the_camera_to_project_with_looks_where_the_policies_learned_to_look(tmp
     calibration = example()
     assert calibration.camera.rotation == CAMERA.rotation
     assert calibration.camera.position == (1.11, 0.01, 0.69)
-    np.testing.assert_allclose(np.asarray(CAMERA.rotation) @ calibration.turn, calibration.rotation, atol=1e-12)
+    np.testing.assert_allclose(
+        np.asarray(CAMERA.rotation) @ calibration.turn, calibration.rotation, atol=1e-12
+    )
     distance, angle = calibration.displacement
-    assert distance == pytest.approx(np.sqrt(3) * 0.01) and angle == pytest.approx(np.linalg.norm([.01, .02, .01]))
+    assert distance == pytest.approx(np.sqrt(3) * 0.01) and angle == pytest.approx(
+        np.linalg.norm([0.01, 0.02, 0.01])
+    )
     calibration.save(tmp_path / "camera.yaml")
     assert calibrated_camera(str(tmp_path / "camera.yaml")) == calibration.camera
     assert calibrated_camera("") is CAMERA
@@ -61,28 +81,34 @@ def test_age():
         calibration.age(NOW - timedelta(hours=1))
 
 
-@pytest.mark.parametrize("changes, words", [
-    ({"position": [np.nan, 0, 0]}, "position: expected finite"),
-    ({"quaternion": [1, 1, 0, 0]}, "norm 1"),
-    ({"covariance": -np.eye(6)}, "not negative"),
-    ({"covariance": np.eye(5)}, "shape"),
-    ({"made": datetime(2026, 1, 1)}, "time zone"),
-    ({"errors": Errors(np.nan, 1, 1, 1, 1, 1)}, "finite"),
-])
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"position": [np.nan, 0, 0]}, "position: expected finite"),
+        ({"quaternion": [1, 1, 0, 0]}, "norm 1"),
+        ({"covariance": -np.eye(6)}, "not negative"),
+        ({"covariance": np.eye(5)}, "shape"),
+        ({"made": datetime(2026, 1, 1)}, "time zone"),
+        ({"errors": Errors(np.nan, 1, 1, 1, 1, 1)}, "finite"),
+    ],
+)
 def test_what_cannot_be_is_refused(changes, words):
     with pytest.raises(CalibrationError, match=words):
         example(**changes)
 
 
-@pytest.mark.parametrize("spoil, words", [
-    (lambda c: c.pop("covariance"), "expected the keys"),
-    (lambda c: c.update(format=0), "expected format 1"),
-    (lambda c: c.update(frame="world"), "frame panda_link0"),
-    (lambda c: c.update(position=[float("nan")] * 3), "finite"),
-    (lambda c: c["lens"].update(fx=-1.0), "focal length"),
-    (lambda c: c["lens"].pop("fx"), "fx"),
-    (lambda c: c.update(made="yesterday"), "yesterday"),
-])
+@pytest.mark.parametrize(
+    "spoil, words",
+    [
+        (lambda c: c.pop("covariance"), "expected the keys"),
+        (lambda c: c.update(format=0), "expected format 1"),
+        (lambda c: c.update(frame="world"), "frame panda_link0"),
+        (lambda c: c.update(position=[float("nan")] * 3), "finite"),
+        (lambda c: c["lens"].update(fx=-1.0), "focal length"),
+        (lambda c: c["lens"].pop("fx"), "fx"),
+        (lambda c: c.update(made="yesterday"), "yesterday"),
+    ],
+)
 def test_a_spoilt_file_is_refused_by_name(tmp_path, spoil, words):
     path = tmp_path / "camera.yaml"
     example().save(path)

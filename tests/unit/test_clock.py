@@ -17,7 +17,11 @@ def frames(seconds, drift, seed, late=0.05, wraps=0, begin=4000 * SECOND):
     for i in range(round(seconds * 30)):
         taken = i * PERIOD
         device = begin + round(taken * (1 + drift))
-        delay = LEAST + round(rng.exponential(2e6)) + (round(rng.uniform(0, 0.2) * 1e9) if rng.random() < late else 0)
+        delay = (
+            LEAST
+            + round(rng.exponential(2e6))
+            + (round(rng.uniform(0, 0.2) * 1e9) if rng.random() < late else 0)
+        )
         last = max(last + 1, EPOCH + taken + delay)  # a late frame holds up those behind it
         yield EPOCH + taken, device % wraps if wraps else device, last
 
@@ -27,7 +31,9 @@ def frames(seconds, drift, seed, late=0.05, wraps=0, begin=4000 * SECOND):
 def test_stamps_follow_the_camera_within_a_fraction_of_a_millisecond(drift, seed, wraps):
     mapper, last = ClockMapper(wraps), -1
     # begins 20 s before the counter of 32 bits begins anew
-    for number, (taken, device, arrival) in enumerate(frames(40, drift, seed, wraps=wraps, begin=2**32 * 1000 - 20 * SECOND)):
+    for number, (taken, device, arrival) in enumerate(
+        frames(40, drift, seed, wraps=wraps, begin=2**32 * 1000 - 20 * SECOND)
+    ):
         stamp = mapper.map(device, arrival)
         assert last < stamp <= arrival
         last = stamp
@@ -64,7 +70,7 @@ def test_a_host_clock_that_was_set_is_followed(step):
         mapper.map(device, arrival)
     stamps = [mapper.map(device, arrival + step) - arrival - step for _, device, arrival in all_frames[300:]]
     assert mapper.restarts == 1
-    assert all(abs(error) < 30_000_000 for error in stamps[PATIENCE + 1:])
+    assert all(abs(error) < 30_000_000 for error in stamps[PATIENCE + 1 :])
 
 
 def test_a_burst_of_late_frames_moves_nothing():

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 import yaml
 from bags import record_episode
-from np_bringup.playback import POLICY_LENS, Playback
 from np_description.calibration import Lens
 from np_perception.camera_source import CameraError, EndOfImages
+
+from np_bringup.playback import POLICY_LENS, Playback
 
 
 def write_pictures(folder, names, size=(224, 224), suffix=".png"):
@@ -41,9 +42,13 @@ def test_a_folder_is_played_in_the_order_of_its_stamps(tmp_path):
 
 def test_stamps_of_now_keep_the_recorded_distances(tmp_path):
     write_pictures(tmp_path / "p", ["a", "b", "c"])
-    (tmp_path / "p" / "camera.yaml").write_text(yaml.safe_dump({"fx": 300.0, "fy": 300.0, "cx": 111.5, "cy": 111.5, "rate": 5}))
+    (tmp_path / "p" / "camera.yaml").write_text(
+        yaml.safe_dump({"fx": 300.0, "fy": 300.0, "cx": 111.5, "cy": 111.5, "rate": 5})
+    )
     playback = Playback(tmp_path / "p", rate=100.0)
-    assert playback.lens == Lens(224, 224, 300.0, 300.0, 111.5, 111.5) and playback.period == pytest.approx(0.002)
+    assert playback.lens == Lens(224, 224, 300.0, 300.0, 111.5, 111.5) and playback.period == pytest.approx(
+        0.002
+    )
     stamps = np.array([frame.stamp for frame in play(playback)])
     np.testing.assert_array_equal(np.diff(stamps), 2_000_000)
 
@@ -64,15 +69,30 @@ def test_repeated_images_go_on(tmp_path):
     assert len(stamps) == 7 and (np.diff(stamps) > 0).all()
 
 
-@pytest.mark.parametrize("make, words", [
-    (lambda p: p / "nothing", "does not exist"),
-    (lambda p: p, "expected PNG or JPEG pictures, found none"),
-    (lambda p: (write_pictures(p, ["a"], (100, 120)), p)[1], "expected 224 x 224 pictures, or camera.yaml"),
-    (lambda p: (write_pictures(p, ["a", "12"]), p)[1], "names of all pictures or of none, got a.png"),
-    (lambda p: (write_pictures(p, ["a"]), (p / "camera.yaml").write_text("fx: 3"), p)[2], "camera.yaml: expected fx"),
-    (lambda p: ((p / "a.png").write_bytes(b"no picture"), p)[1], "a.png: expected PNG or JPEG, it cannot be read"),
-    (lambda p: record_episode(p / "bag", count=10, leave_out=("camera/image_raw",)), "expected messages on camera/image_raw"),
-])
+@pytest.mark.parametrize(
+    "make, words",
+    [
+        (lambda p: p / "nothing", "does not exist"),
+        (lambda p: p, "expected PNG or JPEG pictures, found none"),
+        (
+            lambda p: (write_pictures(p, ["a"], (100, 120)), p)[1],
+            "expected 224 x 224 pictures, or camera.yaml",
+        ),
+        (lambda p: (write_pictures(p, ["a", "12"]), p)[1], "names of all pictures or of none, got a.png"),
+        (
+            lambda p: (write_pictures(p, ["a"]), (p / "camera.yaml").write_text("fx: 3"), p)[2],
+            "camera.yaml: expected fx",
+        ),
+        (
+            lambda p: ((p / "a.png").write_bytes(b"no picture"), p)[1],
+            "a.png: expected PNG or JPEG, it cannot be read",
+        ),
+        (
+            lambda p: record_episode(p / "bag", count=10, leave_out=("camera/image_raw",)),
+            "expected messages on camera/image_raw",
+        ),
+    ],
+)
 def test_what_cannot_be_played_is_named(tmp_path, make, words):
     with pytest.raises(CameraError, match=words):
         Playback(make(tmp_path))
@@ -80,7 +100,7 @@ def test_what_cannot_be_played_is_named(tmp_path, make, words):
 
 def test_a_cut_off_bag_is_named(tmp_path):
     bag = record_episode(tmp_path / "bag", count=200)
-    file, = bag.glob("*.mcap")
+    (file,) = bag.glob("*.mcap")
     file.write_bytes(file.read_bytes()[:-2000])
     with pytest.raises(CameraError, match="cut off"):
         Playback(bag)

@@ -23,7 +23,12 @@ def raw_pixels(points, turn, lens=D435):
 
 
 @settings(max_examples=10, deadline=None)
-@given(SMALL, st.lists(st.tuples(st.floats(0.35, 0.65), st.floats(-0.2, 0.2), st.floats(0, 0.1)), min_size=1, max_size=5))
+@given(
+    SMALL,
+    st.lists(
+        st.tuples(st.floats(0.35, 0.65), st.floats(-0.2, 0.2), st.floats(0, 0.1)), min_size=1, max_size=5
+    ),
+)
 def test_geometry(vector, points):
     points, turn = np.array(points), matrix_from_vector(np.array(vector))
     view = Rectifier(D435, CAMERA, turn)
@@ -33,7 +38,9 @@ def test_geometry(vector, points):
 
 def test_our_distortion_is_opencvs():
     rays = np.column_stack([*np.random.default_rng(0).uniform(-0.6, 0.6, (2, 50)), np.ones(50)])
-    theirs = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), D435.matrix, np.array(D435.distortion))[0][:, 0]
+    theirs = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), D435.matrix, np.array(D435.distortion))[0][
+        :, 0
+    ]
     np.testing.assert_allclose(project_distorted(rays, D435), theirs, atol=1e-6)
 
 
@@ -44,12 +51,12 @@ def test_a_spot_lands_where_it_should(view, vector):
     turn, camera = matrix_from_vector(np.array(vector, float)), view_camera(view)
     rectify = Rectifier(D435, camera, turn)
     for point in np.array([[0.45, -0.1, 0.0], [0.6, 0.12, 0.0], [0.5, 0.0, 0.05]]):
-        (u, v), = raw_pixels(point[None], turn)
+        ((u, v),) = raw_pixels(point[None], turn)
         grid_v, grid_u = np.mgrid[:720, :1280]
-        spot = 200 * np.exp(-((grid_u - u)**2 + (grid_v - v)**2) / (2 * 6.0**2))
+        spot = 200 * np.exp(-((grid_u - u) ** 2 + (grid_v - v) ** 2) / (2 * 6.0**2))
         image = rectify(np.repeat(spot[..., None], 3, axis=2).round().astype(np.uint8))
         weight = image[..., 0].astype(float)
-        v, u = np.mgrid[:camera.height, :camera.width]
+        v, u = np.mgrid[: camera.height, : camera.width]
         centre = np.array([(u * weight).sum(), (v * weight).sum()]) / weight.sum()
         np.testing.assert_allclose(centre, camera.project(point)[0], atol=0.06)
 

@@ -1,4 +1,5 @@
-"""A recording of a rendered board, such as an operator makes: the arm rests, an image is taken, the arm goes on."""
+"""A recording of a rendered board, such as an operator makes: the arm rests, an image is taken, the arm goes
+on."""
 
 from __future__ import annotations
 
@@ -20,8 +21,13 @@ PERIOD = 20_000_000  # ns between joint states
 REST, MOVE = 60, 5  # joint states of a rest, and of the way to the next
 
 
-def record_rests(path: str | Path, scene: BoardScene, reported: Sequence[np.ndarray],
-                 actual: Sequence[np.ndarray] | None = None, images: int = 1) -> Path:
+def record_rests(
+    path: str | Path,
+    scene: BoardScene,
+    reported: Sequence[np.ndarray],
+    actual: Sequence[np.ndarray] | None = None,
+    images: int = 1,
+) -> Path:
     """Write a bag in which the arm rests at each posture and the camera takes images there; its path.
 
     reported: joints (7,) rad as joint_states has them; actual: where the arm really is. Raises OSError.
@@ -37,10 +43,18 @@ def record_rests(path: str | Path, scene: BoardScene, reported: Sequence[np.ndar
         at = [REST - 5 - 10 * i for i in reversed(range(images))]
         for step in range(REST + MOVE):
             speed = np.where(np.arange(9) < 7, 0.0 if step < REST else 0.3, 0.0)
-            write("joint_states", stamp, joint_state_message(stamp, STATE_NAMES, [*joints, 0, 0], speed, np.zeros(9)))
+            write(
+                "joint_states",
+                stamp,
+                joint_state_message(stamp, STATE_NAMES, [*joints, 0, 0], speed, np.zeros(9)),
+            )
             if step in at:
                 view = rectify(scene.render(truth))
-                write("camera/camera_info", stamp, camera_info_message(stamp, CAMERA_NAME, rectify.camera, rectify.turn))
+                write(
+                    "camera/camera_info",
+                    stamp,
+                    camera_info_message(stamp, CAMERA_NAME, rectify.camera, rectify.turn),
+                )
                 write("camera/image_raw", stamp, image_message(stamp, CAMERA_NAME, view))
             stamp += PERIOD
     writer.close()

@@ -1,7 +1,8 @@
 """A rendered calibration: the board in the hand or on the table, seen by a camera whose place is known.
 
-The picture is drawn by MuJoCo at one and a half times the camera's resolution, then bent by its lens, blurred and given
-noise, so that what `calibrate` gets has passed through everything that a real image passes through, light apart.
+The picture is drawn by MuJoCo at one and a half times the camera's resolution, then bent by its lens, blurred
+and given noise, so that what `calibrate` gets has passed through everything that a real image passes through,
+light apart.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ def hand_mount(board: Board) -> Mount:
 
 def table_mount(board: Board, yaw: float = 0.2, height: float = 0.001) -> Mount:
     """A board that lies in the middle of the workspace, its upper side `height` m over the table."""
-    flat = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # x to the left, y away from the base, z down
+    # x to the left, y away from the base, z down
+    flat = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     rotation = matrix_from_vector(np.array([0.0, 0.0, yaw])) @ flat
     return Mount(np.array([0.5, 0.0, height]) - rotation @ _middle(board), rotation)
 
@@ -61,16 +63,34 @@ def _middle(board: Board) -> np.ndarray:
 
 
 class BoardScene:
-    """The scene with a board, drawn through a lens. position, rotation: of the camera; in_hand: what carries the board."""
+    """The scene with a board, drawn through a lens. position, rotation: of the camera; in_hand: what carries
+    the board."""
 
-    def __init__(self, board: Board, mount: Mount, position: np.ndarray, rotation: np.ndarray, *, lens: Lens = D435,
-                 in_hand: bool = True, seed: int = 0) -> None:
+    def __init__(
+        self,
+        board: Board,
+        mount: Mount,
+        position: np.ndarray,
+        rotation: np.ndarray,
+        *,
+        lens: Lens = D435,
+        in_hand: bool = True,
+        seed: int = 0,
+    ) -> None:
         self.board, self.mount, self.lens, self.in_hand = board, mount, lens, in_hand
         self.position, self.rotation = np.asarray(position, float), np.asarray(rotation, float)
         self._rng = np.random.default_rng(seed)
         width, height = (round(side * _FINER * _MARGIN) for side in (lens.width, lens.height))
-        self._drawn = Camera(width, height, lens.fx * _FINER, lens.fx * _FINER, (width - 1) / 2, (height - 1) / 2,
-                             tuple(self.position.tolist()), tuple(map(tuple, self.rotation.tolist())))
+        self._drawn = Camera(
+            width,
+            height,
+            lens.fx * _FINER,
+            lens.fx * _FINER,
+            (width - 1) / 2,
+            (height - 1) / 2,
+            tuple(self.position.tolist()),
+            tuple(map(tuple, self.rotation.tolist())),
+        )
         spec = build_scene(CARD, camera=self._drawn)
         spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
         spec.visual.quality.offsamples = 4
@@ -80,14 +100,22 @@ class BoardScene:
         self._configuration[9:12] = 0.3, 0.6, 0.0025  # the card, out of the way
         u, v = np.meshgrid(np.arange(lens.width), np.arange(lens.height))
         ideal = undistort(np.stack([u.ravel(), v.ravel()], axis=1).astype(float), lens)
-        drawn = (ideal - (lens.cx, lens.cy)) / (lens.fx, lens.fy) * self._drawn.fx + (self._drawn.cx, self._drawn.cy)
+        drawn = (ideal - (lens.cx, lens.cy)) / (lens.fx, lens.fy) * self._drawn.fx + (
+            self._drawn.cx,
+            self._drawn.cy,
+        )
         self._map = drawn.reshape(lens.height, lens.width, 2).astype(np.float32)
 
     def _add_board(self, spec: mujoco.MjSpec) -> None:
         picture = self.board.picture(_TEXTURE)
         colour = np.ascontiguousarray(np.repeat(picture[..., None], 3, axis=2))
-        texture = spec.add_texture(name="board", type=mujoco.mjtTexture.mjTEXTURE_2D, width=picture.shape[1],
-                                   height=picture.shape[0], nchannel=3)
+        texture = spec.add_texture(
+            name="board",
+            type=mujoco.mjtTexture.mjTEXTURE_2D,
+            width=picture.shape[1],
+            height=picture.shape[0],
+            nchannel=3,
+        )
         texture.data = colour.tobytes()
         material = spec.add_material(name="board", specular=0.0, shininess=0.0, reflectance=0.0)
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "board"
@@ -105,8 +133,13 @@ class BoardScene:
         silent = dict(contype=0, conaffinity=0, mass=0)
         body = parent.add_body(pos=centre, quat=quaternion_from_matrix(upright))
         width, height = self.board.size
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[width / 2, height / 2, _THICKNESS / 2],
-                      pos=[0, 0, -_THICKNESS / 2], material="board", **silent)
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[width / 2, height / 2, _THICKNESS / 2],
+            pos=[0, 0, -_THICKNESS / 2],
+            material="board",
+            **silent,
+        )
 
     def place_card(self, pose: Pose) -> None:
         """Put the card there in every image from now on."""
@@ -127,21 +160,29 @@ class BoardScene:
 
     def corner_pixels(self, joints: np.ndarray) -> np.ndarray:
         """Where the corners (n, 2) truly are in the image."""
-        at, turned = forward_kinematics(np.asarray(joints, float)) if self.in_hand else (np.zeros(3), np.eye(3))
+        at, turned = (
+            forward_kinematics(np.asarray(joints, float)) if self.in_hand else (np.zeros(3), np.eye(3))
+        )
         points = (self.board.corners @ self.mount.rotation.T + self.mount.position) @ turned.T + at
         return project_distorted((points - self.position) @ self.rotation, self.lens)
 
     def postures(self, count: int, rng: np.random.Generator, tilt: float = 0.45) -> list[np.ndarray]:
-        """Joints (7,) at which the policies' view shows the board, turned by up to `tilt` rad away from facing the camera.
+        """Joints (7,) at which the policies' view shows the board, turned by up to `tilt` rad away from
+        facing the camera.
 
         Raises ValueError if the arm cannot show it so often.
         """
         crop = 0.5 * CAMERA.width / CAMERA.fx
         depth = rng.uniform(0.55, 0.9, (_TRIES, 1))
-        at = np.concatenate([rng.uniform(-0.55, 0.55, (_TRIES, 2)) * crop, np.ones((_TRIES, 1))], axis=1) * depth
+        at = (
+            np.concatenate([rng.uniform(-0.55, 0.55, (_TRIES, 2)) * crop, np.ones((_TRIES, 1))], axis=1)
+            * depth
+        )
         turn = self.rotation @ matrix_from_vector(rng.uniform(-tilt, tilt, (_TRIES, 3)))
         hand = turn @ self.mount.rotation.T
-        position = at @ self.rotation.T + self.position - turn @ _middle(self.board) - hand @ self.mount.position
+        position = (
+            at @ self.rotation.T + self.position - turn @ _middle(self.board) - hand @ self.mount.position
+        )
         joints = solve_ik(NOMINAL.ready + rng.normal(0, 0.1, (_TRIES, 7)), position, hand, iterations=30)
         distance, angle = pose_distance(joints, position, hand)
         good = (distance < 1e-4) & (angle < 1e-3) & (position[:, 2] > 0.05)

@@ -22,13 +22,16 @@ POLICY_LENS = Lens(CAMERA.width, CAMERA.height, CAMERA.fx, CAMERA.fy, CAMERA.cx,
 
 
 class BagImages:
-    """The images of a bag: (stamp ns, pixels) in order. Raises CameraError for a bag without any, or a broken one."""
+    """The images of a bag: (stamp ns, pixels) in order. Raises CameraError for a bag without any, or a broken
+    one."""
 
     def __init__(self, path: str | Path) -> None:
         try:
             with Recording(path, required=("camera/image_raw",)) as recording:
                 first = next(recording.messages("camera/camera_info"), None)
-                self.lens, self.turn = (POLICY_LENS, np.eye(3)) if first is None else camera_info_lens(first.decode())
+                self.lens, self.turn = (
+                    (POLICY_LENS, np.eye(3)) if first is None else camera_info_lens(first.decode())
+                )
                 stamps = [message.stamp for message in recording.messages("camera/image_raw")]
         except (BagError, BadMessage) as error:
             raise CameraError(str(error)) from error
@@ -50,8 +53,9 @@ class BagImages:
 class FolderImages:
     """The pictures of a folder, PNG or JPEG, in the order of their names.
 
-    A file camera.yaml beside them says what took them: fx, fy, cx, cy px, distortion (5), rate Hz; without it they must
-    be images as the policies see them, and 30 a second. A name that is a number is the stamp, in ns. Raises CameraError.
+    A file camera.yaml beside them says what took them: fx, fy, cx, cy px, distortion (5), rate Hz; without it
+    they must be images as the policies see them, and 30 a second. A name that is a number is the stamp, in
+    ns. Raises CameraError.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -64,15 +68,19 @@ class FolderImages:
         if (folder / LENS_FILE).exists():
             rate, self.lens = _read_lens(folder / LENS_FILE, width, height)
         elif (width, height) != (CAMERA.width, CAMERA.height):
-            raise CameraError(f"folder {folder}: expected {CAMERA.width} x {CAMERA.height} pictures, or {LENS_FILE} that says what "
-                              f"took them, got {width} x {height}")
+            raise CameraError(
+                f"folder {folder}: expected {CAMERA.width} x {CAMERA.height} pictures, or {LENS_FILE} that"
+                f" says what took them, got {width} x {height}"
+            )
         numbers = [file.stem.isdecimal() for file in self._files]
         if all(numbers):
             self._files.sort(key=lambda file: int(file.stem))
             self._stamps = [int(file.stem) for file in self._files]
         elif any(numbers):
-            raise CameraError(f"folder {folder}: expected stamps as names of all pictures or of none, "
-                              f"got {self._files[numbers.index(False)].name}")
+            raise CameraError(
+                f"folder {folder}: expected stamps as names of all pictures or of none, "
+                f"got {self._files[numbers.index(False)].name}"
+            )
         else:
             self._stamps = [round(i * 1e9 / rate) for i in range(len(self._files))]
         self.longest_gap = float(np.diff(self._stamps).max() / 1e9) if len(self._stamps) > 1 else 0.0
@@ -101,19 +109,25 @@ def _read_lens(file: Path, width: int, height: int) -> tuple[float, Lens]:
             raise ValueError(f"rate: expected 0 .. 1000 Hz, got {rate}")
         return rate, Lens(width, height, **content)
     except (OSError, TypeError, ValueError, yaml.YAMLError) as error:  # a CalibrationError is a ValueError
-        raise CameraError(f"{file}: expected fx, fy, cx, cy and optionally distortion and rate: {error}") from error
+        raise CameraError(
+            f"{file}: expected fx, fy, cx, cy and optionally distortion and rate: {error}"
+        ) from error
 
 
 class Playback:
     """Plays a bag or a folder at `rate` times its own pace.
 
-    stamps "now": those of the time at which an image is played, "recorded": its own; repeat: begin anew at the end, for
-    stamps of now only. Raises CameraError if there is nothing to play.
+    stamps "now": those of the time at which an image is played, "recorded": its own; repeat: begin anew at
+    the end, for stamps of now only. Raises CameraError if there is nothing to play.
     """
 
-    def __init__(self, path: str | Path, *, rate: float = 1.0, stamps: str = "now", repeat: bool = False) -> None:
+    def __init__(
+        self, path: str | Path, *, rate: float = 1.0, stamps: str = "now", repeat: bool = False
+    ) -> None:
         if repeat and stamps != "now":
-            raise CameraError("playback: expected stamps of now where images are repeated: time cannot run backwards")
+            raise CameraError(
+                "playback: expected stamps of now where images are repeated: time cannot run backwards"
+            )
         path = Path(path)
         if not path.exists():
             raise CameraError(f"playback: expected a bag or a folder with pictures, {path} does not exist")
@@ -125,7 +139,9 @@ class Playback:
         self.values: dict[str, object] = {"source": str(path), "images there": len(self._images)}
         self._frames = iter(self._images)
         self._next: Frame | None = None
-        self._began: tuple[int, int, int] | None = None  # stamp of the first image; when it was played, two clocks
+        self._began: tuple[int, int, int] | None = (
+            None  # stamp of the first image; when it was played, two clocks
+        )
 
     def read(self, timeout: float) -> Frame | None:
         """See Source."""

@@ -1,11 +1,13 @@
-"""Where the real camera is: one file, written by the command `calibrate`, read by whoever projects or rectifies.
+"""Where the real camera is: one file, written by the command `calibrate`, read by whoever projects or
+rectifies.
 
-The file is YAML. It keeps the pose of the camera's own optical frame in the robot's base frame, how sure it is of it,
-the lens it was measured with, where the table was seen, and the date. Units m, rad, px; quaternions wxyz.
+The file is YAML. It keeps the pose of the camera's own optical frame in the robot's base frame, how sure it
+is of it, the lens it was measured with, where the table was seen, and the date. Units m, rad, px; quaternions
+wxyz.
 
-A camera never stands exactly where `np_description.camera.CAMERA` does. The camera node turns its images, which for a
-pinhole is exact, so that they look in the direction of CAMERA with its focal length; what remains is the position.
-`Calibration.camera` is the camera whose images those are: the one to project with.
+A camera never stands exactly where `np_description.camera.CAMERA` does. The camera node turns its images,
+which for a pinhole is exact, so that they look in the direction of CAMERA with its focal length; what remains
+is the position. `Calibration.camera` is the camera whose images those are: the one to project with.
 """
 
 from __future__ import annotations
@@ -48,10 +50,15 @@ class Lens:
 
     def __post_init__(self) -> None:
         numbers = np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion], float)
-        if len(self.distortion) != 5 or not np.isfinite(numbers).all() \
-                or min(self.width, self.height, self.fx, self.fy) <= 0:
-            raise CalibrationError("lens: expected a positive size and focal length and 5 coefficients of distortion, "
-                                   f"all finite, got {self}")
+        if (
+            len(self.distortion) != 5
+            or not np.isfinite(numbers).all()
+            or min(self.width, self.height, self.fx, self.fy) <= 0
+        ):
+            raise CalibrationError(
+                "lens: expected a positive size and focal length and 5 coefficients of distortion, "
+                f"all finite, got {self}"
+            )
 
     @property
     def matrix(self) -> np.ndarray:
@@ -63,8 +70,8 @@ class Lens:
 class Errors:
     """How well it was measured. The 95 % bounds are of the length of the error.
 
-    position_95 m; rotation_95 rad; keypoint_95 px: of a point on the table in the policy's image; reprojection_rms px in
-    the images it was measured in; views, corners: how many were used.
+    position_95 m; rotation_95 rad; keypoint_95 px: of a point on the table in the policy's image;
+    reprojection_rms px in the images it was measured in; views, corners: how many were used.
     """
 
     position_95: float
@@ -77,8 +84,8 @@ class Errors:
 
 @dataclass(frozen=True)
 class Table:
-    """The table as the board lying on it was seen: height m of the plane at `at` (x, y m), tilt (2,) rad about x and y,
-    and the 95 % bounds of both."""
+    """The table as the board lying on it was seen: height m of the plane at `at` (x, y m), tilt (2,) rad
+    about x and y, and the 95 % bounds of both."""
 
     height: float
     tilt: tuple[float, float]
@@ -91,9 +98,9 @@ class Table:
 class Calibration:
     """A camera in the base frame.
 
-    made: when, with time zone; lens: of the images measured; position (3,) m and quaternion wxyz (4,): the optical frame in
-    the base frame; covariance (6, 6): of position m and rotation vector rad, both in base axes, where the true
-    rotation is exp(error) times ours; source: the recordings it was made from.
+    made: when, with time zone; lens: of the images measured; position (3,) m and quaternion wxyz (4,): the
+    optical frame in the base frame; covariance (6, 6): of position m and rotation vector rad, both in base
+    axes, where the true rotation is exp(error) times ours; source: the recordings it was made from.
     """
 
     made: datetime
@@ -109,15 +116,21 @@ class Calibration:
         for name, shape in (("position", (3,)), ("quaternion", (4,)), ("covariance", (6, 6))):
             array = np.asarray(getattr(self, name), float)
             if array.shape != shape or not np.isfinite(array).all():
-                raise CalibrationError(f"{name}: expected finite numbers of shape {shape}, got {array.tolist()}")
+                raise CalibrationError(
+                    f"{name}: expected finite numbers of shape {shape}, got {array.tolist()}"
+                )
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if abs(np.linalg.norm(self.quaternion) - 1) > 1e-6:
             raise CalibrationError(f"quaternion: expected norm 1, got {self.quaternion.tolist()}")
         scale = np.sqrt(np.abs(np.diag(self.covariance))).max() ** 2
-        if not np.allclose(self.covariance, self.covariance.T, rtol=0, atol=1e-9 * scale) \
-                or np.linalg.eigvalsh(self.covariance)[0] < -1e-9 * scale:
-            raise CalibrationError(f"covariance: expected symmetric, not negative, got {self.covariance.tolist()}")
+        if (
+            not np.allclose(self.covariance, self.covariance.T, rtol=0, atol=1e-9 * scale)
+            or np.linalg.eigvalsh(self.covariance)[0] < -1e-9 * scale
+        ):
+            raise CalibrationError(
+                f"covariance: expected symmetric, not negative, got {self.covariance.tolist()}"
+            )
         numbers = [*asdict(self.errors).values(), *(_flat(asdict(self.table)) if self.table else [])]
         if not np.isfinite(numbers).all():
             raise CalibrationError(f"errors, table: expected finite numbers, got {self.errors}, {self.table}")
@@ -142,60 +155,97 @@ class Calibration:
     @property
     def displacement(self) -> tuple[float, float]:
         """How far the camera is from CAMERA: distance m and angle rad. The policies learned with CAMERA."""
-        return (float(np.linalg.norm(self.position - CAMERA.position)),
-                float(np.linalg.norm(vector_from_matrix(self.turn))))
+        return (
+            float(np.linalg.norm(self.position - CAMERA.position)),
+            float(np.linalg.norm(vector_from_matrix(self.turn))),
+        )
 
     def age(self, now: datetime | None = None) -> timedelta:
         """How old it is. Raises CalibrationError for one from the future: a clock is wrong then."""
         age = (now or datetime.now(timezone.utc)) - self.made
         if age < -_CLOCK_TOLERANCE:
-            raise CalibrationError(f"calibration: expected a date that has been, got {self.made.isoformat()}: "
-                                   "is the computer's clock right?")
+            raise CalibrationError(
+                f"calibration: expected a date that has been, got {self.made.isoformat()}: "
+                "is the computer's clock right?"
+            )
         return max(age, timedelta(0))
 
     def require_fresh(self, max_age: timedelta = MAX_AGE, now: datetime | None = None) -> None:
         """Raises CalibrationError if it is older than `max_age`."""
         if (age := self.age(now)) > max_age:
-            raise CalibrationError(f"calibration: expected one of the last {_days(max_age)} days, it is "
-                                   f"{_days(age)} days old ({self.made.date()}); make it again: docs/hardware.md")
+            raise CalibrationError(
+                f"calibration: expected one of the last {_days(max_age)} days, it is "
+                f"{_days(age)} days old ({self.made.date()}); make it again: docs/hardware.md"
+            )
 
     def save(self, path: str | Path) -> None:
         """Write the file, whole or not at all."""
         content = {
-            "format": FORMAT, "made": self.made.astimezone(timezone.utc).isoformat(timespec="seconds"),
-            "frame": BASE_FRAME, "source": self.source,
-            "position": self.position.tolist(), "quaternion": self.quaternion.tolist(),
-            "lens": _plain(asdict(self.lens)), "errors": _plain(asdict(self.errors)),
-            "table": _plain(asdict(self.table)) if self.table else None, "covariance": self.covariance.tolist()}
+            "format": FORMAT,
+            "made": self.made.astimezone(timezone.utc).isoformat(timespec="seconds"),
+            "frame": BASE_FRAME,
+            "source": self.source,
+            "position": self.position.tolist(),
+            "quaternion": self.quaternion.tolist(),
+            "lens": _plain(asdict(self.lens)),
+            "errors": _plain(asdict(self.errors)),
+            "table": _plain(asdict(self.table)) if self.table else None,
+            "covariance": self.covariance.tolist(),
+        }
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(path.name + ".part")
-        partial.write_text("# Camera calibration, written by `calibrate` (docs/hardware.md).\n"
-                           + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
+        partial.write_text(
+            "# Camera calibration, written by `calibrate` (docs/hardware.md).\n"
+            + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
+        )
         partial.replace(path)
 
 
 def load(path: str | Path) -> Calibration:
-    """The calibration in a file. Raises CalibrationError if it is missing, cut off, of another format, or not finite."""
+    """The calibration in a file. Raises CalibrationError if it is missing, cut off, of another format, or not
+    finite."""
     try:
         content = yaml.safe_load(Path(path).read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise CalibrationError(f"calibration {path}: expected a file written by `calibrate`: {error}") from error
-    keys = {"format", "made", "frame", "source", "position", "quaternion", "lens", "errors", "table", "covariance"}
+        raise CalibrationError(
+            f"calibration {path}: expected a file written by `calibrate`: {error}"
+        ) from error
+    keys = {
+        "format",
+        "made",
+        "frame",
+        "source",
+        "position",
+        "quaternion",
+        "lens",
+        "errors",
+        "table",
+        "covariance",
+    }
     if not isinstance(content, dict) or set(content) != keys:
         found = sorted(map(str, content)) if isinstance(content, dict) else type(content).__name__
         raise CalibrationError(f"calibration {path}: expected the keys {sorted(keys)}, got {found}")
     if content["format"] != FORMAT or content["frame"] != BASE_FRAME:
-        raise CalibrationError(f"calibration {path}: expected format {FORMAT} in frame {BASE_FRAME}, "
-                               f"got format {content['format']} in frame {content['frame']}")
+        raise CalibrationError(
+            f"calibration {path}: expected format {FORMAT} in frame {BASE_FRAME}, "
+            f"got format {content['format']} in frame {content['frame']}"
+        )
     try:
         lens, table = dict(content["lens"]), content["table"]
         lens["distortion"] = tuple(lens["distortion"])
         return Calibration(
-            made=_date(content["made"]), lens=Lens(**lens), position=content["position"],
-            quaternion=content["quaternion"], covariance=content["covariance"], errors=Errors(**content["errors"]),
-            table=Table(**{**table, "tilt": tuple(table["tilt"]), "at": tuple(table["at"])}) if table else None,
-            source=str(content["source"]))
+            made=_date(content["made"]),
+            lens=Lens(**lens),
+            position=content["position"],
+            quaternion=content["quaternion"],
+            covariance=content["covariance"],
+            errors=Errors(**content["errors"]),
+            table=(
+                Table(**{**table, "tilt": tuple(table["tilt"]), "at": tuple(table["at"])}) if table else None
+            ),
+            source=str(content["source"]),
+        )
     except (TypeError, KeyError, ValueError) as error:  # a CalibrationError is one
         raise CalibrationError(f"calibration {path}: {error}") from error
 
@@ -211,7 +261,8 @@ def calibrated_camera(path: str) -> Camera:
 def norm_bound(covariance: np.ndarray, dof: float = np.inf, share: float = 0.95) -> float:
     """What the length of an error (n,) with this covariance (n, n) stays under with probability `share`.
 
-    Student's t with `dof` degrees of freedom, normal where infinite; by 40,000 draws that are always the same.
+    Student's t with `dof` degrees of freedom, normal where infinite; by 40,000 draws that are always the
+    same.
     """
     covariance = np.atleast_2d(np.asarray(covariance, float))
     values = np.linalg.eigvalsh(covariance)  # the length does not change with the axes

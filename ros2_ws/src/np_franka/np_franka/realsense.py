@@ -1,7 +1,8 @@
 """The colour stream of a RealSense camera, through its maker's SDK (pyrealsense2, from the hardware extra).
 
-Exposure, gain and white balance are fixed: a detector that learned with one brightness should not meet a camera that
-changes it when the arm comes into view. Frames are stamped by the camera's own clock, mapped to the host's.
+Exposure, gain and white balance are fixed: a detector that learned with one brightness should not meet a
+camera that changes it when the arm comes into view. Frames are stamped by the camera's own clock, mapped to
+the host's.
 """
 
 from __future__ import annotations
@@ -10,22 +11,26 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-
 from np_description.calibration import Lens
 from np_perception.camera_source import CameraError, Frame
 from np_perception.clock import ClockMapper
 
-COUNTER_WRAPS = 2**32 * 1000  # ns: the camera counts microseconds in 32 bits, and begins anew every 71.6 minutes
-EXPOSURE_UNIT = 1e-4  # s, of the colour sensor's option (librealsense: "exposure" of RGB sensors is in 100 us)
-LONGEST_READOUT = 200_000  # us, from the middle of an exposure to the frame's own stamp; more is no such pair of times
+# Ns: the camera counts microseconds in 32 bits, and begins anew every 71.6 minutes
+COUNTER_WRAPS = 2**32 * 1000
+EXPOSURE_UNIT = (
+    1e-4  # s, of the colour sensor's option (librealsense: "exposure" of RGB sensors is in 100 us)
+)
+LONGEST_READOUT = (
+    200_000  # us, from the middle of an exposure to the frame's own stamp; more is no such pair of times
+)
 _QUEUE = 2  # frames that may wait: older ones are dropped by the SDK
 _SETTLING = 10  # frames after the start that are not used: exposure and clock settle
 
 
 @dataclass(frozen=True)
 class Settings:
-    """width, height px and rate Hz: of the stream. exposure s, gain (the SDK's units), white_balance K. latency s: what
-    the stamps are to be earlier, for the least delay that no clock can see."""
+    """width, height px and rate Hz: of the stream. exposure s, gain (the SDK's units), white_balance K.
+    latency s: what the stamps are to be earlier, for the least delay that no clock can see."""
 
     width: int = 1280
     height: int = 720
@@ -41,25 +46,32 @@ def sdk():
     try:
         import pyrealsense2
     except ImportError as error:
-        raise CameraError(f"camera: expected the package pyrealsense2 ({error}); `make hardware` installs it") from error
+        raise CameraError(
+            f"camera: expected the package pyrealsense2 ({error}); `make hardware` installs it"
+        ) from error
     return pyrealsense2
 
 
 def find_device(serial: str = ""):
     """The camera with this serial number, or the only one there is. Raises CameraError."""
     rs = sdk()
-    devices = {device.get_info(rs.camera_info.serial_number): device for device in rs.context().query_devices()}
+    devices = {
+        device.get_info(rs.camera_info.serial_number): device for device in rs.context().query_devices()
+    }
     if serial in devices:
         return devices[serial]
     wanted = f"with serial number {serial}" if serial else "and only one"
     if serial or len(devices) != 1:
-        raise CameraError(f"camera: expected a RealSense {wanted}, found {', '.join(sorted(devices)) or 'none'}: "
-                          "look at the cable, at `lsusb`, and at the udev rules (docs/hardware.md)")
+        raise CameraError(
+            f"camera: expected a RealSense {wanted}, found {', '.join(sorted(devices)) or 'none'}: "
+            "look at the cable, at `lsusb`, and at the udev rules (docs/hardware.md)"
+        )
     return next(iter(devices.values()))
 
 
 class RealSense:
-    """An opened colour stream: a np_perception.camera_source.Source. Raises CameraError if the camera cannot do it."""
+    """An opened colour stream: a np_perception.camera_source.Source. Raises CameraError if the camera cannot
+    do it."""
 
     def __init__(self, device, settings: Settings = Settings()) -> None:
         self._rs = rs = sdk()
@@ -74,7 +86,9 @@ class RealSense:
                 "camera": _information(device, rs.camera_info.name),
                 "serial number": _information(device, rs.camera_info.serial_number),
                 "firmware": _information(device, rs.camera_info.firmware_version),
-                "usb": _information(device, rs.camera_info.usb_type_descriptor), "frames missed": 0}
+                "usb": _information(device, rs.camera_info.usb_type_descriptor),
+                "frames missed": 0,
+            }
             self._sensor, profile = self._find(device)
             self._fix()
             self.lens = lens_of(profile.get_intrinsics(), rs)
@@ -94,8 +108,10 @@ class RealSense:
                 if (video.width(), video.height(), video.fps()) == (wanted.width, wanted.height, wanted.rate):
                     return sensor, video
                 offered.append(f"{video.width()} x {video.height()} at {video.fps()}")
-        raise CameraError(f"camera: expected an rgb8 colour stream of {wanted.width} x {wanted.height} at {wanted.rate} Hz, "
-                          f"it offers {', '.join(offered) or 'no colour'} (over USB 2 a camera offers less)")
+        raise CameraError(
+            f"camera: expected an rgb8 colour stream of {wanted.width} x {wanted.height} at {wanted.rate} Hz,"
+            f" it offers {', '.join(offered) or 'no colour'} (over USB 2 a camera offers less)"
+        )
 
     def _fix(self) -> None:
         """No automatic anything; what was set is read back."""
@@ -103,7 +119,8 @@ class RealSense:
         self._set(option.enable_auto_exposure, 0)
         self._set(option.enable_auto_white_balance, 0, required=False)
         self._set(option.auto_exposure_priority, 0, required=False)  # or the rate falls in dim light
-        self._set(option.global_time_enabled, 0, required=False)  # else the SDK maps the clock, with its own idea of outliers
+        # Else the SDK maps the clock, with its own idea of outliers.
+        self._set(option.global_time_enabled, 0, required=False)
         self._set(option.exposure, round(wanted.exposure / EXPOSURE_UNIT))
         self._set(option.gain, wanted.gain, required=False)
         self._set(option.white_balance, wanted.white_balance, required=False)
@@ -134,12 +151,17 @@ class RealSense:
         return Frame(stamp, pixels)
 
     def _stamp(self, frame, arrival: int) -> int:
-        """When the frame was taken, ns of the host's clock; the middle of the exposure where the camera tells it."""
+        """When the frame was taken, ns of the host's clock; the middle of the exposure where the camera tells
+        it."""
         rs, domain = self._rs, frame.get_frame_timestamp_domain()
         taken = round(frame.get_timestamp() * 1e6)
         metadata = rs.frame_metadata_value
-        if frame.supports_frame_metadata(metadata.sensor_timestamp) and frame.supports_frame_metadata(metadata.frame_timestamp):
-            since = frame.get_frame_metadata(metadata.frame_timestamp) - frame.get_frame_metadata(metadata.sensor_timestamp)
+        if frame.supports_frame_metadata(metadata.sensor_timestamp) and frame.supports_frame_metadata(
+            metadata.frame_timestamp
+        ):
+            since = frame.get_frame_metadata(metadata.frame_timestamp) - frame.get_frame_metadata(
+                metadata.sensor_timestamp
+            )
             since %= 2**32  # us: both are counters of 32 bits
             taken -= 1000 * since if since < LONGEST_READOUT else 0
         number = frame.get_frame_number()
@@ -148,8 +170,14 @@ class RealSense:
         self._number = number
         if domain == rs.timestamp_domain.hardware_clock:
             stamp = self._clock.map(taken, arrival)
-            self.values.update({"clock drift ppm": f"{1e6 * self._clock.drift:.1f}", "clock restarts": self._clock.restarts,
-                                "clock": "hardware", "delay ms": f"{1e-6 * (arrival - stamp):.1f}"})
+            self.values.update(
+                {
+                    "clock drift ppm": f"{1e6 * self._clock.drift:.1f}",
+                    "clock restarts": self._clock.restarts,
+                    "clock": "hardware",
+                    "delay ms": f"{1e-6 * (arrival - stamp):.1f}",
+                }
+            )
         else:  # without the kernel's metadata the SDK stamps on arrival: later than the truth, and not evenly
             stamp = min(taken, arrival)
             self.values["clock"] = f"{domain}: no hardware time, stamps are those of arrival"
@@ -165,17 +193,29 @@ class RealSense:
 
 
 def lens_of(intrinsics, rs) -> Lens:
-    """The SDK's intrinsics as ours. Raises CameraError for a model of distortion that is not Brown and Conrady's.
+    """The SDK's intrinsics as ours. Raises CameraError for a model of distortion that is not Brown and
+    Conrady's.
 
-    What the SDK calls Inverse Brown-Conrady is, in its own projection since 2021 and by measurement on cameras (librealsense
-    issue 13824), the ordinary model with OpenCV's order of coefficients; tests hold ours to the SDK's deprojection.
+    What the SDK calls Inverse Brown-Conrady is, in its own projection since 2021 and by measurement on
+    cameras (librealsense issue 13824), the ordinary model with OpenCV's order of coefficients; tests hold
+    ours to the SDK's deprojection.
     """
     coefficients, model = tuple(map(float, intrinsics.coeffs)), intrinsics.model
     if model == rs.distortion.none or not any(coefficients):
         coefficients = (0.0,) * 5
     elif model not in (rs.distortion.brown_conrady, rs.distortion.inverse_brown_conrady):
-        raise CameraError(f"camera: expected (inverse) Brown-Conrady distortion, got {model} with {coefficients}")
-    return Lens(intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy, intrinsics.ppx, intrinsics.ppy, coefficients)
+        raise CameraError(
+            f"camera: expected (inverse) Brown-Conrady distortion, got {model} with {coefficients}"
+        )
+    return Lens(
+        intrinsics.width,
+        intrinsics.height,
+        intrinsics.fx,
+        intrinsics.fy,
+        intrinsics.ppx,
+        intrinsics.ppy,
+        coefficients,
+    )
 
 
 def _information(device, key) -> str:

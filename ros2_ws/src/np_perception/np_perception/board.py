@@ -1,7 +1,8 @@
-"""The calibration board (ChArUco): a chessboard whose white squares carry markers, so that every corner has a number.
+"""The calibration board (ChArUco): a chessboard whose white squares carry markers, so that every corner has a
+number.
 
-Parts of it may be hidden. Corners are those inside the board, row by row from the origin; the board's frame has x along its
-columns, y along its rows and z into the paper, as OpenCV lays it out.
+Parts of it may be hidden. Corners are those inside the board, row by row from the origin; the board's frame
+has x along its columns, y along its rows and z into the paper, as OpenCV lays it out.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-
 from np_description.calibration import Lens
 
 MIN_CORNERS = 8
@@ -38,12 +38,18 @@ class Board:
 
     def __post_init__(self) -> None:
         if not hasattr(cv2.aruco, self.dictionary) or not self.dictionary.startswith("DICT_"):
-            raise BoardError(f"board: expected one of OpenCV's dictionaries, as DICT_4X4_50, got {self.dictionary!r}")
+            raise BoardError(
+                f"board: expected one of OpenCV's dictionaries, as DICT_4X4_50, got {self.dictionary!r}"
+            )
         if min(self.columns, self.rows) < 3 or not 0 < self.marker < self.square:
-            raise BoardError(f"board: expected 3 x 3 squares or more and markers smaller than squares, got {self}")
+            raise BoardError(
+                f"board: expected 3 x 3 squares or more and markers smaller than squares, got {self}"
+            )
         if self.columns * self.rows // 2 > len(self._dictionary.bytesList):
-            raise BoardError(f"board: {self.dictionary} has {len(self._dictionary.bytesList)} markers, "
-                             f"{self.columns} x {self.rows} squares need {self.columns * self.rows // 2}")
+            raise BoardError(
+                f"board: {self.dictionary} has {len(self._dictionary.bytesList)} markers, "
+                f"{self.columns} x {self.rows} squares need {self.columns * self.rows // 2}"
+            )
 
     @cached_property
     def _dictionary(self):
@@ -68,9 +74,12 @@ class Board:
         return self.columns * self.square + 2 * _MARGIN, self.rows * self.square + 2 * _MARGIN
 
     def picture(self, pixels_per_metre: float) -> np.ndarray:
-        """The board to print or to draw, (height, width) uint8, with its margin: `size` times `pixels_per_metre`."""
+        """The board to print or to draw, (height, width) uint8, with its margin: `size` times
+        `pixels_per_metre`."""
         width, height = (round(side * pixels_per_metre) for side in self.size)
-        return self._board.generateImage((width, height), marginSize=round(_MARGIN * pixels_per_metre), borderBits=1)
+        return self._board.generateImage(
+            (width, height), marginSize=round(_MARGIN * pixels_per_metre), borderBits=1
+        )
 
     def detect(self, image: np.ndarray) -> Detection:
         """The corners in an image (height, width, 3) uint8 RGB."""
@@ -80,7 +89,8 @@ class Board:
         if not sides or np.median(sides) < _ENLARGED_BELOW:
             twice = self._detect(cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC))
             if _count(twice) >= _count(found):
-                corners = None if twice[0] is None else (twice[0] + 0.5) / 2 - 0.5  # centres of pixels, not their edges
+                # Centres of pixels, not their edges
+                corners = None if twice[0] is None else (twice[0] + 0.5) / 2 - 0.5
                 found = (corners, *twice[1:])
         corners, ids, _, markers = found
         markers = np.zeros(0, int) if markers is None else markers.ravel()
@@ -110,7 +120,8 @@ class Detection:
     def is_usable(self) -> bool:
         """Whether it fixes the board's pose: enough corners, and not all in one row."""
         return len(self.ids) >= MIN_CORNERS and bool(
-            np.linalg.svd(self.pixels - self.pixels.mean(axis=0), compute_uv=False)[1] > 5.0)
+            np.linalg.svd(self.pixels - self.pixels.mean(axis=0), compute_uv=False)[1] > 5.0
+        )
 
 
 def undistort(pixels: np.ndarray, lens: Lens) -> np.ndarray:
@@ -119,20 +130,27 @@ def undistort(pixels: np.ndarray, lens: Lens) -> np.ndarray:
         return np.asarray(pixels, float)
     k = lens.matrix
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
-    return cv2.undistortPoints(np.asarray(pixels, float)[:, None], k, np.asarray(lens.distortion), P=k,
-                               criteria=criteria)[:, 0]
+    return cv2.undistortPoints(
+        np.asarray(pixels, float)[:, None], k, np.asarray(lens.distortion), P=k, criteria=criteria
+    )[:, 0]
 
 
 def pose_in_camera(points: np.ndarray, pixels: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """Position (3,) m and rotation (3, 3) of a board in the camera, from points (n, 3) m and undistorted pixels (n, 2).
+    """Position (3,) m and rotation (3, 3) of a board in the camera, from points (n, 3) m and undistorted
+    pixels (n, 2).
 
-    Of the two poses that explain a plane's image (Collins and Bartoli, 2014) the better one, refined. Raises BoardError.
+    Of the two poses that explain a plane's image (Collins and Bartoli, 2014) the better one, refined. Raises
+    BoardError.
     """
     points, pixels = np.asarray(points, float), np.asarray(pixels, float)
-    count, turns, shifts, errors = cv2.solvePnPGeneric(points, pixels, lens.matrix, None, flags=cv2.SOLVEPNP_IPPE)
+    count, turns, shifts, errors = cv2.solvePnPGeneric(
+        points, pixels, lens.matrix, None, flags=cv2.SOLVEPNP_IPPE
+    )
     finite = [i for i in range(count) if np.isfinite(turns[i]).all() and np.isfinite(shifts[i]).all()]
     if not finite:
         raise BoardError("board: no pose explains its corners")
     best = min(finite, key=lambda i: errors[i].item())
-    turn, shift = cv2.solvePnPRefineLM(points, pixels, lens.matrix, None, turns[best].copy(), shifts[best].copy())
+    turn, shift = cv2.solvePnPRefineLM(
+        points, pixels, lens.matrix, None, turns[best].copy(), shifts[best].copy()
+    )
     return shift.ravel(), cv2.Rodrigues(turn)[0]

@@ -1,6 +1,8 @@
-"""All corners of all views fitted at once: the camera, the board on its carrier and, where asked, lens and size.
+"""All corners of all views fitted at once: the camera, the board on its carrier and, where asked, lens and
+size.
 
-Gauss-Newton on Huber-weighted reprojection errors, beside them the touches of a fingertip. `hand_eye` decides what goes in.
+Gauss-Newton on Huber-weighted reprojection errors, beside them the touches of a fingertip. `hand_eye` decides
+what goes in.
 """
 
 from __future__ import annotations
@@ -9,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-
 from np_description.calibration import Lens, norm_bound
 from np_description.rotations import cross, matrix_from_vector
 
@@ -24,8 +25,8 @@ class DegenerateError(ValueError):
 
 @dataclass(frozen=True)
 class View:
-    """One posture. position (3,) m, rotation (3, 3): the carrier of the board in the base frame (identity for the table);
-    points (n, 3) m on the board; pixels (n, 2), undistorted."""
+    """One posture. position (3,) m, rotation (3, 3): the carrier of the board in the base frame (identity for
+    the table); points (n, 3) m on the board; pixels (n, 2), undistorted."""
 
     position: np.ndarray
     rotation: np.ndarray
@@ -35,12 +36,15 @@ class View:
     def __post_init__(self) -> None:
         for name in ("position", "rotation", "points", "pixels"):
             if not np.isfinite(getattr(self, name)).all():
-                raise DegenerateError(f"view: expected finite {name}, got {np.asarray(getattr(self, name)).tolist()}")
+                raise DegenerateError(
+                    f"view: expected finite {name}, got {np.asarray(getattr(self, name)).tolist()}"
+                )
 
 
 @dataclass(frozen=True)
 class Touch:
-    """A fingertip at `position` (3,) m in the base frame on the board's `point` (3,) m, to within `sigma` m."""
+    """A fingertip at `position` (3,) m in the base frame on the board's `point` (3,) m, to within `sigma`
+    m."""
 
     position: np.ndarray
     point: np.ndarray
@@ -49,9 +53,10 @@ class Touch:
 
 @dataclass(frozen=True)
 class Fit:
-    """position (3,) m, rotation (3, 3): the camera in the base frame; board_position, board_rotation: the board on its
-    carrier; rms px of the median view; view_rms (n,) px; lens as fitted; used: numbers of the views that were not wrong; left_out: how many were; covariance
-    (6, 6) of the camera, as np_description.calibration.Calibration has it, and its degrees of freedom."""
+    """position (3,) m, rotation (3, 3): the camera in the base frame; board_position, board_rotation: the
+    board on its carrier; rms px of the median view; view_rms (n,) px; lens as fitted; used: numbers of the
+    views that were not wrong; left_out: how many were; covariance (6, 6) of the camera, as
+    np_description.calibration.Calibration has it, and its degrees of freedom."""
 
     position: np.ndarray
     rotation: np.ndarray
@@ -77,7 +82,8 @@ class Fit:
         return norm_bound(self.covariance[3:, 3:], self.dof)
 
 
-# Joint refinement. The order of unknowns: camera 3 + 3, board 3 + 3, focal length (log), principal point 2, scale (log).
+# Joint refinement. The order of unknowns: camera 3 + 3, board 3 + 3, focal length (log), principal point 2,
+# scale (log).
 
 POSES = tuple(range(12))
 BOARD = tuple(range(6, 12))
@@ -103,17 +109,25 @@ def linearise(fit: Fit, views: Sequence[View]) -> tuple[np.ndarray, np.ndarray]:
     lens, zero, one = fit.lens, np.zeros_like(z), np.ones_like(z)
     u, v = lens.fx * x / z, lens.fy * y / z
     residual = np.concatenate([view.pixels for view in views]) - np.stack([u + lens.cx, v + lens.cy], axis=1)
-    of_optical = np.stack([np.stack([lens.fx / z, zero, -u / z], axis=1),
-                           np.stack([zero, lens.fy / z, -v / z], axis=1)], axis=1)
+    of_optical = np.stack(
+        [np.stack([lens.fx / z, zero, -u / z], axis=1), np.stack([zero, lens.fy / z, -v / z], axis=1)], axis=1
+    )
     of_base = of_optical @ fit.rotation.T
     of_carrier = of_base @ carrier
     # A turn w of the board moves a point by w x arm; one of the camera moves it in the camera by -(w x ray).
-    jacobian = np.concatenate([
-        -of_base, cross(of_base, ray[:, None, :] + 0 * of_base), of_carrier,
-        cross(arm[:, None, :] + 0 * of_carrier, of_carrier),
-        np.stack([u, v], axis=1)[..., None], np.stack([one, zero], axis=1)[..., None],
-        np.stack([zero, one], axis=1)[..., None],
-        (of_carrier @ arm[..., None])], axis=2)
+    jacobian = np.concatenate(
+        [
+            -of_base,
+            cross(of_base, ray[:, None, :] + 0 * of_base),
+            of_carrier,
+            cross(arm[:, None, :] + 0 * of_carrier, of_carrier),
+            np.stack([u, v], axis=1)[..., None],
+            np.stack([one, zero], axis=1)[..., None],
+            np.stack([zero, one], axis=1)[..., None],
+            (of_carrier @ arm[..., None]),
+        ],
+        axis=2,
+    )
     return residual, jacobian
 
 
@@ -128,7 +142,9 @@ def _touch_rows(fit: Fit, touches: Sequence[Touch]) -> tuple[np.ndarray, np.ndar
         row[:, 15] = arm
         rows.append(row / touch.sigma)
         residual.append((touch.position - arm - fit.board_position) / touch.sigma)
-    return np.concatenate(residual) if touches else np.zeros(0), np.concatenate(rows) if touches else np.zeros((0, 16))
+    return np.concatenate(residual) if touches else np.zeros(0), (
+        np.concatenate(rows) if touches else np.zeros((0, 16))
+    )
 
 
 def refine(fit: Fit, views: Sequence[View], touches: Sequence[Touch], free=POSES) -> Fit:
@@ -144,7 +160,9 @@ def refine(fit: Fit, views: Sequence[View], touches: Sequence[Touch], free=POSES
         normal = matrix.T @ (weights[:, None] * matrix)
         normal += 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(free))
         step = np.zeros(16)
-        step[list(free)] = np.linalg.solve(normal, matrix.T @ (weights * np.concatenate([residual.ravel(), touched])))
+        step[list(free)] = np.linalg.solve(
+            normal, matrix.T @ (weights * np.concatenate([residual.ravel(), touched]))
+        )
         fit = moved(fit, step)
         if np.abs(step[:12]).max() < _SMALL:
             break
@@ -153,16 +171,28 @@ def refine(fit: Fit, views: Sequence[View], touches: Sequence[Touch], free=POSES
 
 def measured(fit: Fit, views: Sequence[View]) -> Fit:
     """The fit with the errors that these views have with it."""
-    squared = (residuals(fit, views)**2).sum(axis=1)
-    by_view = np.sqrt([part.mean() for part in np.split(squared, np.cumsum([len(view.points) for view in views])[:-1])])
+    squared = (residuals(fit, views) ** 2).sum(axis=1)
+    by_view = np.sqrt(
+        [part.mean() for part in np.split(squared, np.cumsum([len(view.points) for view in views])[:-1])]
+    )
     return replace(fit, rms=float(np.median(by_view)), view_rms=by_view)
 
 
 def moved(fit: Fit, step: np.ndarray) -> Fit:
     factor = np.exp(np.clip(step[12], -0.5, 0.5))
-    lens = replace(fit.lens, fx=fit.lens.fx * factor, fy=fit.lens.fy * factor, cx=fit.lens.cx + step[13],
-                   cy=fit.lens.cy + step[14])
-    return replace(fit, position=fit.position + step[:3], rotation=matrix_from_vector(step[3:6]) @ fit.rotation,
-                   board_position=fit.board_position + step[6:9],
-                   board_rotation=matrix_from_vector(step[9:12]) @ fit.board_rotation, lens=lens,
-                   scale=float(fit.scale * np.exp(np.clip(step[15], -0.5, 0.5))))
+    lens = replace(
+        fit.lens,
+        fx=fit.lens.fx * factor,
+        fy=fit.lens.fy * factor,
+        cx=fit.lens.cx + step[13],
+        cy=fit.lens.cy + step[14],
+    )
+    return replace(
+        fit,
+        position=fit.position + step[:3],
+        rotation=matrix_from_vector(step[3:6]) @ fit.rotation,
+        board_position=fit.board_position + step[6:9],
+        board_rotation=matrix_from_vector(step[9:12]) @ fit.board_rotation,
+        lens=lens,
+        scale=float(fit.scale * np.exp(np.clip(step[15], -0.5, 0.5))),
+    )

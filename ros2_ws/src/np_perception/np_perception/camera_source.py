@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-
 from np_description.calibration import Lens
 
 
 class CameraError(OSError):
-    """A camera that is not there, does not do what was asked, or has gone; the message says what to look at."""
+    """A camera that is not there, does not do what was asked, or has gone; the message says what to look
+    at."""
 
 
 class EndOfImages(Exception):
@@ -27,8 +27,10 @@ class Frame:
 
 
 class Source(Protocol):
-    """A camera that has been opened. `lens`: of its images; `turn` (3, 3): from the camera's own optical frame to that of
-    its images, where something upstream has turned them already; `period`: s between images; `values`: for diagnostics."""
+    """A camera that has been opened. `lens`: of its images; `turn` (3, 3): from the camera's own optical
+    frame to that of its images, where something upstream has turned them already; `period`: s between images;
+    `values`: for diagnostics.
+    """
 
     lens: Lens
     turn: np.ndarray

@@ -1,10 +1,10 @@
 """From the camera's clock to the host's, by the frames' times of arrival alone.
 
-A frame arrives when it was taken, by the host's clock, plus a delay that is never less than some least one and now and then
-much more. So the arrivals lie above a line, whose slope is the drift of one clock against the other, and the line is the
-lower edge of their convex hull (Zhang, Liu and Xia, "Clock synchronization algorithms for network measurements", INFOCOM
-2002): late frames, however many and however late, do not move it. The least delay itself cannot be seen: it stays in the
-stamps (docs/hardware.md).
+A frame arrives when it was taken, by the host's clock, plus a delay that is never less than some least one
+and now and then much more. So the arrivals lie above a line, whose slope is the drift of one clock against
+the other, and the line is the lower edge of their convex hull (Zhang, Liu and Xia, "Clock synchronization
+algorithms for network measurements", INFOCOM 2002): late frames, however many and however late, do not move
+it. The least delay itself cannot be seen: it stays in the stamps (docs/hardware.md).
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ WINDOW = 60 * SECOND  # of the camera's clock that the line is fitted to
 BIN = SECOND // 2  # of which the earliest arrival is kept
 SETTLED = 10 * SECOND  # from which on the drift is fitted too: before, any delay would be taken for drift
 MAX_DRIFT = 200e-6  # quartz is better than 100 ppm
-JUMP = SECOND // 4  # between what came and what was expected, by which a clock that was set is told from a delay
+# Between what came and what was expected, by which a clock that was set is told from a delay
+JUMP = SECOND // 4
 PATIENCE = 30  # frames in a row that may come later than that
 
 
 class ClockMapper:
     """Maps times of one clock, as they arrive, to another's. Times are integers of nanoseconds.
 
-    wraps: after how many ns the camera's counter begins anew, or 0. What it returns grows strictly and is never later than
-    the arrival; only where the host's clock was set back it begins anew. restarts: how often a clock was set; drift: what
-    the host's clock gains on the camera's, s/s.
+    wraps: after how many ns the camera's counter begins anew, or 0. What it returns grows strictly and is
+    never later than the arrival; only where the host's clock was set back it begins anew. restarts: how often
+    a clock was set; drift: what the host's clock gains on the camera's, s/s.
     """
 
     def __init__(self, wraps: int = 0) -> None:
@@ -35,7 +36,8 @@ class ClockMapper:
         self._begin()
 
     def map(self, device: int, arrival: int) -> int:
-        """The host's time at which a frame was taken that has the camera's time `device` and came at `arrival`."""
+        """The host's time at which a frame was taken that has the camera's time `device` and came at
+        `arrival`."""
         device = self._unwrapped(device)
         if self._newest is not None and self._was_set(device, arrival):
             self.restarts += 1
@@ -49,7 +51,8 @@ class ClockMapper:
         return self._last_stamp
 
     def _begin(self) -> None:
-        self._bins: deque[tuple[int, int]] = deque()  # (camera, arrival - camera): the earliest arrival of each bin
+        # (camera, arrival - camera): the earliest arrival of each bin
+        self._bins: deque[tuple[int, int]] = deque()
         self._newest: int | None = None  # camera's time, unwrapped
         self._late = 0  # frames in a row
         self.drift = 0.0

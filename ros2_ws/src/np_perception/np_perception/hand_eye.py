@@ -1,12 +1,13 @@
-"""Hand-eye calibration: a fixed camera sees a board that the hand holds, or one on the table that the fingertip touches.
+"""Hand-eye calibration: a fixed camera sees a board that the hand holds, or one on the table that the
+fingertip touches.
 
-Unknown are the camera in the base frame and the board on whatever carries it (the hand, or the table). The start comes
-from the closed form of Park and Martin (IEEE T-RA 10(5), 1994) on random triples of views, of which the best one is taken,
-so that a few wrong views do no harm. Then all corners of all views are fitted at once: Gauss-Newton on Huber-weighted
-reprojection errors.
+Unknown are the camera in the base frame and the board on whatever carries it (the hand, or the table). The
+start comes from the closed form of Park and Martin (IEEE T-RA 10(5), 1994) on random triples of views, of
+which the best one is taken, so that a few wrong views do no harm. Then all corners of all views are fitted at
+once: Gauss-Newton on Huber-weighted reprojection errors.
 
-Errors of the arm's kinematics move all corners of a view together, so views, not corners, are the independent pieces of
-evidence: the covariance is that of leaving out one view at a time (jackknife).
+Errors of the arm's kinematics move all corners of a view together, so views, not corners, are the independent
+pieces of evidence: the covariance is that of leaving out one view at a time (jackknife).
 """
 
 from __future__ import annotations
@@ -15,16 +16,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-
 from np_description.calibration import Lens, norm_bound
 from np_description.rotations import vector_from_matrix
+
 from np_perception.board import pose_in_camera
-from np_perception.bundle import LENS, POSES, SCALE, DegenerateError, Fit, Touch, View, linearise, measured, refine, residuals
+from np_perception.bundle import (
+    LENS,
+    POSES,
+    SCALE,
+    DegenerateError,
+    Fit,
+    Touch,
+    View,
+    linearise,
+    measured,
+    refine,
+    residuals,
+)
 
 MIN_VIEWS = 8
 MIN_TOUCHES = 6
-MIN_TURN = np.radians(8)  # spread of the hand's orientations, about the axis about which it turned second most
-MIN_SPREAD = 0.03  # m, standard deviation of the touched points in the direction in which they spread second most
+# Of the hand's orientations: standard deviation about the axis about which it turned second most.
+MIN_TURN = np.radians(8)
+# Of the touched points: standard deviation m in the direction in which they spread second most.
+MIN_SPREAD = 0.03
 MAX_RMS = 3.0  # px; more than this is another board, another lens or another robot
 MAX_POSITION, MAX_ROTATION = 0.02, np.radians(2)  # 95 % bounds from which nothing can be projected
 _WRONG_VIEW = 4.0  # times the median error of the views
@@ -36,8 +51,8 @@ _HYPOTHESES = 60
 class Check:
     """What the same views say of what was taken as known.
 
-    focal: factor on the focal length; centre (2,) px: shift of the principal point, both fitted together; scale: factor on
-    the board's size, fitted alone; *_95: half widths of their 95 % intervals.
+    focal: factor on the focal length; centre (2,) px: shift of the principal point, both fitted together;
+    scale: factor on the board's size, fitted alone; *_95: half widths of their 95 % intervals.
     """
 
     focal: float
@@ -51,12 +66,19 @@ class Check:
         """What is not as it was said to be: outside twice its interval, and by enough to matter."""
         found = []
         if abs(self.scale - 1) > max(2 * self.scale_95, 0.003):
-            found.append(f"the board looks {self.scale:.4f} +- {self.scale_95:.4f} times its size: is it printed to scale?")
+            found.append(
+                f"the board looks {self.scale:.4f} +- {self.scale_95:.4f} times its size: is it printed to"
+                " scale?"
+            )
         if abs(self.focal - 1) > max(2 * self.focal_95, 0.01):
-            found.append(f"the focal length looks {self.focal:.4f} +- {self.focal_95:.4f} times what camera_info says")
+            found.append(
+                f"the focal length looks {self.focal:.4f} +- {self.focal_95:.4f} times what camera_info says"
+            )
         if (np.abs(self.centre) > np.maximum(2 * self.centre_95, 4.0)).any():
-            found.append(f"the principal point looks shifted by {np.round(self.centre, 1).tolist()} +- "
-                         f"{np.round(self.centre_95, 1).tolist()} px from what camera_info says")
+            found.append(
+                f"the principal point looks shifted by {np.round(self.centre, 1).tolist()} +- "
+                f"{np.round(self.centre_95, 1).tolist()} px from what camera_info says"
+            )
         return found
 
 
@@ -73,27 +95,33 @@ def solve(views: Sequence[View], lens: Lens, touches: Sequence[Touch] = ()) -> F
         right = np.flatnonzero(fit.view_rms <= max(_WRONG_VIEW * np.median(fit.view_rms), 0.5))
         fit = measured(refine(fit, [views[i] for i in right], touches), views)
     if len(right) < max(len(views) * 2 / 3, 1 if touches else MIN_VIEWS) or fit.rms > MAX_RMS:
-        raise DegenerateError(f"expected views that one camera explains within {MAX_RMS:g} px, errors by view are "
-                              f"{np.round(fit.view_rms, 2).tolist()} px{_hint(fit, views, touches)}")
+        raise DegenerateError(
+            f"expected views that one camera explains within {MAX_RMS:g} px, errors by view are "
+            f"{np.round(fit.view_rms, 2).tolist()} px{_hint(fit, views, touches)}"
+        )
     kept = [views[i] for i in right]
-    fit = replace(refine(fit, kept, touches), used=tuple(right.tolist()),
-                  left_out=len(views) - len(right))
+    fit = replace(refine(fit, kept, touches), used=tuple(right.tolist()), left_out=len(views) - len(right))
     (_require_touches if touches else _require_views)(kept, touches)
     covariance, dof = _jackknife(fit, kept, touches)
     fit = replace(fit, covariance=covariance, dof=dof)
     if not (fit.position_95 <= MAX_POSITION and fit.rotation_95 <= MAX_ROTATION):
-        raise DegenerateError(f"expected to know the camera within {1e3 * MAX_POSITION:g} mm and "
-                              f"{np.degrees(MAX_ROTATION):g} degrees, these views leave {1e3 * fit.position_95:.1f} mm and "
-                              f"{np.degrees(fit.rotation_95):.2f} degrees: take more, in more different orientations")
+        raise DegenerateError(
+            f"expected to know the camera within {1e3 * MAX_POSITION:g} mm and "
+            f"{np.degrees(MAX_ROTATION):g} degrees, these views leave {1e3 * fit.position_95:.1f} mm and "
+            f"{np.degrees(fit.rotation_95):.2f} degrees: take more, in more different orientations"
+        )
     return fit
 
 
 def check(fit: Fit, views: Sequence[View], touches: Sequence[Touch] = ()) -> Check:
-    """Fit the lens, then the board's size too, with intervals from leaving out one piece of evidence at a time."""
+    """Fit the lens, then the board's size too, with intervals from leaving out one piece of evidence at a
+    time."""
     kept = [views[i] for i in fit.used]
 
     def lens_values(other: Fit) -> np.ndarray:
-        return np.array([other.lens.fx / fit.lens.fx, other.lens.cx - fit.lens.cx, other.lens.cy - fit.lens.cy])
+        return np.array(
+            [other.lens.fx / fit.lens.fx, other.lens.cx - fit.lens.cx, other.lens.cy - fit.lens.cy]
+        )
 
     def scale_value(other: Fit) -> np.ndarray:
         return np.array([other.scale])
@@ -112,6 +140,7 @@ def check(fit: Fit, views: Sequence[View], touches: Sequence[Touch] = ()) -> Che
 
 # Conditions
 
+
 def _require_views(views: list[View], _touches: list[Touch]) -> None:
     if len(views) < MIN_VIEWS:
         raise DegenerateError(f"expected at least {MIN_VIEWS} views, got {len(views)}")
@@ -119,8 +148,10 @@ def _require_views(views: list[View], _touches: list[Touch]) -> None:
     spread = np.linalg.svd(turns - turns.mean(axis=0), compute_uv=False) / np.sqrt(len(views))
     if spread[1] < MIN_TURN:
         raise DegenerateError(
-            f"expected orientations of the hand that differ by {np.degrees(MIN_TURN):.0f} degrees (standard deviation) about two "
-            f"axes, got {', '.join(f'{s:.1f}' for s in np.degrees(spread))} degrees: the camera's position cannot be told")
+            f"expected orientations of the hand that differ by {np.degrees(MIN_TURN):.0f} degrees (standard"
+            f" deviation) about two axes, got {', '.join(f'{s:.1f}' for s in np.degrees(spread))} degrees:"
+            " the camera's position cannot be told"
+        )
 
 
 def _require_touches(views: list[View], touches: list[Touch]) -> None:
@@ -129,8 +160,11 @@ def _require_touches(views: list[View], touches: list[Touch]) -> None:
     points = np.array([touch.point for touch in touches])
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
     if len(touches) < MIN_TOUCHES or spread[1] < MIN_SPREAD:
-        raise DegenerateError(f"expected at least {MIN_TOUCHES} touches that spread by {1e3 * MIN_SPREAD:g} mm (standard deviation) in two "
-                              f"directions, got {len(touches)}, spread by {', '.join(f'{1e3 * s:.0f}' for s in spread[:2])} mm")
+        raise DegenerateError(
+            f"expected at least {MIN_TOUCHES} touches that spread by {1e3 * MIN_SPREAD:g} mm (standard"
+            f" deviation) in two directions, got {len(touches)}, spread by"
+            f" {', '.join(f'{1e3 * s:.0f}' for s in spread[:2])} mm"
+        )
     if not np.isfinite([touch.position for touch in touches]).all():
         raise DegenerateError("touch: expected finite positions")
 
@@ -143,17 +177,22 @@ def _hint(fit: Fit, views: list[View], touches: list[Touch]) -> str:
         other = [replace(view, points=factor * view.points) for view in views]
         scaled = refine(_start(other, fit.lens), other, (), SCALE)
         if scaled.rms < min(fit.rms / 3, MAX_RMS):
-            return f"; a board of {factor * scaled.scale:.3f} times the size would explain them: is it this one, to scale?"
+            return (
+                f"; a board of {factor * scaled.scale:.3f} times the size would explain them: is it this one,"
+                " to scale?"
+            )
     return ""
 
 
 # Start
 
+
 def park_martin(carriers, boards) -> tuple[np.ndarray, np.ndarray]:
     """Board on its carrier, position (3,) m and rotation (3, 3), from pairs of poses (position, rotation).
 
-    carriers: of the carrier in the base; boards: of the board in the camera, view by view. With A = inverse(carrier j)
-    carrier i and B = inverse(board j) board i, solves A Y = Y B. Needs three views that turn about two axes.
+    carriers: of the carrier in the base; boards: of the board in the camera, view by view. With A =
+    inverse(carrier j) carrier i and B = inverse(board j) board i, solves A Y = Y B. Needs three views that
+    turn about two axes.
     """
     turns_a, turns_b, rows, rights = [], [], [], []
     for i in range(len(carriers)):
@@ -185,7 +224,7 @@ def _start(views: list[View], lens: Lens) -> Fit:
         turn = carriers[i][1] @ rotation @ boards[i][1].T
         camera = carriers[i][1] @ position + carriers[i][0] - turn @ boards[i][0]
         fit = Fit(camera, turn, position, rotation, lens)
-        error = np.median([np.sqrt((residuals(fit, [view])**2).sum(axis=1)).mean() for view in views])
+        error = np.median([np.sqrt((residuals(fit, [view]) ** 2).sum(axis=1)).mean() for view in views])
         if np.isfinite(error) and (best is None or error < best[0]):
             best = error, fit
     if best is None:
@@ -205,13 +244,19 @@ def _start_from_touches(views: list[View], lens: Lens, touches: list[Touch]) -> 
 
 # Uncertainty
 
+
 def _left_out(fit: Fit, views, touches, value, free=POSES) -> np.ndarray:
     """`value` of the fit without each piece of evidence: a view of a moving board, or a touch; (n, ...)."""
     if touches:  # the views of a board that lies still are one
-        return np.array([value(refine(fit, views, [t for j, t in enumerate(touches) if j != i], free))
-                         for i in range(len(touches))])
-    return np.array([value(refine(fit, [v for j, v in enumerate(views) if j != i], (), free))
-                     for i in range(len(views))])
+        return np.array(
+            [
+                value(refine(fit, views, [t for j, t in enumerate(touches) if j != i], free))
+                for i in range(len(touches))
+            ]
+        )
+    return np.array(
+        [value(refine(fit, [v for j, v in enumerate(views) if j != i], (), free)) for i in range(len(views))]
+    )
 
 
 def _jackknife_covariance(values: np.ndarray) -> np.ndarray:
@@ -220,11 +265,17 @@ def _jackknife_covariance(values: np.ndarray) -> np.ndarray:
 
 
 def _jackknife(fit: Fit, views, touches) -> tuple[np.ndarray, float]:
-    values = _left_out(fit, views, touches, lambda f: np.concatenate(
-        [f.position - fit.position, vector_from_matrix(f.rotation @ fit.rotation.T)]))
+    values = _left_out(
+        fit,
+        views,
+        touches,
+        lambda f: np.concatenate(
+            [f.position - fit.position, vector_from_matrix(f.rotation @ fit.rotation.T)]
+        ),
+    )
     covariance = _jackknife_covariance(values)
     if touches:  # what all images of a board that lies still have in common shows in none of the fits
         most = max(views, key=lambda view: len(view.points))
         rows = linearise(fit, [most])[1].reshape(-1, 16)[:, :6]
-        covariance += max(fit.rms, CORNER_SIGMA)**2 * np.linalg.inv(rows.T @ rows)
+        covariance += max(fit.rms, CORNER_SIGMA) ** 2 * np.linalg.inv(rows.T @ rows)
     return covariance, len(values) - 1.0

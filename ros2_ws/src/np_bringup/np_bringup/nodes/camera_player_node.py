@@ -15,12 +15,20 @@ class CameraPlayer(CameraNode):
         super().__init__("camera_player")
         source = parameter(self, "source", "", "Bag, or folder with pictures.")
         rate = parameter(self, "rate", 1.0, "How many times as fast as recorded.", 0.01, 100.0)
-        stamps = parameter(self, "stamps", "now", "now: as if taken when played; recorded: as they were.", choices=STAMPS)
-        repeat = parameter(self, "repeat", False, "Whether to begin anew at the end; with stamps of now only.")
-        subscribers = parameter(self, "subscribers", 1, "Subscribers to the images that are waited for first.", 0, 100)
+        stamps = parameter(
+            self, "stamps", "now", "now: as if taken when played; recorded: as they were.", choices=STAMPS
+        )
+        repeat = parameter(
+            self, "repeat", False, "Whether to begin anew at the end; with stamps of now only."
+        )
+        subscribers = parameter(
+            self, "subscribers", 1, "Subscribers to the images that are waited for first.", 0, 100
+        )
         if not source:
             raise ValueError("parameter source: expected a bag or a folder with pictures, got none")
-        self.begin(lambda: Playback(source, rate=rate, stamps=stamps, repeat=repeat), subscribers, retry=False)
+        self.begin(
+            lambda: Playback(source, rate=rate, stamps=stamps, repeat=repeat), subscribers, retry=False
+        )
 
 
 def main(args=None):

@@ -11,7 +11,8 @@ from np_franka.realsense import RealSense, Settings, find_device
 
 
 class RealSenseCamera(CameraNode):
-    """The camera with a serial number, opened anew whenever it has gone. find: gives the SDK's device of a serial number."""
+    """The camera with a serial number, opened anew whenever it has gone. find: gives the SDK's device of a
+    serial number."""
 
     def __init__(self, find: Callable = find_device) -> None:
         super().__init__("realsense_camera")
@@ -23,9 +24,18 @@ class RealSenseCamera(CameraNode):
             parameter(self, "rate", default.rate, "Images a second.", 1, 90),
             parameter(self, "exposure", default.exposure, "Of every image, s.", 1e-4, 0.165),
             parameter(self, "gain", default.gain, "Of the colour sensor, in the camera's units.", 0.0, 248.0),
-            parameter(self, "white_balance", default.white_balance, "Temperature of the light, K.", 2000.0, 10000.0),
-            parameter(self, "latency", default.latency, "What stamps are made earlier by, s: the least delay of an image.",
-                      0.0, 0.2))
+            parameter(
+                self, "white_balance", default.white_balance, "Temperature of the light, K.", 2000.0, 10000.0
+            ),
+            parameter(
+                self,
+                "latency",
+                default.latency,
+                "What stamps are made earlier by, s: the least delay of an image.",
+                0.0,
+                0.2,
+            ),
+        )
         self.begin(lambda: RealSense(find(serial), settings))
 
 

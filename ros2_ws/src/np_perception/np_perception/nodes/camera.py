@@ -1,6 +1,8 @@
-"""What camera nodes share: images of a source, rectified to the view of the policies, on camera/image_raw and camera_info.
+"""What camera nodes share: images of a source, rectified to the view of the policies, on camera/image_raw and
+camera_info.
 
-A thread of its own waits for images, rectifies and publishes them; the node's thread tells `diagnostics` of it.
+A thread of its own waits for images, rectifies and publishes them; the node's thread tells `diagnostics` of
+it.
 """
 
 from __future__ import annotations
@@ -27,26 +29,52 @@ _READ = 0.1  # s
 
 
 class CameraNode(Node):
-    """Publishes what a Source gives. A subclass declares its parameters and calls `begin` with what opens the source."""
+    """Publishes what a Source gives. A subclass declares its parameters and calls `begin` with what opens the
+    source."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        mode = parameter(self, "mode", "realtime", "realtime: the newest image counts; lockstep: every one.",
-                         choices=("lockstep", "realtime"))
-        view = parameter(self, "view", "policy", "policy: the images that policies see; calibration: the same field of "
-                         "view in more pixels, for the command `calibrate`.", choices=VIEWS)
-        file = parameter(self, "calibration", "", "File written by `calibrate`; empty: images are not turned.")
-        self._timeout = parameter(self, "image_timeout", 0.5, "Seconds without an image after which the camera is "
-                                  "reported as silent, and opened anew.", 0.1, 60.0)
+        mode = parameter(
+            self,
+            "mode",
+            "realtime",
+            "realtime: the newest image counts; lockstep: every one.",
+            choices=("lockstep", "realtime"),
+        )
+        view = parameter(
+            self,
+            "view",
+            "policy",
+            "policy: the images that policies see; calibration: the same field of "
+            "view in more pixels, for the command `calibrate`.",
+            choices=VIEWS,
+        )
+        file = parameter(
+            self, "calibration", "", "File written by `calibrate`; empty: images are not turned."
+        )
+        self._timeout = parameter(
+            self,
+            "image_timeout",
+            0.5,
+            "Seconds without an image after which the camera is reported as silent, and opened anew.",
+            0.1,
+            60.0,
+        )
         self._calibration = load(file) if file else None
         self._camera = view_camera(view, self._calibration)
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(mode=mode, view=view, calibration=file or "none")
         if self._calibration is not None:
             distance, angle = self._calibration.displacement
-            self.diagnostics.values.update({
-                "calibration age days": f"{self._calibration.age().total_seconds() / 86400:.1f}",
-                "camera displaced": f"{1e3 * distance:.1f} mm, {np.degrees(angle):.2f} degrees from where the policies learned"})
+            self.diagnostics.values.update(
+                {
+                    "calibration age days": f"{self._calibration.age().total_seconds() / 86400:.1f}",
+                    "camera displaced": (
+                        f"{1e3 * distance:.1f} mm, {np.degrees(angle):.2f} degrees from where the policies"
+                        " learned"
+                    ),
+                }
+            )
         stream = qos.publisher(mode == "lockstep")
         self._info = self.create_publisher(CameraInfo, "camera/camera_info", stream)
         self._image = self.create_publisher(Image, "camera/image_raw", stream)
@@ -59,7 +87,8 @@ class CameraNode(Node):
     def begin(self, open_source: Callable[[], Source], subscribers: int = 0, retry: bool = True) -> None:
         """Open the source and start to publish, as soon as there are that many subscribers to the images.
 
-        Raises CameraError or CalibrationError if it cannot be opened now; with `retry` one that goes later is opened anew.
+        Raises CameraError or CalibrationError if it cannot be opened now; with `retry` one that goes later is
+        opened anew.
         """
         self._open_source, self._subscribers, self._retry = open_source, subscribers, retry
         self._open()
@@ -75,10 +104,12 @@ class CameraNode(Node):
             source.close()
             raise
         self._source = source
-        self._turned = self._rectify.turn @ source.turn  # from the camera's own frame to that of what we publish
+        # From the camera's own frame to that of what we publish
+        self._turned = self._rectify.turn @ source.turn
 
     def _turn(self, upstream: np.ndarray) -> np.ndarray | None:
-        """From the source's images to ours: what the calibration says of the camera, less what was turned upstream."""
+        """From the source's images to ours: what the calibration says of the camera, less what was turned
+        upstream."""
         return None if self._calibration is None else self._calibration.turn @ np.asarray(upstream).T
 
     # In the camera's thread
