@@ -221,7 +221,7 @@ def draw(rows: list[dict], file: Path) -> None:
     )
     groups = [(arm.name, method) for arm in ARMS for method in ("hand", "touched")]
     colours = ("#4477aa", "#66ccee", "#ee6677", "#ccbb44")
-    figure, axes = pyplot.subplots(1, 3, figsize=(13, 4), constrained_layout=True)
+    figure, axes = pyplot.subplots(1, 3, figsize=(13, 4.6), constrained_layout=True)
     for axis, (name, bound, title) in zip(axes, panels):
         for shift, (group, colour) in enumerate(zip(groups, colours)):
             own = [row for row in rows if (row["arm"], row["method"]) == group and name in row]
@@ -232,7 +232,8 @@ def draw(rows: list[dict], file: Path) -> None:
             axis.plot(x, [row[bound] for row in own], "_", color=colour, ms=7)
         axis.set(title=title, xlabel="camera", yscale="log")
         axis.grid(alpha=0.3)
-    axes[0].legend(fontsize=7, title="error; dash: claimed 95 % bound", title_fontsize=7)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, title="error; dash: claimed 95 % bound")
     figure.savefig(file, dpi=110)
     pyplot.close(figure)
 
