@@ -285,6 +285,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the cameras (default %(default)s)")
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
+    revision = origin()["revision"]
     progress, rows, calibration = Progress(options.cameras * len(ARMS), "cameras"), [], None
     with tempfile.TemporaryDirectory() as folder:
         for arm in ARMS:
@@ -302,7 +303,7 @@ def main(arguments: list[str] | None = None) -> int:
             np.median([row["uncalibrated"]["object_mean_mm"] for row in rows if "uncalibrated" in row])
         ),
         "seed": options.seed,
-        "revision": origin()["revision"],
+        "revision": revision,
     }
     (options.out / "calibration.json").write_text(json.dumps({**report, "cameras": rows}, indent=1) + "\n")
     draw(rows, options.out / "calibration.png")
