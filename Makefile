@@ -66,7 +66,7 @@ test: setup ## every test that needs no GPU
 hardware: setup .venv/.hardware ## add what the driver of a real arm needs: docs/hardware.md
 
 test-driver: hardware .venv-franka-sim/.installed ## the hardware driver against a simulated robot's network protocol
-	@$(ACTIVATE) exec python -m pytest tests/driver tests/contract -k driver $(PYTEST_ARGS)
+	@$(ACTIVATE) exec python -m pytest tests/driver tests/camera tests/contract -k driver $(PYTEST_ARGS)
 
 lock: setup ## resolve requirements.txt into requirements.lock
 	@.venv/bin/python tools/lock.py > requirements.lock.new && mv requirements.lock.new requirements.lock

@@ -28,6 +28,7 @@ ARGUMENTS = (
         "controller", "impedance", "impedance: joint impedance; osc: the operational-space baseline."
     ),
     LaunchArgument("image_rate", "30", "Images a second of simulated time."),
+    LaunchArgument("calibration", "", "File written by `calibrate`: where the camera is; empty: as trained."),
     LaunchArgument("weights", "", "Folder with released weights; empty: the project's own."),
     LaunchArgument("bag", "", "Record bags with this path, a number is appended; empty: no recorder."),
     LaunchArgument("record_at_start", "true", "true: record from the start; false: wait for recorder/start."),
@@ -48,7 +49,8 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {given[name]!r}")
     common = {"mode": given["mode"]}
     task = {**common, "domain": given["domain"]}
-    learned = {**task, "weights": given["weights"]}
+    seeing = {**task, "calibration": given["calibration"]}
+    learned = {**seeing, "weights": given["weights"]}
     seed, image_rate = _integer(given, "seed"), _integer(given, "image_rate")
     from_camera = given["keypoints"] == "camera"
     nodes = [
@@ -56,7 +58,7 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             "np_sim_bridge",
             "sim_bridge",
             parameters={
-                **task,
+                **seeing,
                 "seed": seed,
                 "first_episode": _integer(given, "first_episode"),
                 "image_rate": image_rate,
@@ -64,13 +66,13 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             },
         ),
         NodeSpec("np_control", CONTROLLERS[given["controller"]], parameters=common),
-        NodeSpec("np_perception", "keypoint_detector", parameters=learned)
+        NodeSpec("np_perception", "keypoint_detector", parameters={**task, "weights": given["weights"]})
         if from_camera
-        else NodeSpec("np_bringup", "keypoint_oracle", parameters={**task, "seed": seed}),
+        else NodeSpec("np_bringup", "keypoint_oracle", parameters={**seeing, "seed": seed}),
         NodeSpec("np_policy", "pre_contact", parameters=learned),
-        NodeSpec("np_policy", "approach", parameters={**task, "seed": seed}),
+        NodeSpec("np_policy", "approach", parameters={**seeing, "seed": seed}),
         NodeSpec("np_policy", "post_contact", parameters=learned),
-        NodeSpec("np_policy", "episode", parameters=task),
+        NodeSpec("np_policy", "episode", parameters=seeing),
     ]
     if given["bag"]:
         information = {
