@@ -81,6 +81,6 @@ def simulated_robot(**arguments):
     """A simulated robot, and the parameters that lead the driver to it."""
     robot = SimulatedRobot(**arguments)
     try:
-        yield robot, {"hostname": robot.hostname, "realtime": "ignore"}
+        yield robot, {"hostname": robot.hostname, "realtime": "ignore", "calibration": "none"}
     finally:
         robot.close()

@@ -1,11 +1,14 @@
 """The library half of the driver, cycle by cycle, against a simulated robot."""
 
 import time
+from datetime import timedelta
 
 import numpy as np
 import pytest
+from np_control.impedance import STIFFNESS_MAX
 from np_control.safety import Refusal, State
 from np_description.panda import JOINT_NAMES
+from np_franka.checklist import Checklist
 from np_franka.limits import CYCLE_NS, FR3_LIMITS, Collision
 
 
@@ -16,7 +19,9 @@ def driver(start_robot):
     from np_franka.driver import Driver
 
     _, parameters = start_robot()
-    driver = Driver(Arm(parameters["hostname"], FR3_LIMITS, Collision(), enforce_realtime=False), FR3_LIMITS)
+    arm = Arm(parameters["hostname"], FR3_LIMITS, Collision(), enforce_realtime=False)
+    checklist = Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
+    driver = Driver(arm, FR3_LIMITS, checklist)
     driver.start(time.time_ns())
     yield driver
     driver.close()
