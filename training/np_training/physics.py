@@ -44,17 +44,18 @@ def impedance_kernel(substep: int, limit: wp.array(dtype=float), qpos: wp.array2
     """np_control.impedance.torque for joint j of world i; a test holds both to the same result.
 
     command (6, worlds, 7): joint target, stiffness, damping ratio of the last period, then of this one, which takes
-    effect after `delay` substeps.
+    effect after `delay` substeps. Reckoned in double precision: in single, 80 Nm come out up to 2e-5 Nm off.
     """
     i, j = wp.tid()
     new = 0
     if substep >= delay[i]:
         new = 3
-    stiffness = command[new + 1, i, j]
-    damping = command[new + 2, i, j] * wp.sqrt(stiffness)
-    coriolis = bias[i, j] - gravity[i, j]
-    torque = stiffness * (command[new, i, j] - qpos[i, j]) - damping * qvel[i, j] + coriolis + noise[i, j]
-    ctrl[i, j] = wp.clamp(torque, -limit[j], limit[j])
+    stiffness = wp.float64(command[new + 1, i, j])
+    damping = wp.float64(command[new + 2, i, j]) * wp.sqrt(stiffness)
+    error = wp.float64(command[new, i, j]) - wp.float64(qpos[i, j])
+    coriolis = wp.float64(bias[i, j]) - wp.float64(gravity[i, j])
+    torque = stiffness * error - damping * wp.float64(qvel[i, j]) + coriolis + wp.float64(noise[i, j])
+    ctrl[i, j] = wp.clamp(wp.float32(torque), -limit[j], limit[j])
 
 
 class BatchedPhysics:
