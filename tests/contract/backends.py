@@ -156,7 +156,8 @@ class Harness:
     def follow(self, answer: Callable[[JointState], Command], until: Callable[[], object], what: str) -> None:
         """Answer every state, beginning with the newest, until the condition holds.
 
-        The state at which it does so is not answered any more.
+        The state at which it does so is not answered any more. Where a busy machine has kept us from answering for so long
+        that the watchdog has rightly stopped the arm, recover and go on.
         """
         done = False
 
@@ -167,5 +168,10 @@ class Harness:
 
         self.answer = answer_until
         self.send(answer(self.states[-1]))
-        self.wait(lambda: done or until(), what)
+
+        def is_done() -> bool:
+            if self.status.get("state") == "stopped" and "silence" in self.message and not (done or until()):
+                self.call("recover")  # refused while the arm still moves
+            return bool(done or until())
+        self.wait(is_done, what)
         self.answer = silent

@@ -44,7 +44,12 @@ class Following:
         stamp: ns of the state that it answers. None stands for a pose that was refused: it uses the gains up.
         Returns whether it was cut to the workspace. Raises Refusal, `unpaired` where there are no gains.
         """
+        gains = self.take_gains(stamp)
+        return pose is not None and self._controller.set_target(stamp, *pose, *gains)
+
+    def take_gains(self, stamp: int) -> np.ndarray:
+        """The gains (2, 7) for the pose of `stamp` ns. Raises Refusal(unpaired) where none came since the last pose."""
         gains, self._gains = self._gains, None
         if gains is None:
             raise Refusal(Reason.UNPAIRED, f"target pose of {stamp} ns came without gains")
-        return pose is not None and self._controller.set_target(stamp, *pose, *gains)
+        return gains

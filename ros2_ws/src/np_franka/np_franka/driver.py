@@ -23,7 +23,8 @@ REST_TIMEOUT = 2.0  # s that the arm may take to come to rest at the end
 class Cycle:
     """One cycle: `stamp` ns on the driver's clock, what the robot said, what was applied then.
 
-    answer: of the controller on board, where there is one and it is not silent; refusal: where that was refused.
+    On board, answer: of the controller, unless it is silent; refusal: where that, or a target, was refused; clamped:
+    whether a target was cut to the workspace.
     """
 
     stamp: int
@@ -31,6 +32,7 @@ class Cycle:
     applied: Applied
     answer: Answer | None = None
     refusal: Refusal | None = None
+    clamped: bool = False
 
 
 class Driver:
@@ -92,7 +94,9 @@ class Driver:
             self._write(applied.torque)
         except ArmError as error:
             self._fault(str(error))
-        return Cycle(self.stamp, reading, replace(applied, torque=self._sent), answer, refusal)
+        clamped, thought = self._think()
+        refusal = refusal or thought
+        return Cycle(self.stamp, reading, replace(applied, torque=self._sent), answer, refusal, clamped)
 
     def offer(self, stamp: int, names: Sequence[str], position: Sequence[float], velocity: Sequence[float],
               effort: Sequence[float]) -> None:
@@ -156,6 +160,15 @@ class Driver:
         except Refusal as refusal:
             return None, refusal
         return answer, None
+
+    def _think(self) -> tuple[bool, Refusal | None]:
+        """Give the controller on board what is left of the cycle."""
+        if self.onboard is None or not self.filter.watchdog.may_move:
+            return False, None
+        try:
+            return self.onboard.think(), None
+        except Refusal as refusal:
+            return False, refusal
 
     def _obstacle(self) -> str:
         return "; ".join(self.checklist.problems(self.arm.facts()))

@@ -6,11 +6,13 @@ The same objects as in the node `joint_impedance`, at twice its rate. What a sil
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 import numpy as np
 
 from np_control.controller import Answer, Controller, ControllerConfig
 from np_control.following import Following
-from np_control.safety import SafetyLimits
+from np_control.safety import Refusal, SafetyLimits
 from np_control.trajectory import Trajectory
 
 ENDED = ("idle", "succeeded", "failed")
@@ -37,6 +39,7 @@ class Onboard:
         """Forget what was followed: the arm is being stopped, or was."""
         self._controller.release()
         self._following.gains(None)
+        self._thought: tuple[int, Generator[None, None, bool]] | None = None  # a target that is being resolved
         self._is_engaged = False
         self._first: Answer | None = None
         self._due: int | None = None
@@ -47,7 +50,8 @@ class Onboard:
         Raises Refusal(not_finite).
         """
         if self._controller.observe(stamp, q, dq):
-            self._is_engaged, self._due = False, None  # a state the arm cannot have reached: follow nothing
+            # A state the arm cannot have reached: what was followed is over.
+            self._is_engaged, self._due, self._thought = False, None, None
         if not self._is_engaged or (self._due is not None and stamp > self._due):
             return None
         if self._first is not None:
@@ -61,22 +65,45 @@ class Onboard:
             first = self._controller.answer()
             self._following.trajectory(trajectory)
             self._engage(first)
-            self._due = None
+            self._due = self._thought = None
 
     def gains(self, gains: np.ndarray | None) -> None:
         """Gains (2, 7), stiffness Nm/rad and damping ratio, for the pose that comes next."""
         self._following.gains(gains)
 
-    def pose(self, stamp: int, pose: tuple[np.ndarray, np.ndarray] | None) -> bool:
-        """Move T_E to a pose, as `Following.pose`. Whether it was cut to the workspace. Raises Refusal."""
-        first = self._controller.answer()
-        clamped = self._following.pose(stamp, pose)
+    def pose(self, stamp: int, pose: tuple[np.ndarray, np.ndarray] | None) -> None:
+        """Move T_E to `pose`, position (3,) m and rotation (3, 3), with the gains that came since the last pose.
+
+        stamp: ns of the state that it answers; None: a pose that was refused. It takes effect once `think` has found the
+        joints for it; one that is still being thought of is dropped. Raises Refusal.
+        """
+        gains = self._following.take_gains(stamp)
         if pose is not None:
+            self._thought = stamp, self._controller.resolve_target(stamp, *pose, *gains)
+            self.think()
+
+    def think(self) -> bool:
+        """One step of what does not fit into one cycle. Whether a target has just been cut to the workspace.
+
+        Raises Refusal, which drops the target.
+        """
+        if self._thought is None:
+            return False
+        stamp, resolving = self._thought
+        first = self._controller.answer()
+        try:
+            next(resolving)
+        except StopIteration as end:
+            self._thought = None
             self._engage(first)
-            if stamp > self._newest_target and self._phase not in ENDED:  # the same target again is no sign of life
+            if stamp > self._newest_target and self._phase not in ENDED:  # the same again is no sign of life
                 self._due = self._controller.stamp + self._timeout
             self._newest_target = max(stamp, self._newest_target)
-        return clamped
+            return end.value
+        except Refusal:
+            self._thought = None
+            raise
+        return False
 
     def tick(self, phase: str) -> None:
         """A policy tick, with the phase in force from it on."""

@@ -86,6 +86,8 @@ class FrankaDriver(Node):
             return IDLE_WAIT
         if cycle.refusal is not None:
             self.refuse(cycle.refusal)
+        if cycle.clamped:
+            self.diagnostics.count("targets_cut_to_workspace")
         period = cycle.stamp // PERIOD
         if period > self._published:
             self._publish(cycle, period * PERIOD)
@@ -134,8 +136,7 @@ class FrankaDriver(Node):
 
     def on_pose(self, stamp: int, pose: inputs.Pose | None) -> None:
         """On board: a target of T_E."""
-        if self._lead(lambda onboard: onboard.pose(stamp, pose)):
-            self.diagnostics.count("targets_cut_to_workspace")
+        self._lead(lambda onboard: onboard.pose(stamp, pose))
 
     def on_tick(self, _stamp: int, phase: str) -> None:
         """On board: a policy tick."""
@@ -145,13 +146,12 @@ class FrankaDriver(Node):
         """On board: the phase of the episode."""
         self._driver.onboard.phase(phase)
 
-    def _lead(self, action: Callable[[Onboard], bool | None]) -> bool | None:
+    def _lead(self, action: Callable[[Onboard], None]) -> None:
         try:
             self._driver.filter.watchdog.check_may_move()
-            return action(self._driver.onboard)
+            action(self._driver.onboard)
         except Refusal as refusal:
             self.refuse(refusal)
-            return None
 
     def _on_gripper(self, message: Float64) -> None:
         try:
