@@ -59,7 +59,7 @@ class Robot(FrankaRobotServer):
             super().process_commands()
         self.missed = 0 if self.heard and not self.is_mute else self.missed + 1
         if self.is_strict and self.is_commanded and self.missed >= PATIENCE:
-            self.abort(COMMUNICATION, MoveStatus.kAborted)
+            self.abort(COMMUNICATION)
 
     def start_motion(self, *motion):
         self.last, self.missed = np.zeros(7), 0
@@ -87,14 +87,14 @@ class Robot(FrankaRobotServer):
     def is_commanded(self):
         return self._FrankaRobotServer__control_mode is ControlMode.TORQUE
 
-    def abort(self, error, status):
+    def abort(self, error):
         """End the motion, as the robot does for this error."""
         motion = self.current_motion_id
         self.reset_current_motion_id()
         self.stop_motion(send_preemption_signal=False)
         self.error, self.missed = error, 0
         if motion:
-            BaseCommand.send_response(self._tcp_socket, RobotCommand.kMove, motion, status)
+            BaseCommand.send_response(self._tcp_socket, RobotCommand.kMove, motion, MoveStatus.kReflexAborted)
 
     @property
     def robot_state(self):
@@ -140,7 +140,7 @@ def answer(request: list[str], server: Server) -> dict:
     robot = server.robot_servers[0]
     match request:
         case ["reflex"]:
-            robot.abort(JOINT_REFLEX, MoveStatus.kReflexAborted)
+            robot.abort(JOINT_REFLEX)
         case ["drop", number]:
             robot.drop = int(number)
         case ["mute" | "unmute" as wanted]:

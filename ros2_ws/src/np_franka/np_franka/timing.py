@@ -41,5 +41,5 @@ class CycleTimes:
         if not self._total:
             return 0.0
         cumulative = np.cumsum(self._counts)
-        index = int(np.searchsorted(cumulative, percent / 100 * cumulative[-1]))
+        index = int(np.searchsorted(cumulative, max(1, np.ceil(percent / 100 * cumulative[-1] - 1e-9))))
         return min((index + 1) * RESOLUTION, self.longest)
