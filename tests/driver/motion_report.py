@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import contextmanager
 
 import numpy as np
@@ -19,7 +20,6 @@ from np_ros.messages import joint_state_arrays, keypoints_message, pose_arrays, 
     trajectory_arrays, trajectory_message
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
-from simulated_robot import urgent
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -63,8 +63,12 @@ def deafen(arm: MovingArm) -> None:
 
 def clock_offset(arm: MovingArm) -> int:
     """ns from the robot's clock, as it counts its cycles, to the driver's stamps, by states that both know."""
-    times = {tuple(row[1:8]): round(1000 * row[0]) * 1_000_000 for row in arm.trace()}
-    stamps = {tuple(state.position[:7]): stamp_nanoseconds(state.header.stamp) for state in arm.harness.states}
+    trace = arm.trace()
+    told = [row.tobytes() for row in trace[:, 1:8].astype(np.float32)]  # as the protocol carries them
+    seen = Counter(told)
+    times = {q: round(1000 * time) * 1_000_000 for q, time in zip(told, trace[:, 0]) if seen[q] == 1}
+    stamps = {np.float32(state.position[:7]).tobytes(): stamp_nanoseconds(state.header.stamp)
+              for state in arm.harness.states}
     # A state of an odd millisecond is published under the even one before it.
     return max(stamps[q] - times[q] for q in stamps if q in times)
 
@@ -91,9 +95,9 @@ def statistics(arm: MovingArm) -> dict[str, float | str]:
     return {"state": status["state"], **{name: float(status[name]) for name in STATISTICS}}
 
 
-def track(control: str, seconds: float) -> dict[str, object]:
-    """Impedance tracking for so long."""
-    with urgent(), MovingArm(control, pace=1.0) as arm:
+def track(control: str, seconds: float, pace: float = 1.0) -> dict[str, object]:
+    """Impedance tracking for so long of the robot's time."""
+    with MovingArm(control, pace=pace, priority=pace == 1.0) as arm:
         harness, begin = arm.harness, NOMINAL.ready
         harness.wait(lambda: len(harness.states) > 200, "states")
         offset = clock_offset(arm)
@@ -103,19 +107,18 @@ def track(control: str, seconds: float) -> dict[str, object]:
                 harness.probe.publish("joint_trajectory", trajectory_message(
                     0, JOINT_NAMES, *waves(begin, number)), qos.EVENT)
                 last = arm.robot.request("state")["time"] + PIECE + 0.2
-                harness.probe.idle_for(PIECE)
-                harness.wait(lambda: arm.state()["time"] > last, "the end of a trajectory")
+                harness.probe.wait_until(lambda: arm.state()["time"] > last, 100 * PIECE, "the end of a trajectory")
         harness.probe.idle_for(1.1)  # for the statistics of the last second
         return {"control": control, "seconds": seconds, **tracking(arm, raw, offset), **statistics(arm)}
 
 
-def approach(control: str, seed: int = 0) -> dict[str, object]:
+def approach(control: str, pace: float = 1.0, seed: int = 0) -> dict[str, object]:
     """Phases pre and approach of a card episode: keypoints of a card that stands still, real weights, RRT*, the driver."""
     domain = find_domain("card")
     task = sample_task(domain, np.random.default_rng(seed))
     corners, _ = CAMERA.project(box_keypoints(np.asarray(domain.half_size), task[0].position, task[0].quaternion))
     seen = np.column_stack([corners, np.ones(len(corners))])
-    with urgent(), MovingArm(control, pace=1.0) as arm:
+    with MovingArm(control, pace=pace, priority=pace == 1.0) as arm:
         harness, probe = arm.harness, arm.harness.probe
         phases = probe.collect("phase", String, qos.LATCHED)
         plans = probe.collect("joint_trajectory", JointTrajectory, qos.EVENT)
@@ -139,7 +142,7 @@ def approach(control: str, seed: int = 0) -> dict[str, object]:
                 raise RuntimeError(f"the approach ended with {ended[0]}")
             return any(message.data.startswith(phase) for message in phases)
         with overheard(arm) as raw:
-            harness.wait(lambda: reached("post"), "the end of the approach")
+            harness.wait(lambda: reached("post"), f"the end of the approach, after {[m.data for m in phases]}")
             arm.rest()
         assert answer.done() and answer.result().success, answer
         _, positions, _ = trajectory_arrays(plans[-1], JOINT_NAMES)

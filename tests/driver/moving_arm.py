@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from np_franka.limits import FR3_LIMITS
 from np_policy.retiming import ACCELERATION_LIMIT, retime
 from np_ros import qos
 from np_ros.messages import trajectory_message
-from simulated_robot import SLOW, SimulatedRobot, simulated_robot
+from simulated_robot import SLOW, SimulatedRobot, simulated_robot, urgent
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -29,14 +29,17 @@ RUNNING = ("ready", "moving")
 
 class MovingArm:
     """`control` is topic or onboard. In topic mode the node joint_impedance commands, unless `controller` is False: then
-    the harness does. pace: of the robot, see SimulatedRobot. End it with `close`."""
+    the harness does. pace: of the robot, see SimulatedRobot; priority: whether robot, driver and controller run at real-time priority. End it
+    with `close`."""
 
-    def __init__(self, control: str, *, controller: bool = True, pace: float = SLOW):
+    def __init__(self, control: str, *, controller: bool = True, pace: float = SLOW,
+                 priority: bool = False):
         self._pace = pace
         self.control, self.has_controller = control, controller and control == "topic"
         self._stack = ExitStack()
         try:
-            self._start()
+            with urgent() if priority else nullcontext():
+                self._start()
         except BaseException:
             self.close()
             raise
