@@ -64,7 +64,7 @@ test: setup ## every test that needs no GPU
 hardware: setup .venv/.hardware ## add what the driver of a real arm needs: docs/hardware.md
 
 test-driver: hardware .venv-franka-sim/.installed ## the hardware driver against a simulated robot's network protocol
-	@$(ACTIVATE) exec python -m pytest tests/driver tests/contract -k driver $(PYTEST_ARGS)
+	@$(ACTIVATE) exec python -m pytest tests/driver tests/camera tests/contract -k driver $(PYTEST_ARGS)
 
 driver-report: hardware .venv-franka-sim/.installed ## measure the driver: faults, tracking, an approach; docs/driver_results.md
 	@$(ACTIVATE) exec python tests/driver/report.py $(ARGS)

@@ -49,7 +49,8 @@ def training():
     wp = pytest.importorskip("warp")
     from np_training.physics import impedance_kernel
 
-    limit = wp.array(NOMINAL.torque_limit, dtype=float, device="cpu")
+    limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float, device="cpu")
+    over = wp.zeros((2, 1, 7), dtype=int, device="cpu")
     none = wp.zeros((1, 7), dtype=float, device="cpu")
     delay = wp.zeros(1, dtype=int, device="cpu")
 
@@ -60,7 +61,7 @@ def training():
         command = np.zeros((6, 1, 7), np.float32)
         command[3:, 0] = target, stiffness, np.full(7, ratio)
         out = wp.zeros((1, 7), dtype=float, device="cpu")
-        wp.launch(impedance_kernel, dim=(1, 7), device="cpu", outputs=[out], inputs=[
+        wp.launch(impedance_kernel, dim=(1, 7), device="cpu", outputs=[out, over], inputs=[
             0, limit, world(q), world(dq), world(coriolis), none, wp.array(command, dtype=float, device="cpu"), delay,
             none])
         return out.numpy()[0].astype(float)

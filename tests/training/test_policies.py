@@ -7,22 +7,26 @@ import json
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from np_control.impedance import torque
 from np_control.kinematics import forward_kinematics, pose_distance
-from np_description.domains import CARD, DOMAINS
+from np_description.domains import BUMP, CARD, DOMAINS, WALL
 from np_description.panda import NOMINAL
+from np_description.rotations import matrix_from_quaternion
 from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
-from np_training import contact, ppo, train
+from np_training import contact, curriculum, ppo, practice, train
 from np_training.distill import distil
-from np_training.environment import Environment, EnvironmentConfig
+from np_training.environment import Environment, EnvironmentConfig, pre_contact_state
 from np_training.evaluate import evaluate
 from np_training.networks import ActorCritic, PreContactPolicy
 from np_training.physics import BatchedPhysics, PhysicsConfig
+from np_training.practice import sample_practice
 from np_training.randomisation import PAPER
-from np_training.rewards import RewardConfig, reward_terms
-from np_training.tasks import sample_tasks
+from np_training.rewards import Measures, RewardConfig, reward_terms
+from np_training.tasks import quarter_tips, sample_tasks
 
 WORLDS = 16
 
@@ -79,10 +83,68 @@ def test_contacts_put_the_fingertip_over_the_chosen_point():
     distance, angle = pose_distance(contacts.q, contacts.position, contacts.rotation)
     assert distance.max() < 1e-3 and angle.max() < 1e-2
     tip = contacts.position + contacts.rotation[:, :, 2] * (contact.TIP_DEPTH - NOMINAL.frames["hand_tcp"].position[2])
-    top = objects.position + torch.tensor([0, 0, CARD.half_size[2] + contact.CLEARANCE])
-    assert (tip - top).norm(dim=-1).max() < 1e-6
+    top = objects.position + torch.tensor([0, 0, CARD.half_size[2]])
+    assert (tip - top)[:, :2].norm(dim=-1).max() < 1e-6
     clearance = contact.gripper_clearance(CARD, contacts.q, contacts.width, objects)
     assert torch.allclose(clearance, torch.full_like(clearance, contact.CLEARANCE), atol=1e-3)
+
+
+@pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)
+def test_contacts_keep_the_fingers_off_the_chosen_face(domain):
+    generator = torch.Generator().manual_seed(5)
+    objects, _ = sample_tasks(domain, 1000, generator)
+    action = 2 * torch.rand(1000, contact.SIZE, generator=generator) - 1
+    point, normal = contact.surface_point(domain, action[:, 6:], objects)
+    local = (matrix_from_quaternion(objects.quaternion).mT @ (point - objects.position)[..., None])[..., 0].abs()
+    half_size = torch.tensor(domain.half_size)
+    assert (local <= half_size + 1e-6).all() and ((local - half_size).abs() < 1e-6).any(-1).all()
+    assert ((point - objects.position) * action[:, 6:]).sum(-1).min() > 0  # in the base frame, whatever the object's yaw
+    position, rotation, width = contact.contact_pose(domain, action, objects)
+    centres, radii = contact.gripper_spheres(position, rotation, width, with_hand=False)
+    height = (((centres - point[:, None]) * normal[:, None]).sum(-1) - radii).amin(-1)
+    assert torch.allclose(height, torch.full_like(height, contact.CLEARANCE), atol=1e-6)
+
+
+@pytest.mark.parametrize("domain", [BUMP, WALL], ids=lambda d: d.name)
+def test_most_contacts_of_an_untrained_policy_can_be_reached(domain):
+    torch.manual_seed(0)
+    objects, goals = sample_tasks(domain, 2000, torch.Generator().manual_seed(6))
+    action, _ = PreContactPolicy().act(pre_contact_state(objects, goals))
+    _, normal = contact.surface_point(domain, action.clamp(-1, 1)[:, 6:], objects)
+    feasible, side = contact.resolve(domain, action, objects).feasible, normal[:, 2].abs() < 0.5
+    assert 0.2 < side.float().mean() < 0.6
+    assert feasible[~side].float().mean() > 0.9
+    # The wide hand has no room between the wall and the sides of a box that stands before it.
+    assert feasible[side].float().mean() > (0.8 if domain is BUMP else 0.25)
+
+
+def test_practice_on_the_bump_rests_on_it_and_turns_little():
+    generator = torch.Generator().manual_seed(7)
+    starts, goals = sample_practice(BUMP, 4000, generator)
+    assert (quarter_tips(starts, goals) <= 1).all() and (quarter_tips(starts, goals) == 1).float().mean() > 0.5
+    for poses in (starts, goals):
+        on_bump = poses.position[:, 1].abs() < 0.02
+        assert torch.allclose(poses.position[:, 2], torch.where(on_bump, 0.075, 0.045), atol=1e-5)
+    far_starts, far_goals = sample_tasks(BUMP, 3000, generator)
+    assert torch.bincount(quarter_tips(far_starts, far_goals), minlength=3).min() > 300
+
+
+def test_a_cube_rolls_the_way_it_moves(monkeypatch):
+    monkeypatch.setattr(practice, "SQUARE", 0.0)
+    starts, goals = practice._rolls(BUMP, 500, torch.Generator().manual_seed(8))
+    towards = (goals.position - starts.position)[:, 1].sign()
+    top = matrix_from_quaternion(starts.quaternion)[:, 2]  # the upward direction, in the object's frame
+    now = (matrix_from_quaternion(goals.quaternion) @ top[..., None])[..., 0]
+    assert torch.allclose(now, torch.stack([0 * towards, towards, 0 * towards], -1), atol=1e-5)
+
+
+def test_practice_at_the_wall_lifts_straight_or_stays_on_top():
+    starts, goals = sample_practice(WALL, 2000, torch.Generator().manual_seed(9))
+    lift = starts.position[:, 2] < 0.1
+    assert 0.5 < lift.float().mean() < 0.8
+    assert torch.allclose(starts.position[lift, 0], goals.position[lift, 0])
+    assert (goals.position[lift, 2] > 0.05 + practice.LIFT[0] - 1e-6).all()
+    assert torch.allclose(starts.position[~lift, 2], torch.tensor(0.15)) and torch.allclose(goals.position[~lift, 2], torch.tensor(0.15))
 
 
 def test_a_contact_inside_the_table_is_refused():
@@ -122,12 +184,22 @@ def test_randomised_episodes_stay_sound(environment):
 
 def test_finishing_pays_more_than_hovering_at_the_tolerance():
     config, discount = RewardConfig(), ppo.PPOConfig().discount
-    near = torch.tensor([0.011])
+    zero = torch.zeros(1)
+    near, goal = (Measures(torch.tensor([d]), zero, zero) for d in (0.011, 0.010))
     no, yes = torch.tensor([False]), torch.tensor([True])
     low = torch.full((1, 7), 40.0)
     hover = sum(reward_terms(config, near, near, no, no, low).values()) / (1 - discount)
-    finish = sum(reward_terms(config, near, near - 0.001, yes, no, low).values())
+    finish = sum(reward_terms(config, near, goal, yes, no, low).values())
     assert finish > hover + 1
+
+
+@given(st.lists(st.tuples(st.floats(0, 0.5), st.floats(0, np.pi), st.floats(0, 0.5)), min_size=2, max_size=6))
+def test_a_way_back_to_where_it_began_earns_nothing(stations):
+    config, no, soft = RewardConfig(), torch.tensor([False]), torch.full((1, 7), 10.0)
+    measures = [Measures(*(torch.tensor([x], dtype=torch.float64) for x in s)) for s in (*stations, stations[0])]
+    terms = [reward_terms(config, a, b, no, no, soft) for a, b in zip(measures, measures[1:])]
+    for name in ("progress", "turn", "reach"):
+        assert abs(float(sum(t[name] for t in terms))) < 1e-9
 
 
 def test_advantages_are_the_returns_where_lambda_and_the_values_say_so():
@@ -139,7 +211,7 @@ def test_advantages_are_the_returns_where_lambda_and_the_values_say_so():
 
 
 def test_curriculum_is_geometric_from_loose_to_tight():
-    limits = [train.stage_limits(stage) for stage in range(train.STAGES + 2)]
+    limits = [curriculum.stage_limits(stage) for stage in range(curriculum.STAGES + 2)]
     ratios = [b.position / a.position for a, b in zip(limits[:-2], limits[1:-1])]
     assert np.allclose(ratios, ratios[0]) and limits[-1] == limits[-2]
     assert np.allclose((limits[0].rotation, limits[-1].rotation), (0.1, 0.03))

@@ -76,7 +76,7 @@ def distil(domain: Domain, teacher: PreContactPolicy, device: str, minutes: floa
 def main() -> None:
     """Distil the checkpoint's pre-contact policy; writes pre_contact_student_DOMAIN.safetensors."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--domain", choices=list(DOMAINS), default="card")
+    parser.add_argument("--domain", choices=list(DOMAINS), help="default: the checkpoint's")
     parser.add_argument("--checkpoint", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--minutes", type=float, default=2.0)
@@ -84,14 +84,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     arguments = parser.parse_args()
-    state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)["networks"]
+    state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
+    domain = arguments.domain or state.get("setting", {}).get("domain", "card")  # the first version did not say
     teacher = PreContactPolicy().to(arguments.device)
-    teacher.load_state_dict({name[4:]: tensor for name, tensor in state.items() if name.startswith("pre.")})
-    student, figures = distil(find_domain(arguments.domain), teacher, arguments.device, arguments.minutes,
+    teacher.load_state_dict({name[4:]: tensor for name, tensor in state["networks"].items() if name.startswith("pre.")})
+    student, figures = distil(find_domain(domain), teacher, arguments.device, arguments.minutes,
                               arguments.batch, arguments.seed)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    path = arguments.out / f"pre_contact_student_{arguments.domain}.safetensors"
-    save(student, path, {"domain": arguments.domain})
+    path = arguments.out / f"pre_contact_student_{domain}.safetensors"
+    save(student, path, {"domain": domain})
     print(json.dumps({"file": str(path), **figures}))
 
 

@@ -7,7 +7,7 @@ rollout: inverse kinematics and collision checks then cost one large batch inste
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import torch
 
@@ -18,10 +18,12 @@ from np_description.rotations import matrix_from_quaternion, matrix_from_vector,
 from np_policy import action as actions
 from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training import contact
+from np_training.joint_range import JointRange
 from np_training.physics import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics, PhysicsConfig
+from np_training.practice import sample_practice
 from np_training.randomisation import NOMINAL_CONDITIONS, Conditions
-from np_training.rewards import RewardConfig, reward_terms
-from np_training.tasks import Poses, sample_tasks
+from np_training.rewards import Measures, RewardConfig, reward_terms
+from np_training.tasks import Poses, quarter_tips, sample_tasks
 
 PRE_STATE_SIZE = 18
 PRIVILEGED_SIZE = 18 + 6 + 3 + 2
@@ -29,12 +31,16 @@ PRIVILEGED_SIZE = 18 + 6 + 3 + 2
 
 @dataclass(frozen=True)
 class EnvironmentConfig:
-    """worlds; limit: steps an episode; hold: steps within tolerance that count as success; seed."""
+    """worlds; limit: steps an episode; hold: steps within tolerance that count as success; seed; practice: share of tasks
+    easier than the domain's (`practice`); explore: share of contacts at any point of the object, which the pre-contact
+    policy did not choose."""
 
     worlds: int = 24576
     limit: int = 100
     hold: int = 1
     seed: int = 0
+    practice: float = 0.0
+    explore: float = 0.0
     reward: RewardConfig = RewardConfig()
     physics: PhysicsConfig = PhysicsConfig()
     conditions: Conditions = NOMINAL_CONDITIONS
@@ -50,6 +56,7 @@ class Starts:
     action: torch.Tensor
     log_probability: torch.Tensor
     contacts: contact.Contacts
+    practice: torch.Tensor
     next: int = 0
     usable: torch.Tensor = field(init=False)
 
@@ -96,6 +103,8 @@ class Environment:
         self.age = torch.zeros(n, dtype=torch.long, device=device)
         self.held = torch.zeros(n, dtype=torch.long, device=device)
         self.total = torch.zeros(n, device=device)
+        self.practice = torch.zeros(n, dtype=torch.bool, device=device)
+        self.tips = torch.zeros(n, dtype=torch.long, device=device)  # quarter turns from the start's upper face to the goal's
         # What the pre-contact policy saw and did for the episode of each world, and how probable it was.
         self.pre_state = torch.zeros(n, PRE_STATE_SIZE, device=device)
         self.pre_action = torch.zeros(n, contact.SIZE, device=device)
@@ -104,6 +113,7 @@ class Environment:
         self.conditions = torch.ones(n, 3, device=device)  # factors of table friction, finger friction, mass
         self.half_size = torch.tensor(domain.half_size, device=device)
         self.starts: Starts | None = None
+        self.joint_range: JointRange | None = None
 
     # --- state ---------------------------------------------------------------------------------------------------
 
@@ -116,9 +126,16 @@ class Environment:
         """Corners (n, 8, 3) m of the objects now."""
         return box_keypoints(self.half_size, self.objects.position, self.objects.quaternion)
 
-    def corner_distance(self) -> torch.Tensor:
-        """Mean distance (n,) m of the corners from their goals."""
-        return (self.corners() - self.goal_corners).norm(dim=-1).mean(-1)
+    def measure(self) -> Measures:
+        """How far the episodes are from their goals now."""
+        objects = self.objects
+        distance, angle = pose_error(objects.position, objects.quaternion, self.goals.position, self.goals.quaternion)
+        if self.domain.tolerance_angle is None:
+            angle = torch.zeros_like(angle)
+        else:
+            distance = (self.corners() - self.goal_corners).norm(dim=-1).mean(-1)
+        hand, _ = forward_kinematics(self.physics.qpos[:, ARM])
+        return Measures(distance, angle, (hand - objects.position).norm(dim=-1))
 
     def observe(self) -> tuple[torch.Tensor, torch.Tensor]:
         """What the policy sees (n, 79), with sensor noise, and what only the critic sees beside it (n, 29)."""
@@ -142,11 +159,19 @@ class Environment:
     # --- starts --------------------------------------------------------------------------------------------------
 
     def draw_starts(self, pre_policy, count: int) -> Starts:
-        """A pool of `count` tasks with the contacts that `pre_policy.act(state)` -> (action, log p) chooses."""
+        """A pool of `count` tasks with the contacts that `pre_policy.act(state, explore)` -> (action, log p) chooses."""
         objects, goals = sample_tasks(self.domain, count, self.generator)
+        easy = round(self.config.practice * count)
+        if easy:
+            for mine, drawn in zip((objects, goals), sample_practice(self.domain, easy, self.generator)):
+                mine.position[:easy], mine.quaternion[:easy] = drawn.position, drawn.quaternion
+        practice = torch.arange(count, device=self.device) < easy
+        order = torch.randperm(count, generator=self.generator, device=self.device)
+        objects, goals, practice = objects[order], goals[order], practice[order]
         state = pre_contact_state(objects, goals)
-        action, log_probability = pre_policy.act(state)
-        return Starts(objects, goals, state, action, log_probability, contact.resolve(self.domain, action, objects))
+        action, log_probability = pre_policy.act(state, self.config.explore)
+        contacts = contact.resolve(self.domain, action, objects)
+        return Starts(objects, goals, state, action, log_probability, contacts, practice)
 
     def reset(self, where: torch.Tensor) -> None:
         """Begin new episodes in the worlds `where` (n,), from the pool of starts."""
@@ -167,7 +192,7 @@ class Environment:
         width = starts.contacts.width[row][:, None].expand(n, 2)
         self.physics.place(where, torch.cat([q, width, starts.objects.position[row], starts.objects.quaternion[row]], -1))
         self.physics.fingers[where] = width
-        self.physics.command[:, where] = torch.stack([q, torch.full_like(q, 100.0), torch.ones_like(q)] * 2)
+        self.physics.hold(where, q)
         for mine, drawn in ((self.goals.position, starts.goals.position), (self.goals.quaternion, starts.goals.quaternion)):
             mine[where] = drawn[row]
         self.goal_corners[where] = box_keypoints(self.half_size, self.goals.position[where], self.goals.quaternion[where])
@@ -175,6 +200,8 @@ class Environment:
         self.age[where] = 0
         self.held[where] = 0
         self.total[where] = 0
+        self.practice[where] = starts.practice[row]
+        self.tips[where] = quarter_tips(starts.objects[row], starts.goals[row])
         self.pre_state[where], self.pre_action[where] = starts.state[row], starts.action[row]
         self.pre_log_probability[where] = starts.log_probability[row]
         self._draw_conditions(where)
@@ -199,13 +226,11 @@ class Environment:
         Ended worlds are NOT reset: call `reset(done.nonzero())`, after the critic has seen the last state.
         """
         physics, config = self.physics, self.config
-        before = self.corner_distance()
+        before = self.measure()
         q = physics.qpos[:, ARM].clone()
         position, rotation = forward_kinematics(q)
         target = actions.decode(action, position, rotation, self.limits)
-        physics.command[:3] = physics.command[3:].clone()
-        physics.command[3] = solve_ik(q, target.position, target.rotation)
-        physics.command[4], physics.command[5] = target.stiffness, target.damping_ratio
+        physics.aim(solve_ik(q, target.position, target.rotation), target)
         physics.noise.copy_(config.conditions.torque_noise * self._normal(config.worlds, 7))
         physics.advance()
         self.last_action = action.clamp(-1, 1)
@@ -217,8 +242,11 @@ class Environment:
         success = self.held >= config.hold
         lost = (is_lost(self.domain, objects.position) | broken) & ~success
         timeout = (self.age >= config.limit) & ~success & ~lost
-        after = torch.where(broken, before, self.corner_distance())
+        after = self.measure()
+        after = Measures(*(torch.where(broken, getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures)))
         terms = reward_terms(config.reward, before, after, success, lost, target.stiffness)
+        if self.joint_range is not None:
+            terms["joint_range"] = config.reward.scale * self.joint_range.term(physics.qpos[:, ARM])
         reward = sum(terms.values())
         self.total += reward
         return {"reward": reward, "done": success | lost | timeout, "success": success, "lost": lost,

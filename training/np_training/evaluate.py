@@ -1,98 +1,200 @@
-"""Success of trained policies in the batched simulator: deterministic actions, one episode a world, tightest limits.
+"""Success of trained policies in the batched simulator at zeta*, and how they fail.
 
-    python -m np_training.evaluate --checkpoint runs/card/checkpoint.pt [--student FILE] --episodes 1000 --conditions paper
+    python -m np_training.evaluate --checkpoint runs/card/checkpoint.pt [--student FILE] \\
+        --conditions nominal paper twice --episodes 1000 --seeds 1000 1001 --out runs/card/evaluation.jsonl
+
+One JSON object a line and condition, printed and appended to --out. `twice` widens friction, mass and noise
+to twice the range that training draws from, all together, then one at a time, and names what breaks first.
+Domain, start, controller and time limit are the checkpoint's. --video N draws episodes, half of them failures
+where there are as many.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import time
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from np_bringup.intervals import wilson_interval
 from np_description.domains import DOMAINS, find_domain
-from np_policy import hand_pose
-from np_policy.action import TIGHT
 from np_policy.networks import PreContactStudent
 from np_policy.weights import load
-from np_training import contact
-from np_training.distill import student_input
-from np_training.environment import Environment, EnvironmentConfig, Starts, pre_contact_state
+from np_training.environment import Environment, EnvironmentConfig
+from np_training.episodes import MODES, Episodes, concatenate, run_episodes
+from np_training.fixed_contact import STARTS, FixedContact
 from np_training.networks import ActorCritic
-from np_training.randomisation import NOMINAL_CONDITIONS, PAPER, Conditions
-from np_training.tasks import sample_tasks
+from np_training.physics import CONTROLLERS, PhysicsConfig
+from np_training.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
+from np_training.recording import save_recording
+
+CONDITIONS = {"nominal": NOMINAL_CONDITIONS, "paper": PAPER, "twice": TWICE}
 
 
-def evaluate(environment: Environment, networks: ActorCritic, student: PreContactStudent | None = None) -> dict:
-    """One episode in every world; an episode whose contact is infeasible counts as failed."""
-    env, worlds = environment, environment.config.worlds
-    env.limits = TIGHT
-    objects, goals = sample_tasks(env.domain, worlds, env.generator)
-    state = pre_contact_state(objects, goals)
-    with torch.no_grad():
-        action = networks.pre(state)
-        if student is None:
-            contacts = contact.resolve(env.domain, action, objects)
-        else:
-            noise = env.config.conditions.keypoint_noise
-            pose = hand_pose.decode(student(student_input(env.domain, objects, goals, noise)))
-            contacts = contact.reach(env.domain, *pose, objects)
-    feasible = contacts.feasible
-    everyone = dataclasses.replace(contacts, feasible=torch.ones_like(feasible))
-    env.starts = Starts(objects, goals, state, action, torch.zeros(worlds, device=env.device), everyone)
-    env.reset(torch.arange(worlds, device=env.device))
-    ended = torch.zeros(worlds, dtype=torch.bool, device=env.device)
-    result = {name: torch.zeros(worlds, dtype=torch.bool, device=env.device) for name in ("success", "lost", "timeout")}
-    length = torch.zeros(worlds, device=env.device)
-    fast, strong, steps = 0.0, 0.0, 0
-    speed_limit = torch.tensor(contact.NOMINAL.velocity_limit, device=env.device)
-    torque_limit = torch.tensor(contact.NOMINAL.torque_limit, device=env.device)
-    for _ in range(env.config.limit):
-        with torch.no_grad():
-            out = env.step(networks.post(env.observe()[0]))
-        alive = ~ended
-        fast += float(((env.physics.qvel[:, :7].abs() > speed_limit).any(-1) & alive).sum())
-        strong += float(((env.physics.ctrl[:, :7].abs() >= torque_limit).any(-1) & alive).sum())
-        steps += int(alive.sum())
-        for name, mask in result.items():
-            mask |= out[name] & alive
-        length = torch.where(out["done"] & alive, env.age.float(), length)
-        ended |= out["done"]
-    success = int((result["success"] & feasible).sum())
-    low, high = wilson_interval(success, worlds)
-    return {"success": success / worlds, "ci95": [round(low, 4), round(high, 4)], "episodes": worlds,
-            "infeasible": int((~feasible).sum()), "lost": int((result["lost"] & feasible).sum()),
-            "timeout": int((result["timeout"] & feasible).sum()),
-            "mean_steps_to_success": float(length[result["success"]].mean()),
-            "share_of_steps_over_velocity_limit": fast / steps, "share_of_steps_at_torque_limit": strong / steps}
+def rate(success: np.ndarray) -> dict:
+    """Share, 95 % Wilson interval and number of a mask (n,); the share of none is None."""
+    count, hits = len(success), int(success.sum())
+    low, high = wilson_interval(hits, count) if count else (0.0, 1.0)
+    return {
+        "success": hits / count if count else None,
+        "ci95": [round(low, 4), round(high, 4)],
+        "episodes": count,
+    }
+
+
+def summarise(episodes: Episodes, substeps: int) -> dict:
+    """The figures of a set of episodes; a policy step has `substeps` physics steps."""
+    success, reached = episodes.of("success"), ~episodes.of("infeasible")
+    steps = max(float(episodes.length[reached].sum()) * substeps, 1.0)
+    over = episodes.over[:, reached].sum(1) / steps
+    failures = {}
+    for mode in MODES[1:]:
+        mask = episodes.of(mode)
+        if mask.any():
+            failures[mode] = {"episodes": int(mask.sum())}
+            if mode != "infeasible":  # these were not played
+                failures[mode] |= {
+                    "median_end_distance_mm": round(1e3 * float(np.nanmedian(episodes.distance[mask])), 1),
+                    "median_end_angle_rad": round(float(np.nanmedian(episodes.angle[mask])), 3),
+                }
+    return {
+        **rate(success),
+        **{mode: int(episodes.of(mode).sum()) for mode in MODES[1:]},
+        "mean_steps_to_success": float(episodes.length[success].mean()) if success.any() else None,
+        "over_velocity_limit": {
+            "largest_joint_share": float(over[0].max()),
+            "by_joint": [round(float(x), 6) for x in over[0]],
+        },
+        "over_torque_limit": {
+            "largest_joint_share": float(over[1].max()),
+            "by_joint": [round(float(x), 6) for x in over[1]],
+        },
+        "by_group": {name: rate(success[mask]) for name, mask in episodes.groups.items()},
+        "failures": failures,
+    }
+
+
+def evaluate(
+    environment: Environment,
+    networks: ActorCritic,
+    student: PreContactStudent | None = None,
+    start: str = "contact",
+    conditions: str | None = None,
+    seeds: tuple[int | None, ...] = (None,),
+    record: Path | None = None,
+) -> dict:
+    """One episode in every world for each seed; conditions: a key of CONDITIONS, or the environment's own
+    where None. record: file for the recording of the first seed's."""
+    chooser = networks.pre if start == "contact" else FixedContact(start)
+
+    def play(wanted) -> Episodes:
+        parts = []
+        for number, seed in enumerate(seeds):
+            recorded = record is not None and number == 0 and wanted is here
+            parts.append(run_episodes(environment, networks, chooser, student, wanted, seed, recorded))
+            if recorded:
+                save_recording(record, environment.domain.name, parts[0])
+        return concatenate(parts)
+
+    here = CONDITIONS.get(conditions, environment.config.conditions)
+    figures = summarise(play(here), environment.config.physics.substeps)
+    if conditions == "twice":
+        alone = {name: rate(play(widen(PAPER, [name])).of("success")) for name in GROUPS}
+        figures |= {
+            "one_at_a_time": alone,
+            "breaks_first": breaks_first(rate(play(PAPER).of("success")), alone),
+        }
+    return figures | {"worlds_over_capacity": int(environment.physics.take_overflowed())}
+
+
+def breaks_first(base: dict, alone: dict[str, dict]) -> str | None:
+    """The widened group with the least success; None where no group's interval lies below that of the trained
+    range."""
+    worse = {
+        name: figures["success"] for name, figures in alone.items() if figures["ci95"][1] < base["ci95"][0]
+    }
+    return min(worse, key=worse.get) if worse else None
 
 
 def main() -> None:
-    """Evaluate a checkpoint; the last line is one JSON object."""
+    """Evaluate checkpoints; every line printed is one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--domain", choices=list(DOMAINS), default="card")
+    parser.add_argument("--domain", choices=list(DOMAINS), help="default: the checkpoint's")
     parser.add_argument("--checkpoint", type=Path, required=True)
-    parser.add_argument("--student", type=Path)
-    parser.add_argument("--episodes", type=int, default=1000)
-    parser.add_argument("--conditions", choices=("nominal", "paper"), default="nominal")
-    parser.add_argument("--hold", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=1000)
+    parser.add_argument(
+        "--student", type=Path, help="weights that choose the contact from keypoints, in the teacher's place"
+    )
+    parser.add_argument("--episodes", type=int, default=1000, help="of each seed")
+    parser.add_argument("--conditions", nargs="+", choices=list(CONDITIONS), default=["nominal"])
+    parser.add_argument("--seeds", "--seed", nargs="+", type=int, default=[1000])
+    parser.add_argument("--hold", type=int, default=3, help="steps at the goal that count as success")
+    parser.add_argument("--start", choices=list(STARTS), help="default: the checkpoint's")
+    parser.add_argument("--controller", choices=CONTROLLERS, help="default: the checkpoint's")
+    parser.add_argument("--limit", type=int, help="steps an episode; default: the checkpoint's")
+    parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
+    parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
+    parser.add_argument("--out", type=Path, help="file to which the lines are appended")
+    parser.add_argument(
+        "--record", type=Path, help="file (.npz) for the joint positions of the last condition's episodes"
+    )
+    parser.add_argument(
+        "--video", type=int, metavar="N", help="draw N of the recorded episodes beside --record"
+    )
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     arguments = parser.parse_args()
-    begin = time.monotonic()
-    conditions: Conditions = PAPER if arguments.conditions == "paper" else NOMINAL_CONDITIONS
-    environment = Environment(find_domain(arguments.domain), arguments.device, EnvironmentConfig(
-        worlds=arguments.episodes, hold=arguments.hold, seed=arguments.seed, conditions=conditions))
+    if arguments.video and not arguments.record:
+        parser.error("--video needs --record FILE, beside which it writes")
+    state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
+    # Checkpoints of the first version did not say what they were trained with.
+    setting = {"domain": "card", "start": "contact", "controller": "impedance", "limit": 100} | state.get(
+        "setting", {}
+    )
+    setting |= {name: value for name in setting if (value := getattr(arguments, name)) is not None}
     networks = ActorCritic().to(arguments.device)
-    networks.load_state_dict(torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)["networks"])
+    networks.load_state_dict(state["networks"])
     student = load(PreContactStudent(), arguments.student).to(arguments.device) if arguments.student else None
-    figures = evaluate(environment, networks, student)
-    print(json.dumps({"conditions": arguments.conditions, "student": bool(student), "seed": arguments.seed, **figures,
-                      "wall_s": round(time.monotonic() - begin, 1)}))
+    environment = Environment(
+        find_domain(setting["domain"]),
+        arguments.device,
+        EnvironmentConfig(
+            worlds=arguments.episodes,
+            hold=arguments.hold,
+            limit=setting["limit"],
+            physics=PhysicsConfig(
+                contacts=arguments.contacts,
+                constraints=arguments.constraints,
+                controller=setting["controller"],
+            ),
+        ),
+    )
+    for conditions in arguments.conditions:
+        begin = time.monotonic()
+        record = arguments.record if conditions == arguments.conditions[-1] else None
+        figures = evaluate(
+            environment, networks, student, setting["start"], conditions, tuple(arguments.seeds), record
+        )
+        line = json.dumps(
+            {
+                "conditions": conditions,
+                "student": bool(student),
+                **setting,
+                "seeds": arguments.seeds,
+                "steps": state["steps"],
+                **figures,
+                "wall_s": round(time.monotonic() - begin, 1),
+            }
+        )
+        if arguments.video and record:
+            from np_training.video import draw_recording
+
+            draw_recording(record, record.parent, arguments.video)
+        print(line, flush=True)
+        if arguments.out:
+            with arguments.out.open("a") as file:
+                file.write(line + "\n")
 
 
 if __name__ == "__main__":

@@ -23,15 +23,21 @@ class PreContactPolicy(nn.Module):
             self.net[-1].weight.mul_(0.1)
             self.net[-1].bias.zero_()
             self.net[-1].bias[3] = -1.0  # fingers nearly closed
-            self.net[-1].bias[8] = 1.5  # towards the upper side of the object: the others are mostly out of reach
+            self.net[-1].bias[8] = 1.0  # more often on the upper face than on the others
 
     def forward(self, state: torch.Tensor) -> torch.Tensor:
         return torch.tanh(self.net(state))
 
     @torch.no_grad()
-    def act(self, state: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """A sampled action (n, 9) and its log-probability (n,)."""
-        return sample(self, state)
+    def act(self, state: torch.Tensor, explore: float = 0.0) -> tuple[torch.Tensor, torch.Tensor]:
+        """A sampled action (n, 9) and its log-probability (n,); a share `explore` of the actions has its object point
+        anywhere on the object, so that no face is forgotten because another was learned first."""
+        normal = distribution(self, state)
+        action = normal.sample()
+        elsewhere = torch.rand(len(state), 1, device=state.device) < explore
+        direction = torch.nn.functional.normalize(torch.randn_like(action[:, 6:]), dim=-1)
+        action[:, 6:] = torch.where(elsewhere, direction, action[:, 6:])
+        return action, normal.log_prob(action).sum(-1)
 
 
 class ActorCritic(nn.Module):

@@ -1,7 +1,7 @@
-"""Many copies of the scene on one device: MuJoCo Warp stepped under the impedance law.
+"""Many copies of the scene on one device: MuJoCo Warp stepped under the impedance law, or in operational space.
 
-One call of `advance` is one policy period: `substeps` physics steps, each with the joint impedance law in front, all in
-one captured CUDA graph. PyTorch tensors alias the simulator's arrays, so resets and observations need no copies.
+One call of `advance` is one policy period: `substeps` physics steps, each with the control law in front, all in one
+captured CUDA graph. PyTorch tensors alias the simulator's arrays, so resets and observations need no copies.
 """
 
 from __future__ import annotations
@@ -14,19 +14,27 @@ import numpy as np
 import torch
 import warp as wp
 
-from np_control.impedance import STIFFNESS_MIN
+from np_control.kinematics import forward_kinematics
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
+from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
 from np_description.scene import OBJECT, load_model
+from np_policy.action import Target
+from np_training.operational_space import count_excess, make_chain, operational_space_kernel
 
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.
 RANDOMISED = ("geom_friction", "body_mass", "body_subtreemass", "body_inertia")
+CONTROLLERS = ("impedance", "osc")
+CAPACITY = (mjw.OverflowType.NEFC | mjw.OverflowType.NJMAX_NNZ | mjw.OverflowType.BROADPHASE
+            | mjw.OverflowType.NARROWPHASE | mjw.OverflowType.CCD)
+HOLD_STIFFNESS, HOLD_DAMPING_RATIO = 100.0, 1.0  # while an episode's first target is on its way
 ARM, OBJECT_POSITION, OBJECT_QUATERNION = slice(0, 7), slice(9, 12), slice(12, 16)
 
 
 @dataclass(frozen=True)
 class PhysicsConfig:
-    """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world."""
+    """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
+    controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, its gains)."""
 
     timestep: float = 0.005
     substeps: int = 20
@@ -34,17 +42,23 @@ class PhysicsConfig:
     constraints: int = 96
     iterations: int = 8
     ls_iterations: int = 10
+    controller: str = "impedance"
+
+    def __post_init__(self) -> None:
+        if self.controller not in CONTROLLERS:
+            raise ValueError(f"controller: expected one of {', '.join(CONTROLLERS)}, got {self.controller!r}")
 
 
 @wp.kernel
-def impedance_kernel(substep: int, limit: wp.array(dtype=float), qpos: wp.array2d(dtype=float),
+def impedance_kernel(substep: int, limit: wp.array2d(dtype=float), qpos: wp.array2d(dtype=float),
                      qvel: wp.array2d(dtype=float), bias: wp.array2d(dtype=float), gravity: wp.array2d(dtype=float),
                      command: wp.array3d(dtype=float), delay: wp.array(dtype=int), noise: wp.array2d(dtype=float),
-                     ctrl: wp.array2d(dtype=float)):
+                     ctrl: wp.array2d(dtype=float), over: wp.array3d(dtype=int)):
     """np_control.impedance.torque for joint j of world i; a test holds both to the same result.
 
     command (6, worlds, 7): joint target, stiffness, damping ratio of the last period, then of this one, which takes
-    effect after `delay` substeps. Reckoned in double precision: in single, 80 Nm come out up to 2e-5 Nm off.
+    effect after `delay` substeps. limit (2, 7): of velocity and torque; over (2, worlds, 7): substeps of this period
+    beyond them. Reckoned in double precision: in single, 80 Nm come out up to 2e-5 Nm off.
     """
     i, j = wp.tid()
     new = 0
@@ -54,15 +68,19 @@ def impedance_kernel(substep: int, limit: wp.array(dtype=float), qpos: wp.array2
     damping = wp.float64(command[new + 2, i, j]) * wp.sqrt(stiffness)
     error = wp.float64(command[new, i, j]) - wp.float64(qpos[i, j])
     coriolis = wp.float64(bias[i, j]) - wp.float64(gravity[i, j])
-    torque = stiffness * error - damping * wp.float64(qvel[i, j]) + coriolis + wp.float64(noise[i, j])
-    ctrl[i, j] = wp.clamp(wp.float32(torque), -limit[j], limit[j])
+    wanted = stiffness * error - damping * wp.float64(qvel[i, j]) + coriolis + wp.float64(noise[i, j])
+    torque = wp.float32(wanted)
+    count_excess(substep, 0, i, j, qvel[i, j], limit, over)
+    count_excess(substep, 1, i, j, torque, limit, over)
+    ctrl[i, j] = wp.clamp(torque, -limit[1, j], limit[1, j])
 
 
 class BatchedPhysics:
     """`worlds` copies of a domain's scene.
 
     qpos (worlds, 16): 7 joints, 2 fingers, object position, object quaternion wxyz; qvel (worlds, 15); command
-    (6, worlds, 7), see `impedance_kernel`; delay (worlds,) substeps; noise (worlds, 7) Nm; fingers (worlds,) m.
+    (6, worlds, 7), see `impedance_kernel` and `operational_space_kernel`; delay (worlds,) substeps; noise (worlds, 7) Nm; fingers (worlds,) m; over
+    (2, worlds, 7): physics steps of the last period beyond the limits of joint velocity, and of torque as commanded.
     """
 
     def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
@@ -79,19 +97,22 @@ class BatchedPhysics:
             data = mujoco.MjData(model)
             mujoco.mj_resetDataKeyframe(model, data, 0)
             mujoco.mj_forward(model, data)
-            # Worlds that end a step before full convergence are the normal case, not worth a line each.
-            self.model.opt.warn_overflow &= ~(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
+            # Counted, not printed a line each: see take_overflowed. Steps that end short of convergence are the normal case.
+            self.model.opt.warn_overflow = 0
             self.data = mjw.put_data(model, data, nworld=worlds, nconmax=config.contacts, njmax=config.constraints)
             self._command = wp.zeros((6, worlds, 7), dtype=float)
             self._delay = wp.zeros(worlds, dtype=int)
             self._noise = wp.zeros((worlds, 7), dtype=float)
-            self._limit = wp.array(NOMINAL.torque_limit, dtype=float)
+            self._limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float)
+            self._over = wp.zeros((2, worlds, 7), dtype=int)
+            self._chain = make_chain(model.M_rowadr[ARM], self._wp_device)
         d = self.data
+        self._overflow = wp.to_torch(d.overflow)
         self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))
         self._stale = [wp.to_torch(a) for a in (d.qacc_warmstart, d.qfrc_bias, d.qfrc_gravcomp)]
-        self.command, self.delay, self.noise = (wp.to_torch(a) for a in (self._command, self._delay, self._noise))
-        self.command[1::3] = float(STIFFNESS_MIN[0])
-        self.command[2::3] = 1.0
+        self.command, self.delay, self.noise, self.over = (
+            wp.to_torch(a) for a in (self._command, self._delay, self._noise, self._over))
+        self.hold(torch.arange(worlds, device=self.device), self.qpos[:, ARM])
         self.friction, self.mass, self.subtree_mass, self.inertia = (
             wp.to_torch(getattr(self.model, name)) for name in RANDOMISED)
         self.object_body = model.body(OBJECT).id
@@ -103,6 +124,23 @@ class BatchedPhysics:
     def fingers(self) -> torch.Tensor:
         """Commanded finger openings (worlds, 2) m."""
         return self.ctrl[:, 7:9]
+
+    def hold(self, where: torch.Tensor, q: torch.Tensor) -> None:
+        """Command the worlds `where` (n,) to stay at joints q (n, 7) rad, now and in the period to come."""
+        gains = torch.full_like(q, HOLD_STIFFNESS), torch.full_like(q, HOLD_DAMPING_RATIO)
+        rows = self._rows(q, Target(*forward_kinematics(q), *gains))
+        self.command[:, where] = torch.cat([rows, rows])
+
+    def aim(self, joints: torch.Tensor, target: Target) -> None:
+        """Command of a new period: `target` of every world, and the joints (worlds, 7) rad that solve it."""
+        self.command[:3] = self.command[3:].clone()
+        self.command[3:] = self._rows(joints, target)
+
+    def _rows(self, joints: torch.Tensor, target: Target) -> torch.Tensor:
+        if self.config.controller == "osc":
+            pose = torch.cat([target.position, xyzw_from_wxyz(quaternion_from_matrix(target.rotation))], -1)
+            return torch.stack([joints, pose, torch.zeros_like(joints)])
+        return torch.stack([joints, target.stiffness, target.damping_ratio])
 
     def advance(self) -> None:
         """One policy period under the current commands."""
@@ -124,9 +162,15 @@ class BatchedPhysics:
     def _period(self) -> None:
         d = self.data
         for substep in range(self.config.substeps):
-            wp.launch(impedance_kernel, dim=(self.worlds, 7), inputs=[
-                substep, self._limit, d.qpos, d.qvel, d.qfrc_bias, d.qfrc_gravcomp, self._command, self._delay,
-                self._noise], outputs=[d.ctrl])
+            state = [d.qpos, d.qvel, d.qfrc_bias, d.qfrc_gravcomp]
+            command = [self._command, self._delay, self._noise]
+            out = [d.ctrl, self._over]
+            if self.config.controller == "osc":
+                wp.launch(operational_space_kernel, dim=self.worlds,
+                          inputs=[substep, self._chain, self._limit, *state, d.M, *command], outputs=out)
+            else:
+                wp.launch(impedance_kernel, dim=(self.worlds, 7), inputs=[substep, self._limit, *state, *command],
+                          outputs=out)
             mjw.step(self.model, d)
 
     def place(self, where: torch.Tensor, qpos: torch.Tensor) -> None:
@@ -151,7 +195,13 @@ class BatchedPhysics:
         nominal = torch.as_tensor(inertia[self.object_body], dtype=torch.float32, device=self.device)
         self.inertia[where, self.object_body] = nominal * mass[:, None]
 
+    def take_overflowed(self) -> torch.Tensor:
+        """Number () of worlds that lacked room for a contact or a constraint since the last call: these were dropped."""
+        count = ((self._overflow & int(CAPACITY)) != 0).sum()
+        self._overflow.zero_()
+        return count
+
     def overflow(self) -> dict[str, int]:
-        """Contacts and constraints in use against capacity: what was dropped would be silent otherwise."""
+        """Contacts and constraints in use now against capacity."""
         return {"contacts": int(self.data.nacon.numpy()[0]), "contact_capacity": self.data.naconmax,
                 "constraints": int(self.data.nefc.numpy().max()), "constraint_capacity": self.data.njmax}

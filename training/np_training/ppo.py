@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import torch
 from torch import nn
 
+from np_training import distributed
 from np_training.networks import distribution
+
+STATISTICS = ("policy_loss", "value_loss", "kl", "entropy")
 
 
 @dataclass(frozen=True)
@@ -17,12 +20,12 @@ class PPOConfig:
     of the bonus; target_kl: the learning rate falls by 1.5 above twice it and rises below half of it; rate: bounds of the
     learning rate."""
 
-    discount: float = 0.98
+    discount: float = 0.99
     trace: float = 0.95
     clip: float = 0.2
     epochs: int = 5
     minibatches: int = 8
-    entropy: float = 0.002
+    entropy: float = 0.0005
     target_kl: float = 0.01
     rate: tuple[float, float] = (2e-5, 1e-3)
     gradient_norm: float = 1.0
@@ -59,36 +62,43 @@ class Learner:
 
     def update(self, state: torch.Tensor, critic_state: torch.Tensor, action: torch.Tensor, log_probability: torch.Tensor,
                advantage: torch.Tensor, returns: torch.Tensor) -> dict[str, float]:
-        """Several epochs over one batch, first axis samples; returns the mean of each statistic."""
-        advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-6)
+        """Several epochs over one batch, first axis samples; returns the mean of each statistic.
+
+        With several processes the batch is the union of theirs, which may differ in length: losses are sums divided by
+        the number of samples of all, so that gradients summed over the processes are those of one large batch.
+        """
+        advantage = _normalised(advantage)
         with torch.no_grad():
             old_mean, old_std = _moments(self.policy, state)
-        sums = {"policy_loss": 0.0, "value_loss": 0.0, "kl": 0.0, "entropy": 0.0}
-        count = 0
-        for rows in _minibatches(len(state), self.config, state.device):
+        sums = torch.zeros(len(STATISTICS), device=state.device)
+        sizes = torch.tensor([len(rows) for rows in torch.arange(len(state)).tensor_split(self.config.minibatches)],
+                             dtype=torch.float32, device=state.device)
+        distributed.add(sizes)
+        sizes = sizes.tolist()
+        for number, rows in enumerate(_minibatches(len(state), self.config, state.device)):
+            share = 1 / max(sizes[number % len(sizes)], 1.0)
             normal = distribution(self.policy, state[rows])
             ratio = (normal.log_prob(action[rows]).sum(-1) - log_probability[rows]).exp()
             gain = advantage[rows]
             clipped = ratio.clamp(1 - self.config.clip, 1 + self.config.clip)
-            entropy = normal.entropy().sum(-1).mean()
-            policy_loss = -torch.minimum(ratio * gain, clipped * gain).mean() - self.config.entropy * entropy
-            value_loss = (self.critic(critic_state[rows])[:, 0] - returns[rows]).square().mean()
+            entropy = share * normal.entropy().sum()
+            policy_loss = -share * torch.minimum(ratio * gain, clipped * gain).sum() - self.config.entropy * entropy
+            value_loss = share * (self.critic(critic_state[rows])[:, 0] - returns[rows]).square().sum()
             with torch.no_grad():
                 ratio_std = normal.scale / old_std
                 kl = (0.5 * (ratio_std**2 + ((normal.mean - old_mean[rows]) / old_std) ** 2 - 1) - ratio_std.log())
-                kl = kl.sum(-1).mean().item()
-            self._steer(kl)
-            for loss, optimiser, module in ((policy_loss, self.policy_optimiser, self.policy),
-                                            (value_loss, self.critic_optimiser, self.critic)):
+                statistics = torch.stack([policy_loss, value_loss, share * kl.sum(), entropy])
+            for optimiser, loss in ((self.policy_optimiser, policy_loss), (self.critic_optimiser, value_loss)):
                 optimiser.zero_grad(set_to_none=True)
                 loss.backward()
+            modules = self.policy, self.critic
+            distributed.add(statistics, *(p.grad for module in modules for p in module.parameters()))
+            self._steer(float(statistics[STATISTICS.index("kl")]))
+            for optimiser, module in zip((self.policy_optimiser, self.critic_optimiser), modules):
                 nn.utils.clip_grad_norm_(module.parameters(), self.config.gradient_norm)
                 optimiser.step()
-            for name, value in (("policy_loss", policy_loss), ("value_loss", value_loss), ("entropy", entropy)):
-                sums[name] += value.detach()
-            sums["kl"] += kl
-            count += 1
-        return {name: float(total) / count for name, total in sums.items()}
+            sums += statistics
+        return dict(zip(STATISTICS, (sums / (number + 1)).tolist()))
 
     def _steer(self, kl: float) -> None:
         low, high = self.config.rate
@@ -106,11 +116,21 @@ class Learner:
         self.critic_optimiser.load_state_dict(state["critic"])
 
 
+def _normalised(advantage: torch.Tensor) -> torch.Tensor:
+    """Advantages (n,) less their mean, over their deviation, both over all processes."""
+    sums = torch.stack([torch.tensor(float(len(advantage)), device=advantage.device), advantage.sum()])
+    distributed.add(sums)
+    mean = sums[1] / sums[0]
+    spread = (advantage - mean).square().sum()
+    distributed.add(spread)
+    return (advantage - mean) / ((spread / sums[0]).sqrt() + 1e-6)
+
+
 def _moments(policy: nn.Module, state: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     normal = distribution(policy, state)
-    return normal.mean, normal.scale[0].clone()
+    return normal.mean, normal.scale[:1].clone()  # one row: the deviation does not depend on the state
 
 
 def _minibatches(count: int, config: PPOConfig, device: torch.device) -> Iterator[torch.Tensor]:
     for _ in range(config.epochs):
-        yield from torch.randperm(count, device=device).chunk(config.minibatches)
+        yield from torch.randperm(count, device=device).tensor_split(config.minibatches)

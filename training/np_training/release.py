@@ -1,23 +1,27 @@
 """Release trained policies: weights as safetensors, a model card beside each, curves as data and a plot.
 
-    python -m np_training.release --checkpoint runs/card/checkpoint.pt --student runs/card/pre_contact_student_card.safetensors \\
-        --log runs/card/log.csv --machine "1 x NVIDIA H200"
+    python -m np_training.release runs/bump --student runs/bump/pre_contact_student_bump.safetensors
+
+Takes checkpoint.pt, log.csv, config.json and evaluation.jsonl from the run's folder, the domain from the
+checkpoint.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import datetime
 import json
+import shlex
 import shutil
 from pathlib import Path
 
 import torch
 
-from np_description.domains import DOMAINS
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256
+from np_training.curves import draw_curves
+from np_training.curves import save as save_figure
+from np_training.report import PHYSICS_STEPS, Run, read_run
 
 _CARD = """# {title}
 
@@ -34,91 +38,157 @@ _CARD = """# {title}
 
 {figures}
 """
+_FILES = (
+    (
+        "post_contact",
+        "Post-contact policy",
+        "Observation (79) to pose residual and joint gains (20), 10 Hz; see "
+        "np_policy.observation and np_policy.action. Mean action; residual limits 0.02 m, 0.03 rad a step.",
+    ),
+    (
+        "pre_contact",
+        "Pre-contact student",
+        "Keypoints and goal keypoints (32) to the hand pose before contact and finger "
+        "width (10); distilled from the teacher that sees poses.",
+    ),
+)
 
 
 def figure_table(lines: list[dict]) -> str:
-    """A Markdown table of `np_training.evaluate` results."""
-    rows = ["| simulated conditions | contact from | success | 95 % interval | episodes | lost | timeout |", "|---|---|---|---|---|---|---|"]
+    """Markdown of `np_training.evaluate` results: by conditions, by kind of task, and what breaks first."""
+    rows = [
+        "| simulated conditions | contact from | success | 95 % interval | episodes | out of reach | lost "
+        "| timeout |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    notes = []
     for r in lines:
-        rows.append(f"| {r['conditions']} | {'student' if r['student'] else 'teacher'} | {r['success']:.3f} | "
-                    f"{r['ci95'][0]:.3f} to {r['ci95'][1]:.3f} | {r['episodes']} | {r['lost']} | {r['timeout']} |")
-    return "\n".join(rows)
+        source = "student" if r["student"] else "teacher"
+        rows.append(
+            f"| {r['conditions']} | {source} | {r['success']:.3f} | "
+            f"{r['ci95'][0]:.3f} to {r['ci95'][1]:.3f} | "
+            f"{r['episodes']} | {r['infeasible']} | {r['lost']} | {r['timeout']} |"
+        )
+        parts = [
+            f"{name} {g['success']:.3f} ({g['episodes']})"
+            for name, g in r.get("by_group", {}).items()
+            if g["episodes"]
+        ]
+        if parts:
+            notes.append(
+                f"- {r['conditions']}, {source}, by quarter turns needed and goal region: {', '.join(parts)}."
+            )
+        if "breaks_first" in r:
+            alone = ", ".join(
+                f"{name.replace('_', ' ')} {g['success']:.3f}" for name, g in r["one_at_a_time"].items()
+            )
+            first = (r["breaks_first"] or "nothing beyond doubt").replace("_", " ")
+            notes.append(f"- {source}, one range widened at a time: {alone}. What breaks first: {first}.")
+        if "over_velocity_limit" in r:
+            notes.append(
+                f"- {r['conditions']}, {source}: physics steps over a limit, worst joint: velocity "
+                f"{r['over_velocity_limit']['largest_joint_share']:.4%}, torque asked for "
+                f"{r['over_torque_limit']['largest_joint_share']:.4%}."
+            )
+    return "\n".join(rows + ([""] + notes if notes else []))
 
 
-def plot_curves(log: Path, picture: Path) -> None:
-    """Success, curriculum stage, reward terms and episode length against policy steps."""
-    import matplotlib
+def check_releasable(setting: dict, evaluations: list[dict]) -> None:
+    """Raise ValueError for a run that the nodes cannot deploy, or that was never evaluated."""
+    for name, expected in (("start", "contact"), ("controller", "impedance")):
+        if setting.get(name, expected) != expected:
+            raise ValueError(
+                f"release: expected a run with {name} {expected}, which the nodes deploy, got {setting[name]}"
+            )
+    if not evaluations:
+        raise ValueError(
+            "release: expected evaluation.jsonl with a line in the run's folder (np_training.evaluate --out)"
+        )
+    wrong = {line["domain"] for line in evaluations if "domain" in line} - {setting["domain"]}
+    if wrong:
+        raise ValueError(
+            f"release: expected evaluations of {setting['domain']}, got some of {', '.join(sorted(wrong))}"
+        )
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
 
-    with log.open() as file:
-        rows = list(csv.DictReader(file))
-    steps = [float(r["steps"]) / 1e6 for r in rows]
-    columns = {name: [float(r[name] or "nan") for r in rows] for name in rows[0]}
-    figure, axes = plt.subplots(2, 2, figsize=(11, 6.5), sharex=True)
-    axes[0, 0].plot(steps, columns["success"], color="C2")
-    axes[0, 0].set(ylabel="success of ended episodes", ylim=(0, 1))
-    stage = axes[0, 0].twinx()
-    stage.step(steps, columns["stage"], color="0.5", where="post")
-    stage.set(ylabel="curriculum stage (11: randomised)", ylim=(0, 12))
-    for name in ("progress", "success", "gains", "failure"):
-        axes[0, 1].plot(steps, columns[f"reward_{name}"], label=name)
-    axes[0, 1].set(ylabel="reward a step, scaled")
-    axes[0, 1].set_yscale("symlog", linthresh=1e-3)
-    axes[0, 1].legend()
-    axes[1, 0].plot(steps, columns["length"], label="length, steps")
-    axes[1, 0].plot(steps, [1e3 * d for d in columns["end_distance"]], label="distance at the end, mm")
-    axes[1, 0].set(xlabel="million policy steps", ylim=(0, 120))
-    axes[1, 0].legend()
-    axes[1, 1].plot(steps, columns["pre_feasible"], label="feasible contacts")
-    axes[1, 1].plot(steps, columns["lost"], label="objects lost")
-    axes[1, 1].plot(steps, columns["std"], label="action deviation")
-    axes[1, 1].set(xlabel="million policy steps", ylim=(0, 1))
-    axes[1, 1].legend()
-    figure.tight_layout()
-    figure.savefig(picture, dpi=110)
+def release(
+    run: Run, state: dict, student: Path, weights: Path, results: Path, machine: str, command: str
+) -> list[Path]:
+    """Write weights with cards, and training_DOMAIN.{json,csv,png} into results; returns the weights'
+    files."""
+    # Checkpoints of the first version did not say what they were trained with.
+    setting = {"domain": "card"} | state.get("setting", {})
+    check_releasable(setting, run.evaluations)
+    domain, seed = setting["domain"], run.config.get("environment", {}).get("seed", 0)
+    post = PostContactPolicy()
+    post.load_state_dict(
+        {name[5:]: tensor for name, tensor in state["networks"].items() if name.startswith("post.")}
+    )
+    modules = {"post_contact": post, "pre_contact": load(PreContactStudent(), student)}
+    today = datetime.date.today().isoformat()
+    weights.mkdir(parents=True, exist_ok=True)
+    results.mkdir(parents=True, exist_ok=True)
+    files = []
+    for name, title, what in _FILES:
+        file = weights / f"{name}_{domain}.safetensors"
+        save(modules[name], file, {"domain": domain, "date": today})
+        file.with_suffix(".md").write_text(
+            _CARD.format(
+                title=f"{title}, {domain}",
+                what=what,
+                file=file.name,
+                digest=sha256(file),
+                domain=domain,
+                steps=state["steps"] / 1e6,
+                physics=state["steps"] * PHYSICS_STEPS / 1e9,
+                seed=seed,
+                machine=machine,
+                command=command,
+                date=today,
+                figures=figure_table(run.evaluations),
+            )
+        )
+        files.append(file)
+    shutil.copyfile(run.path / "log.csv", results / f"training_{domain}.csv")
+    save_figure(draw_curves(run.rows), results / f"training_{domain}.png")
+    (results / f"training_{domain}.json").write_text(
+        json.dumps(
+            {
+                "command": command,
+                "seed": seed,
+                "machine": machine,
+                "date": today,
+                "policy_steps": state["steps"],
+                "physics_steps": state["steps"] * PHYSICS_STEPS,
+                "training_s": run.rows[-1]["elapsed"],
+                "evaluations": run.evaluations,
+            },
+            indent=1,
+        )
+        + "\n"
+    )
+    return files
 
 
 def main() -> None:
-    """Write weights/{pre,post}_contact_DOMAIN.safetensors with cards, and docs/results/training_DOMAIN.{json,csv,png}."""
+    """Write weights/{pre,post}_contact_DOMAIN.safetensors with cards, and
+    docs/results/training_DOMAIN.{json,csv,png}."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--domain", choices=list(DOMAINS), default="card")
-    parser.add_argument("--checkpoint", type=Path, required=True)
+    parser.add_argument("run", type=Path)
     parser.add_argument("--student", type=Path, required=True)
-    parser.add_argument("--log", type=Path, required=True)
-    parser.add_argument("--evaluation", type=Path, required=True, help="lines printed by np_training.evaluate")
-    parser.add_argument("--command", default="python -m np_training.train --domain card")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--machine", required=True)
+    parser.add_argument("--command", help="how it was trained; default: what config.json says")
+    parser.add_argument("--machine", help="default: what config.json says")
     parser.add_argument("--weights", type=Path, default=Path("weights"))
     parser.add_argument("--results", type=Path, default=Path("docs/results"))
     arguments = parser.parse_args()
-    domain = arguments.domain
-    state = torch.load(arguments.checkpoint, map_location="cpu", weights_only=True)
-    evaluations = [json.loads(line) for line in arguments.evaluation.read_text().splitlines()]
-    arguments.weights.mkdir(exist_ok=True)
-    arguments.results.mkdir(parents=True, exist_ok=True)
-    post = PostContactPolicy()
-    post.load_state_dict({name[5:]: tensor for name, tensor in state["networks"].items() if name.startswith("post.")})
-    student = load(PreContactStudent(), arguments.student)
-    today = datetime.date.today().isoformat()
-    for name, module, title, what in (
-            ("post_contact", post, "Post-contact policy", "Observation (79) to pose residual and joint gains (20), 10 Hz; "
-             "see np_policy.observation and np_policy.action. Mean action; residual limits 0.02 m, 0.03 rad a step."),
-            ("pre_contact", student, "Pre-contact student", "Keypoints and goal keypoints (32) to the hand pose before "
-             "contact and finger width (10); distilled from the teacher that sees poses.")):
-        file = arguments.weights / f"{name}_{domain}.safetensors"
-        save(module, file, {"domain": domain, "date": today})
-        file.with_suffix(".md").write_text(_CARD.format(
-            title=f"{title}, {domain}", what=what, file=file.name, digest=sha256(file), domain=domain,
-            steps=state["steps"] / 1e6, physics=state["steps"] * 20 / 1e9, seed=arguments.seed, machine=arguments.machine,
-            command=arguments.command, date=today, figures=figure_table(evaluations)))
-    shutil.copyfile(arguments.log, arguments.results / f"training_{domain}.csv")
-    plot_curves(arguments.log, arguments.results / f"training_{domain}.png")
-    (arguments.results / f"training_{domain}.json").write_text(json.dumps({
-        "command": arguments.command, "seed": arguments.seed, "machine": arguments.machine, "date": today,
-        "policy_steps": state["steps"], "physics_steps": state["steps"] * 20, "evaluations": evaluations}, indent=1) + "\n")
+    run = read_run(arguments.run)
+    state = torch.load(arguments.run / "checkpoint.pt", map_location="cpu", weights_only=True)
+    machine = arguments.machine or f"{run.config.get('processes', 1)} x {run.config.get('device', 'unknown')}"
+    command = arguments.command or shlex.join(
+        ["python", "-m", "np_training.train", *run.config.get("command", [""])[1:]]
+    )
+    files = release(run, state, arguments.student, arguments.weights, arguments.results, machine, command)
+    print(json.dumps({"files": [str(file) for file in files]}))
 
 
 if __name__ == "__main__":

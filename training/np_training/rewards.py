@@ -2,12 +2,15 @@
 
 The constants are the paper's: C1 .02, C2 1000, C3 .03, C4 -100. The published text gives the constants but not how the
 distance term is spread over time; paid every step, 1 / (C1 + d) makes hovering beside the goal worth more than
-finishing. Here it is a potential, paid as a difference, so that only progress pays and the optimum is to finish.
+finishing. Here it is a potential, paid as a difference, so that only progress pays and the optimum is to finish. Two
+potentials of ours stand beside it, which leave that optimum where it is: the angle to the goal, because the mean distance
+of the corners hardly depends on it while it is large, and the hand's distance from the object.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import pi
 
 import torch
 
@@ -16,29 +19,41 @@ from np_policy.action import normalised_stiffness
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """distance (C1, m), success (C2), gains (C3, a joint), failure (C4: lost object, no collision-free contact);
-    progress: weight of the potential; scale: of the sum, for the value network's sake."""
+    """distance (C1, m), success (C2), gains (C3, a joint), failure (C4: lost object, no collision-free contact); weights of
+    the potentials: progress, turn (for half a turn), reach (for .1 m); scale: of the sum, for the value network's sake."""
 
     distance: float = 0.02
     success: float = 1000.0
     gains: float = 0.03
     failure: float = -100.0
     progress: float = 10.0
+    turn: float = 150.0
+    reach: float = 10.0
     scale: float = 0.02
 
 
-def potential(config: RewardConfig, corner_distance: torch.Tensor) -> torch.Tensor:
-    """1 / (C1 + d), d (n,) m the mean distance of the object's corners from their goals."""
-    return 1 / (config.distance + corner_distance)
+@dataclass(frozen=True)
+class Measures:
+    """How far the episodes (n,) are from their goals: distance m, the mean over the object's corners or, where only the
+    position counts, that of its centre; angle rad, 0 where it does not count; hand: distance m of T_E from the object."""
+
+    distance: torch.Tensor
+    angle: torch.Tensor
+    hand: torch.Tensor
 
 
-def reward_terms(config: RewardConfig, before: torch.Tensor, after: torch.Tensor, success: torch.Tensor,
+def potentials(config: RewardConfig, measures: Measures) -> dict[str, torch.Tensor]:
+    """The potential (n,) of each measure; higher is nearer."""
+    return {"progress": config.progress / (config.distance + measures.distance),
+            "turn": -config.turn * measures.angle / pi,
+            "reach": -config.reach * measures.hand / 0.1}
+
+
+def reward_terms(config: RewardConfig, before: Measures, after: Measures, success: torch.Tensor,
                  lost: torch.Tensor, stiffness: torch.Tensor) -> dict[str, torch.Tensor]:
-    """Each term (n,), scaled. before, after (n,) m: mean corner distances around the step; success, lost (n,) bool;
-    stiffness (n, 7) Nm/rad."""
-    progress = potential(config, after) - potential(config, before)
-    terms = {
-        "progress": config.progress * progress,
+    """Each term (n,), scaled. before, after: around the step; success, lost (n,) bool; stiffness (n, 7) Nm/rad."""
+    old, new = potentials(config, before), potentials(config, after)
+    terms = {name: new[name] - old[name] for name in new} | {
         "success": config.success * success,
         "gains": -config.gains * normalised_stiffness(stiffness).sum(-1),
         "failure": config.failure * lost,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
 
@@ -44,25 +45,43 @@ def sample_poses(domain: Domain, region: Region, count: int, generator: torch.Ge
 
 
 def sample_tasks(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
-    """(count,) starts and goals; tasks closer than the domain's least distance are drawn again."""
-    starts, goals = _draw(domain, count, generator)
+    """(count,) starts and goals of the domain; tasks closer than its least distance are drawn again."""
+    return draw_apart(_draw, domain, count, generator)
+
+
+def quarter_tips(starts: Poses, goals: Poses) -> torch.Tensor:
+    """How many quarter turns (n,), 0 to 2, bring the face that points up at the goal up from where it is at the start."""
+    up = (matrix_from_quaternion(starts.quaternion)[:, 2] * matrix_from_quaternion(goals.quaternion)[:, 2]).sum(-1)
+    return torch.round(torch.acos(up.clamp(-1, 1)) / (pi / 2)).long()
+
+
+def draw_apart(draw: Callable[..., tuple[Poses, Poses]], domain: Domain, count: int,
+               generator: torch.Generator) -> tuple[Poses, Poses]:
+    """What `draw(domain, count, generator)` gives, with tasks closer than the domain's least distance drawn again."""
+    starts, goals = draw(domain, count, generator)
     while True:
         near = (starts.position - goals.position).norm(dim=-1) < domain.min_distance
         again = int(near.sum())
         if not again:
             return starts, goals
-        new_starts, new_goals = _draw(domain, again, generator)
+        new_starts, new_goals = draw(domain, again, generator)
         for old, new in ((starts, new_starts), (goals, new_goals)):
             old.position[near], old.quaternion[near] = new.position, new.quaternion
 
 
 def _draw(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
     starts = sample_poses(domain, domain.start, count, generator)
-    choices = [sample_poses(domain, region, count, generator) for region in domain.goals]
+    goals = from_any(domain, domain.goals, count, generator)
+    if domain.goal_yaw is not None:
+        turn = yaw_quaternion(uniform(count, domain.goal_yaw, generator))
+        goals = Poses(goals.position, quaternion_multiply(turn, starts.quaternion))
+    return starts, goals
+
+
+def from_any(domain: Domain, regions: tuple[Region, ...], count: int, generator: torch.Generator) -> Poses:
+    """(count,) poses at rest, each in one of the regions, with equal odds."""
+    choices = [sample_poses(domain, region, count, generator) for region in regions]
     pick = torch.randint(0, len(choices), (count,), generator=generator, device=generator.device)
     rows = torch.arange(count, device=generator.device)
-    position = torch.stack([c.position for c in choices])[pick, rows]
-    quaternion = torch.stack([c.quaternion for c in choices])[pick, rows]
-    if domain.goal_yaw is not None:
-        quaternion = quaternion_multiply(yaw_quaternion(uniform(count, domain.goal_yaw, generator)), starts.quaternion)
-    return starts, Poses(position, quaternion)
+    return Poses(torch.stack([c.position for c in choices])[pick, rows],
+                 torch.stack([c.quaternion for c in choices])[pick, rows])

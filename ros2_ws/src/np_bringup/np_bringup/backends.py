@@ -10,6 +10,7 @@ SIMULATED, REAL = "sim_bridge", "franka_driver"
 BACKENDS = (SIMULATED, REAL)
 CAMERAS = ("realsense", "none")
 CONTROLS = ("topic", "onboard")
+NO_CAMERA = "none"  # in place of a calibration: the driver then asks for none
 DRIVER_PRIORITY, CONTROLLER_PRIORITY = 80, 79  # of first-in-first-out scheduling, on a real robot
 
 ARGUMENTS = (
@@ -21,9 +22,6 @@ ARGUMENTS = (
         "control", "topic", "franka_driver: topic: the controller is a node; onboard: it runs in the driver, at 1 kHz."
     ),
     LaunchArgument("camera", "realsense", "franka_driver: realsense: start its node; none: a camera of your own."),
-    LaunchArgument(
-        "calibration", "", "franka_driver: the camera's calibration file; none: for a run without a camera."
-    ),
     LaunchArgument(
         "realtime", "enforce", "franka_driver: enforce: a real-time kernel is required; ignore: a simulated robot."
     ),
@@ -55,9 +53,13 @@ def check(given: Mapping[str, str]) -> None:
             raise ValueError(f"{name}: expected one with backend franka_driver, got none")
 
 
+def calibration_file(given: Mapping[str, str]) -> str:
+    """What nodes that project are given: the path, or "" for the camera of training."""
+    return "" if given["calibration"] == NO_CAMERA else given["calibration"]
+
+
 def real_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
     """Driver, controller and camera of the real robot, for arguments that have been checked."""
-    calibration = given["calibration"]
     nodes = [
         NodeSpec(
             "np_franka",
@@ -65,7 +67,7 @@ def real_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
             parameters={
                 "hostname": given["hostname"],
                 "control": given["control"],
-                "calibration": calibration,
+                "calibration": given["calibration"],
                 "realtime": given["realtime"],
                 "realtime_priority": DRIVER_PRIORITY,
             },
@@ -80,6 +82,6 @@ def real_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
             )
         )
     if given["camera"] == "realsense":
-        parameters = {"calibration": "" if calibration == "none" else calibration}
+        parameters = {"calibration": calibration_file(given)}
         nodes.append(NodeSpec("np_franka", "realsense_camera", parameters=parameters))
     return nodes

@@ -29,6 +29,11 @@ ARGUMENTS = (
         "controller", "impedance", "impedance: joint impedance; osc: the operational-space baseline."
     ),
     LaunchArgument("image_rate", "30", "Images a second of simulated time."),
+    LaunchArgument(
+        "calibration",
+        "",
+        "File written by `calibrate`: where the camera is; empty: as trained; none: a real robot without a camera.",
+    ),
     LaunchArgument("weights", "", "Folder with released weights; empty: the project's own."),
     LaunchArgument("bag", "", "Record bags with this path, a number is appended; empty: no recorder."),
     LaunchArgument("record_at_start", "true", "true: record from the start; false: wait for recorder/start."),
@@ -52,7 +57,8 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     is_real = given["backend"] == backends.REAL
     common = {"mode": given["mode"]}
     task = {**common, "domain": given["domain"]}
-    learned = {**task, "weights": given["weights"]}
+    seeing = {**task, "calibration": backends.calibration_file(given)}
+    learned = {**seeing, "weights": given["weights"]}
     seed, image_rate = _integer(given, "seed"), _integer(given, "image_rate")
     from_camera = given["keypoints"] == "camera"
     simulated = [
@@ -60,7 +66,7 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             "np_sim_bridge",
             "sim_bridge",
             parameters={
-                **task,
+                **seeing,
                 "seed": seed,
                 "first_episode": _integer(given, "first_episode"),
                 "image_rate": image_rate,
@@ -71,13 +77,13 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     ]
     nodes = [
         *(backends.real_nodes(given, CONTROLLERS[given["controller"]]) if is_real else simulated),
-        NodeSpec("np_perception", "keypoint_detector", parameters=learned)
+        NodeSpec("np_perception", "keypoint_detector", parameters={**task, "weights": given["weights"]})
         if from_camera
-        else NodeSpec("np_bringup", "keypoint_oracle", parameters={**task, "seed": seed}),
+        else NodeSpec("np_bringup", "keypoint_oracle", parameters={**seeing, "seed": seed}),
         NodeSpec("np_policy", "pre_contact", parameters=learned),
-        NodeSpec("np_policy", "approach", parameters={**task, "seed": seed}),
+        NodeSpec("np_policy", "approach", parameters={**seeing, "seed": seed}),
         NodeSpec("np_policy", "post_contact", parameters=learned),
-        NodeSpec("np_policy", "episode", parameters={**task, "backend": given["backend"]}),
+        NodeSpec("np_policy", "episode", parameters={**seeing, "backend": given["backend"]}),
     ]
     if given["bag"]:
         information = {

@@ -32,10 +32,14 @@ def write_video(
 
     Raises OSError where OpenCV cannot encode. With no images no file is made.
     """
+    return encode(path, (annotate(pixels, episode, time) for time, pixels in images), rate)
+
+
+def encode(path: str | Path, frames: Iterable[np.ndarray], rate: float) -> int:
+    """Write frames (height, width, 3) uint8 RGB at `rate` a second; as `write_video` otherwise."""
     writer, count = None, 0
     try:
-        for time, pixels in images:
-            frame = annotate(pixels, episode, time)
+        for frame in frames:
             if writer is None:
                 size = (frame.shape[1], frame.shape[0])
                 with _quiet():
@@ -55,7 +59,7 @@ def write_video(
 def annotate(pixels: np.ndarray, episode: EpisodeData, time: float) -> np.ndarray:
     """The image of `time` s, enlarged, with goal outline, keypoints and a line of text; RGB uint8."""
     frame = cv2.resize(pixels, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_CUBIC)
-    _draw_box(frame, episode.goal, episode.domain.half_size, _GREEN)
+    draw_box(frame, episode.goal, episode.domain.half_size)
     for (u, v, score), colour in zip(_latest(episode.keypoints, time, np.empty((0, 3))), CORNER_COLOURS):
         colour = tuple(int(255 * c) for c in colour)
         cv2.circle(frame, _pixel((u, v)), 4, _WHITE, 1 if score < 0.3 else cv2.FILLED, cv2.LINE_AA)
@@ -68,7 +72,8 @@ def annotate(pixels: np.ndarray, episode: EpisodeData, time: float) -> np.ndarra
     return frame
 
 
-def _draw_box(frame: np.ndarray, pose: Pose, half_size, colour) -> None:
+def draw_box(frame: np.ndarray, pose: Pose, half_size, colour=_GREEN) -> None:
+    """Outline a box of half size (3,) m at a pose in an image of the nominal camera, enlarged by SCALE."""
     corners = CAMERA.project(box_keypoints(np.asarray(half_size), pose.position, pose.quaternion))[0]
     for a, b in _EDGES:
         cv2.line(frame, _pixel(corners[a]), _pixel(corners[b]), colour, 1, cv2.LINE_AA)

@@ -1,0 +1,28 @@
+"""One PPO update on rows of a file shared out over the processes of torchrun: LEARN_TOGETHER INPUT OUTPUT."""
+
+import sys
+
+import torch
+
+from np_policy.networks import mlp
+from np_training import distributed
+from np_training.networks import PreContactPolicy
+from np_training.ppo import Learner, PPOConfig
+
+
+def learn(batch: tuple[torch.Tensor, ...]) -> tuple[dict, dict, float]:
+    """Weights of policy and critic after an update, its statistics, and the learning rate."""
+    torch.manual_seed(0)
+    policy = PreContactPolicy()
+    critic = mlp(18, (32,), 1)
+    learner = Learner(policy, critic, PPOConfig(epochs=3, minibatches=1))
+    statistics = learner.update(*batch)
+    return {**policy.state_dict(), **critic.state_dict()}, statistics, learner.rate
+
+
+if __name__ == "__main__":
+    distributed.join("cpu")
+    rows = torch.load(sys.argv[1], weights_only=True)[distributed.rank()]
+    result = learn(rows)
+    torch.save(result, f"{sys.argv[2]}.{distributed.rank()}")
+    distributed.leave()

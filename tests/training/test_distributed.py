@@ -1,0 +1,85 @@
+"""Training in several processes, as torchrun starts them: the same update as in one."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from learn_together import learn
+from np_training import distributed
+
+TOGETHER = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node"]
+
+
+def launch(processes: int, *command: str) -> str:
+    """Standard output of a command run by torchrun; fails with what it printed."""
+    done = subprocess.run([*TOGETHER, str(processes), *command], capture_output=True, text=True, timeout=280)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("share", [20, 40, 0], ids=["halves", "unequal", "none"])
+def test_an_update_shared_by_two_processes_is_that_of_one(tmp_path, share):
+    generator = torch.Generator().manual_seed(1)
+    state = torch.randn(60, 18, generator=generator)
+    batch = (
+        state,
+        state,
+        0.5 * torch.randn(60, 9, generator=generator),
+        -9 + torch.randn(60, generator=generator),
+        torch.randn(60, generator=generator),
+        torch.randn(60, generator=generator),
+    )
+    torch.save(
+        [[column[:share] for column in batch], [column[share:] for column in batch]], tmp_path / "in.pt"
+    )
+    launch(
+        2,
+        str(Path(__file__).parents[1] / "learn_together.py"),
+        str(tmp_path / "in.pt"),
+        str(tmp_path / "out"),
+    )
+    weights, statistics, rate = learn(batch)
+    for rank in (0, 1):
+        mine, said, mine_rate = torch.load(tmp_path / f"out.{rank}", weights_only=True)
+        assert mine_rate == rate and said == pytest.approx(statistics, rel=1e-3)
+        for name, tensor in weights.items():
+            # Adam divides by the gradient's size, so rounding shows where a gradient is nearly zero.
+            assert (mine[name] - tensor).abs().max() < 1e-4, name
+
+
+def test_a_run_goes_on_with_another_number_of_processes(tmp_path):
+    command = [
+        "-m",
+        "np_training.train",
+        "--worlds",
+        "6",
+        "--rollout",
+        "3",
+        "--device",
+        "cpu",
+        "--out",
+        str(tmp_path),
+        "--iterations",
+    ]
+    last = json.loads(launch(2, *command, "2").strip().splitlines()[-1])
+    assert last["processes"] == 2 and last["steps"] == 2 * 2 * 6 * 3
+    done = subprocess.run([sys.executable, *command, "1"], capture_output=True, text=True, timeout=280)
+    last = json.loads(done.stdout.strip().splitlines()[-1])
+    assert last["processes"] == 1 and last["steps"] == (2 * 2 + 1) * 6 * 3
+    rows = list(csv.DictReader((tmp_path / "log.csv").open()))
+    assert [row["iteration"] for row in rows] == ["1", "2", "3"]
+
+
+def test_alone_a_sum_is_the_number_itself():
+    tensor = torch.tensor([1.0, 2.0])
+    distributed.add(tensor)
+    assert tensor.tolist() == [1.0, 2.0] and distributed.rank() == 0 and distributed.size() == 1
+    assert distributed.total({"a": 2, "b": tensor.sum()}, torch.device("cpu")) == {"a": 2.0, "b": 3.0}
+    assert distributed.any_of(True, torch.device("cpu")) and not distributed.any_of(
+        False, torch.device("cpu")
+    )

@@ -1,0 +1,156 @@
+"""Evaluation of policies: every episode counted once, what breaks first, recordings and videos."""
+
+import dataclasses
+import json
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from np_description.domains import BUMP
+from np_training import evaluate as command
+from np_training.environment import Environment, EnvironmentConfig
+from np_training.episodes import MODES, Episodes, concatenate, run_episodes
+from np_training.evaluate import breaks_first, evaluate, rate, summarise
+from np_training.networks import ActorCritic
+from np_training.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
+from np_training.recording import load_recording
+from np_training.video import draw_recording
+
+WORLDS = 8
+
+
+@pytest.fixture(scope="module")
+def environment() -> Environment:
+    return Environment(BUMP, "cpu", EnvironmentConfig(worlds=WORLDS, limit=3))
+
+
+def make_episodes(modes: list[str], over: float = 0.0) -> Episodes:
+    n = len(modes)
+    return Episodes(
+        np.array([MODES.index(m) for m in modes]),
+        np.full(n, 10.0),
+        np.linspace(0.01, 0.2, n),
+        np.zeros(n),
+        np.full((2, n, 7), over),
+        {"tips0": np.arange(n) % 2 == 0, "tips1": np.arange(n) % 2 == 1},
+        np.zeros((n, 7)),
+    )
+
+
+def test_widening_doubles_the_distance_from_nominal():
+    assert TWICE.table_friction == pytest.approx((0.4, 1.6)) and TWICE.finger_friction == pytest.approx(
+        (0.8, 1.2)
+    )
+    assert (
+        TWICE.mass == pytest.approx((0.4, 1.6)) and TWICE.joint_noise == 0.02 and TWICE.delay == PAPER.delay
+    )
+    one = widen(PAPER, ["mass"])
+    assert dataclasses.replace(one, mass=PAPER.mass) == PAPER and one.mass != PAPER.mass
+    assert widen(NOMINAL_CONDITIONS, GROUPS) == NOMINAL_CONDITIONS
+
+
+def test_the_first_thing_that_breaks_has_to_be_worse_beyond_doubt():
+    base = rate(np.arange(1000) < 990)
+    fine, worse, worst = (rate(np.arange(1000) < k) for k in (985, 900, 700))
+    assert breaks_first(base, {"mass": worse, "friction": worst, "torque_noise": fine}) == "friction"
+    assert breaks_first(base, {"mass": fine}) is None
+
+
+def test_figures_count_every_episode_once():
+    figures = summarise(
+        make_episodes(["success", "lost", "timeout", "infeasible", "success", "lost"], over=2.0), substeps=20
+    )
+    assert figures["episodes"] == 6 and figures["success"] == pytest.approx(1 / 3)
+    assert figures["success"] * 6 + sum(figures[mode] for mode in MODES[1:]) == pytest.approx(6)
+    assert figures["by_group"]["tips0"] == rate(np.array([True, False, True]))
+    assert figures["over_torque_limit"]["largest_joint_share"] == pytest.approx(2 / (10 * 20))
+    assert (
+        figures["failures"]["lost"]["episodes"] == 2
+        and "median_end_distance_mm" not in figures["failures"]["infeasible"]
+    )
+    assert json.loads(json.dumps(figures)) == figures
+    none = summarise(make_episodes(["infeasible"] * 3), substeps=20)
+    assert none["success"] == 0 and none["mean_steps_to_success"] is None
+    assert len(concatenate([make_episodes(["lost"]), make_episodes(["success", "timeout"])])) == 3
+
+
+def test_an_evaluation_can_be_repeated_and_leaves_no_trace(environment):
+    torch.manual_seed(0)
+    networks = ActorCritic()
+    first = run_episodes(environment, networks, networks.pre, conditions=NOMINAL_CONDITIONS, seed=3)
+    run_episodes(environment, networks, networks.pre, conditions=TWICE, seed=4)
+    assert environment.physics.mass[:, environment.physics.object_body].unique().numel() > 1
+    again = run_episodes(environment, networks, networks.pre, conditions=NOMINAL_CONDITIONS, seed=3)
+    np.testing.assert_allclose(again.distance, first.distance, atol=1e-4)
+    assert (again.mode == first.mode).all()
+    assert environment.physics.mass[:, environment.physics.object_body].unique().numel() == 1
+
+
+def test_widened_conditions_are_tried_one_by_one(environment):
+    figures = evaluate(environment, ActorCritic(), conditions="twice", seeds=(1, 2))
+    assert set(figures["one_at_a_time"]) == set(GROUPS) and figures["episodes"] == 2 * WORLDS
+    assert all(alone["episodes"] == 2 * WORLDS for alone in figures["one_at_a_time"].values())
+    assert figures["breaks_first"] is None  # an untrained policy fails everywhere
+
+
+def test_the_command_reads_its_setting_from_the_checkpoint_and_draws(tmp_path, monkeypatch, capsys):
+    torch.manual_seed(0)
+    setting = {"domain": "bump", "start": "above", "controller": "impedance", "limit": 3}
+    torch.save(
+        {"networks": ActorCritic().state_dict(), "steps": 7, "setting": setting}, tmp_path / "checkpoint.pt"
+    )
+    monkeypatch.setattr(
+        "sys.argv",
+        [
+            "evaluate",
+            "--checkpoint",
+            str(tmp_path / "checkpoint.pt"),
+            "--episodes",
+            "4",
+            "--conditions",
+            "nominal",
+            "paper",
+            "--seeds",
+            "5",
+            "--device",
+            "cpu",
+            "--out",
+            str(tmp_path / "lines.jsonl"),
+            "--record",
+            str(tmp_path / "episodes.npz"),
+            "--video",
+            "2",
+        ],
+    )
+    command.main()
+    printed = capsys.readouterr().out.strip().splitlines()[-1]
+    lines = [json.loads(line) for line in (tmp_path / "lines.jsonl").read_text().splitlines()]
+    assert json.loads(printed) == lines[-1]
+    assert [line["conditions"] for line in lines] == ["nominal", "paper"]
+    assert all(line[name] == value for line in lines for name, value in setting.items())
+    recording = load_recording(tmp_path / "episodes.npz")
+    assert recording.qpos.shape == (4, 4, 16) and recording.domain == "bump"
+    videos = sorted(tmp_path.glob("*.webm"))
+    assert len(videos) == 2
+    reader = cv2.VideoCapture(str(videos[0]))
+    good, frame = reader.read()
+    assert good and frame.std() > 5
+
+
+def test_a_recording_without_an_episode_to_draw_says_so(tmp_path):
+    np.savez(
+        tmp_path / "none.npz",
+        domain="bump",
+        mode=np.array(["infeasible"]),
+        length=np.zeros(1),
+        goals=np.zeros((1, 7)),
+        qpos=np.zeros((2, 1, 16)),
+        tips=np.zeros(1),
+    )
+    with pytest.raises(ValueError, match="every contact was out of reach"):
+        draw_recording(tmp_path / "none.npz", tmp_path, 2)
+    np.savez(tmp_path / "other.npz", domain="bump")
+    with pytest.raises(ValueError, match="without goals, length, mode, qpos, tips"):
+        load_recording(tmp_path / "other.npz")

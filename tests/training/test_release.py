@@ -1,0 +1,203 @@
+"""Reports, comparisons and releases of runs: what they say is what the log and the evaluations say."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from np_policy.networks import PostContactPolicy, PreContactStudent
+from np_policy.weights import load, save, sha256
+from np_training import compare
+from np_training.curves import WINDOW, reached
+from np_training.evaluate import rate
+from np_training.log import Log, read_log
+from np_training.networks import ActorCritic
+from np_training.release import check_releasable, figure_table, release
+from np_training.report import read_run, write_report
+
+EVALUATION = {
+    "conditions": "twice",
+    "student": False,
+    "domain": "bump",
+    **rate(np.arange(100) < 91),
+    "infeasible": 1,
+    "broken": 0,
+    "lost": 3,
+    "timeout": 5,
+    "by_group": {"tips1": rate(np.arange(40) < 30)},
+    "one_at_a_time": {"mass": rate(np.arange(100) < 80)},
+    "breaks_first": "mass",
+    "over_velocity_limit": {"largest_joint_share": 0.01},
+    "over_torque_limit": {"largest_joint_share": 0.0},
+    "failures": {
+        "lost": {"episodes": 3, "median_end_distance_mm": 210.0, "median_end_angle_rad": 1.5},
+        "infeasible": {"episodes": 1},
+    },
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A run of 40 iterations whose success rises to 1, as train and evaluate leave it."""
+    path = tmp_path / "bump"
+    path.mkdir()
+    log = Log(path / "log.csv")
+    for k in range(1, 41):
+        log.write(
+            {
+                "iteration": k,
+                "steps": 1000 * k,
+                "stage": k // 10,
+                "success": min(k / 20, 1.0),
+                "success_tips1": 0.5,
+                "reward_progress": 0.1,
+                "reward_gains": -0.01,
+                "lost": 0.1,
+                "length": 50.0,
+                "end_distance": 0.02,
+                "end_angle": 0.1,
+                "pre_feasible": 0.9,
+                "practice": 0.1,
+                "std": 0.3,
+                "pre_std": 0.2,
+                "lr": 1e-3,
+                "kl": 0.01,
+                "value_loss": 1.0,
+                "steps_per_second": 5e4,
+                "elapsed": 2.0 * k,
+            }
+        )
+    (path / "config.json").write_text(
+        json.dumps(
+            {
+                "command": ["train.py", "--domain", "bump", "--out", "my run"],
+                "device": "<GPU>",
+                "processes": 2,
+                "environment": {"seed": 7, "physics": {"substeps": 20}},
+            }
+        )
+    )
+    (path / "evaluation.jsonl").write_text(json.dumps(EVALUATION) + "\n")
+    torch.manual_seed(0)
+    setting = {"domain": "bump", "start": "contact", "controller": "impedance", "limit": 150}
+    torch.save(
+        {"networks": ActorCritic().state_dict(), "steps": 40_000, "setting": setting}, path / "checkpoint.pt"
+    )
+    return path
+
+
+def test_a_success_counts_as_reached_once_it_lasts(folder):
+    rows = read_log(folder / "log.csv")
+    when = reached(rows, 0.95)
+    window = [min(k / 20, 1.0) for k in range(1, 41)]
+    expected = next(k for k in range(WINDOW, 41) if np.mean(window[k - WINDOW : k]) >= 0.95)
+    assert when == {"steps": 1000 * expected, "seconds": 2.0 * expected, "stage": expected // 10}
+    assert reached(rows, 1.01) is None and reached(rows[:3], 0.0) is None
+
+
+def test_the_report_says_what_the_run_did(folder):
+    writer = cv2.VideoWriter(
+        str(folder / "bump_0001_lost.webm"), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"VP80"), 10, (64, 64)
+    )
+    writer.write(np.zeros((64, 64, 3), np.uint8))
+    writer.release()
+    write_report(read_run(folder), folder / "report.html")
+    text = (folder / "report.html").read_text()
+    for part in (
+        "2 x &lt;GPU&gt;",
+        "<svg",
+        "0.910",
+        "tips1",
+        "twice the mass alone",
+        "210.0 mm",
+        "failed: infeasible",
+        "bump_0001_lost",
+        "data:video/webm;base64,",
+        "lost 3",
+        "0.0100",
+    ):
+        assert part in text, part
+
+
+def test_a_folder_without_a_log_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="expected log.csv with a row, found no log"):
+        read_run(tmp_path)
+    (tmp_path / "log.csv").write_text("")
+    with pytest.raises(ValueError, match="found none in it"):
+        read_run(tmp_path)
+
+
+def test_runs_are_compared_by_when_they_reach_a_success(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(
+        "sys.argv",
+        ["compare", f"with={folder}", f"{folder}", "--success", "0.9", "--out", str(tmp_path / "both")],
+    )
+    compare.main()
+    result = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
+    assert set(result["runs"]) == {"with", "bump"} and result["runs"]["with"]["seed"] == 7
+    assert result["runs"]["with"]["reached"] == reached(read_log(folder / "log.csv"), 0.9)
+    assert json.loads((tmp_path / "both.json").read_text()) == result
+    assert cv2.imread(str(tmp_path / "both.png")).std() > 5
+
+
+def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
+    student = PreContactStudent()
+    save(student, tmp_path / "student.safetensors", {"domain": "bump"})
+    state = torch.load(folder / "checkpoint.pt", weights_only=True)
+    files = release(
+        read_run(folder),
+        state,
+        tmp_path / "student.safetensors",
+        tmp_path / "weights",
+        tmp_path / "results",
+        "2 x GPU",
+        "python -m np_training.train --domain bump",
+    )
+    assert [file.name for file in files] == ["post_contact_bump.safetensors", "pre_contact_bump.safetensors"]
+    post = load(PostContactPolicy(), files[0]).state_dict()
+    assert all(torch.equal(post[name], state["networks"][f"post.{name}"]) for name in post)
+    card = files[0].with_suffix(".md").read_text()
+    for part in (
+        sha256(files[0]),
+        "seed 7",
+        "0.910",
+        "What breaks first: mass",
+        "velocity 1.0000%",
+        "tips1 0.750 (40)",
+    ):
+        assert part in card, part
+    record = json.loads((tmp_path / "results" / "training_bump.json").read_text())
+    assert record["physics_steps"] == 800_000 and record["evaluations"] == [EVALUATION]
+    assert (tmp_path / "results" / "training_bump.png").exists() and (
+        tmp_path / "results" / "training_bump.csv"
+    ).exists()
+
+
+def test_what_the_nodes_cannot_deploy_is_not_released():
+    with pytest.raises(ValueError, match="expected a run with controller impedance.* got osc"):
+        check_releasable({"domain": "bump", "controller": "osc"}, [EVALUATION])
+    with pytest.raises(ValueError, match="expected a run with start contact.* got above"):
+        check_releasable({"domain": "bump", "start": "above"}, [EVALUATION])
+    with pytest.raises(ValueError, match="expected evaluation.jsonl"):
+        check_releasable({"domain": "bump"}, [])
+    with pytest.raises(ValueError, match="expected evaluations of wall, got some of bump"):
+        check_releasable({"domain": "wall"}, [EVALUATION])
+
+
+def test_evaluations_of_the_first_version_still_make_a_table():
+    old = {
+        "conditions": "nominal",
+        "student": True,
+        "success": 0.995,
+        "ci95": [0.988, 0.998],
+        "episodes": 1000,
+        "infeasible": 0,
+        "lost": 0,
+        "timeout": 5,
+    }
+    assert (
+        figure_table([old]).splitlines()[-1]
+        == "| nominal | student | 0.995 | 0.988 to 0.998 | 1000 | 0 | 0 | 5 |"
+    )

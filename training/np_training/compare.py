@@ -1,0 +1,54 @@
+"""Runs side by side: success against steps and wall time, and when each reached a success.
+
+    python -m np_training.compare "with pi_pre=runs/bump" "from above=runs/bump_above" --success 0.95 \\
+        --out docs/results/bump_pre
+
+Writes OUT.png and OUT.json; the last line printed is one JSON object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from np_training.curves import draw_comparison, reached, save
+from np_training.report import Run, read_run
+
+
+def summary(run: Run, success: float) -> dict:
+    """How a run was made, when it reached the success (None: never), and how it ended."""
+    last = run.rows[-1]
+    return {
+        "command": run.config.get("command", []),
+        "seed": run.config.get("environment", {}).get("seed"),
+        "device": run.config.get("device"),
+        "processes": run.config.get("processes", 1),
+        "reached": reached(run.rows, success),
+        "end": {name: last[name] for name in ("steps", "elapsed", "stage", "success")},
+    }
+
+
+def main() -> None:
+    """Compare the runs named."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("runs", nargs="+", help="NAME=FOLDER, or FOLDER")
+    parser.add_argument("--success", type=float, default=0.95)
+    parser.add_argument("--out", type=Path, required=True, help="path without ending")
+    arguments = parser.parse_args()
+    folders = [run.rpartition("=") for run in arguments.runs]
+    runs = {name or Path(folder).name: read_run(Path(folder)) for name, _, folder in folders}
+    if len(runs) < len(folders):
+        parser.error(f"runs: expected a name of its own for each, got {', '.join(arguments.runs)}")
+    result = {
+        "success": arguments.success,
+        "runs": {name: summary(run, arguments.success) for name, run in runs.items()},
+    }
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    save(draw_comparison({name: run.rows for name, run in runs.items()}), Path(f"{arguments.out}.png"))
+    Path(f"{arguments.out}.json").write_text(json.dumps(result, indent=1) + "\n")
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()

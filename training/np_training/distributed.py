@@ -1,0 +1,77 @@
+"""Training on several devices, one process each, started by `torchrun`.
+
+Every process simulates worlds of its own; gradients, statistics and decisions are sums over all of them. A
+process alone gets the same answers without a message: every function here is then the identity.
+"""
+
+from __future__ import annotations
+
+import os
+
+import torch
+import torch.distributed as dist
+import warp as wp
+
+
+def join(device: str) -> str:
+    """Join the processes that torchrun started and return this one's device, `cuda:LOCAL_RANK` or `cpu`.
+
+    Raises ValueError where a process has no GPU of its own.
+    """
+    if int(os.environ.get("WORLD_SIZE", 1)) == 1:
+        return device
+    if not device.startswith("cuda"):
+        dist.init_process_group("gloo")
+        return device
+    local = int(os.environ["LOCAL_RANK"])
+    if local >= torch.cuda.device_count():
+        raise ValueError(
+            f"--nproc-per-node: expected at most {torch.cuda.device_count()}, the GPUs of this machine, "
+            f"got a process {local}"
+        )
+    device = f"cuda:{local}"
+    torch.cuda.set_device(local)
+    wp.set_device(device)
+    dist.init_process_group("nccl", device_id=torch.device(device))
+    return device
+
+
+def leave() -> None:
+    """End what `join` began."""
+    if dist.is_initialized():
+        dist.destroy_process_group()
+
+
+def rank() -> int:
+    """Number of this process; 0 writes the files."""
+    return dist.get_rank() if dist.is_initialized() else 0
+
+
+def size() -> int:
+    """Number of processes."""
+    return dist.get_world_size() if dist.is_initialized() else 1
+
+
+def add(*tensors: torch.Tensor) -> None:
+    """Replace each tensor by its sum over all processes, in one message. All of one device and type."""
+    if size() == 1:
+        return
+    flat = torch.cat([tensor.reshape(-1) for tensor in tensors])
+    dist.all_reduce(flat)
+    for tensor, part in zip(tensors, flat.split([tensor.numel() for tensor in tensors])):
+        tensor.copy_(part.view_as(tensor))
+
+
+def total(values: dict[str, torch.Tensor | float], device: torch.device) -> dict[str, float]:
+    """Sums over all processes of named numbers, in one message; the names have to be the same everywhere."""
+    numbers = torch.stack(
+        [torch.as_tensor(value, dtype=torch.float64, device=device) for value in values.values()]
+    )
+    add(numbers)
+    return dict(zip(values, numbers.tolist()))
+
+
+def any_of(condition: bool, device: torch.device) -> bool:
+    """Whether the condition holds on any process: clocks differ, and all have to stop after the same
+    iteration."""
+    return total({"condition": float(condition)}, device)["condition"] > 0
