@@ -1,8 +1,7 @@
 """The backends that the contract suite judges, and the harness that plays the rest of the graph against one.
 
-To have another backend judged, add it to BACKENDS: the tests only use what docs/graph.md promises. What a command is
-differs (commands.py); what a backend owes its sender does not.
-"""
+To have another backend judged, add it to BACKENDS: the tests only use what docs/graph.md promises. What a
+command is differs (commands.py); what a backend owes its sender does not. """
 
 from __future__ import annotations
 
@@ -42,9 +41,9 @@ def robot() -> Iterator[dict]:
 class Backend:
     """One backend: its executable, the parameters of each mode, what it can do besides moving the arm.
 
-    commands: what moves it; has_tasks: it draws tasks; has_camera: it gives images; can_pause: its time can stand still. needs: what
-    must run before it, giving further parameters. missing: why it cannot be started here, or empty.
-    """
+    commands: what moves it; has_tasks: it draws tasks; has_camera: it gives images; can_pause: its time can
+    stand still. needs: what must run before it, giving further parameters. missing: why it cannot be started
+    here, or empty. """
 
     package: str
     name: str
@@ -65,8 +64,8 @@ BACKENDS = {
     "franka_driver": Backend(
         "np_franka", "franka_driver", modes={"realtime": {}}, needs=robot, missing=simulated_robot.missing()),
     "franka_driver_onboard": Backend(
-        "np_franka", "franka_driver", modes={"realtime": {"control": "onboard"}}, commands=TARGETS, needs=robot,
-        missing=simulated_robot.missing()),
+        "np_franka", "franka_driver", modes={"realtime": {"control": "onboard"}}, commands=TARGETS,
+        needs=robot, missing=simulated_robot.missing()),
 }
 
 
@@ -77,10 +76,9 @@ def silent(state: JointState) -> None:
 class Harness:
     """A backend as a process, with the test as its controller.
 
-    `answer(state)` gives the command for a state, or None for silence; change it at will. It is asked as often as the
-    backend's kind of command is sent. `states` are all states received; `status`, `level`, `message` the newest of the
-    backend's diagnostics.
-    """
+    `answer(state)` gives the command for a state, or None for silence; change it at will. It is asked as
+    often as the backend's kind of command is sent. `states` are all states received; `status`, `level`,
+    `message` the newest of the backend's diagnostics. """
 
     def __init__(self, graph, probe, backend: Backend, mode: str, **parameters):
         self.graph, self.probe, self.backend = graph, probe, backend
@@ -156,9 +154,8 @@ class Harness:
     def follow(self, answer: Callable[[JointState], Command], until: Callable[[], object], what: str) -> None:
         """Answer every state, beginning with the newest, until the condition holds.
 
-        The state at which it does so is not answered any more. Where a busy machine has kept us from answering for so long
-        that the watchdog has rightly stopped the arm, recover and go on.
-        """
+        The state at which it does so is not answered any more. Where a busy machine has kept us from
+        answering for so long that the watchdog has rightly stopped the arm, recover and go on. """
         done = False
 
         def answer_until(state: JointState) -> Command | None:

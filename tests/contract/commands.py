@@ -1,8 +1,7 @@
 """What moves a backend: effort commands, 500 times a second, or targets of T_E with their gains, ten times.
 
-Either kind knows how to ask for rest and for a turn of the last joint, and every way to be wrong, by the reason that a
-refusal is counted under.
-"""
+Either kind knows how to ask for rest and for a turn of the last joint, and every way to be wrong, by the
+reason that a refusal is counted under."""
 
 from __future__ import annotations
 
@@ -32,9 +31,9 @@ Make = Callable[[JointState], Command]
 class Commands:
     """One kind of command.
 
-    sent: topics and their types; period: ns between two commands; subscribed, published: what a backend that takes them
-    adds to the graph; stay, turn, turn_fast: commands for a state; bad: reason -> command that must be refused.
-    """
+    sent: topics and their types; period: ns between two commands; subscribed, published: what a backend that
+    takes them adds to the graph; stay, turn, turn_fast: commands for a state; bad: reason -> command that
+    must be refused."""
 
     sent: dict[str, type]
     period: int
@@ -51,11 +50,17 @@ class Commands:
 
 def stay(state: JointState, **changes) -> JointState:
     """The command that asks for the present posture with no torque; fields replaced by keyword."""
-    fields = dict(stamp=stamp_nanoseconds(state.header.stamp), names=JOINT_NAMES,
-                  position=list(state.position[:7]), velocity=[0.0] * 7, effort=[0.0] * 7)
+    fields = dict(
+        stamp=stamp_nanoseconds(state.header.stamp),
+        names=JOINT_NAMES,
+        position=list(state.position[:7]),
+        velocity=[0.0] * 7,
+        effort=[0.0] * 7,
+    )
     fields.update(changes)
-    return joint_state_message(fields["stamp"], fields["names"], fields["position"], fields["velocity"],
-                               fields["effort"])
+    return joint_state_message(
+        fields["stamp"], fields["names"], fields["position"], fields["velocity"], fields["effort"]
+    )
 
 
 def pushing(torque: float, joint: int = 6) -> Callable[[JointState], JointState]:
@@ -80,9 +85,13 @@ def _short(state):
 
 
 EFFORTS = Commands(
-    sent={"effort_command": JointState}, period=PERIOD,
-    subscribed={"/effort_command": "sensor_msgs/msg/JointState"}, published={},
-    stay=stay, turn=pushing(1.5), turn_fast=pushing(11.5),
+    sent={"effort_command": JointState},
+    period=PERIOD,
+    subscribed={"/effort_command": "sensor_msgs/msg/JointState"},
+    published={},
+    stay=stay,
+    turn=pushing(1.5),
+    turn_fast=pushing(11.5),
     bad={
         "not_finite": lambda s: stay(s, effort=[0.0, math.nan] + [0.0] * 5),
         "names": lambda s: stay(s, names=tuple(reversed(JOINT_NAMES))),
@@ -90,18 +99,28 @@ EFFORTS = Commands(
         "torque": lambda s: stay(s, effort=_bend([0.0] * 7, 6, 1.01 * LIMITS.torque[6])),
         "velocity": lambda s: stay(s, velocity=_bend([0.0] * 7, 0, 1.01 * LIMITS.velocity[0])),
         "position": lambda s: stay(s, position=_bend(s.position[:7], 0, 1.01 * LIMITS.position_upper[0])),
-        "start": lambda s: stay(s, position=_bend(s.position[:7], 2, s.position[2] + 2 * LIMITS.start_tolerance)),
+        "start": lambda s: stay(
+            s, position=_bend(s.position[:7], 2, s.position[2] + 2 * LIMITS.start_tolerance)
+        ),
         "future": lambda s: stay(s, stamp=stamp_nanoseconds(s.header.stamp) + 1000 * PERIOD),
-    })
+    },
+)
 
 
 # Targets
 
 
-def target(state: JointState, *, ahead: float = 0.0, shift=(0.0, 0.0, 0.0), frame: str = BASE_FRAME, late: int = 0,
-           gains: np.ndarray = GAINS) -> dict[str, object]:
-    """Gains and the pose that T_E has now, turned about its own axis by `ahead` rad of the last joint, and moved by
-    `shift` m; its stamp `late` ns before the state's."""
+def target(
+    state: JointState,
+    *,
+    ahead: float = 0.0,
+    shift=(0.0, 0.0, 0.0),
+    frame: str = BASE_FRAME,
+    late: int = 0,
+    gains: np.ndarray = GAINS,
+) -> dict[str, object]:
+    """Gains and the pose that T_E has now, turned about its own axis by `ahead` rad of the last joint, and
+    moved by `shift` m; its stamp `late` ns before the state's."""
     q = np.array(state.position[:7])
     q[6] = min(q[6] + ahead, LIMITS.position_upper[6] - 0.01)
     position, rotation = forward_kinematics(q)
@@ -123,12 +142,19 @@ def _alone(state):
 
 
 TARGETS = Commands(
-    sent={"target_gains": Float64MultiArray, "target_pose": PoseStamped}, period=POLICY_PERIOD,
-    subscribed={"/target_pose": "geometry_msgs/msg/PoseStamped", "/target_gains": "std_msgs/msg/Float64MultiArray",
-                "/joint_trajectory": "trajectory_msgs/msg/JointTrajectory", "/tick": "std_msgs/msg/Header",
-                "/phase": "std_msgs/msg/String"},
+    sent={"target_gains": Float64MultiArray, "target_pose": PoseStamped},
+    period=POLICY_PERIOD,
+    subscribed={
+        "/target_pose": "geometry_msgs/msg/PoseStamped",
+        "/target_gains": "std_msgs/msg/Float64MultiArray",
+        "/joint_trajectory": "trajectory_msgs/msg/JointTrajectory",
+        "/tick": "std_msgs/msg/Header",
+        "/phase": "std_msgs/msg/String",
+    },
     published={"/effort_command": "sensor_msgs/msg/JointState"},
-    stay=target, turn=lambda s: target(s, ahead=0.2), turn_fast=lambda s: target(s, ahead=1.0),
+    stay=target,
+    turn=lambda s: target(s, ahead=0.2),
+    turn_fast=lambda s: target(s, ahead=1.0),
     bad={
         "finite": lambda s: target(s, shift=(0.0, math.nan, 0.0)),
         "frame": lambda s: target(s, frame="world"),
@@ -139,4 +165,5 @@ TARGETS = Commands(
         "unreachable": lambda s: target(s, shift=(0.4, 0.3, 0.2)),
         "late": lambda s: target(s, late=600_000_000),
         "future": lambda s: target(s, late=-1_000_000_000),
-    })
+    },
+)

@@ -1,4 +1,6 @@
-"""Faults over the wire: each is injected into a fast motion, and what the arm did then is taken from the robot itself."""
+"""Faults over the wire: each is injected into a fast motion, and what the arm did then is taken from the
+robot itself.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,9 @@ ENDED = ("stopped", "fault")
 
 @dataclass(frozen=True)
 class Case:
-    """One fault. inject: brings it about, and waits for what the driver makes of it. controls: modes in which it can be;
-    motion: swing (every joint, a trajectory) or turn (the last joint, commands that keep coming); controller: whether,
-    in topic mode, the node joint_impedance commands, or the harness."""
+    """One fault. inject: brings it about, and waits for what the driver makes of it. controls: modes in which
+    it can be; motion: swing (every joint, a trajectory) or turn (the last joint, commands that keep coming);
+    controller: whether, in topic mode, the node joint_impedance commands, or the harness."""
 
     title: str
     inject: Callable[[MovingArm], None]
@@ -32,10 +34,10 @@ class Case:
 class Row:
     """What the arm did from the fault on.
 
-    state, cause: the driver's words; peak_speed rad/s and peak_speed_share of its limit; peak_torque Nm, its share and the
-    greatest change from one command to the next, Nm, of what the driver commanded; time_to_rest s; range_left rad: least distance to the
-    end of a joint's range; braked_by: who commanded the arm when it came to rest; after: the state after recovery.
-    """
+    state, cause: the driver's words; peak_speed rad/s and peak_speed_share of its limit; peak_torque Nm, its
+    share and the greatest change from one command to the next, Nm, of what the driver commanded; time_to_rest
+    s; range_left rad: least distance to the end of a joint's range; braked_by: who commanded the arm when it
+    came to rest; after: the state after recovery."""
 
     fault: str
     control: str
@@ -75,19 +77,31 @@ def _row(fault: str, control: str, state: str, message: str, trace: np.ndarray, 
     end = int(moving[-1]) if moving.size else 0
     commanded = np.abs(torque[ours]) if ours.any() else np.zeros((1, 7))
     return Row(
-        fault, control, state, message.partition(": ")[2], round(float(dq.max()), 3),
-        round(float((dq / FR3_LIMITS.velocity).max()), 3), round(float(commanded.max()), 2),
-        round(float((commanded / FR3_LIMITS.torque).max()), 3), round(float(trace[:, 22].max()), 3),
+        fault,
+        control,
+        state,
+        message.partition(": ")[2],
+        round(float(dq.max()), 3),
+        round(float((dq / FR3_LIMITS.velocity).max()), 3),
+        round(float(commanded.max()), 2),
+        round(float((commanded / FR3_LIMITS.torque).max()), 3),
+        round(float(trace[:, 22].max()), 3),
         round(float(time[end] - time[0]), 3),
         round(float(np.minimum(q - FR3_LIMITS.position_lower, FR3_LIMITS.position_upper - q).min()), 3),
-        "driver" if ours[end] else "robot", after)
+        "driver" if ours[end] else "robot",
+        after,
+    )
 
 
 def over_limit(row: Row) -> list[str]:
     """The limits that were not kept, in words."""
     step = FR3_LIMITS.torque_rate * FR3_LIMITS.period
-    checks = (("speed", row.peak_speed_share, 1.0), ("torque", row.peak_torque_share, 1.0),
-              ("torque step", row.peak_torque_step, step + 1e-6), ("distance beyond the range", -row.range_left, 0.0))
+    checks = (
+        ("speed", row.peak_speed_share, 1.0),
+        ("torque", row.peak_torque_share, 1.0),
+        ("torque step", row.peak_torque_step, step + 1e-6),
+        ("distance beyond the range", -row.range_left, 0.0),
+    )
     return [f"{name}: {value} is over {limit}" for name, value, limit in checks if value > limit]
 
 
@@ -152,6 +166,7 @@ def lose(cycles: int) -> Callable[[MovingArm], None]:
         arm.robot.request(f"drop {cycles}")
         if cycles >= 20:
             arm.harness.wait_state(*ENDED)
+
     return inject
 
 
@@ -181,7 +196,9 @@ def stale(arm: MovingArm) -> None:
 
 
 def limit(arm: MovingArm) -> None:
-    """On towards the end of the last joint's range at full speed, and pressed against it for half a second."""
+    """On towards the end of the last joint's range at full speed, and pressed against it for half a
+    second.
+    """
     harness, wall = arm.harness, FR3_LIMITS.wall_upper[6]
     harness.wait(lambda: harness.states[-1].position[6] > wall - 0.02, "the soft wall")
     later = harness.stamp + 500_000_000

@@ -1,4 +1,6 @@
-"""A robot, its driver and, with `control:=topic`, its controller, put into motion: what faults are injected into."""
+"""A robot, its driver and, with `control:=topic`, its controller, put into motion: what faults are injected
+into.
+"""
 
 from __future__ import annotations
 
@@ -28,12 +30,11 @@ RUNNING = ("ready", "moving")
 
 
 class MovingArm:
-    """`control` is topic or onboard. In topic mode the node joint_impedance commands, unless `controller` is False: then
-    the harness does. pace: of the robot, see SimulatedRobot; priority: whether robot, driver and controller run at real-time priority. End it
-    with `close`."""
+    """`control` is topic or onboard. In topic mode the node joint_impedance commands, unless `controller` is
+    False: then the harness does. pace: of the robot, see SimulatedRobot; priority: whether robot, driver and
+    controller run at real-time priority. End it with `close`."""
 
-    def __init__(self, control: str, *, controller: bool = True, pace: float = SLOW,
-                 priority: bool = False):
+    def __init__(self, control: str, *, controller: bool = True, pace: float = SLOW, priority: bool = False):
         self._pace = pace
         self.control, self.has_controller = control, controller and control == "topic"
         self._stack = ExitStack()
@@ -71,8 +72,12 @@ class MovingArm:
         """The node that commands in topic mode."""
         harness = self.harness
         priority = CONTROLLER_PRIORITY if self._parameters["realtime_priority"] else 0
-        harness.graph.run("np_control", "joint_impedance", {"mode": "realtime", "realtime_priority": priority})
-        harness.wait(lambda: all(map(harness.probe.matched, [*TARGETS.sent, "joint_trajectory"])), "the controller")
+        harness.graph.run(
+            "np_control", "joint_impedance", {"mode": "realtime", "realtime_priority": priority}
+        )
+        harness.wait(
+            lambda: all(map(harness.probe.matched, [*TARGETS.sent, "joint_trajectory"])), "the controller"
+        )
 
     def close(self) -> None:
         """End every process."""
@@ -89,9 +94,14 @@ class MovingArm:
         harness = self.harness
         harness.wait(lambda: harness.probe.matched("joint_trajectory"), "whoever follows trajectories")
         begin = np.array(harness.states[-1].position[:7])
-        motion = retime(np.linspace(begin, begin + SWING, 50), 0.7 * NOMINAL.velocity_limit, 0.5 * ACCELERATION_LIMIT)
-        harness.probe.publish("joint_trajectory", trajectory_message(
-            harness.stamp, JOINT_NAMES, motion.times, motion.positions, motion.velocities), qos.EVENT)
+        motion = retime(
+            np.linspace(begin, begin + SWING, 50), 0.7 * NOMINAL.velocity_limit, 0.5 * ACCELERATION_LIMIT
+        )
+        harness.probe.publish(
+            "joint_trajectory",
+            trajectory_message(harness.stamp, JOINT_NAMES, motion.times, motion.positions, motion.velocities),
+            qos.EVENT,
+        )
         self._wait_fast()
 
     def turn(self) -> None:
@@ -105,6 +115,7 @@ class MovingArm:
             if self.harness.status.get("state") in ("stopped", "fault"):
                 raise RuntimeError(f"the arm was to move, and is not: {self.harness.message}")
             return self.speed_share() > FAST
+
         self.harness.wait(is_fast, "a fast joint")
 
     def state(self) -> dict:
@@ -129,6 +140,7 @@ class MovingArm:
             elif since is None:
                 since = state["time"]
             return since is not None and state["time"] - since > 0.2
+
         self.harness.wait(is_at_rest, "rest")
 
     def recover(self) -> str:
@@ -144,7 +156,9 @@ class MovingArm:
         return harness.status["state"]
 
     def trace(self) -> np.ndarray:
-        """What the robot did: rows of time s, q, dq, torque told (7 each), step of torque, whether it was commanded."""
+        """What the robot did: rows of time s, q, dq, torque told (7 each), step of torque, whether it was
+        commanded.
+        """
         path = self._folder / "trace.npy"
         self.robot.request(f"trace {path}")
         return np.load(path)

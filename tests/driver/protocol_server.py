@@ -1,14 +1,14 @@
 """A simulated FR3 that speaks libfranka's protocol on a loopback address, with faults on request.
 
 Run by simulated_robot.py in the simulator's own environment, which has nothing of this project. It is
-franky-sim's server; added are what it does not simulate itself, and a record of what the arm really did. Standard
-input takes one request a line and standard output gives one JSON object for each, `state` and whatever else was asked:
+franky-sim's server; added are what it does not simulate itself, and a record of what the arm really did.
+Standard input takes one request a line and standard output gives one JSON object for each, `state` and
+whatever else was asked:
 
-    drop N      keep the next N states to itself, and hear nothing meanwhile
-    mute, unmute  let nothing pass in either direction
-    strict, lenient  from now on give up after 20 cycles without a command, as the robot does, or wait
-    reflex      abort the motion as a collision does, until automatic error recovery
-    trace PATH  write the last 100 s: rows of time s, q, dq, torque told (7 each), greatest change of torque between two
+    drop N      keep the next N states to itself, and hear nothing meanwhile mute, unmute  let nothing pass in
+    either direction strict, lenient  from now on give up after 20 cycles without a command, as the robot
+    does, or wait reflex      abort the motion as a collision does, until automatic error recovery trace PATH
+    write the last 100 s: rows of time s, q, dq, torque told (7 each), greatest change of torque between two
                 commands, whether the client commands
 
 The first line out is {"hostname": ...}.
@@ -34,7 +34,8 @@ READY = (0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398)
 # The robot's own hold while nobody controls it. franky-sim's gains chatter for ever after a stop from speed.
 HOLD_STIFFNESS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # Nm/rad
 HOLD_DAMPING = (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)  # Nms/rad
-JOINT_REFLEX, COMMUNICATION = 6, 31  # joint_reflex, communication_constraints_violation among libfranka's 41 errors
+# joint_reflex and communication_constraints_violation among libfranka's 41 errors
+JOINT_REFLEX, COMMUNICATION = 6, 31
 PATIENCE = 20  # cycles without a command
 TRACED = 100_000  # cycles
 
@@ -161,8 +162,8 @@ def answer(request: list[str], server: Server) -> dict:
 
 
 def main() -> None:
-    """Serve until standard input ends. Arguments: mass kg of the hand that the robot believes in; how many ms of the
-    machine's time a cycle of 1 ms of the robot takes."""
+    """Serve until standard input ends. Arguments: mass kg of the hand that the robot believes in; how many ms
+    of the machine's time a cycle of 1 ms of the robot takes."""
     mass, pace = map(float, sys.argv[1:])
     requests: queue.SimpleQueue[str] = queue.SimpleQueue()
 

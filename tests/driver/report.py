@@ -1,9 +1,9 @@
-"""`make driver-report`: what the driver did, measured: faults, tracking, a card approach; JSON and a page of tables.
+"""`make driver-report`: what the driver did, measured: faults, tracking, a card approach; JSON and a page of
+tables.
 
-The last line is one JSON object. Give the machine to it: for tracking and approach robot, driver and controller run at
-real-time priority where that is permitted, and what else runs shows in the figures. Faults need no quiet machine: for
-those the robot's clock goes at a third of the speed.
-"""
+The last line is one JSON object. Give the machine to it: for tracking and approach robot, driver and
+controller run at real-time priority where that is permitted, and what else runs shows in the figures. Faults
+need no quiet machine: for those the robot's clock goes at a third of the speed."""
 
 from __future__ import annotations
 
@@ -32,10 +32,14 @@ def jobs(parts: list[str], seconds: float) -> list[tuple[str, str, object]]:
     """(part, text, what gives a row) of everything to be measured."""
     listed = []
     if "faults" in parts:
-        listed += [("faults", f"{name} {control}", lambda n=name, c=control: fault_cases.measure(n, c))
-                   for name, control in fault_cases.PAIRS]
-    for part, measure in (("tracking", lambda c: motion_report.track(c, seconds)),
-                          ("approach", motion_report.approach)):
+        listed += [
+            ("faults", f"{name} {control}", lambda n=name, c=control: fault_cases.measure(n, c))
+            for name, control in fault_cases.PAIRS
+        ]
+    for part, measure in (
+        ("tracking", lambda c: motion_report.track(c, seconds)),
+        ("approach", motion_report.approach),
+    ):
         if part in parts:
             listed += [(part, f"{part} {control}", lambda m=measure, c=control: m(c)) for control in CONTROLS]
     return listed
@@ -67,11 +71,25 @@ def main() -> int:
     progress.show(len(listed))
     options.out.mkdir(parents=True, exist_ok=True)
     for part, measured in rows.items():
-        (options.out / f"driver_{part}.json").write_text(json.dumps({**origin, "rows": measured}, indent=1) + "\n")
+        (options.out / f"driver_{part}.json").write_text(
+            json.dumps({**origin, "rows": measured}, indent=1) + "\n"
+        )
     options.page.write_text(tables.page(options.out, PARTS))
-    over = [f"{row['fault']} ({row['control']}): {text}" for row in rows.get("faults", []) for text in row["over_limit"]]
-    print(json.dumps({"faults": len(rows.get("faults", [])), "over_limit": over, "errors": errors,
-                      **{part: rows[part] for part in ("tracking", "approach") if part in rows}}))
+    over = [
+        f"{row['fault']} ({row['control']}): {text}"
+        for row in rows.get("faults", [])
+        for text in row["over_limit"]
+    ]
+    print(
+        json.dumps(
+            {
+                "faults": len(rows.get("faults", [])),
+                "over_limit": over,
+                "errors": errors,
+                **{part: rows[part] for part in ("tracking", "approach") if part in rows},
+            }
+        )
+    )
     return 1 if errors or over else 0
 
 

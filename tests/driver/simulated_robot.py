@@ -16,7 +16,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SIMULATOR = Path(os.environ.get("FRANKA_SIMULATOR", ROOT / ".venv-franka-sim/bin/python"))
 TIMEOUT = 60.0  # s
 SLOW = 3.0  # ms a cycle of 1 ms of the robot takes, where speed is not what is looked at
-ROBOT_PRIORITY, DRIVER_PRIORITY, TEST_PRIORITY = 60, 50, 40  # of first-in-first-out scheduling, where permitted
+# Of first-in-first-out scheduling, where permitted.
+ROBOT_PRIORITY, DRIVER_PRIORITY, TEST_PRIORITY = 60, 50, 40
 OF_ROS = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME")
 
 
@@ -32,9 +33,9 @@ def missing() -> str:
 class SimulatedRobot:
     """A robot of its own, on a loopback address of its own; ends with `close`.
 
-    hand_mass: kg, of the end effector that its settings name. pace: ms that a cycle takes. The robot's clock paces whoever
-    talks to it and counts for every deadline, so that a slow robot leaves a busy machine time and changes nothing else.
-    """
+    hand_mass: kg, of the end effector that its settings name. pace: ms that a cycle takes. The robot's clock
+    paces whoever talks to it and counts for every deadline, so that a slow robot leaves a busy machine time
+    and changes nothing else. """
 
     def __init__(self, hand_mass: float = 0.73, pace: float = SLOW):
         environment = {key: value for key, value in os.environ.items() if key not in OF_ROS}

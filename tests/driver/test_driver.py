@@ -28,7 +28,8 @@ def start(start_robot):
     def started(onboard=None, **changes):
         _, parameters = start_robot()
         arm = Arm(parameters["hostname"], FR3_LIMITS, Collision(), enforce_realtime=False)
-        checklist = replace(Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS), **changes)
+        usual = Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
+        checklist = replace(usual, **changes)
         drivers.append(Driver(arm, FR3_LIMITS, checklist, onboard))
         drivers[-1].start(time.time_ns())
         return drivers[-1]

@@ -32,7 +32,9 @@ signed = arrays(np.float32, 7, elements=st.floats(-1, 1, width=32))
 
 @st.composite
 def inputs(draw):
-    """q (7,), dq (7,), joint target (7,), stiffness (7,), damping ratio, in single precision, within the robot's limits."""
+    """q (7,), dq (7,), joint target (7,), stiffness (7,), damping ratio, in single precision, within the
+    robot's limits.
+    """
     lower, upper = NOMINAL.position_lower + 0.1, NOMINAL.position_upper - 0.1
     q = np.float32(lower + draw(unit) * (upper - lower))
     dq = np.float32(draw(signed) * NOMINAL.velocity_limit)
@@ -62,8 +64,8 @@ def training():
         command[3:, 0] = target, stiffness, np.full(7, ratio)
         out = wp.zeros((1, 7), dtype=float, device="cpu")
         wp.launch(impedance_kernel, dim=(1, 7), device="cpu", outputs=[out, over], inputs=[
-            0, limit, world(q), world(dq), world(coriolis), none, wp.array(command, dtype=float, device="cpu"), delay,
-            none])
+            0, limit, world(q), world(dq), world(coriolis), none,
+            wp.array(command, dtype=float, device="cpu"), delay, none])
         return out.numpy()[0].astype(float)
     return torque
 

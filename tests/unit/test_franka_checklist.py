@@ -19,8 +19,14 @@ CHECKLIST = Checklist("none", timedelta(days=30), STIFFNESS_MAX, np.ones(7), FR3
 
 def calibration(folder, made):
     """The path of a calibration of that date."""
-    Calibration(made, Lens(640, 480, 600, 600, 320, 240), np.array([1, 0, 1]), np.array([1, 0, 0, 0]), np.eye(6) * 1e-6,
-                Errors(1e-3, 1e-3, 0.5, 0.2, 20, 500)).save(folder / "calibration.yaml")
+    Calibration(
+        made,
+        Lens(640, 480, 600, 600, 320, 240),
+        np.array([1, 0, 1]),
+        np.array([1, 0, 0, 0]),
+        np.eye(6) * 1e-6,
+        Errors(1e-3, 1e-3, 0.5, 0.2, 20, 500),
+    ).save(folder / "calibration.yaml")
     return str(folder / "calibration.yaml")
 
 
@@ -28,22 +34,28 @@ def test_a_robot_that_is_ready_may_be_moved():
     assert CHECKLIST.problems(GOOD, NOW) == []
 
 
-@pytest.mark.parametrize("facts, text", [
-    (replace(GOOD, mode="UserStopped"), "mode is UserStopped, expected Idle"),
-    (replace(GOOD, mode="Reflex", errors="joint_reflex"), "joint_reflex"),
-    (replace(GOOD, end_effector_mass=0.0), "0.00 kg at its flange"),
-    (replace(GOOD, load_mass=0.5), "a load of 0.50 kg"),
-])
+@pytest.mark.parametrize(
+    "facts, text",
+    [
+        (replace(GOOD, mode="UserStopped"), "mode is UserStopped, expected Idle"),
+        (replace(GOOD, mode="Reflex", errors="joint_reflex"), "joint_reflex"),
+        (replace(GOOD, end_effector_mass=0.0), "0.00 kg at its flange"),
+        (replace(GOOD, load_mass=0.5), "a load of 0.50 kg"),
+    ],
+)
 def test_mode_and_payload_are_named(facts, text):
     problems = CHECKLIST.problems(facts, NOW)
     assert len(problems) == 1 and text in problems[0]
 
 
-@pytest.mark.parametrize("changes, text", [
-    ({"stiffness": 2 * STIFFNESS_MAX}, "stiffness: expected"),
-    ({"damping_ratio": np.full(7, 0.1)}, "damping ratio: expected"),
-    ({"limits": replace(FR3_LIMITS, period_ns=10_000_000)}, "not stable at 100 Hz"),
-])
+@pytest.mark.parametrize(
+    "changes, text",
+    [
+        ({"stiffness": 2 * STIFFNESS_MAX}, "stiffness: expected"),
+        ({"damping_ratio": np.full(7, 0.1)}, "damping ratio: expected"),
+        ({"limits": replace(FR3_LIMITS, period_ns=10_000_000)}, "not stable at 100 Hz"),
+    ],
+)
 def test_gains_that_are_out_of_bounds_or_unstable_at_the_rate_are_named(changes, text):
     problems = replace(CHECKLIST, **changes).problems(GOOD, NOW)
     assert problems and text in problems[0]
@@ -52,8 +64,11 @@ def test_gains_that_are_out_of_bounds_or_unstable_at_the_rate_are_named(changes,
 def test_a_calibration_must_be_named_readable_and_fresh(tmp_path):
     path = calibration(tmp_path, NOW - timedelta(days=29))
     assert replace(CHECKLIST, calibration=path).problems(GOOD, NOW) == []
-    for name, when, text in (("", NOW, "no calibration"), (str(tmp_path / "none.yaml"), NOW, "none.yaml"),
-                             (path, NOW + timedelta(days=2), "31 days old")):
+    for name, when, text in (
+        ("", NOW, "no calibration"),
+        (str(tmp_path / "none.yaml"), NOW, "none.yaml"),
+        (path, NOW + timedelta(days=2), "31 days old"),
+    ):
         problems = replace(CHECKLIST, calibration=name).problems(GOOD, when)
         assert len(problems) == 1 and text in problems[0]
 

@@ -1,4 +1,6 @@
-"""The controller on board the driver: when it speaks, when it is silent, what it is led by. No hardware extra needed."""
+"""The controller on board the driver: when it speaks, when it is silent, what it is led by. No hardware extra
+needed.
+"""
 
 import numpy as np
 import pytest
@@ -87,9 +89,14 @@ def test_a_new_target_ends_the_silence(cycles):
     assert cycles.run(10)[-1] is not None
 
 
-@pytest.mark.parametrize("end", [
-    lambda onboard: onboard.phase("succeeded"), lambda onboard: onboard.phase("failed"),
-    lambda onboard: onboard.trajectory(goal(0.0))])
+@pytest.mark.parametrize(
+    "end",
+    [
+        lambda onboard: onboard.phase("succeeded"),
+        lambda onboard: onboard.phase("failed"),
+        lambda onboard: onboard.trajectory(goal(0.0)),
+    ],
+)
 def test_after_an_episode_or_on_a_trajectory_no_target_is_due(cycles, end):
     cycles.aim()
     cycles.run(20)

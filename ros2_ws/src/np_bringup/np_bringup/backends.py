@@ -15,15 +15,23 @@ DRIVER_PRIORITY, CONTROLLER_PRIORITY = 80, 79  # of first-in-first-out schedulin
 
 ARGUMENTS = (
     LaunchArgument(
-        "backend", SIMULATED, "sim_bridge: simulated robot and camera; franka_driver: real ones, mode realtime."
+        "backend",
+        SIMULATED,
+        "sim_bridge: simulated robot and camera; franka_driver: real ones, mode realtime.",
     ),
     LaunchArgument("hostname", "", "franka_driver: address of the robot."),
     LaunchArgument(
-        "control", "topic", "franka_driver: topic: the controller is a node; onboard: it runs in the driver, at 1 kHz."
+        "control",
+        "topic",
+        "franka_driver: topic: the controller is a node; onboard: it runs in the driver, at 1 kHz.",
     ),
-    LaunchArgument("camera", "realsense", "franka_driver: realsense: start its node; none: a camera of your own."),
     LaunchArgument(
-        "realtime", "enforce", "franka_driver: enforce: a real-time kernel is required; ignore: a simulated robot."
+        "camera", "realsense", "franka_driver: realsense: start its node; none: a camera of your own."
+    ),
+    LaunchArgument(
+        "realtime",
+        "enforce",
+        "franka_driver: enforce: a real-time kernel is required; ignore: a simulated robot.",
     ),
 )
 
@@ -45,9 +53,13 @@ def check(given: Mapping[str, str]) -> None:
         ("keypoints", "camera", "nobody knows the true pose of a real object"),
     ):
         if given[name] != needed:
-            raise ValueError(f"{name}: expected {needed} with backend franka_driver ({why}), got {given[name]!r}")
+            raise ValueError(
+                f"{name}: expected {needed} with backend franka_driver ({why}), got {given[name]!r}"
+            )
     if given["control"] == "onboard" and given["controller"] != "impedance":
-        raise ValueError("controller: expected impedance with control onboard: no other law runs in the driver")
+        raise ValueError(
+            "controller: expected impedance with control onboard: no other law runs in the driver"
+        )
     for name in ("hostname", "calibration"):
         if not given[name]:
             raise ValueError(f"{name}: expected one with backend franka_driver, got none")

@@ -32,7 +32,7 @@ ARGUMENTS = (
     LaunchArgument(
         "calibration",
         "",
-        "File written by `calibrate`: where the camera is; empty: as trained; none: a real robot without a camera.",
+        "File written by `calibrate`: where the camera is; empty: as trained; none: a real robot, no camera.",
     ),
     LaunchArgument("weights", "", "Folder with released weights; empty: the project's own."),
     LaunchArgument("bag", "", "Record bags with this path, a number is appended; empty: no recorder."),

@@ -160,10 +160,10 @@ class Controller:
 
         stamp: ns of the state that the target answers; inverse kinematics starts from the joints measured
         then, as in training. Takes effect with the first state at or after stamp + policy_latency; a running
-        trajectory ends. Gives back control after every step of inverse kinematics, for who has no time for all of
-        them, and takes effect when exhausted. Returns whether the target was cut to the workspace. Raises Refusal
-        (not_finite, workspace, gains, order, late, future, unreachable) and leaves everything as it was.
-        """
+        trajectory ends. Gives back control after every step of inverse kinematics, for who has no time for
+        all of them, and takes effect when exhausted. Returns whether the target was cut to the workspace.
+        Raises Refusal (not_finite, workspace, gains, order, late, future, unreachable) and leaves everything
+        as it was. """
         if not self._states:
             raise Refusal(Reason.STATE, "no joint state has come yet")
         position, clamped = limit_target(self.limits, np.asarray(position, dtype=float))

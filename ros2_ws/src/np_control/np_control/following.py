@@ -1,8 +1,7 @@
 """What a controller follows in real time: everything takes effect when it comes. No ROS.
 
-The counterpart of `np_control.lockstep.TickGate`, for the controller node and for a driver with the controller on
-board.
-"""
+The counterpart of `np_control.lockstep.TickGate`, for the controller node and for a driver with the
+controller on board. """
 
 from __future__ import annotations
 
@@ -30,7 +29,9 @@ class Following:
         self._phase = phase
 
     def trajectory(self, trajectory: Trajectory | None, start: int | None = None) -> None:
-        """Follow a plan from the state of `start` ns on, or from now; None (no plan) changes nothing. Raises Refusal."""
+        """Follow a plan from the state of `start` ns on, or from now; None (no plan) changes nothing. Raises
+        Refusal.
+        """
         if trajectory is not None:
             self._controller.follow(trajectory, start)
 
@@ -39,7 +40,8 @@ class Following:
         self._gains = gains
 
     def pose(self, stamp: int, pose: tuple[np.ndarray, np.ndarray] | None) -> bool:
-        """Move T_E to `pose`, position (3,) m and rotation (3, 3), with the gains that came since the last pose.
+        """Move T_E to `pose`, position (3,) m and rotation (3, 3), with the gains that came since the last
+        pose.
 
         stamp: ns of the state that it answers. None stands for a pose that was refused: it uses the gains up.
         Returns whether it was cut to the workspace. Raises Refusal, `unpaired` where there are no gains.
@@ -48,7 +50,9 @@ class Following:
         return pose is not None and self._controller.set_target(stamp, *pose, *gains)
 
     def take_gains(self, stamp: int) -> np.ndarray:
-        """The gains (2, 7) for the pose of `stamp` ns. Raises Refusal(unpaired) where none came since the last pose."""
+        """The gains (2, 7) for the pose of `stamp` ns. Raises Refusal(unpaired) where none came since the
+        last pose.
+        """
         gains, self._gains = self._gains, None
         if gains is None:
             raise Refusal(Reason.UNPAIRED, f"target pose of {stamp} ns came without gains")

@@ -70,7 +70,9 @@ class Trajectory:
         return lower, upper, speed
 
     def _cubic(self, first, second, span) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Coefficients of the cubics in s = 0..1 from points `first` to points `second` (indices), `span` s apart."""
+        """Coefficients of the cubics in s = 0..1 from points `first` to points `second` (indices), `span` s
+        apart.
+        """
         p0, p1 = self.positions[first], self.positions[second]
         v0, v1 = self.velocities[first] * span, self.velocities[second] * span
         return p0, v0, 3 * (p1 - p0) - 2 * v0 - v1, 2 * (p0 - p1) + v0 + v1

@@ -22,9 +22,8 @@ MASS_TOLERANCE = 0.1  # kg
 class Facts:
     """What the robot says of itself.
 
-    mode: the robot's own word; errors: those that it has, or empty; end_effector_mass, load_mass kg: what it compensates
-    at its flange.
-    """
+    mode: the robot's own word; errors: those that it has, or empty; end_effector_mass, load_mass kg: what it
+    compensates at its flange. """
 
     mode: str
     errors: str
@@ -36,10 +35,9 @@ class Facts:
 class Checklist:
     """The conditions of start-up and of every recovery.
 
-    calibration: path of the camera's calibration, or `none` for a run that needs no camera; calibration_max_age: how old
-    it may be. stiffness (7,) Nm/rad and damping_ratio (7,): the gains that the driver uses of itself besides its hold.
-    limits: with the period at which they act.
-    """
+    calibration: path of the camera's calibration, or `none` for a run that needs no camera;
+    calibration_max_age: how old it may be. stiffness (7,) Nm/rad and damping_ratio (7,): the gains that the
+    driver uses of itself besides its hold. limits: with the period at which they act. """
 
     calibration: str
     calibration_max_age: timedelta
@@ -56,7 +54,8 @@ class Checklist:
             limit_gains(self.stiffness, self.damping_ratio)
         except Refusal as refusal:
             return [str(refusal)]
-        # Sampled damping drives a joint instead of braking it from kd period = 2 inertia on; half of that is the rule.
+        # Sampled damping drives a joint instead of braking it from kd period = 2 inertia on; half of that is
+        # the rule.
         pairs = ((self.stiffness, self.damping_ratio), (HOLD_STIFFNESS, HOLD_DAMPING_RATIO))
         most = np.max([damping(*pair) for pair in pairs], axis=0)
         bound = self.limits.inertia / self.limits.period
@@ -88,5 +87,6 @@ def _payload(facts: Facts) -> list[str]:
     total = facts.end_effector_mass + facts.load_mass
     if abs(total - expected) > MASS_TOLERANCE or facts.load_mass > MASS_TOLERANCE:
         return [f"the robot compensates {facts.end_effector_mass:.2f} kg at its flange and a load of "
-                f"{facts.load_mass:.2f} kg, expected the hand's {expected:.2f} kg and no load; set both in Desk"]
+                f"{facts.load_mass:.2f} kg, expected the hand's {expected:.2f} kg and no load; set both in "
+                "Desk"]
     return []

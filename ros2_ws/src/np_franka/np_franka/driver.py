@@ -23,9 +23,8 @@ REST_TIMEOUT = 2.0  # s that the arm may take to come to rest at the end
 class Cycle:
     """One cycle: `stamp` ns on the driver's clock, what the robot said, what was applied then.
 
-    On board, answer: of the controller, unless it is silent; refusal: where that, or a target, was refused; clamped:
-    whether a target was cut to the workspace.
-    """
+    On board, answer: of the controller, unless it is silent; refusal: where that, or a target, was refused;
+    clamped: whether a target was cut to the workspace. """
 
     stamp: int
     reading: Reading
@@ -38,11 +37,10 @@ class Cycle:
 class Driver:
     """Reads a state, guards and sends the newest command, over and over: call `cycle` without pause.
 
-    Between commands the last one holds: torques change at the controller's rate, guards act at the robot's. With a
-    controller on board they change at the robot's too; it is commanded by nobody else then.
-    What breaks in between is a fault with the robot's words as cause; `recover` clears it, and connects again
-    where the connection was lost.
-    """
+    Between commands the last one holds: torques change at the controller's rate, guards act at the robot's.
+    With a controller on board they change at the robot's too; it is commanded by nobody else then. What
+    breaks in between is a fault with the robot's words as cause; `recover` clears it, and connects again
+    where the connection was lost. """
 
     def __init__(self, arm: Arm, limits: SafetyLimits, checklist: Checklist, onboard: Onboard | None = None):
         self.arm, self.checklist, self.onboard = arm, checklist, onboard
@@ -156,7 +154,8 @@ class Driver:
         try:
             answer = self.onboard.answer(self.stamp, reading.q, reading.dq)
             if answer is not None:
-                self.offer(answer.stamp, self.filter.limits.joints, answer.position, answer.velocity, answer.torque)
+                self.offer(answer.stamp, self.filter.limits.joints, answer.position, answer.velocity,
+                           answer.torque)
         except Refusal as refusal:
             return None, refusal
         return answer, None

@@ -1,8 +1,8 @@
-"""The impedance controller inside the driver, which answers every cycle of the robot (`control:=onboard`). No ROS.
+"""The impedance controller inside the driver, which answers every cycle of the robot (`control:=onboard`). No
+ROS.
 
-The same objects as in the node `joint_impedance`, at twice its rate. What a silent controller is to the driver in
-`control:=topic`, a silent policy is here: nobody else stands between the two.
-"""
+The same objects as in the node `joint_impedance`, at twice its rate. What a silent controller is to the
+driver in `control:=topic`, a silent policy is here: nobody else stands between the two. """
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ ENDED = ("idle", "succeeded", "failed")
 class Onboard:
     """Leads a `Controller` by what comes over topics, and says what the driver is to be commanded.
 
-    It says nothing until it has been given something to follow. Then it answers every state, unless a target is overdue:
-    from the first target until a trajectory, a new episode or the end of one, the next must come within
-    `target_timeout_ns` by the driver's clock. `release` makes it silent again.
-    """
+    It says nothing until it has been given something to follow. Then it answers every state, unless a target
+    is overdue: from the first target until a trajectory, a new episode or the end of one, the next must come
+    within `target_timeout_ns` by the driver's clock. `release` makes it silent again. """
 
     def __init__(self, config: ControllerConfig, limits: SafetyLimits, target_timeout_ns: int):
         self._controller = Controller(config, limits)
@@ -39,7 +38,7 @@ class Onboard:
         """Forget what was followed: the arm is being stopped, or was."""
         self._controller.release()
         self._following.gains(None)
-        self._thought: tuple[int, Generator[None, None, bool]] | None = None  # a target that is being resolved
+        self._thought: tuple[int, Generator[None, None, bool]] | None = None  # target that is being resolved
         self._is_engaged = False
         self._first: Answer | None = None
         self._due: int | None = None
@@ -72,11 +71,11 @@ class Onboard:
         self._following.gains(gains)
 
     def pose(self, stamp: int, pose: tuple[np.ndarray, np.ndarray] | None) -> None:
-        """Move T_E to `pose`, position (3,) m and rotation (3, 3), with the gains that came since the last pose.
+        """Move T_E to `pose`, position (3,) m and rotation (3, 3), with the gains that came since the last
+        pose.
 
-        stamp: ns of the state that it answers; None: a pose that was refused. It takes effect once `think` has found the
-        joints for it; one that is still being thought of is dropped. Raises Refusal.
-        """
+        stamp: ns of the state that it answers; None: a pose that was refused. It takes effect once `think`
+        has found the joints for it; one that is still being thought of is dropped. Raises Refusal. """
         gains = self._following.take_gains(stamp)
         if pose is not None:
             self._thought = stamp, self._controller.resolve_target(stamp, *pose, *gains)

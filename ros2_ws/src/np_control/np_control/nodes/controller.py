@@ -195,7 +195,9 @@ class ControllerNode(Node):
             self._following.enter(phase)
 
     def on_phase(self, phase: str) -> None:
-        """A stopped arm is not where its target was: the target goes along with it until the fault is over."""
+        """A stopped arm is not where its target was: the target goes along with it until the fault is
+        over.
+        """
         self._is_fault = phase == "fault"
 
     # Diagnostics

@@ -1,4 +1,6 @@
-"""The topics that lead a controller, read and checked: one place for the controller nodes and for the driver."""
+"""The topics that lead a controller, read and checked: one place for the controller nodes and for the
+driver.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ def subscribe(node: Node, led: Led, limits: SafetyLimits, *, lockstep: bool) -> 
     """Let the topics of docs/graph.md lead `led`; `limits` are those that trajectories must keep."""
 
     def read(header: Header, translate: Callable[[], object], deliver: Callable[[int, object], None]) -> None:
-        """Without a readable stamp a message answers nothing; what else is wrong with it still answers its stamp."""
+        """Without a readable stamp a message answers nothing; what else is wrong with it still answers its
+        stamp.
+        """
         try:
             stamp = stamp_nanoseconds(header.stamp)
         except BadMessage as error:

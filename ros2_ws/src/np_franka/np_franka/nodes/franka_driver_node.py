@@ -1,9 +1,8 @@
 """`franka_driver`: a Franka arm and hand behind the topics and services of docs/graph.md.
 
 The robot paces everything, at 1 kHz: its state is read, the newest command goes out, and what is left of the
-cycle is ROS's. Every second state is published. Commands are effort_command, or, with `control:=onboard`, what the
-controller on board makes of trajectories and targets.
-"""
+cycle is ROS's. Every second state is published. Commands are effort_command, or, with `control:=onboard`,
+what the controller on board makes of trajectories and targets. """
 
 from __future__ import annotations
 
@@ -58,8 +57,9 @@ class FrankaDriver(Node):
         self._applied = self.create_publisher(JointState, "applied_command", stream)
         self._effort = None
         if self._driver.onboard is None:
-            self.create_subscription(JointState, "effort_command", self._on_command, qos.subscriber(lockstep=False))
-        else:  # what the controller on board answers is published where another's would be: recordings are the same
+            self.create_subscription(JointState, "effort_command", self._on_command,
+                                     qos.subscriber(lockstep=False))
+        else:  # what the controller on board answers is published where another's would be, for recordings
             self._effort = self.create_publisher(JointState, "effort_command", stream)
             inputs.subscribe(self, self, FR3_LIMITS, lockstep=False)
         self.create_subscription(Float64, "gripper_command", self._on_gripper, qos.EVENT)
