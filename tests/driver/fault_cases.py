@@ -166,6 +166,7 @@ def lose(cycles: int) -> Callable[[MovingArm], None]:
         arm.robot.request(f"drop {cycles}")
         if cycles >= 20:
             arm.harness.wait_state(*ENDED)
+            assert "communication_constraints_violation" in arm.harness.message, arm.harness.message
 
     return inject
 

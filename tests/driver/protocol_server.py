@@ -35,7 +35,7 @@ READY = (0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398)
 HOLD_STIFFNESS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # Nm/rad
 HOLD_DAMPING = (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)  # Nms/rad
 # joint_reflex and communication_constraints_violation among libfranka's 41 errors
-JOINT_REFLEX, COMMUNICATION = 6, 31
+JOINT_REFLEX, COMMUNICATION = 6, 25
 PATIENCE = 20  # cycles without a command
 TRACED = 100_000  # cycles
 
