@@ -228,7 +228,7 @@ def test_the_gate_opens_only_for_what_belongs_to_the_tick():
     assert gate.missing(TICK) == "tick"
     gate.tick(TICK, "approach")
     assert gate.missing(TICK) is None
-    assert gate.take(TICK).trajectory == "plan of this tick"
+    assert gate.take(TICK).trajectory == ("plan of this tick", None)
     gate.tick(2 * TICK, "approach")
     assert gate.missing(2 * TICK) is None and gate.take(2 * TICK).trajectory is None  # it runs already
     gate.tick(3 * TICK, "post")
@@ -255,6 +255,31 @@ def test_the_gate_waits_for_a_plan_in_every_episode():
         gate.trajectory(start + TICK, None)
         assert gate.missing(start + TICK) is None
         assert gate.take(start + TICK).trajectory is None
+
+
+def test_the_gate_pairs_each_experiment_with_its_gains():
+    gate = TickGate(TICK)
+    for number, name in enumerate(("excite: dwell", "excite: chirp")):
+        start = 4 * number * TICK
+        gate.tick(start, name)
+        assert gate.missing(start) == "joint_trajectory"
+        gate.trajectory(start, name)
+        assert gate.missing(start) == "target_gains"
+        gate.gains(number)
+        assert gate.missing(start) is None
+        assert gate.take(start).trajectory == (name, number)
+        gate.tick(start + TICK, name)
+        assert gate.missing(start + TICK) is None and gate.take(start + TICK).trajectory is None
+
+
+@pytest.mark.parametrize("plan, gains", [(None, "gains"), ("plan", None)])
+def test_a_refused_half_of_an_experiment_answers_the_tick_but_moves_nothing(plan, gains):
+    gate = TickGate(TICK)
+    gate.tick(TICK, "excite: dwell")
+    gate.trajectory(TICK, plan)
+    gate.gains(gains)
+    assert gate.missing(TICK) is None
+    assert gate.take(TICK).trajectory is None
 
 
 def test_a_refused_half_of_a_target_answers_the_tick_but_moves_nothing():

@@ -20,7 +20,9 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'blind = np_diagnosis.commands.blind:main',
             'diagnose = np_diagnosis.commands.diagnose:main',
+            'excite = np_diagnosis.commands.excite:main',
         ],
     },
 )

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from np_control.dynamics import Dynamics
-from np_control.impedance import STIFFNESS_MAX, damping, torque as impedance_torque
+from np_control.impedance import STIFFNESS_MAX, lead, torque as impedance_torque
 from np_control.kinematics import IK_ITERATIONS, pose_distance, solve_ik
 from np_control.operational_space import CartesianGains, operational_space_torque
 from np_control.safety import LIMITS, Reason, Refusal, SafetyLimits, check_finite, limit_gains, \
@@ -127,12 +127,15 @@ class Controller:
             self._answer = Answer(state.stamp, self._position, velocity, self._torque, tuple(limited))
         return self._answer
 
-    def follow(self, trajectory: Trajectory, start: int | None = None) -> None:
+    def follow(self, trajectory: Trajectory, start: int | None = None,
+               gains: np.ndarray | None = None) -> None:
         """Follow a trajectory from the state of `start` ns on, or from the next state that is answered.
 
-        Targets given before are dropped. Raises Refusal(start) where the trajectory does not begin at the
-        measured pose.
+        gains (2, 7): rows stiffness Nm/rad, damping ratio; the controller's own where None. Targets given
+        before are dropped. Raises Refusal: start where the trajectory does not begin at the measured pose,
+        gains.
         """
+        gains = self._own_gains if gains is None else np.stack(limit_gains(*gains))
         if not self._states:
             raise Refusal(Reason.STATE, "no joint state has come yet")
         error = np.abs(trajectory.positions[0] - self._states[-1].q)
@@ -143,7 +146,7 @@ class Controller:
                           f"position; allowed are {self.limits.start_tolerance}")
         self._trajectory, self._start, self._target = trajectory, start, None
         self._targets.clear()
-        self._gains_target = self._own_gains
+        self._gains_target = gains
 
     def set_target(self, *target) -> bool:
         """Take a target at once: see `resolve_target`."""
@@ -252,9 +255,7 @@ class Controller:
                 self.config.cartesian, self._dynamics.mass_matrix(state.q), feedforward)
             return torque, velocity
         stiffness, ratio = self._gains
-        # The law damps absolute velocity. A target ahead by kd/kp times its velocity turns that into damping
-        # of the velocity error, so that a moving target is not trailed.
-        lead = self._position + damping(stiffness, ratio) / stiffness * velocity
         if acceleration.any():
             feedforward = feedforward + self._dynamics.mass_matrix(state.q) @ acceleration
-        return impedance_torque(state.q, state.dq, lead, stiffness, ratio, feedforward), velocity
+        target = lead(self._position, velocity, stiffness, ratio)
+        return impedance_torque(state.q, state.dq, target, stiffness, ratio, feedforward), velocity

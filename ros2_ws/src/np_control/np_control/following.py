@@ -29,14 +29,16 @@ class Following:
         self._phase = phase
 
     def trajectory(self, trajectory: Trajectory | None, start: int | None = None) -> None:
-        """Follow a plan from the state of `start` ns on, or from now; None (no plan) changes nothing. Raises
-        Refusal.
+        """Follow a plan from the state of `start` ns on, or from now, with the gains that came since the last
+        pose or plan, or else the controller's own; None (no plan) changes nothing. Raises Refusal.
         """
         if trajectory is not None:
-            self._controller.follow(trajectory, start)
+            gains, self._gains = self._gains, None
+            self._controller.follow(trajectory, start, gains)
 
     def gains(self, gains: np.ndarray | None) -> None:
-        """Gains (2, 7), stiffness Nm/rad and damping ratio, for the pose that comes next; None drops them."""
+        """Gains (2, 7), stiffness Nm/rad and damping ratio, for the pose or the plan that comes next; None drops
+        them."""
         self._gains = gains
 
     def pose(self, stamp: int, pose: tuple[np.ndarray, np.ndarray] | None) -> bool:

@@ -29,3 +29,12 @@ def torque(q, dq, q_target, stiffness, damping_ratio, coriolis):
     at (q, dq). NumPy or PyTorch.
     """
     return stiffness * (q_target - q) - damping(stiffness, damping_ratio) * dq + coriolis
+
+
+def lead(target, velocity, stiffness, damping_ratio):
+    """Joint target (..., 7) rad to give the law for a target that moves at `velocity` (..., 7) rad/s.
+
+    The law damps absolute velocity. A target ahead by kd/kp times its velocity turns that into damping of the
+    velocity error, so that a moving target is not trailed.
+    """
+    return target + damping(stiffness, damping_ratio) / stiffness * velocity

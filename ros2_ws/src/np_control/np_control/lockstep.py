@@ -14,12 +14,19 @@ PoseT = TypeVar("PoseT")
 GainsT = TypeVar("GainsT")
 
 
+TRAJECTORY_PHASES = ("approach", "excite")
+"""Phases in which the first tick waits for a trajectory; "excite: <name>" begins anew with each name."""
+
+
 @dataclass(frozen=True)
 class TickInputs(Generic[TrajectoryT, PoseT, GainsT]):
-    """What takes effect at a tick: phase, and the trajectory or target (pose, gains) that belongs to it."""
+    """What takes effect at a tick: phase, and the trajectory or target (pose, gains) that belongs to it.
+
+    trajectory: with its gains, or None for the controller's own.
+    """
 
     phase: str
-    trajectory: TrajectoryT | None = None
+    trajectory: tuple[TrajectoryT, GainsT | None] | None = None
     target: tuple[PoseT, GainsT] | None = None
 
 
@@ -40,7 +47,7 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
         """A new beginning: drop what no stamp ties to a tick to come."""
         self._pose: tuple[int, PoseT | None] | None = None
         self._gains: tuple[GainsT | None] | None = None
-        self._planned = False  # whether the trajectory of this approach has come
+        self._planned = ""  # the phase whose trajectory has come
 
     def tick(self, stamp: int, phase: str) -> None:
         """The tick of `stamp` ns, with the phase in force from then on."""
@@ -65,8 +72,10 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
         if not _is_of(self._tick, stamp):
             return "tick"
         phase = self._tick[1]
-        if phase == "approach" and not self._planned and not _is_of(self._trajectory, stamp):
+        if self._awaits_trajectory(phase) and not _is_of(self._trajectory, stamp):
             return "joint_trajectory"
+        if self._awaits_trajectory(phase) and _kind(phase) == "excite" and self._gains is None:
+            return "target_gains"
         if phase == "post":
             if not _is_of(self._pose, stamp):
                 return "target_pose"
@@ -80,15 +89,27 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
             return None
         phase = self._tick[1]
         trajectory = target = None
-        if phase == "approach" and not self._planned:
-            trajectory, self._planned = self._trajectory[1], True
+        if self._awaits_trajectory(phase):
+            self._planned, gains = phase, None
+            if _kind(phase) == "excite":
+                (gains,), self._gains = self._gains, None
+            is_complete = self._trajectory[1] is not None and (gains is not None or phase == "approach")
+            trajectory = (self._trajectory[1], gains) if is_complete else None
         elif phase == "post":
             target = self._pose[1], self._gains[0]
             target = None if any(part is None for part in target) else target
             self._pose = self._gains = None
-        if phase != "approach":
-            self._planned = False
+        if _kind(phase) not in TRAJECTORY_PHASES:
+            self._planned = ""
         return TickInputs(phase, trajectory, target)
+
+    def _awaits_trajectory(self, phase: str) -> bool:
+        return _kind(phase) in TRAJECTORY_PHASES and phase != self._planned
+
+
+def _kind(phase: str) -> str:
+    """The phase without what follows its colon."""
+    return phase.split(":")[0]
 
 
 def _is_of(stamped: tuple | None, stamp: int) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from np_sim_bridge.schedule import Schedule
 
-ACTIVE_PHASES = ("pre", "approach", "post")
+ACTIVE_PHASES = ("pre", "approach", "post", "excite")
 
 
 class Barrier:

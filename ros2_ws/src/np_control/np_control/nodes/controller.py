@@ -143,7 +143,10 @@ class ControllerNode(Node):
         if tick is None:
             return
         self._following.enter(tick.phase)
-        self._follow(tick.trajectory, stamp)
+        if tick.trajectory is not None:
+            trajectory, gains = tick.trajectory
+            self._following.gains(gains)
+            self._follow(trajectory, stamp)
         if tick.target is not None:
             pose, gains = tick.target
             self._following.gains(gains)

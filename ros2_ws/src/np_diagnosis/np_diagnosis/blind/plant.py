@@ -1,0 +1,317 @@
+"""Arms with everything that a nominal simulator leaves out: what is behind the torque interface.
+
+The plant is stepped at 2 kHz (semi-implicit Euler) with the rigid-body terms of the middle of each control
+period. All arms of a batch move at once; a `Physics` says what each of them has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from np_description.panda import NOMINAL
+
+from np_diagnosis.blind.friction import bouc_wen, lugre, prandtl
+from np_diagnosis.blind.rigid_arm import JOINTS, Inertials, RigidArms, nominal_inertials
+
+PERIOD = 0.002  # s, of control
+SUBSTEPS = 4
+STEP = PERIOD / SUBSTEPS
+LONGEST_DELAY = 0.02  # s
+NEVER = 1e9  # a limit that is never reached
+
+
+def _per(shape: tuple[int, ...], value: float = 0.0):
+    return field(default=None, metadata={"shape": shape, "value": value})
+
+
+@dataclass(eq=False)
+class Physics:
+    """What B arms are like; every array begins with the arm, most go on with the joint. SI units.
+
+    Friction: coulomb_*, viscous_* by direction of motion, nominal values included; stribeck_level at standstill
+    falls with exp(-(v / stribeck_speed)^2); load_coefficient times the torque through the gear; lugre_*: an
+    element beside; breakaway rad: how far a joint yields before it slides. thermal_drop: share of friction
+    lost, with time constant thermal_time s. Torques that resist: offset, cable, ripple. Drive: lag s, rate
+    Nm/s, saturation Nm, scale. Gear where `flexible`: stiffness Nm/rad, damping, play rad (each way),
+    hysteresis_* (torque Nm, stroke rad). Sensing: sensor_*, encoder_bias, quantum rad, delays s. Controller:
+    stiffness_factor, damping_factor, filter_time s. Then what no catalogue has: see `strange_torque`.
+    """
+
+    inertials: Inertials
+    armature: np.ndarray = _per((JOINTS,))
+    coulomb_forward: np.ndarray = _per((JOINTS,))
+    coulomb_backward: np.ndarray = _per((JOINTS,))
+    viscous_forward: np.ndarray = _per((JOINTS,))
+    viscous_backward: np.ndarray = _per((JOINTS,))
+    stribeck_level: np.ndarray = _per((JOINTS,))
+    stribeck_speed: np.ndarray = _per((JOINTS,), 0.1)
+    load_coefficient: np.ndarray = _per((JOINTS,))
+    lugre_level: np.ndarray = _per((JOINTS,))
+    lugre_stroke: np.ndarray = _per((JOINTS,), 0.01)
+    breakaway: np.ndarray = _per((JOINTS,), 1e-4)
+    thermal_drop: np.ndarray = _per((JOINTS,))
+    thermal_time: np.ndarray = _per((1,), 100.0)
+    offset: np.ndarray = _per((JOINTS,))
+    cable_stiffness: np.ndarray = _per((JOINTS,))
+    cable_centre: np.ndarray = _per((JOINTS,))
+    ripple: np.ndarray = _per((JOINTS,))
+    ripple_order: np.ndarray = _per((JOINTS,))
+    ripple_phase: np.ndarray = _per((JOINTS,))
+    lag: np.ndarray = _per((JOINTS,))
+    rate_limit: np.ndarray = _per((JOINTS,), NEVER)
+    saturation: np.ndarray = _per((JOINTS,), NEVER)
+    torque_scale: np.ndarray = _per((JOINTS,))
+    gravity_scale: np.ndarray = _per((1,))
+    flexible: np.ndarray = _per((JOINTS,))
+    stiffness: np.ndarray = _per((JOINTS,), 1e4)
+    gear_damping: np.ndarray = _per((JOINTS,), 10.0)
+    play: np.ndarray = _per((JOINTS,))
+    hysteresis_torque: np.ndarray = _per((JOINTS,))
+    hysteresis_stroke: np.ndarray = _per((JOINTS,), 1e-3)
+    sensor_scale: np.ndarray = _per((JOINTS,))
+    sensor_bias: np.ndarray = _per((JOINTS,))
+    encoder_bias: np.ndarray = _per((JOINTS,))
+    quantum: np.ndarray = _per((JOINTS,))
+    command_delay: np.ndarray = _per(())
+    measurement_delay: np.ndarray = _per(())
+    loss: np.ndarray = _per(())
+    stiffness_factor: np.ndarray = _per((JOINTS,), 1.0)
+    damping_factor: np.ndarray = _per((JOINTS,), 1.0)
+    filter_time: np.ndarray = _per(())
+    noise: np.ndarray = _per((), 1.0)
+    rub: np.ndarray = _per((JOINTS,))
+    rub_angle: np.ndarray = _per((JOINTS,))
+    rub_width: np.ndarray = _per((JOINTS,), 0.05)
+    wavy: np.ndarray = _per((JOINTS,))
+    wavy_order: np.ndarray = _per((JOINTS,))
+    wavy_phase: np.ndarray = _per((JOINTS,))
+    cubic: np.ndarray = _per((JOINTS,))
+    shake: np.ndarray = _per((JOINTS,))
+    shake_frequency: np.ndarray = _per((JOINTS,))
+    shake_phase: np.ndarray = _per((JOINTS,))
+    drag: np.ndarray = _per((JOINTS,))
+    ageing: np.ndarray = _per((JOINTS,))
+    ageing_time: np.ndarray = _per((JOINTS,), 1.0)
+    flutter: np.ndarray = _per((JOINTS,))
+    flutter_frequency: np.ndarray = _per((JOINTS,))
+    dropout: np.ndarray = _per((JOINTS,))
+    coupling: np.ndarray = _per((JOINTS, JOINTS))
+
+    def __post_init__(self):
+        arms = len(self.inertials.mass)
+        for item in fields(self):
+            if item.metadata and getattr(self, item.name) is None:
+                values = np.full((arms, *item.metadata["shape"]), item.metadata["value"], dtype=float)
+                setattr(self, item.name, values)
+
+    def __len__(self) -> int:
+        return len(self.inertials.mass)
+
+    def uses(self, name: str) -> bool:
+        """Whether an array differs from its default anywhere."""
+        default = type(self).__dataclass_fields__[name].metadata["value"]
+        return bool((getattr(self, name) != default).any())
+
+
+def nominal_physics(arms: int) -> Physics:
+    """The nominal arm, `arms` times."""
+    rows = {name: np.tile(values, (arms, 1)) for name, values in
+            (("armature", NOMINAL.armature), ("coulomb_forward", NOMINAL.frictionloss),
+             ("coulomb_backward", NOMINAL.frictionloss), ("viscous_forward", NOMINAL.damping),
+             ("viscous_backward", NOMINAL.damping))}
+    return Physics(nominal_inertials(arms), **rows)
+
+
+def stack(groups: list[Physics]) -> Physics:
+    """The arms of all groups, one group after the other."""
+    inertials = groups[0].inertials
+    for group in groups[1:]:
+        inertials = inertials.stacked(group.inertials)
+    return Physics(inertials, **{item.name: np.concatenate([getattr(group, item.name) for group in groups])
+                                 for item in fields(Physics) if item.metadata})
+
+
+class Plant:
+    """B arms in motion. `step` takes the commands of one control period.
+
+    q, dq (B, 7): links; theta, omega (B, 7): motors, the same where the gear is stiff. torque (B, 7) Nm: what
+    the drives gave on average over the last period, gravity compensation apart.
+    """
+
+    def __init__(self, physics: Physics, start: np.ndarray, rng: list[np.random.Generator]):
+        arms = len(physics)
+        self.physics, self._rng = physics, rng
+        self.q = np.tile(np.asarray(start, dtype=float), (arms, 1))
+        self.dq, self.theta, self.omega = np.zeros_like(self.q), self.q.copy(), np.zeros_like(self.q)
+        self.torque = np.zeros_like(self.q)
+        self.time = 0.0
+        nominal = nominal_inertials(arms)
+        self._arms = RigidArms(physics.inertials.stacked(nominal).stacked(nominal))
+        self._nominal_rotor = NOMINAL.armature * np.eye(JOINTS)
+        self._flexible = physics.flexible > 0
+        self._rotor = np.where(self._flexible, 0.0, physics.armature)[:, :, None] * np.eye(JOINTS)
+        self._used = {item.name for item in fields(physics) if item.metadata and physics.uses(item.name)}
+        self._follow = 1.0 - np.exp(-STEP / np.maximum(physics.lag, 1e-9))
+        self._stiff = np.minimum(physics.coulomb_forward, physics.coulomb_backward) / physics.breakaway
+        self._bend, self._lugre, self._hysteresis = (np.zeros_like(self.q) for _ in range(3))
+        self._drive, self._load, self._rest = (np.zeros_like(self.q) for _ in range(3))
+        self._dropped = np.zeros_like(self.q)
+        length = int(round(LONGEST_DELAY / PERIOD)) + 2
+        self._history = np.zeros((length, arms, JOINTS))
+        self._number = 0
+        # How many periods ago the command in force at the end of each substep was given, and for which share
+        # of the substep it had been.
+        ends = (np.arange(1, SUBSTEPS + 1)[:, None] * STEP - physics.command_delay) / PERIOD
+        newest = np.ceil(ends - 1e-9) - 1
+        self._ago = -newest.astype(int)
+        self._share = np.clip((ends - newest) * SUBSTEPS, 0.0, 1.0)[:, :, None]
+        self._rows = np.arange(arms)
+
+    def begin(self, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Nominal mass matrix (B, 7, 7), rotors included, and Coriolis torque (B, 7) at a measured state.
+
+        To be called before each `step`, whose own terms, in the middle of the period to come, are found in
+        the same pass: the arm's true ones, and the gravity that the drives compensate.
+        """
+        arms = len(self.physics)
+        middle = self.q + 0.5 * PERIOD * self.dq
+        matrix, velocity, weight = self._arms.terms(
+            np.concatenate([middle, q, middle + self.physics.encoder_bias]),
+            np.concatenate([self.dq, dq, self.dq]))
+        self._inverse = np.linalg.inv(matrix[:arms] + self._rotor)
+        self._velocity_torque, self._weight = velocity[:arms], weight[:arms]
+        self._held = (1.0 + self.physics.gravity_scale) * weight[2 * arms:]
+        return matrix[arms:2 * arms] + self._nominal_rotor, velocity[arms:2 * arms]
+
+    def step(self, command: np.ndarray) -> np.ndarray:
+        """One control period with the commands (B, 7) Nm, without gravity; those that arrived."""
+        p = self.physics
+        self._number += 1
+        arrived = self._received(command)
+        self._history[self._number % len(self._history)] = arrived
+        held = self._held
+        if "dropout" in self._used:
+            self._update_dropouts()
+        total = np.zeros_like(self.q)
+        # A stiff gear carries the motor's torque, a flexible one what it is wound up by.
+        for s in range(SUBSTEPS):
+            drive = self._driven(self._in_force(s), held)
+            total += drive
+            resisting = self._resisting(drive)
+            net = drive - resisting
+            self._load = net = self._through_gear(net) if self._flexible.any() else net
+            net = net - self._velocity_torque - self._weight - self._link_torque()
+            self.dq = self.dq + STEP * np.matmul(self._inverse, net[:, :, None])[:, :, 0]
+            self.q = self.q + STEP * self.dq
+            if self._flexible.any():
+                self._move_rotors(drive - resisting)
+            else:
+                self.theta, self.omega = self.q, self.dq
+            self.time += STEP
+        self.torque = (1.0 + p.sensor_scale) * (total / SUBSTEPS) + p.sensor_bias - held
+        return arrived
+
+    # The drive
+
+    def _received(self, command: np.ndarray) -> np.ndarray:
+        if "loss" not in self._used:
+            return command
+        lost = np.array([rng.random() for rng in self._rng]) < self.physics.loss
+        before = self._history[(self._number - 1) % len(self._history)]
+        return np.where(lost[:, None], before, command)
+
+    def _in_force(self, s: int) -> np.ndarray:
+        """Commands (B, 7) that act in substep `s`, on average over it."""
+        length, share = len(self._history), self._share[s]
+        newest = self._history[(self._number - self._ago[s]) % length, self._rows]
+        if (share == 1.0).all():
+            return newest
+        return share * newest + (1.0 - share) * self._history[(self._number - self._ago[s] - 1) % length, self._rows]
+
+    def _driven(self, command: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """Torque (B, 7) of the drives, gravity compensation included."""
+        p = self.physics
+        wanted = self._drive + self._follow * (command - self._drive) if "lag" in self._used else command
+        if "rate_limit" in self._used:
+            largest = p.rate_limit * STEP
+            wanted = np.minimum(np.maximum(wanted, self._drive - largest), self._drive + largest)
+        if "saturation" in self._used:
+            wanted = np.minimum(np.maximum(wanted, -p.saturation), p.saturation)
+        self._drive = wanted
+        scale = 1.0 + p.torque_scale
+        if "flutter" in self._used:
+            scale = scale + p.flutter * np.sin(2 * np.pi * p.flutter_frequency * self.time)
+        if "dropout" in self._used:
+            scale = scale * (1.0 - p.dropout * (self._dropped > 0))
+        return scale * (wanted + held)
+
+    def _update_dropouts(self) -> None:
+        """Now and then, every 1.5 s on average, a drive gives way for 60 ms."""
+        begins = np.array([rng.random(JOINTS) for rng in self._rng]) < PERIOD / 1.5
+        self._dropped = np.where(begins, 0.06, self._dropped - PERIOD)
+
+    # Friction, and what else resists on the motor's side
+
+    def _resisting(self, drive: np.ndarray) -> np.ndarray:
+        p, used, speed = self.physics, self._used, self.omega
+        forward, backward = p.coulomb_forward, p.coulomb_backward
+        extra = 0.0
+        if "stribeck_level" in used:
+            extra = extra + p.stribeck_level * np.exp(-((speed / p.stribeck_speed) ** 2))
+        if "load_coefficient" in used:
+            extra = extra + p.load_coefficient * np.abs(self._load)
+        if "rub" in used:
+            extra = extra + p.rub * np.exp(-(((self.q - p.rub_angle) / p.rub_width) ** 2))
+        if "wavy" in used:
+            extra = extra + p.wavy * (1.0 + np.sin(p.wavy_order * self.q + p.wavy_phase))
+        if "ageing" in used:
+            moving = np.abs(speed) > 0.005
+            self._rest = np.where(moving, self._rest * np.exp(-STEP / 0.05), self._rest + STEP)
+            extra = extra + p.ageing * (1.0 - np.exp(-self._rest / p.ageing_time))
+        forward, backward = forward + extra, backward + extra
+        self._bend, friction = prandtl(self._bend, speed, forward, backward, self._stiff, STEP)
+        friction = friction + np.where(speed > 0, p.viscous_forward, p.viscous_backward) * speed
+        if "thermal_drop" in used:
+            friction = friction * (1.0 - p.thermal_drop * (1.0 - np.exp(-self.time / p.thermal_time)))
+        if "lugre_level" in used:
+            self._lugre, more = lugre(self._lugre, speed, p.lugre_level, p.lugre_stroke, STEP)
+            friction = friction + more
+        if "drag" in used:
+            friction = friction + p.drag * speed * np.abs(speed)
+        if "ripple" in used:
+            friction = friction + p.ripple * np.sin(p.ripple_order * self.theta + p.ripple_phase)
+        return friction + p.offset
+
+    # The gear
+
+    def _through_gear(self, net: np.ndarray) -> np.ndarray:
+        """Torque (B, 7) on the links: of the gear's spring where it is flexible."""
+        p = self.physics
+        twist, rate = self.theta - self.q, self.omega - self.dq
+        outside = np.maximum(np.abs(twist) - p.play, 0.0)
+        torque = p.stiffness * np.copysign(outside, twist) + np.where(outside > 0, p.gear_damping, 0.1) * rate
+        if "hysteresis_torque" in self._used:
+            self._hysteresis = bouc_wen(self._hysteresis, rate, p.hysteresis_stroke, STEP)
+            torque = torque + p.hysteresis_torque / p.hysteresis_stroke * self._hysteresis
+        return np.where(self._flexible, torque, net)
+
+    def _move_rotors(self, net: np.ndarray) -> None:
+        speed = self.omega + STEP * (net - self._load) / self.physics.armature
+        self.omega = np.where(self._flexible, speed, self.dq)
+        self.theta = np.where(self._flexible, self.theta + STEP * speed, self.q)
+
+    def _link_torque(self) -> np.ndarray:
+        """Torque (B, 7) that resists on the links."""
+        p, used = self.physics, self._used
+        torque = 0.0
+        if "cable_stiffness" in used:
+            torque = torque + p.cable_stiffness * (self.q - p.cable_centre)
+        if "cubic" in used:
+            torque = torque + p.cubic * (self.q - NOMINAL.ready) ** 3
+        if "shake" in used:
+            torque = torque + p.shake * np.sin(2 * np.pi * p.shake_frequency * self.time + p.shake_phase)
+        if "coupling" in used:
+            torque = torque + np.matmul(p.coupling, self.dq[:, :, None])[:, :, 0]
+        return torque

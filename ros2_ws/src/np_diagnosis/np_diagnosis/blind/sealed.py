@@ -1,0 +1,84 @@
+"""The sealed key: what every case is, known from (cases, seed, set) alone, and its SHA-256 put down beforehand.
+
+The key needs no simulation, so that its hash can be committed before any bag exists, and anyone can make the
+same key, and bags, again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from importlib.resources import files
+from pathlib import Path
+
+from np_diagnosis.blind.cases import Case, draw_cases, magnitude, make_physics
+
+KEYS = Path(str(files("np_diagnosis") / "data" / "blind_keys.txt"))
+"""Committed: one line a sealed key, `set cases seed sha256`."""
+SCHEMA = 1
+
+
+class SealError(ValueError):
+    """A key that is not the one whose hash was put down; says what was expected and what came."""
+
+
+def make_key(count: int, seed: int, which: str) -> str:
+    """The key as JSON text: of each case its kind, faults, sizes and parameters."""
+    cases = draw_cases(count, seed, which)
+    _, truths = make_physics(cases)
+    entries = [{"case": case.number, "kind": case.kind, "faults": [
+        {**asdict(fault), "size": _rounded(fault.size), "component": fault.component,
+         "magnitude": _rounded(magnitude(fault)),
+         "parameters": {name: {"value": _rounded(value), "unit": unit} for name, (value, unit) in given.items()}}
+        for fault, given in zip(case.faults, truth)]} for case, truth in zip(cases, truths)]
+    key = {"schema": SCHEMA, "set": which, "seed": seed, "cases": entries}
+    return json.dumps(key, indent=1, sort_keys=True) + "\n"
+
+
+
+
+def digest(key: str) -> str:
+    """SHA-256 (hex) of a key."""
+    return hashlib.sha256(key.encode()).hexdigest()
+
+
+def seal(count: int, seed: int, which: str, path: Path = KEYS) -> str:
+    """Put down the hash of a key, once; the hash. Raises SealError where another one stands there."""
+    found = digest(make_key(count, seed, which))
+    known = _known(path).get((which, count, seed))
+    if known is None:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(f"{which} {count} {seed} {found}\n")
+    elif known != found:
+        raise SealError(_mismatch(path, which, count, seed, known, found))
+    return found
+
+
+def check(key: str, path: Path = KEYS) -> str:
+    """The hash of a key, which must be the one put down. Raises SealError."""
+    raw, found = json.loads(key), digest(key)
+    name = raw["set"], len(raw["cases"]), raw["seed"]
+    known = _known(path).get(name)
+    if known is None:
+        raise SealError(f"{path}: expected the hash of key {' '.join(map(str, name))}, put down (--seal) and "
+                        "committed before the doctor runs; it is not there")
+    if known != found:
+        raise SealError(_mismatch(path, *name, known, found))
+    return found
+
+
+def _known(path: Path) -> dict[tuple[str, int, int], str]:
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    rows = (line.split() for line in lines if line.strip() and not line.startswith("#"))
+    return {(which, int(count), int(seed)): found for which, count, seed, found in rows}
+
+
+def _mismatch(path: Path, which: str, count: int, seed: int, known: str, found: str) -> str:
+    return (f"{path}: key {which} {count} {seed}: expected SHA-256 {known}, got {found}: "
+            "the generator has changed since the key was sealed")
+
+
+def _rounded(value: float | None) -> float | None:
+    """Nine digits: the last ones may differ between machines."""
+    return None if value is None else float(f"{value:.9g}")

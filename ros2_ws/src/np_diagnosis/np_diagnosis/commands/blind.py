@@ -1,0 +1,153 @@
+"""`blind`: the doctor against arms whose cause is sealed (docs/blind_test.md).
+
+Makes the bags, runs `diagnose` on each in a process of its own, then opens the key, checks its hash, and
+scores. The last line printed is one JSON object. It needs no ROS.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from multiprocessing import get_context
+from pathlib import Path
+
+from np_diagnosis.blind.cases import draw_cases
+from np_diagnosis.blind.generate import add_options, bag_path, batches, make_bags
+from np_diagnosis.blind.heldout import heldout_gaps
+from np_diagnosis.blind.patched import PatchError, patched_physics, read_patch
+from np_diagnosis.blind.progress import Bar
+from np_diagnosis.blind.scoring import Score, score_case, score_gap, summary
+from np_diagnosis.blind.sealed import SealError, check, digest, make_key, seal
+from np_diagnosis.blind.tables import failures_table, figures_table, plot
+
+DOCTOR = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.diagnose"
+SINGLE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(prog="blind", description=__doc__.split("\n")[0])
+    add_options(parser, "locked")
+    parser.add_argument("--out", type=Path, help="folder; what is there already is not done again "
+                        "(default: runs/blind/SET_CASES_SEED)")
+    parser.add_argument("--seal", action="store_true", help="only put down the key's hash; commit it, then run")
+    parser.add_argument("--keep", action="store_true", help="keep the bags")
+    parser.add_argument("--doctor", default=DOCTOR, help="command that is given BAG --out FOLDER")
+    parser.add_argument("--timeout", type=float, default=3600.0, help="s of wall time for one case")
+    options = parser.parse_args(arguments)
+    if options.cases < 1 or options.jobs < 1:
+        parser.error("--cases, --jobs: expected at least 1")
+    options.out = options.out or Path("runs/blind") / f"{options.which}_{options.cases}_{options.seed}"
+    return options
+
+
+def diagnose(number: int, out: Path, doctor: str, timeout: float, keep: bool) -> int:
+    """Run the doctor on the bag of a case; what it says goes to reports/case_*. The number of the case."""
+    bag, folder = bag_path(out, number), report_path(out, number)
+    folder.mkdir(parents=True, exist_ok=True)
+    command = [*shlex.split(doctor), str(bag.resolve()), "--out", str(folder.resolve())]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=timeout,
+                              env={**os.environ, **SINGLE_THREAD})
+        error = "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"
+    except subprocess.TimeoutExpired:
+        error = f"no answer within {timeout:g} s"
+    (folder / "error.txt").write_text(error)
+    if not keep:
+        shutil.rmtree(bag)
+    return number
+
+
+def report_path(out: Path, number: int) -> Path:
+    """Folder of the doctor's answer to a case; it holds error.txt once the doctor has run."""
+    return out / "reports" / f"case_{number:03d}"
+
+
+def run_doctor(options: argparse.Namespace, pool: ProcessPoolExecutor) -> None:
+    """Bags and reports of all cases that have none yet."""
+    cases = draw_cases(options.cases, options.seed, options.which)
+    answered = {c.number for c in cases if (report_path(options.out, c.number) / "error.txt").exists()}
+    recorded = {c.number for c in cases if (bag_path(options.out, c.number) / "metadata.yaml").exists()} - answered
+    missing = [c for c in cases if c.number not in answered | recorded]
+    for case in missing:  # cut off while it was written
+        shutil.rmtree(bag_path(options.out, case.number), ignore_errors=True)
+    asked = options.out.resolve(), options.doctor, options.timeout, options.keep
+    bar = Bar(len(cases), f"blind {options.which} {options.seed}")
+    making = {pool.submit(make_bags, batch, options.only, options.out.resolve())
+              for batch in batches(missing, options.jobs)} if missing else set()
+    asking = {pool.submit(diagnose, number, *asked) for number in sorted(recorded)}
+    done = len(answered)
+    bar.show(done, "simulating")
+    for future in as_completed(making):
+        asking |= {pool.submit(diagnose, number, *asked) for number in future.result()}
+    for future in as_completed(asking):
+        future.result()
+        done += 1
+        bar.show(done, "diagnosed")
+
+
+def score(options: argparse.Namespace, key: str, pool: ProcessPoolExecutor) -> list[Score]:
+    """Open the key and score every case."""
+    scores, patches, followed = [], [], []
+    for entry in json.loads(key)["cases"]:
+        folder = report_path(options.out, entry["case"])
+        error, report = (folder / "error.txt").read_text(), None
+        try:
+            report = json.loads((folder / "report.json").read_text()) if not error else None
+            patch = read_patch(folder / "patch.yaml") if report else []
+            patched_physics([patch])
+        except (OSError, PatchError, KeyError, ValueError) as problem:
+            error, patch = error or str(problem), []
+        scores.append(score_case(entry, report, error))
+        patches.append(patch)
+    cases = draw_cases(options.cases, options.seed, options.which)
+    parts = batches(cases, options.jobs)
+    first = 0
+    for part in parts:
+        followed.append(pool.submit(heldout_gaps, part, patches[first:first + len(part)]))
+        first += len(part)
+    gaps = [gap for future in followed for gap in future.result()]
+    for case_score, gap in zip(scores, gaps):
+        score_gap(case_score, *gap)
+    return scores
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point."""
+    options = parse(arguments)
+    began = time.monotonic()
+    try:
+        if options.seal:
+            print(json.dumps({"key_sha256": seal(options.cases, options.seed, options.which)}))
+            return 0
+        key = make_key(options.cases, options.seed, options.which)
+        sealed = check(key) if options.which == "locked" else digest(key)
+        options.out.mkdir(parents=True, exist_ok=True)
+        with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+            run_doctor(options, pool)
+            (options.out / "key.json").write_text(key)
+            scores = score(options, key, pool)
+    except (SealError, ValueError, OSError) as error:
+        print(f"blind: {error}", file=sys.stderr)
+        return 1
+    figures = {**summary(scores), "set": options.which, "seed": options.seed, "key_sha256": sealed,
+               "wall_s": round(time.monotonic() - began, 1)}
+    results = {"figures": figures, "cases": [asdict(s) for s in scores],
+               "failures": [s.case for s in scores if s.is_failure]}
+    (options.out / "results.json").write_text(json.dumps(results, indent=1) + "\n")
+    (options.out / "results.md").write_text(figures_table(figures, scores) + "\n" + failures_table(scores))
+    plot(figures, scores, options.out / "results.svg")
+    print(json.dumps({**figures, "results": str(options.out / "results.json")}))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,94 @@
+"""`excite --out BAG`: move the arm through the excitation suite, or parts of it, and record a bag."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+
+from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
+from np_bringup.graph import NodeSpec
+from np_bringup.supervisor import NodeDied, Supervisor
+
+from np_diagnosis.excitation import NAMES, suite
+from np_diagnosis.nodes.excite_node import ExciteError, Exciter
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(prog="excite", description=__doc__)
+    parser.add_argument("--only", nargs="+", default=[], metavar="EXPERIMENT",
+                        help=f"instead of all: {', '.join(NAMES)}, or a family such as sinusoid")
+    parser.add_argument("--out", type=Path, required=True, help="path of the bag; a number is appended")
+    parser.add_argument("--backend", choices=["sim", "running"], default="sim",
+                        help="sim: start simulator and controller here; running: use those of this ROS domain")
+    parser.add_argument("--mode", choices=["lockstep", "realtime"], default="lockstep",
+                        help="that of the backend; a real arm is realtime")
+    parser.add_argument("--effects", default="", help="sim: file with effects that the simulator carries")
+    parser.add_argument("--logs", type=Path, default=Path("runs/excite"),
+                        help="folder for logs; a number is appended")
+    options = parser.parse_args(arguments)
+    try:
+        suite(options.only)
+    except ValueError as error:
+        parser.error(str(error))
+    if options.effects and options.backend != "sim":
+        parser.error("--effects: only a simulator that is started here can carry them")
+    return options
+
+
+def make_graph(bag: Path, mode: str, with_arm: bool = True, effects: str = "",
+               information: dict | None = None) -> list[NodeSpec]:
+    """The recorder, and with_arm the simulated arm and its controller."""
+    nodes = [NodeSpec("np_bringup", "recorder", parameters={
+        "bag": str(bag), "record_images": False, "run_info": json.dumps(information or {}, sort_keys=True)})]
+    if with_arm:
+        realtime = 20 if mode == "realtime" else 0
+        arm = {"mode": mode, "camera": False, **({"effects": effects} if effects else {})}
+        nodes += [NodeSpec("np_sim_bridge", "sim_bridge", parameters=arm, realtime=realtime),
+                  NodeSpec("np_control", "joint_impedance", parameters={"mode": mode}, realtime=realtime)]
+    return nodes
+
+
+def excite(options: argparse.Namespace) -> dict:
+    """Run the experiments; what was recorded."""
+    is_sim = options.backend == "sim"
+    information = {"experiments": options.only or list(NAMES), "mode": options.mode, "effects": options.effects,
+                   "revision": origin()["revision"]}
+    nodes = make_graph(options.out, options.mode, is_sim, options.effects, information)
+    domain = None if is_sim else int(os.environ.get("ROS_DOMAIN_ID", "0"))
+    bar: Progress | None = None
+
+    def show(name: str, number: int, count: int) -> None:
+        nonlocal bar
+        bar = bar or Progress(count, "excite")
+        bar.show(number - 1, name)
+
+    with Supervisor(new_folder(options.logs), domain_id=domain) as supervisor:
+        supervisor.start(nodes)
+        with Exciter(supervisor, lockstep=options.mode == "lockstep", on_segment=show) as exciter:
+            exciter.wait_until_ready({node.name for node in nodes})
+            segments = exciter.run(options.only)
+            bar.show(len(segments), "done")
+            return {"segments": segments, **exciter.stop_recording()}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; the last line printed is one JSON object."""
+    options = parse(arguments)
+    interrupt_on_sigterm()
+    try:
+        print(json.dumps(excite(options)))
+    except KeyboardInterrupt:
+        print("interrupted; the bag is complete up to here", file=sys.stderr)
+        return INTERRUPTED
+    except (ExciteError, NodeDied, TimeoutError, LookupError) as error:
+        print(f"excite: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

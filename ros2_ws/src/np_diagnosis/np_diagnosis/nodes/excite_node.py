@@ -1,0 +1,195 @@
+"""Sends the excitation suite to an arm: what the episode node is to a task, this is to an experiment.
+
+It stands where `episode` and `approach` stand (docs/graph.md): phase `excite`, ticks, one joint_trajectory
+with gains for each segment. The controller follows, the backend guards, the recorder records.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Header, String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from np_bringup.nodes.links import Links
+from np_bringup.supervisor import Supervisor
+from np_control.safety import LIMITS
+from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_ros import qos
+from np_ros.messages import gains_message, header_message, joint_state_arrays, stamp_nanoseconds, \
+    trajectory_message
+from np_diagnosis.excitation import TICK_NS, Segment, end_of, schedule, suite
+
+_SPIN = 0.05  # s
+_READY_TIMEOUT = 120.0  # s of wall time
+GAINS_AHEAD = TICK_NS  # ns by which gains go before their trajectory in real time
+SILENCE = 20.0  # s of wall time without a state
+
+
+class ExciteError(RuntimeError):
+    """The experiment cannot go on; the text says what was expected and what came."""
+
+
+class Exciter:
+    """Runs a plan on the graph of a supervisor, which watches the processes that it has started.
+
+    lockstep: whether time waits for our ticks. on_segment(name, number, count) is told each start.
+    """
+
+    def __init__(self, supervisor: Supervisor, *, lockstep: bool,
+                 on_segment: Callable[[str, int, int], None] = lambda *_: None):
+        self._supervisor, self._lockstep, self._on_segment = supervisor, lockstep, on_segment
+        os.environ.update(supervisor.environment)
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=supervisor.domain_id,
+                   signal_handler_options=SignalHandlerOptions.NO)
+        node = self._node = rclpy.create_node("excite", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(node)
+        self._links = Links(node)
+        stream = qos.publisher(lockstep)
+        self._tick = node.create_publisher(Header, "tick", stream)
+        self._gains = node.create_publisher(Float64MultiArray, "target_gains", stream)
+        self._trajectory = node.create_publisher(JointTrajectory, "joint_trajectory", qos.EVENT)
+        self._phase = node.create_publisher(String, "phase", qos.LATCHED)
+        node.create_subscription(JointState, "joint_states", self._receive_state, qos.subscriber(lockstep))
+        node.create_subscription(DiagnosticArray, "diagnostics", self._receive_diagnostics, qos.RECORDER)
+        self._state: tuple[int, np.ndarray] | None = None
+        self._heard = time.monotonic()
+        self._plan: list[Segment] = []
+        self._starts: list[int] = []
+        self._end: int | None = None
+        self._sent = self._gains_sent = 0  # segments
+        self._label = "idle"
+        self._ticked = -1
+        self._problem = ""
+        self._refused: dict[tuple[str, str], int] = {}
+
+    def __enter__(self) -> Exciter:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown(timeout_sec=0)
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def wait_until_ready(self, names: set[str]) -> None:
+        """Until the named nodes are up and everyone is matched. Raises NodeDied or TimeoutError."""
+        self._wait(lambda: self._links.are_complete(names) and self._state is not None, _READY_TIMEOUT,
+                   f"joint_states, and {', '.join(sorted(names))} matched with everyone")
+        for publisher in (self._trajectory, self._gains):
+            self._wait(lambda: publisher.get_subscription_count() > 0, _READY_TIMEOUT,
+                       f"a controller that listens to {publisher.topic_name}")
+
+    def run(self, only: Sequence[str] = ()) -> list[str]:
+        """Send the named experiments, from where the arm is; the segments sent.
+
+        Raises ExciteError where the backend stops, a trajectory is refused or the states cease; NodeDied.
+        """
+        stamp, position = self._state
+        self._plan = suite(only, start=position)
+        begin = -(-stamp // TICK_NS) * TICK_NS
+        self._starts, self._end = schedule(self._plan, begin), end_of(self._plan, begin)
+        self._heard = time.monotonic()
+        self._advance()
+        self._wait(lambda: self._state[0] >= self._end, float("inf"), "the end of the experiment")
+        self._say_phase("idle")
+        return [segment.name for segment in self._plan]
+
+    def stop_recording(self) -> dict:
+        """Close the recorder's bag; what it says about it. Raises ExciteError."""
+        client = self._node.create_client(Trigger, "recorder/stop")
+        self._wait(client.service_is_ready, _READY_TIMEOUT, "the service recorder/stop", alive=False)
+        future = client.call_async(Trigger.Request())
+        self._wait(future.done, _READY_TIMEOUT, "an answer of recorder/stop", alive=False)
+        answer = future.result()
+        if not answer.success:
+            raise ExciteError(f"recorder/stop: expected success, got: {answer.message}")
+        return json.loads(answer.message)
+
+    def _receive_state(self, message: JointState) -> None:
+        position, _, _ = joint_state_arrays(message, STATE_NAMES)
+        self._state = stamp_nanoseconds(message.header.stamp), position[:len(JOINT_NAMES)]
+        self._heard = time.monotonic()
+        self._advance()
+
+    def _advance(self) -> None:
+        """Say what is due at the newest state."""
+        stamp, position = self._state
+        if self._end is None or stamp >= self._end:
+            return
+        if not self._lockstep:
+            self._send_gains_ahead(stamp)
+        if self._sent < len(self._plan) and stamp >= self._starts[self._sent]:
+            self._send_segment(stamp, position)
+        if stamp % TICK_NS == 0 and (stamp != self._ticked or self._lockstep):
+            self._ticked = stamp
+            self._tick.publish(header_message(stamp, self._label))
+
+    def _send_gains_ahead(self, stamp: int) -> None:
+        """Real time: gains first, or the trajectory might overtake them on its own topic."""
+        number = self._gains_sent
+        if number == self._sent < len(self._plan) and stamp >= self._starts[number] - GAINS_AHEAD:
+            self._gains.publish(gains_message(self._plan[number].gains))
+            self._gains_sent += 1
+
+    def _send_segment(self, stamp: int, position: np.ndarray) -> None:
+        segment = self._plan[self._sent]
+        error = np.abs(position - segment.positions[0])
+        if (error > LIMITS.start_tolerance).any():
+            i = int(error.argmax())
+            raise ExciteError(f"{segment.name}: expected {JOINT_NAMES[i]} at {segment.positions[0][i]:.3f} rad, "
+                              f"found it {error[i]:.3f} rad from there")
+        self._say_phase(f"excite: {segment.name}")
+        if self._lockstep:
+            self._gains.publish(gains_message(segment.gains))
+        message = trajectory_message(stamp, JOINT_NAMES, segment.times, segment.positions, segment.velocities)
+        message.header.frame_id = segment.name
+        self._trajectory.publish(message)
+        self._sent += 1
+        self._on_segment(segment.name, self._sent, len(self._plan))
+
+    def _say_phase(self, text: str) -> None:
+        self._label = text
+        self._phase.publish(String(data=text))
+
+    def _receive_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.level == DiagnosticStatus.ERROR:
+                self._problem = f"{status.name}: {status.message}"
+            for pair in status.values:
+                key = status.name, pair.key
+                if pair.key.startswith("refused_"):
+                    before = self._refused.setdefault(key, int(pair.value))
+                    if self._end is not None and int(pair.value) > before:
+                        last = next((v.value for v in status.values if v.key == "last_refusal"), "")
+                        self._problem = f"{status.name}: {pair.key} {pair.value} {last}".rstrip()
+
+    def _wait(self, condition: Callable[[], bool], timeout: float, what: str, alive: bool = True) -> None:
+        """Spin until the condition holds. alive: the arm must be well and its states must keep coming."""
+        def spun() -> bool:
+            if condition():
+                return True
+            self._executor.spin_once(_SPIN)
+            if alive and self._end is not None:
+                if self._problem:
+                    raise ExciteError(f"expected an arm that follows, got: {self._problem}")
+                if time.monotonic() - self._heard > SILENCE:
+                    raise ExciteError(f"expected joint_states, none came for {SILENCE:g} s")
+            return bool(condition())
+
+        self._supervisor.wait(spun, timeout, what)

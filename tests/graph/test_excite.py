@@ -1,0 +1,80 @@
+"""The excitation suite over real topics: sim bridge, controller, recorder, and the node that excites."""
+
+import numpy as np
+import pytest
+from graph_tools import Graph
+from np_bringup.bag import Recording
+from np_control.safety import LIMITS
+from np_diagnosis.commands.excite import make_graph
+from np_diagnosis.excitation import suite
+from np_diagnosis.nodes.excite_node import ExciteError, Exciter
+from np_description.panda import JOINT_NAMES, NOMINAL
+from np_ros.messages import gains_array, joint_state_arrays, trajectory_arrays
+
+SHORT = ["sinusoid_7"]
+
+
+def record(folder, mode, only=SHORT):
+    with Graph(folder / "log") as graph:
+        nodes = make_graph(folder / "bag", mode)
+        graph.start(nodes)
+        with Exciter(graph, lockstep=mode == "lockstep") as exciter:
+            exciter.wait_until_ready({node.name for node in nodes})
+            segments = exciter.run(only)
+            return segments, exciter.stop_recording()
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_an_experiment_is_followed_and_recorded(tmp_path, mode):
+    segments, result = record(tmp_path, mode)
+    assert segments == SHORT
+    with Recording(result["bag"], ["joint_states", "effort_command", "tick"]) as recording:
+        decoded = {name: [m.decode() for m in recording.messages(name)]
+                   for name in ("phase", "joint_trajectory", "target_gains", "effort_command", "joint_states")}
+    assert [m.data for m in decoded["phase"]] == ["excite: sinusoid_7", "idle"]
+    (plan,), (gains,) = decoded["joint_trajectory"], decoded["target_gains"]
+    assert plan.header.frame_id == "sinusoid_7"
+    expected = suite(SHORT)[0]
+    times, positions, _ = trajectory_arrays(plan, JOINT_NAMES)
+    assert np.allclose(positions, expected.positions, atol=1e-3) and times[-1] == pytest.approx(expected.duration)
+    assert (gains_array(gains) == expected.gains).all()
+    targets = np.array([joint_state_arrays(m, JOINT_NAMES)[0] for m in decoded["effort_command"]])
+    reached = np.array([m.position[6] for m in decoded["joint_states"]])
+    swing = np.ptp(expected.positions[:, 6])
+    assert np.ptp(targets[:, 6]) == pytest.approx(swing, rel=0.01)
+    assert np.ptp(reached) == pytest.approx(swing, rel=0.1)
+    assert np.abs(targets[:, :6] - NOMINAL.ready[:6]).max() < 0.01
+
+
+def test_lockstep_recordings_are_equal_bit_for_bit(tmp_path):
+    digests = []
+    for name in ("one", "two"):
+        _, result = record(tmp_path / name, "lockstep")
+        with Recording(result["bag"]) as recording:
+            digests.append(recording.digest())
+        assert result["lost"] == 0
+    assert digests[0] == digests[1]
+
+
+def test_gains_of_an_experiment_hold_from_its_first_state_on(tmp_path):
+    """The damping that the commands show is that of the segment, slewed at the controller's rate."""
+    _, result = record(tmp_path, "lockstep", ["low_damping"])
+    with Recording(result["bag"], ["effort_command"]) as recording:
+        gains = [gains_array(m.decode()) for m in recording.messages("target_gains")]
+    assert [set(table[1]) for table in gains] == [{0.5}]
+
+
+def test_a_backend_that_stops_ends_the_experiment_with_the_reason(tmp_path):
+    with Graph(tmp_path / "log") as graph:
+        nodes = make_graph(tmp_path / "bag", "lockstep")
+        graph.start(nodes)
+        with Exciter(graph, lockstep=True, on_segment=lambda *_: stop()) as exciter:
+            def stop():
+                from std_srvs.srv import Trigger
+                exciter._node.create_client(Trigger, "sim_bridge/stop").call_async(Trigger.Request())
+
+            exciter.wait_until_ready({node.name for node in nodes})
+            with pytest.raises(ExciteError, match="stop"):
+                exciter.run(SHORT)
+            assert exciter.stop_recording()["messages"] > 0
+    assert LIMITS.period_ns == 2_000_000
