@@ -15,7 +15,7 @@ PYTEST_ARGS ?=
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test test-driver hardware bench evaluate train lock clean distclean
+.PHONY: help setup demo test test-driver driver-report hardware bench evaluate train lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -65,6 +65,9 @@ hardware: setup .venv/.hardware ## add what the driver of a real arm needs: docs
 
 test-driver: hardware .venv-franka-sim/.installed ## the hardware driver against a simulated robot's network protocol
 	@$(ACTIVATE) exec python -m pytest tests/driver tests/camera tests/contract -k driver $(PYTEST_ARGS)
+
+driver-report: hardware .venv-franka-sim/.installed ## measure the driver: faults, tracking, an approach; docs/driver_results.md
+	@$(ACTIVATE) exec python tests/driver/report.py $(ARGS)
 
 lock: setup ## resolve requirements.txt into requirements.lock
 	@.venv/bin/python tools/lock.py > requirements.lock.new && mv requirements.lock.new requirements.lock

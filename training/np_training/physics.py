@@ -58,16 +58,18 @@ def impedance_kernel(substep: int, limit: wp.array2d(dtype=float), qpos: wp.arra
 
     command (6, worlds, 7): joint target, stiffness, damping ratio of the last period, then of this one, which takes
     effect after `delay` substeps. limit (2, 7): of velocity and torque; over (2, worlds, 7): substeps of this period
-    beyond them.
+    beyond them. Reckoned in double precision: in single, 80 Nm come out up to 2e-5 Nm off.
     """
     i, j = wp.tid()
     new = 0
     if substep >= delay[i]:
         new = 3
-    stiffness = command[new + 1, i, j]
-    damping = command[new + 2, i, j] * wp.sqrt(stiffness)
-    coriolis = bias[i, j] - gravity[i, j]
-    torque = stiffness * (command[new, i, j] - qpos[i, j]) - damping * qvel[i, j] + coriolis + noise[i, j]
+    stiffness = wp.float64(command[new + 1, i, j])
+    damping = wp.float64(command[new + 2, i, j]) * wp.sqrt(stiffness)
+    error = wp.float64(command[new, i, j]) - wp.float64(qpos[i, j])
+    coriolis = wp.float64(bias[i, j]) - wp.float64(gravity[i, j])
+    wanted = stiffness * error - damping * wp.float64(qvel[i, j]) + coriolis + wp.float64(noise[i, j])
+    torque = wp.float32(wanted)
     count_excess(substep, 0, i, j, qvel[i, j], limit, over)
     count_excess(substep, 1, i, j, torque, limit, over)
     ctrl[i, j] = wp.clamp(torque, -limit[1, j], limit[1, j])

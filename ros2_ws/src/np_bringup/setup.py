@@ -32,6 +32,7 @@ setup(
             'demo = np_bringup.commands.demo:main',
             'echo = np_bringup.nodes.echo_node:main',
             'evaluate = np_bringup.commands.evaluate:main',
+            'goal = np_bringup.nodes.goal_node:main',
             'keypoint_oracle = np_bringup.nodes.keypoint_oracle_node:main',
             'recorder = np_bringup.nodes.recorder_node:main',
             'replay = np_bringup.commands.replay:main',

@@ -41,7 +41,7 @@ class Trajectory:
         k = int(np.searchsorted(times, time, side="right")) - 1
         span = times[k + 1] - times[k]
         s = (time - times[k]) / span
-        c0, c1, c2, c3 = self._cubic(k, span)
+        c0, c1, c2, c3 = self._cubic(k, k + 1, span)
         position = c0 + s * (c1 + s * (c2 + s * c3))
         velocity = (c1 + s * (2 * c2 + s * 3 * c3)) / span
         acceleration = (2 * c2 + 6 * s * c3) / span**2
@@ -51,27 +51,30 @@ class Trajectory:
         """Least, greatest position (7,) rad and greatest speed (7,) rad/s anywhere on the way, exactly."""
         lower, upper = self.positions.min(axis=0), self.positions.max(axis=0)
         speed = np.abs(self.velocities).max(axis=0)
-        for k in range(len(self.times) - 1):
-            span = self.times[k + 1] - self.times[k]
-            c0, c1, c2, c3 = self._cubic(k, span)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                fastest = -c2 / (3 * c3)  # where the velocity, a parabola, peaks
-                root = np.sqrt(c2 * c2 - 3 * c1 * c3)
-                # Where the velocity is zero. The two forms avoid cancellation for either sign of c2.
-                q = -(c2 + np.copysign(root, c2))
-                stationary = (q / (3 * c3), c1 / q)
-            for s in stationary:
-                s = np.where((s > 0) & (s < 1), s, 0.0)
-                at = c0 + s * (c1 + s * (c2 + s * c3))
-                lower, upper = np.minimum(lower, at), np.maximum(upper, at)
-            s = np.where((fastest > 0) & (fastest < 1), fastest, 0.0)
-            speed = np.maximum(speed, np.abs(c1 + s * (2 * c2 + s * 3 * c3)) / span)
+        if len(self.times) == 1:
+            return lower, upper, speed
+        spans = np.diff(self.times)[:, None]
+        c0, c1, c2, c3 = self._cubic(slice(-1), slice(1, None), spans)  # of all segments at once
+        with np.errstate(divide="ignore", invalid="ignore"):
+            fastest = -c2 / (3 * c3)  # where the velocity, a parabola, peaks
+            root = np.sqrt(c2 * c2 - 3 * c1 * c3)
+            # Where the velocity is zero. The two forms avoid cancellation for either sign of c2.
+            q = -(c2 + np.copysign(root, c2))
+            stationary = (q / (3 * c3), c1 / q)
+        for s in stationary:
+            s = np.where((s > 0) & (s < 1), s, 0.0)
+            at = c0 + s * (c1 + s * (c2 + s * c3))
+            lower, upper = np.minimum(lower, at.min(axis=0)), np.maximum(upper, at.max(axis=0))
+        s = np.where((fastest > 0) & (fastest < 1), fastest, 0.0)
+        speed = np.maximum(speed, (np.abs(c1 + s * (2 * c2 + s * 3 * c3)) / spans).max(axis=0))
         return lower, upper, speed
 
-    def _cubic(self, k: int, span: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Coefficients, each (7,), of the cubic in s = 0..1 on segment k."""
-        p0, p1 = self.positions[k], self.positions[k + 1]
-        v0, v1 = self.velocities[k] * span, self.velocities[k + 1] * span
+    def _cubic(self, first, second, span) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Coefficients of the cubics in s = 0..1 from points `first` to points `second` (indices), `span` s
+        apart.
+        """
+        p0, p1 = self.positions[first], self.positions[second]
+        v0, v1 = self.velocities[first] * span, self.velocities[second] * span
         return p0, v0, 3 * (p1 - p0) - 2 * v0 - v1, 2 * (p0 - p1) + v0 + v1
 
 
