@@ -10,14 +10,14 @@ CONTROLLER ?= impedance
 OBJECT ?= default
 EFFECTS ?= none
 GPUS ?=
+BAG ?=
 ARGS ?=
-PYTEST_GPUS ?=
-ARGS ?=
+PYTEST_ARGS ?=
 
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test test-driver driver-report hardware bench evaluate train lock clean distclean
+.PHONY: help setup demo test test-driver driver-report hardware bench evaluate train identify lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -49,6 +49,9 @@ bench: setup ## latencies, real-time factor, planning time as JSON
 
 train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there
 	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)
+
+identify: setup ## BAG="run1 run2" | none: a simulated arm; friction, damping, armature and what they explain
+	@$(ACTIVATE) exec python -m np_training.identify $(or $(BAG),--simulate) --seed $(SEED) $(ARGS)
 
 test: setup ## every test that needs no GPU
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)

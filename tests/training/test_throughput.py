@@ -1,0 +1,62 @@
+"""The throughput measurement, tiny, on the CPU."""
+
+import json
+
+import pytest
+import torch
+
+from np_training import throughput
+
+WORLDS, ROLLOUT = 8, 2
+
+
+@pytest.fixture(scope="module")
+def trainer():
+    return throughput.make_trainer("card", "cpu", WORLDS, ROLLOUT, 0, None)
+
+
+def test_all_figures_of_one_run(trainer, monkeypatch, capsys):
+    monkeypatch.setattr(throughput, "make_trainer", lambda *arguments: trainer)
+    monkeypatch.setattr("sys.argv", ["throughput", "--worlds", str(WORLDS), "--device", "cpu", "--seconds", "0.01"])
+    throughput.main()
+    result = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
+    substeps = trainer.environment.physics.config.substeps
+    rates = {name: result[name]["steps_per_second"] for name in ("trainer", "environment", "bare_contact", "bare_free")}
+    assert min(rates.values()) > 0
+    for name in ("environment", "bare_contact", "bare_free"):
+        assert result[f"trainer_over_{name}"] == pytest.approx(rates["trainer"] / rates[name])
+    assert result["policy_steps_per_second"] == pytest.approx(rates["trainer"] / substeps)
+    assert all(result[name]["rounds"] >= throughput.LEAST_ROUNDS for name in rates)
+
+
+def test_bare_physics_goes_through_the_states_of_the_rollout(trainer):
+    physics, seen = trainer.environment.physics, []
+    states = throughput.visited(trainer)
+    assert len(states) == ROLLOUT
+    assert not torch.equal(states[0][0], states[1][0])
+    advance, physics.advance = physics.advance, lambda: seen.append((physics.qpos.clone(), physics.command.clone()))
+    try:
+        assert throughput.advance_from(physics, states) == ROLLOUT
+    finally:
+        physics.advance = advance
+    for (qpos, command), (wanted, _, commanded) in zip(seen, states):
+        assert torch.equal(qpos, wanted) and torch.equal(command, commanded)
+
+
+def test_objects_at_rest_lie_still_and_untouched(trainer):
+    environment = trainer.environment
+    throughput.rest(environment)
+    before = environment.physics.qpos.clone()
+    environment.physics.advance()
+    assert (environment.physics.qpos - before).abs().max() < 1e-3
+    # Four corners of the card on the table, at most a few points more; no finger.
+    assert environment.physics.overflow()["contacts"] <= 8 * WORLDS
+
+
+def test_the_rate_counts_periods_worlds_and_substeps(trainer, monkeypatch):
+    clock = iter(range(100))
+    monkeypatch.setattr(throughput.time, "perf_counter", lambda: float(next(clock)))
+    rate = throughput.measure(trainer.environment.physics, lambda: 3, 2.0)
+    substeps = trainer.environment.physics.config.substeps
+    # Of every two readings of the clock one second belongs to the round.
+    assert rate.rounds == 2 and rate.steps_per_second == pytest.approx(3 * 2 * substeps * WORLDS / 2)
