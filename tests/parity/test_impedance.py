@@ -94,7 +94,7 @@ def driver(q, dq, target, stiffness, ratio):
     return guards.apply(now, q.astype(float), dq.astype(float)).torque
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(inputs())
 def test_training_node_and_driver_give_the_same_torque(given_inputs):
     q, dq, target, stiffness, ratio = given_inputs
@@ -106,7 +106,7 @@ def test_training_node_and_driver_give_the_same_torque(given_inputs):
     np.testing.assert_allclose(applied, answered, rtol=0, atol=TOLERANCE)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(inputs())
 def test_training_and_control_know_the_same_coriolis_torque(given_inputs):
     q, dq, *_ = given_inputs

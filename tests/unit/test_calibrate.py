@@ -181,7 +181,7 @@ def test_recordings_that_show_nothing_are_refused(tmp_path, capsys, joint, speed
     assert status == 1 and words in said["error"]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     st.lists(st.tuples(st.integers(40, 90), st.integers(3, 20)), min_size=1, max_size=6), st.integers(0, 1000)
 )

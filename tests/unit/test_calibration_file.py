@@ -41,7 +41,7 @@ def example(turn=(0.01, 0.02, -0.01), **changes) -> Calibration:
     return Calibration(**{**values, **changes})
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.floats(-3, 3), min_size=6, max_size=6), st.booleans())
 def test_what_is_written_is_read(tmp_path_factory, numbers, has_table):
     path = tmp_path_factory.mktemp("calibration") / "camera.yaml"

@@ -26,7 +26,7 @@ def frames(seconds, drift, seed, late=0.05, wraps=0, begin=4000 * SECOND):
         yield EPOCH + taken, device % wraps if wraps else device, last
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.floats(-100e-6, 100e-6), st.integers(0, 10**6), st.sampled_from([0, 2**32 * 1000]))
 def test_stamps_follow_the_camera_within_a_fraction_of_a_millisecond(drift, seed, wraps):
     mapper, last = ClockMapper(wraps), -1
@@ -43,7 +43,7 @@ def test_stamps_follow_the_camera_within_a_fraction_of_a_millisecond(drift, seed
     assert mapper.drift == pytest.approx(-drift, abs=5e-6)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.tuples(st.integers(0, 2**33), st.integers(0, SECOND)), min_size=2, max_size=60))
 def test_whatever_comes_stamps_grow_and_are_never_later_than_the_arrival(steps):
     mapper, last, arrival, device = ClockMapper(2**32 * 1000), -1, EPOCH, 0

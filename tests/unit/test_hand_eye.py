@@ -60,7 +60,7 @@ class Setup:
         )
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(st.integers(0, 10**6))
 def test_without_noise_the_camera_is_found_exactly(seed):
     setup = Setup(seed, noise=0.0)

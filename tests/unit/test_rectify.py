@@ -22,7 +22,7 @@ def raw_pixels(points, turn, lens=D435):
     return project_distorted(optical, lens)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(
     SMALL,
     st.lists(
