@@ -145,9 +145,10 @@ class Controller:
         self._targets.clear()
         self._gains_target = self._own_gains
 
-    def set_target(self, *target) -> bool:
+    def set_target(self, stamp: int, position: np.ndarray, rotation: np.ndarray, stiffness: np.ndarray,
+                   ratio: np.ndarray) -> bool:
         """Take a target at once: see `resolve_target`."""
-        resolving = self.resolve_target(*target)
+        resolving = self.resolve_target(stamp, position, rotation, stiffness, ratio)
         while True:
             try:
                 next(resolving)
