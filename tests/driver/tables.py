@@ -91,7 +91,7 @@ def page(folder: Path, parts: Sequence[str]) -> str:
             origin = f"{measured['date']}, {measured['machine']} ([data](results/driver_{part}.json)).\n"
             if part != "faults" and measured["pace"] != 1:
                 origin += f"\n**The robot's clock went at 1/{measured['pace']:g} of its speed, "
-                origin += "on a busy machine: cycle times are the machine's, and say nothing of a driver that has one.**\n"
+                origin += "on a busy machine: the cycle times are that machine's.**\n"
             sections += [TEXTS[part], origin, table(measured["rows"], COLUMNS[part])]
     return "\n".join(sections)
 
