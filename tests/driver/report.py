@@ -71,6 +71,7 @@ def main() -> int:
     errors = []
     listed = jobs(options.parts, options.seconds, options.pace)
     progress = Progress(len(listed), "driver")
+    options.out.mkdir(parents=True, exist_ok=True)
     for number, (part, text, measure) in enumerate(listed):
         progress.show(number, text)
         try:
@@ -78,13 +79,12 @@ def main() -> int:
         except (RuntimeError, TimeoutError, AssertionError, OSError, KeyError) as error:
             errors.append(f"{text}: {type(error).__name__}: {error}")
             print(errors[-1], file=sys.stderr)
+            continue
+        # After every row: what has been measured is not lost with what is still to come.
+        content = json.dumps({**origin, "rows": rows[part]}, indent=1)
+        (options.out / f"driver_{part}.json").write_text(content + "\n")
+        options.page.write_text(tables.page(options.out, PARTS))
     progress.show(len(listed))
-    options.out.mkdir(parents=True, exist_ok=True)
-    for part, measured in rows.items():
-        (options.out / f"driver_{part}.json").write_text(
-            json.dumps({**origin, "rows": measured}, indent=1) + "\n"
-        )
-    options.page.write_text(tables.page(options.out, PARTS))
     over = [
         f"{row['fault']} ({row['control']}): {text}"
         for row in rows.get("faults", [])
