@@ -215,7 +215,7 @@ CASES = {
     "frozen_server": Case("robot frozen for longer than 1 s", freeze),
     "network_cut": Case("network cut", cut),
     "lost_15_cycles": Case("15 cycles lost", lose(15)),
-    "lost_20_cycles": Case("20 cycles lost", lose(20)),
+    "lost_20_cycles": Case("20 cycles lost, and 5 more", lose(25)),
     "reflex": Case("collision reflex", reflex),
     "not_a_number": Case("NaN in every command", not_a_number, motion="turn", controller=False),
     "stale": Case("stale command, over and over", stale, motion="turn", controller=False),

@@ -99,8 +99,7 @@ def tracking(arm: MovingArm, raw: list[bytes], offset: int) -> dict[str, float]:
     error, hand = np.abs(targets - q), forward_kinematics(targets)[0] - forward_kinematics(q)[0]
     distance = 1e3 * np.linalg.norm(hand, axis=1)
     return {
-        "commands": len(commands),
-        "commands_hz": round(len(commands) / (np.ptp(stamps) * 1e-9), 1),
+        "compared": len(commands),
         "joint_rms_rad": round(float(np.sqrt((error**2).mean())), 5),
         "joint_max_rad": round(float(error.max()), 5),
         "hand_rms_mm": round(float(np.sqrt((distance**2).mean())), 2),
@@ -112,7 +111,14 @@ def tracking(arm: MovingArm, raw: list[bytes], offset: int) -> dict[str, float]:
 def statistics(arm: MovingArm) -> dict[str, float | str]:
     """What the driver says of its cycles."""
     status = arm.harness.status
-    return {"state": status["state"], **{name: float(status[name]) for name in STATISTICS}}
+    counted = {name: float(status[name]) for name in STATISTICS}
+    per_thousand = round(1e3 * int(status["commands"]) / counted["cycles"])
+    return {
+        "state": status["state"],
+        "message": arm.harness.message,
+        **counted,
+        "commands_per_1000": per_thousand,
+    }
 
 
 def track(control: str, seconds: float, pace: float = 1.0) -> dict[str, object]:

@@ -28,7 +28,7 @@ PARTS = ("faults", "tracking", "approach")
 CONTROLS = ("topic", "onboard")
 
 
-def jobs(parts: list[str], seconds: float) -> list[tuple[str, str, object]]:
+def jobs(parts: list[str], seconds: float, pace: float) -> list[tuple[str, str, object]]:
     """(part, text, what gives a row) of everything to be measured."""
     listed = []
     if "faults" in parts:
@@ -37,8 +37,8 @@ def jobs(parts: list[str], seconds: float) -> list[tuple[str, str, object]]:
             for name, control in fault_cases.PAIRS
         ]
     for part, measure in (
-        ("tracking", lambda c: motion_report.track(c, seconds)),
-        ("approach", motion_report.approach),
+        ("tracking", lambda c: motion_report.track(c, seconds, pace)),
+        ("approach", lambda c: motion_report.approach(c, pace)),
     ):
         if part in parts:
             listed += [(part, f"{part} {control}", lambda m=measure, c=control: m(c)) for control in CONTROLS]
@@ -49,6 +49,12 @@ def main() -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the tracking in each mode")
+    parser.add_argument(
+        "--pace",
+        type=float,
+        default=1.0,
+        help="ms of a cycle of the robot in tracking and approach: more on a busy machine",
+    )
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--out", type=Path, default=Path("docs/results"))
     parser.add_argument("--page", type=Path, default=Path("docs/driver_results.md"))
@@ -56,11 +62,16 @@ def main() -> int:
     interrupt_on_sigterm()
     if reason := missing():
         parser.error(reason)
-    origin = {"date": date.today().isoformat(), "machine": f"{platform.machine()}, {os.cpu_count()} cores"}
+    origin = {
+        "date": date.today().isoformat(),
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+        "pace": options.pace,
+    }
     rows: dict[str, list[dict]] = {part: [] for part in options.parts}
     errors = []
-    listed = jobs(options.parts, options.seconds)
+    listed = jobs(options.parts, options.seconds, options.pace)
     progress = Progress(len(listed), "driver")
+    options.out.mkdir(parents=True, exist_ok=True)
     for number, (part, text, measure) in enumerate(listed):
         progress.show(number, text)
         try:
@@ -68,13 +79,12 @@ def main() -> int:
         except (RuntimeError, TimeoutError, AssertionError, OSError, KeyError) as error:
             errors.append(f"{text}: {type(error).__name__}: {error}")
             print(errors[-1], file=sys.stderr)
+            continue
+        # After every row: what has been measured is not lost with what is still to come.
+        content = json.dumps({**origin, "rows": rows[part]}, indent=1)
+        (options.out / f"driver_{part}.json").write_text(content + "\n")
+        options.page.write_text(tables.page(options.out, PARTS))
     progress.show(len(listed))
-    options.out.mkdir(parents=True, exist_ok=True)
-    for part, measured in rows.items():
-        (options.out / f"driver_{part}.json").write_text(
-            json.dumps({**origin, "rows": measured}, indent=1) + "\n"
-        )
-    options.page.write_text(tables.page(options.out, PARTS))
     over = [
         f"{row['fault']} ({row['control']}): {text}"
         for row in rows.get("faults", [])

@@ -56,7 +56,8 @@ COLUMNS: dict[str, dict[str, str]] = {
         "cycle_p99_ms": "p99, ms",
         "cycle_max_ms": "max, ms",
         "lost_cycles": "lost",
-        "commands_hz": "commands/s",
+        "commands_per_1000": "commands in 1,000 cycles",
+        "compared": "targets compared",
         "joint_rms_rad": "joints rms, rad",
         "joint_max_rad": "max, rad",
         "hand_rms_mm": "hand rms, mm",
@@ -88,6 +89,9 @@ def page(folder: Path, parts: Sequence[str]) -> str:
         if path.exists():
             measured = json.loads(path.read_text())
             origin = f"{measured['date']}, {measured['machine']} ([data](results/driver_{part}.json)).\n"
+            if part != "faults" and measured["pace"] != 1:
+                origin += f"\n**The robot's clock went at 1/{measured['pace']:g} of its speed, "
+                origin += "on a busy machine: the cycle times are that machine's.**\n"
             sections += [TEXTS[part], origin, table(measured["rows"], COLUMNS[part])]
     return "\n".join(sections)
 

@@ -46,7 +46,7 @@ class Driver:
         self.arm, self.checklist, self.onboard = arm, checklist, onboard
         self.filter = SafetyFilter(limits)
         self.stamp = 0
-        self.lost_cycles = 0
+        self.lost_cycles = self.commands = 0  # commands: accepted
         self.error = ""  # what broke last, even where a stop came first
         self._origin = 0
         self._time = 0
@@ -100,6 +100,7 @@ class Driver:
               effort: Sequence[float]) -> None:
         """Take a command from the next cycle on. Raises Refusal, as SafetyFilter.offer."""
         self.filter.offer(stamp, names, position, velocity, effort, now=self.stamp)
+        self.commands += 1
 
     def stop(self, cause: str = "stop requested") -> None:
         """Damp to rest from the next cycle on, until `recover`."""

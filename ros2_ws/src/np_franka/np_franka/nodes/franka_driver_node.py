@@ -203,7 +203,7 @@ class FrankaDriver(Node):
 
     def _on_statistics(self) -> None:
         values = self.diagnostics.values
-        values["lost_cycles"] = self._driver.lost_cycles
+        values.update(lost_cycles=self._driver.lost_cycles, commands=self._driver.commands)
         values["clock_lag_ms"] = round((time.time_ns() - self._driver.stamp) * 1e-6, 1)
         times = self._driver.times  # since the arm was taken under control
         values.update(cycles=times.count, cycle_rate_hz=round(times.rate, 1))
