@@ -11,13 +11,16 @@ OBJECT ?= default
 EFFECTS ?= none
 GPUS ?=
 BAG ?=
+CASES ?= 200
+SET ?= locked
+JOBS ?= $(shell nproc)
 ARGS ?=
 PYTEST_ARGS ?=
 
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test test-driver driver-report hardware bench evaluate train identify lock clean distclean
+.PHONY: help setup demo test test-driver driver-report hardware bench blind evaluate train identify lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -46,6 +49,9 @@ evaluate: setup ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT
 
 bench: setup ## latencies, real-time factor, planning time as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup bench $(ARGS)
+
+blind: setup ## CASES SEED SET=locked|development JOBS: the gap doctor against sealed cases, as JSON
+	@$(ACTIVATE) exec ros2 run np_diagnosis blind --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) $(ARGS)
 
 train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there
 	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from graph_tools import Graph
 from np_bringup.bag import Recording
+from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
 from np_diagnosis.commands.excite import make_graph
-from np_diagnosis.excitation import suite
+from np_diagnosis.excitation import LOW_DAMPING, suite
 from np_diagnosis.nodes.excite_node import ExciteError, Exciter
-from np_description.panda import JOINT_NAMES, NOMINAL
+from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_ros.messages import gains_array, joint_state_arrays, trajectory_arrays
 
 SHORT = ["sinusoid_7"]
@@ -30,13 +31,15 @@ def test_an_experiment_is_followed_and_recorded(tmp_path, mode):
     assert segments == SHORT
     with Recording(result["bag"], ["joint_states", "effort_command", "tick"]) as recording:
         decoded = {name: [m.decode() for m in recording.messages(name)]
-                   for name in ("phase", "joint_trajectory", "target_gains", "effort_command", "joint_states")}
+                   for name in ("phase", "joint_trajectory", "target_gains", "effort_command",
+                                "joint_states")}
     assert [m.data for m in decoded["phase"]] == ["excite: sinusoid_7", "idle"]
     (plan,), (gains,) = decoded["joint_trajectory"], decoded["target_gains"]
     assert plan.header.frame_id == "sinusoid_7"
     expected = suite(SHORT)[0]
     times, positions, _ = trajectory_arrays(plan, JOINT_NAMES)
-    assert np.allclose(positions, expected.positions, atol=1e-3) and times[-1] == pytest.approx(expected.duration)
+    assert np.allclose(positions, expected.positions, atol=1e-3)
+    assert times[-1] == pytest.approx(expected.duration)
     assert (gains_array(gains) == expected.gains).all()
     targets = np.array([joint_state_arrays(m, JOINT_NAMES)[0] for m in decoded["effort_command"]])
     reached = np.array([m.position[6] for m in decoded["joint_states"]])
@@ -56,25 +59,35 @@ def test_lockstep_recordings_are_equal_bit_for_bit(tmp_path):
     assert digests[0] == digests[1]
 
 
-def test_gains_of_an_experiment_hold_from_its_first_state_on(tmp_path):
-    """The damping that the commands show is that of the segment, slewed at the controller's rate."""
+def test_the_gains_of_an_experiment_hold_from_its_first_state_on(tmp_path):
+    """What the commands say of the damping: that of the segment, once the gains have slewed there."""
     _, result = record(tmp_path, "lockstep", ["low_damping"])
     with Recording(result["bag"], ["effort_command"]) as recording:
+        start = next(recording.messages("target_gains")).stamp
         gains = [gains_array(m.decode()) for m in recording.messages("target_gains")]
-    assert [set(table[1]) for table in gains] == [{0.5}]
+        begin, end = start + 1_000_000_000, start + 6_000_000_000
+        states = {m.stamp: joint_state_arrays(m.decode(), STATE_NAMES)
+                  for m in recording.messages("joint_states")}
+        answers = [(m.stamp, joint_state_arrays(m.decode(), JOINT_NAMES))
+                   for m in recording.messages("effort_command") if begin < m.stamp < end]
+    assert [set(table[1]) for table in gains] == [{LOW_DAMPING}]
+    # tau - kp (q_d - q) - feedforward = kd (dq_d - dq), and the feedforward has nothing to do with dq_d - dq.
+    error = np.array([answer[1] - states[stamp][1][:7] for stamp, answer in answers])
+    rest = np.array([answer[2] - gains[0][0] * (answer[0] - states[stamp][0][:7])
+                     for stamp, answer in answers])
+    dynamics = Dynamics()
+    rate = np.gradient([answer[1] for _, answer in answers], LIMITS.period, axis=0)
+    fed = np.array([dynamics.coriolis(states[stamp][0][:7], states[stamp][1][:7])
+                    + dynamics.mass_matrix(states[stamp][0][:7]) @ a for (stamp, _), a in zip(answers, rate)])
+    damping = ((rest - fed) * error).sum(axis=0) / (error**2).sum(axis=0)
+    assert np.allclose(damping, LOW_DAMPING * np.sqrt(gains[0][0]), rtol=0.15)
 
 
-def test_a_backend_that_stops_ends_the_experiment_with_the_reason(tmp_path):
-    with Graph(tmp_path / "log") as graph:
-        nodes = make_graph(tmp_path / "bag", "lockstep")
-        graph.start(nodes)
-        with Exciter(graph, lockstep=True, on_segment=lambda *_: stop()) as exciter:
-            def stop():
-                from std_srvs.srv import Trigger
-                exciter._node.create_client(Trigger, "sim_bridge/stop").call_async(Trigger.Request())
-
-            exciter.wait_until_ready({node.name for node in nodes})
-            with pytest.raises(ExciteError, match="stop"):
-                exciter.run(SHORT)
-            assert exciter.stop_recording()["messages"] > 0
-    assert LIMITS.period_ns == 2_000_000
+def test_a_backend_that_stops_ends_the_experiment_with_the_reason(tmp_path, graph, probe):
+    nodes = make_graph(tmp_path / "bag", "lockstep")
+    graph.start(nodes)
+    with Exciter(graph, lockstep=True, on_segment=lambda *_: probe.call("sim_bridge/stop")) as exciter:
+        exciter.wait_until_ready({node.name for node in nodes})
+        with pytest.raises(ExciteError, match="stop"):
+            exciter.run(SHORT)
+        assert exciter.stop_recording()["messages"] > 0

@@ -67,7 +67,8 @@ class _Experiment:
     damping_ratio: float = 1.0
 
     def segment(self, name: str) -> Segment:
-        times = np.linspace(0.0, self.duration, int(np.ceil(self.duration * self.rate)) + 1)
+        # Knots lie on the motion's own corners, multiples of the rate, where there are any.
+        times = np.linspace(0.0, self.duration, int(np.ceil(self.duration * self.rate - 1e-6)) + 1)
         offset, velocity = self.motion(times)
         return Segment(name, times, self.posture + offset, velocity, _gains(self.damping_ratio))
 
@@ -99,7 +100,8 @@ def _triangle(stroke: float, speed: float, turn: float, cycles: int) -> _Experim
 
 def _dwell(posture: np.ndarray, rest: float) -> _Experiment:
     side = np.array([1, -1, 1, 1, -1, 1, -1]) * SCALE
-    return _Experiment(posture, *visits([0.2 * side, 0.1 * side, -0.1 * side, 0 * side, 0.1 * side], 0.5, rest))
+    stops = [level * side for level in (0.2, 0.1, -0.1, 0.0, 0.1)]
+    return _Experiment(posture, *visits(stops, 0.5, rest))
 
 
 def _microstrokes() -> _Experiment:

@@ -44,7 +44,8 @@ def write_bag(path: Path, run: Run, arm: int, targets: Targets, begin: int, info
     every = slice(None, None, APPLIED_EVERY)
     streams = [
         _joint_states("joint_states", stamps, STATE_NAMES,
-                      *(np.hstack([part[:, arm], hands]) for part in (run.position, run.velocity, run.effort))),
+                      *(np.hstack([part[:, arm], hands])
+                        for part in (run.position, run.velocity, run.effort))),
         _joint_states("motor_states", stamps, JOINT_NAMES, run.motor_position[:, arm],
                       run.motor_velocity[:, arm], run.effort[:, arm]),
         _events(targets, begin, begin + count * LIMITS.period_ns),
@@ -62,7 +63,8 @@ def write_bag(path: Path, run: Run, arm: int, targets: Targets, begin: int, info
             writer.write(connections[name], stamp, data)
 
 
-def _joint_states(topic: str, stamps: np.ndarray, names: Sequence[str], position, velocity, effort) -> Messages:
+def _joint_states(topic: str, stamps: np.ndarray, names: Sequence[str], position, velocity, effort
+                  ) -> Messages:
     """JointStates at the stamps (n,) ns, with arrays (n, len(names))."""
     marks = np.arange(1.0, 3 * len(names) + 1).reshape(3, -1)
     template = np.frombuffer(TYPES.serialize_cdr(_joint_state(0, names, *marks), _JOINT_STATE), np.uint8)

@@ -18,12 +18,13 @@ from np_control.impedance import STIFFNESS_MAX
 from np_description.panda import JOINT_NAMES, NOMINAL
 
 from np_diagnosis.blind.plant import Physics
-from np_diagnosis.blind.rigid_arm import tcp_in_link7
+from np_diagnosis.blind.rigid_arm import nominal_inertials, tcp_in_link7
 
 ARM = "arm"
 ROTOR_FIXED = 1e5  # Nm/rad, of a gear in which nothing but play or hysteresis is of interest
-PEAK_TORQUE = np.array([8.7, 13.0, 10.5, 10.0, 3.4, 3.6, 1.8])  # Nm, of the suite's commands on the nominal arm
-PEAK_RATE = np.array([400.0, 330.0, 490.0, 400.0, 160.0, 190.0, 110.0])  # Nm/s, likewise
+PEAK_TORQUE = np.array([12.5, 16.0, 8.0, 10.0, 2.0, 2.5, 1.2])
+PEAK_RATE = np.array([220.0, 230.0, 230.0, 210.0, 80.0, 90.0, 50.0])
+"""Nm and Nm/s that the suite's commands pass for half a second in all, on the nominal arm."""
 
 Parameters = dict[str, tuple[float, str]]  # name: value, unit
 
@@ -199,7 +200,7 @@ def _sensor(p, i, j, size, rng):
 @_fault("command_delay")
 def _command_delay(p, i, j, size, rng):
     p.command_delay[i] += size
-    return {"delay": (size, "s")}
+    return {"delay": (float(p.command_delay[i]), "s")}  # with that of the background: all there is
 
 
 @_fault("measurement_delay")
@@ -244,7 +245,8 @@ def _com(p, i, j, size, rng):
 @_fault("link_inertia")
 def _inertia(p, i, j, size, rng):
     p.inertials.inertia[i, j] *= 1.0 + size
-    return {"scale": (size, "1")}
+    nominal = nominal_inertials(1).inertia[0, j]
+    return {"scale": (np.trace(p.inertials.inertia[i, j]) / np.trace(nominal) - 1.0, "1")}
 
 
 @_fault("armature")
@@ -283,7 +285,8 @@ def _cable(p, i, j, size, rng):
 def _ripple(p, i, j, size, rng):
     order, phase = float(rng.choice([100, 160, 200])), rng.uniform(0, 2 * np.pi)
     p.ripple[i, j], p.ripple_order[i, j], p.ripple_phase[i, j] = size, order, phase
-    return {"sine": (size * np.cos(phase), "Nm"), "cosine": (size * np.sin(phase), "Nm"), "order": (order, "1/rad")}
+    return {"sine": (size * np.cos(phase), "Nm"), "cosine": (size * np.sin(phase), "Nm"),
+            "order": (order, "1/rad")}
 
 
 @_fault("thermal_drift")

@@ -14,7 +14,8 @@ def prandtl(bend: np.ndarray, speed: np.ndarray, forward: np.ndarray, backward: 
             stiffness: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
     """(bend, friction Nm) after a step of Prandtl's element: a bristle that bends, then slides.
 
-    bend rad; speed rad/s; forward, backward Nm: greatest friction against motion either way; stiffness Nm/rad.
+    bend rad; speed rad/s; forward, backward Nm: greatest friction against motion either way; stiffness
+    Nm/rad.
     The return mapping of plasticity: a trial that is too strong is put back on the bound.
     """
     bend = bend + speed * h

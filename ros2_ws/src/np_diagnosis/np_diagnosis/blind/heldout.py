@@ -1,4 +1,4 @@
-"""Motions that no bag shows, for the question how far the gap shrinks: what arms would do, without any noise."""
+"""Motions that no bag shows, for the question how far the gap shrinks: what arms do, without noise."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ def gaps(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def heldout_gaps(cases: Sequence[Case], patches: Sequence[list[dict]]) -> list[tuple[float, float, float]]:
-    """For each case, gaps rad of the nominal arm, of the nominal arm with the true faults, and of the patched.
+    """For each case, gaps rad of the nominal arm, of the nominal arm with the true faults, and of the patched
+    one.
 
     Each against the arm itself, its background included, without sensor noise.
     """

@@ -1,4 +1,4 @@
-"""The closed loop at 500 Hz: what arms do with the suite's targets under joint impedance control, as recorded.
+"""The closed loop at 500 Hz: what arms do with the suite's targets under impedance control, as recorded.
 
 The impedance law, the gains' slew and the torque guards are those of np_control; sensing, delays and noise
 are here.
@@ -98,8 +98,9 @@ def run(physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | Non
     progress(row) is called now and then.
     """
     arms, count = len(physics), len(targets)
-    streams = [np.random.default_rng([*seed, 1]) for seed in seeds or [[i] for i in range(arms)]]
-    plant = Plant(physics, READY, [np.random.default_rng([*seed, 2]) for seed in seeds or [[i] for i in range(arms)]])
+    roots = seeds if seeds is not None else [[i] for i in range(arms)]
+    streams, chances = ([np.random.default_rng([*root, k]) for root in roots] for k in (1, 2))
+    plant = Plant(physics, READY, chances)
     sensors = _Sensors(physics, streams if seeds is not None else None)
     keep = 1.0 if not physics.filter_time.any() else 1.0 - np.exp(
         -PERIOD / np.maximum(physics.filter_time, 1e-9))[:, None]
@@ -157,7 +158,8 @@ class _Sensors:
         delay = self._physics.measurement_delay
         if not delay.any():
             return plant.q, plant.dq, plant.theta, plant.omega
-        self._past = [*self._past[-HISTORY:], (np.hstack([plant.q, plant.theta]), np.hstack([plant.dq, plant.omega]))]
+        state = np.hstack([plant.q, plant.theta]), np.hstack([plant.dq, plant.omega])
+        self._past = [*self._past[-HISTORY:], state]
         periods = np.minimum(delay / PERIOD, len(self._past) - 1)
         whole = np.floor(periods).astype(int)
         part = (periods - whole)[:, None]

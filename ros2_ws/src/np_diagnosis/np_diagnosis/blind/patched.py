@@ -1,4 +1,4 @@
-"""The patch that a doctor wrote, on the nominal arm of the generator: what following its advice would give."""
+"""The patch that a doctor wrote, on the nominal arm of the generator: what following it would give."""
 
 from __future__ import annotations
 
@@ -57,9 +57,11 @@ def read_patch(path: Path) -> list[dict]:
     try:
         raw = yaml.safe_load(path.read_text(encoding="utf-8"))
         return [{"effect": str(e["effect"]), "component": str(e["component"]),
-                 "parameters": {str(k): float(v) for k, v in e["parameters"].items()}} for e in raw["effects"]]
+                 "parameters": {str(k): float(v) for k, v in e["parameters"].items()}}
+                for e in raw["effects"]]
     except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
-        raise PatchError(f"{path}: expected a list 'effects' of effect, component, parameters; got {error!r}") from error
+        raise PatchError(f"{path}: expected a list 'effects' of effect, component, parameters; "
+                         f"got {error!r}") from error
 
 
 def patched_physics(patches: list[list[dict]]) -> Physics:
@@ -129,9 +131,13 @@ def _follow_joint(p: Physics, i: int, j: int, effect: str, values: Mapping[str, 
     elif effect == "link_inertia":
         p.inertials.inertia[i, j] *= max(1.0 + values["scale"], 0.05)
     elif effect == "stiffness_gain_error":
-        p.stiffness_factor[i, j] += values["relative"] if "relative" in values else values["change"] / STIFFNESS_MAX[j]
+        p.stiffness_factor[i, j] += _relative(values, STIFFNESS_MAX[j])
     elif effect == "damping_gain_error":
-        gain = np.sqrt(STIFFNESS_MAX[j])
-        p.damping_factor[i, j] += values["relative"] if "relative" in values else values["change"] / gain
+        p.damping_factor[i, j] += _relative(values, np.sqrt(STIFFNESS_MAX[j]))
     else:
         raise PatchError(f"expected an effect of the arm, got {effect!r}")
+
+
+def _relative(values: Mapping[str, float], gain: float) -> float:
+    """Change of a gain as a share of it."""
+    return values["relative"] if "relative" in values else values["change"] / gain

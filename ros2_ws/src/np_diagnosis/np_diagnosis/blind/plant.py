@@ -30,7 +30,7 @@ def _per(shape: tuple[int, ...], value: float = 0.0):
 class Physics:
     """What B arms are like; every array begins with the arm, most go on with the joint. SI units.
 
-    Friction: coulomb_*, viscous_* by direction of motion, nominal values included; stribeck_level at standstill
+    Friction: coulomb_*, viscous_* by direction of motion, nominal included; stribeck_level at standstill
     falls with exp(-(v / stribeck_speed)^2); load_coefficient times the torque through the gear; lugre_*: an
     element beside; breakaway rad: how far a joint yields before it slides. thermal_drop: share of friction
     lost, with time constant thermal_time s. Torques that resist: offset, cable, ripple. Drive: lag s, rate
@@ -228,7 +228,8 @@ class Plant:
         newest = self._history[(self._number - self._ago[s]) % length, self._rows]
         if (share == 1.0).all():
             return newest
-        return share * newest + (1.0 - share) * self._history[(self._number - self._ago[s] - 1) % length, self._rows]
+        before = self._history[(self._number - self._ago[s] - 1) % length, self._rows]
+        return share * newest + (1.0 - share) * before
 
     def _driven(self, command: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Torque (B, 7) of the drives, gravity compensation included."""

@@ -99,7 +99,8 @@ def _is_named(fault: Mapping, effects: Sequence[Mapping], all_added: Sequence[Ma
     for effect in here:
         if effect["effect"] == truth:
             return True
-        if truth in effect.get("equivalent_to", ()) and any({truth, effect["effect"]} <= c for c in classes()):
+        both = {truth, effect["effect"]}
+        if truth in effect.get("equivalent_to", ()) and any(both <= members for members in classes()):
             return True
     names = {e["effect"] for e in all_added if e["component"] == place}
     sums = [set(member.split(" + ")) for c in classes() if truth in c for member in c if " + " in member]
@@ -127,7 +128,7 @@ def score_gap(score: Score, nominal: float, oracle: float, patched: float) -> No
 
 
 def summary(scores: Sequence[Score]) -> dict[str, object]:
-    """The figures of DESIGN.md section 6; each rate beside its 95 % Wilson interval `<name>_ci95` and count."""
+    """The figures that docs/blind_test.md defines; each rate with `<name>_ci95` (Wilson) and `<name>_n`."""
     figures: dict[str, object] = {"cases": len(scores)}
 
     def rate(name: str, values: Sequence[bool | None]) -> None:

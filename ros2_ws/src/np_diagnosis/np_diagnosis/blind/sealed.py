@@ -1,4 +1,4 @@
-"""The sealed key: what every case is, known from (cases, seed, set) alone, and its SHA-256 put down beforehand.
+"""The sealed key: what every case is, known from (cases, seed, set) alone, its SHA-256 put down beforehand.
 
 The key needs no simulation, so that its hash can be committed before any bag exists, and anyone can make the
 same key, and bags, again.
@@ -30,7 +30,8 @@ def make_key(count: int, seed: int, which: str) -> str:
     entries = [{"case": case.number, "kind": case.kind, "faults": [
         {**asdict(fault), "size": _rounded(fault.size), "component": fault.component,
          "magnitude": _rounded(magnitude(fault)),
-         "parameters": {name: {"value": _rounded(value), "unit": unit} for name, (value, unit) in given.items()}}
+         "parameters": {name: {"value": _rounded(value), "unit": unit}
+                        for name, (value, unit) in given.items()}}
         for fault, given in zip(case.faults, truth)]} for case, truth in zip(cases, truths)]
     key = {"schema": SCHEMA, "set": which, "seed": seed, "cases": entries}
     return json.dumps(key, indent=1, sort_keys=True) + "\n"

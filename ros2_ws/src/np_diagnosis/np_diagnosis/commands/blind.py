@@ -38,7 +38,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     add_options(parser, "locked")
     parser.add_argument("--out", type=Path, help="folder; what is there already is not done again "
                         "(default: runs/blind/SET_CASES_SEED)")
-    parser.add_argument("--seal", action="store_true", help="only put down the key's hash; commit it, then run")
+    parser.add_argument("--seal", action="store_true", help="only put down the key's hash, to be committed")
     parser.add_argument("--keep", action="store_true", help="keep the bags")
     parser.add_argument("--doctor", default=DOCTOR, help="command that is given BAG --out FOLDER")
     parser.add_argument("--timeout", type=float, default=3600.0, help="s of wall time for one case")
@@ -57,7 +57,8 @@ def diagnose(number: int, out: Path, doctor: str, timeout: float, keep: bool) ->
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=timeout,
                               env={**os.environ, **SINGLE_THREAD})
-        error = "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"
+        said = (done.stdout + done.stderr)[-2000:]
+        error = "" if done.returncode == 0 else f"status {done.returncode}: {said}"
     except subprocess.TimeoutExpired:
         error = f"no answer within {timeout:g} s"
     (folder / "error.txt").write_text(error)
@@ -75,7 +76,8 @@ def run_doctor(options: argparse.Namespace, pool: ProcessPoolExecutor) -> None:
     """Bags and reports of all cases that have none yet."""
     cases = draw_cases(options.cases, options.seed, options.which)
     answered = {c.number for c in cases if (report_path(options.out, c.number) / "error.txt").exists()}
-    recorded = {c.number for c in cases if (bag_path(options.out, c.number) / "metadata.yaml").exists()} - answered
+    recorded = {c.number for c in cases
+                if (bag_path(options.out, c.number) / "metadata.yaml").exists()} - answered
     missing = [c for c in cases if c.number not in answered | recorded]
     for case in missing:  # cut off while it was written
         shutil.rmtree(bag_path(options.out, case.number), ignore_errors=True)

@@ -23,7 +23,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
                         help=f"instead of all: {', '.join(NAMES)}, or a family such as sinusoid")
     parser.add_argument("--out", type=Path, required=True, help="path of the bag; a number is appended")
     parser.add_argument("--backend", choices=["sim", "running"], default="sim",
-                        help="sim: start simulator and controller here; running: use those of this ROS domain")
+                        help="sim: start simulator and controller; running: use those of this ROS domain")
     parser.add_argument("--mode", choices=["lockstep", "realtime"], default="lockstep",
                         help="that of the backend; a real arm is realtime")
     parser.add_argument("--effects", default="", help="sim: file with effects that the simulator carries")
@@ -55,8 +55,8 @@ def make_graph(bag: Path, mode: str, with_arm: bool = True, effects: str = "",
 def excite(options: argparse.Namespace) -> dict:
     """Run the experiments; what was recorded."""
     is_sim = options.backend == "sim"
-    information = {"experiments": options.only or list(NAMES), "mode": options.mode, "effects": options.effects,
-                   "revision": origin()["revision"]}
+    information = {"experiments": options.only or list(NAMES), "mode": options.mode,
+                   "effects": options.effects, "revision": origin()["revision"]}
     nodes = make_graph(options.out, options.mode, is_sim, options.effects, information)
     domain = None if is_sim else int(os.environ.get("ROS_DOMAIN_ID", "0"))
     bar: Progress | None = None

@@ -152,8 +152,8 @@ class Exciter:
         error = np.abs(position - segment.positions[0])
         if (error > LIMITS.start_tolerance).any():
             i = int(error.argmax())
-            raise ExciteError(f"{segment.name}: expected {JOINT_NAMES[i]} at {segment.positions[0][i]:.3f} rad, "
-                              f"found it {error[i]:.3f} rad from there")
+            raise ExciteError(f"{segment.name}: expected {JOINT_NAMES[i]} at "
+                              f"{segment.positions[0][i]:.3f} rad, found it {error[i]:.3f} rad from there")
         self._say_phase(f"excite: {segment.name}")
         if self._lockstep:
             self._gains.publish(gains_message(segment.gains))

@@ -1,0 +1,230 @@
+"""The blind generator's physics against Pinocchio, MuJoCo, and what physics forbids."""
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from hypothesis.extra.numpy import arrays
+
+from np_control.dynamics import Dynamics
+from np_description.domains import CARD
+from np_description.panda import NOMINAL
+from np_description.scene import load_model
+from np_diagnosis.blind.cases import Case, draw_cases, make_physics
+from np_diagnosis.blind.faults import EFFECTS, Fault, limits
+from np_diagnosis.blind.friction import bouc_wen, lugre, prandtl
+from np_diagnosis.blind.loop import make_targets, run
+from np_diagnosis.blind.plant import PERIOD, Plant, nominal_physics, stack
+from np_diagnosis.blind.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
+from np_diagnosis.blind.scoring import modules
+from np_diagnosis.blind.strangers import STRANGERS
+from np_diagnosis.excitation import READY, suite
+
+postures = arrays(float, 7, elements=st.floats(-2.5, 2.5))
+speeds = arrays(float, 7, elements=st.floats(-2, 2))
+
+
+@settings(deadline=None, max_examples=50)
+@given(postures, speeds)
+def test_rigid_body_terms_are_pinocchios(q, dq):
+    matrix, velocity, weight = RigidArms(nominal_inertials(1)).terms(q[None], dq[None])
+    dynamics = Dynamics()
+    assert np.allclose(matrix[0] + np.diag(NOMINAL.armature), dynamics.mass_matrix(q), atol=1e-10)
+    assert np.allclose(velocity[0], dynamics.coriolis(q, dq), atol=1e-9)
+    assert np.allclose(weight[0], dynamics.gravity(q), atol=1e-9)
+
+
+def test_a_payload_is_a_point_mass_at_the_end_effector():
+    q, dq = READY[None], np.zeros((1, 7))
+    loaded = nominal_inertials(1)
+    loaded.add_point(0, 6, 0.5, tcp_in_link7())
+    _, _, weight = RigidArms(loaded).terms(q, dq)
+    _, _, bare = RigidArms(nominal_inertials(1)).terms(q, dq)
+    model = load_model(CARD)
+    data = mujoco.MjData(model)
+    data.qpos[:7] = READY
+    mujoco.mj_forward(model, data)
+    rotation, hand = data.body("panda_hand").xmat.reshape(3, 3), data.body("panda_hand").xpos
+    point = hand + rotation @ NOMINAL.frames["hand_tcp"].position
+    jacobian = np.empty((3, model.nv))
+    mujoco.mj_jac(model, data, jacobian, None, point, model.body("panda_hand").id)
+    assert np.allclose((weight - bare)[0], 0.5 * 9.81 * jacobian[2, :7], atol=1e-6)
+
+
+def free_arm(count=1):
+    """Without friction, gravity compensation or rotors' losses."""
+    physics = nominal_physics(count)
+    for name in ("coulomb_forward", "coulomb_backward"):
+        setattr(physics, name, np.full((count, 7), 1e-9))
+    physics.viscous_forward, physics.viscous_backward = np.zeros((count, 7)), np.zeros((count, 7))
+    return physics
+
+
+def energy(plant, physics):
+    matrix, _, _ = RigidArms(physics.inertials).terms(plant.q, plant.dq)
+    matrix = matrix + np.diag(NOMINAL.armature)
+    return 0.5 * np.einsum("bi,bij,bj->b", plant.dq, matrix, plant.dq)[0]
+
+
+def test_a_free_arm_keeps_its_energy():
+    """Gravity is compensated by the drives; nothing else gives or takes."""
+    physics = free_arm()
+    plant = Plant(physics, READY, [np.random.default_rng(0)])
+    plant.dq[:] = plant.omega[:] = [0.3, -0.2, 0.4, 0.3, -0.5, 0.4, 0.6]
+    before = energy(plant, physics)
+    for _ in range(500):
+        plant.begin(plant.q, plant.dq)
+        plant.step(np.zeros((1, 7)))
+    assert np.abs(plant.q - READY).max() > 0.2
+    assert energy(plant, physics) == pytest.approx(before, rel=5e-3)
+
+
+def test_it_moves_as_mujoco_does_under_the_same_torque():
+    """One second of torques, twice the integrator and step of each."""
+    physics = nominal_physics(1)
+    plant = Plant(physics, READY, [np.random.default_rng(0)])
+    model = load_model(CARD, timestep=2e-4)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("ready").id)
+    motors = [model.actuator(name).id for name in NOMINAL.joints]
+    for k in range(500):
+        torque = 3.0 * np.sin(2 * np.pi * 1.5 * k * PERIOD) * np.array([1, 1, 1, 1, 0.3, 0.3, 0.2])
+        plant.begin(plant.q, plant.dq)
+        plant.step(torque[None])
+        data.ctrl[motors] = torque
+        mujoco.mj_step(model, data, 10)
+    moved = np.abs(data.qpos[:7] - READY).max()
+    assert moved > 0.03
+    assert np.abs(plant.q[0] - data.qpos[:7]).max() < 0.05 * moved
+
+
+paths = st.lists(st.floats(-3, 3), min_size=5, max_size=80)
+
+
+@settings(deadline=None)
+@given(paths, st.floats(0.05, 2), st.floats(0.05, 2), st.floats(1e2, 1e4))
+def test_prandtls_element_never_gives_more_than_it_took(speeds, forward, backward, stiffness):
+    bend, work, h = np.zeros(1), 0.0, 2.5e-4
+    for speed in speeds:
+        bend, friction = prandtl(bend, np.array([speed]), forward, backward, stiffness, h)
+        assert -backward - 1e-12 <= friction[0] <= forward + 1e-12
+        work += friction[0] * speed * h
+        assert work >= 0.5 * stiffness * bend[0] ** 2 - 1e-9
+
+
+@settings(deadline=None)
+@given(paths, st.floats(0.05, 2), st.floats(1e-3, 3e-2))
+def test_lugres_element_never_gives_more_than_it_took(speeds, level, stroke):
+    bend, work, h = np.zeros(1), 0.0, 2.5e-4
+    for speed in speeds:
+        bend, friction = lugre(bend, np.array([speed]), level, stroke, h)
+        assert abs(friction[0]) <= level + 1e-12
+        work += friction[0] * speed * h
+        assert work >= 0.5 * level / stroke * bend[0] ** 2 - 1e-9
+
+
+def test_friction_reaches_its_level_and_bouc_wen_its_limit():
+    bend = np.zeros(1)
+    for _ in range(2000):
+        bend, friction = prandtl(bend, np.array([0.2]), 0.4, 0.3, 4e3, 2.5e-4)
+    assert friction[0] == pytest.approx(0.4)
+    for _ in range(2000):
+        bend, friction = prandtl(bend, np.array([-0.2]), 0.4, 0.3, 4e3, 2.5e-4)
+    assert friction[0] == pytest.approx(-0.3)
+    assert bouc_wen(np.zeros(1), np.array([1.0]), np.array([1e-3]), 1.0)[0] == pytest.approx(1e-3)
+
+
+def test_a_joint_sticks_below_breakaway_and_slides_above():
+    for torque, slides in ((0.8, False), (1.2, True)):
+        plant = Plant(nominal_physics(1), READY, [np.random.default_rng(0)])
+        for _ in range(300):
+            plant.begin(plant.q, plant.dq)
+            plant.step(torque * NOMINAL.frictionloss[None] * (np.arange(7) == 3))
+        assert (np.abs(plant.q - READY)[0, 3] > 5e-3) == slides
+
+
+@pytest.mark.parametrize("delay", [0.0, 3e-4, 0.001, 0.0027, 0.006])
+def test_a_delayed_command_gives_the_same_impulse_later(delay):
+    physics = free_arm()
+    physics.command_delay[:] = delay
+    plant = Plant(physics, READY, [np.random.default_rng(0)])
+    impulse = moment = 0.0
+    for k in range(8):
+        plant.begin(plant.q, plant.dq)
+        plant.step((k == 1) * np.eye(7)[None, 6])
+        impulse += plant.torque[0, 6] * PERIOD
+        moment += plant.torque[0, 6] * PERIOD * (k + 0.5) * PERIOD
+    assert impulse == pytest.approx(PERIOD, rel=1e-9)
+    assert moment / impulse == pytest.approx(1.5 * PERIOD + delay, rel=1e-9)
+
+
+def short_run(cases, names=("sinusoid_4",), seeds=True, background=True):
+    physics, truths = make_physics(cases, background)
+    targets = make_targets(suite(list(names)))
+    return run(physics, targets, [c.seed for c in cases] if seeds else None), targets, truths
+
+
+def all_faults(size):
+    def joint(effect):
+        places = limits()[effect].get("joints")
+        return None if places is None else (4 if 4 in places else places[0]) - 1
+
+    faults = [Fault(e, joint(e), min(size, limits()[e].get("largest", 10.0))) for e in EFFECTS]
+    faults += [Fault(s, 3 if 3 in places else places[0], size) for s, (_, places) in STRANGERS.items()]
+    cases = [Case(0, "null", (), (5, 5))]
+    return cases + [Case(i + 1, "single" if f.effect in EFFECTS else "stranger", (f,), (5, 5))
+                    for i, f in enumerate(faults)]
+
+
+def test_every_fault_moves_the_arm_or_its_sensors_and_none_breaks_the_loop():
+    cases = all_faults(8.0)
+    record, targets, _ = short_run(cases, ("microstrokes",))
+    for i, case in enumerate(cases[1:], start=1):
+        name = case.faults[0].effect
+        assert np.abs(record.position[:, i] - record.target[:, i]).max() < 0.05, name
+        seen = sum(np.abs(getattr(record, part)[:, i] - getattr(record, part)[:, 0]).max() / unit
+                   for part, unit in (("position", 1e-5), ("effort", 1e-2), ("motor_position", 1e-5)))
+        assert seen > 1.0, name
+
+
+def test_arms_do_not_depend_on_their_batch():
+    cases = draw_cases(6, 3, "development")
+    together, _, _ = short_run(cases, ("sinusoid_7",))
+    alone, _, _ = short_run(cases[2:3], ("sinusoid_7",))
+    assert np.allclose(together.position[:, 2], alone.position[:, 0], atol=1e-9)
+    assert np.allclose(together.effort[:, 2], alone.effort[:, 0], atol=1e-6)
+
+
+def test_the_nominal_arm_follows_and_shows_the_torque_that_was_asked_for():
+    cases = [Case(0, "null", (), (7, 7))]
+    record, targets, _ = short_run(cases, seeds=False, background=False)
+    error = record.position[targets.first:, 0] - record.target[targets.first:, 0]
+    assert np.abs(error).max() < 5e-3
+    assert np.allclose(record.effort[1:], record.command[:-1], atol=1e-9)
+    assert np.array_equal(record.applied, record.command)
+
+
+def test_arms_can_be_stacked():
+    one, other = make_physics(draw_cases(2, 0, "development"))[0], nominal_physics(3)
+    both = stack([one, other])
+    assert len(both) == 5 and np.array_equal(both.inertials.mass[2:], other.inertials.mass)
+    assert np.array_equal(both.stiffness_factor[:2], one.stiffness_factor)
+
+
+def test_cases_are_balanced_and_sets_lie_apart():
+    cases = draw_cases(200, 0, "locked")
+    kinds = [case.kind for case in cases]
+    assert {k: kinds.count(k) for k in set(kinds)} == {"null": 30, "single": 100, "pair": 35, "stranger": 35}
+    singles = [case.faults[0].effect for case in cases if case.kind == "single"]
+    assert set(singles) == set(EFFECTS) and max(map(singles.count, EFFECTS)) <= 4
+    assert all(1.0 <= f.size <= 10.0 for case in cases for f in case.faults)
+    assert draw_cases(200, 0, "locked") == cases
+    other = draw_cases(200, 0, "development")
+    assert not {case.seed for case in cases} & {case.seed for case in other}
+    assert [c.faults for c in cases] != [c.faults for c in other]
+
+
+def test_every_arm_side_effect_of_the_catalogue_has_a_generator_and_a_limit():
+    object_side = {"contact", "object", "camera", "keypoints"}
+    assert set(EFFECTS) == {e for e, module in modules().items() if module not in object_side}
+    assert set(limits()) == set(EFFECTS) and not set(STRANGERS) & set(modules())

@@ -1,0 +1,85 @@
+"""The blind test from bags to figures: small, but with the doctor itself."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from np_bringup.bag import Recording
+from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_diagnosis.blind.cases import draw_cases
+from np_diagnosis.blind.generate import make_bags
+from np_diagnosis.blind.sealed import digest, make_key
+from np_diagnosis.excitation import suite
+
+ONLY = ["triangle_fast"]
+COUNT = 4
+TOPICS = ["joint_states", "motor_states", "effort_command", "applied_command", "joint_trajectory", "tick"]
+KEYS = {"module_accuracy", "joint_accuracy", "effect_class_accuracy", "false_alarm",
+        "abstain_out_of_catalogue", "pairs_top3", "coverage95", "shrink_vs_oracle", "harm", "wall_s"}
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("blind")
+    make_bags(draw_cases(COUNT, 0, "development"), ["sinusoid_7"], folder)
+    return folder / "bags"
+
+
+def test_bags_are_those_of_a_session_and_show_no_cause(bags):
+    seen = set()
+    for number in range(COUNT):
+        with Recording(bags / f"case_{number:03d}", TOPICS) as recording:
+            assert set(recording.information) == {"case", "origin"}
+            seen.add(tuple(sorted(recording.counts.items())))
+            states = [m.decode() for m in recording.messages("joint_states")]
+            commands = [m.decode() for m in recording.messages("effort_command")]
+            phases = [m.decode().data for m in recording.messages("phase")]
+            order = [m.stamp for m in recording.messages()]
+            plan = next(recording.messages("joint_trajectory")).decode()
+        assert list(states[0].name) == list(STATE_NAMES) and list(commands[0].name) == list(JOINT_NAMES)
+        stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in states]
+        assert set(np.diff(stamps)) == {2_000_000} and order == sorted(order)
+        assert [m.header.stamp for m in commands] == [m.header.stamp for m in states]
+        assert phases == ["excite: sinusoid_7"] and plan.header.frame_id == "sinusoid_7"
+        assert len(plan.points) == len(suite(["sinusoid_7"])[0].times)
+        swing = np.ptp([m.position[6] for m in states])
+        assert swing == pytest.approx(np.ptp(suite(["sinusoid_7"])[0].positions[:, 6]), rel=0.1)
+    assert len(seen) == 1
+
+
+def test_no_ros_no_mujoco_and_no_pinocchio_is_needed():
+    code = ("import sys, np_diagnosis.commands.blind, np_diagnosis.blind.generate; "
+            "unwanted = ('rclpy', 'pinocchio', 'mujoco', 'torch', 'np_diagnosis.diagnosis'); "
+            "print([m for m in unwanted if m in sys.modules])")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_command_scores_the_doctor(tmp_path):
+    command = [sys.executable, "-m", "np_diagnosis.commands.blind", "--cases", str(COUNT),
+               "--set", "development", "--only", *ONLY, "--out", str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout.splitlines()[-1])
+    assert KEYS <= set(figures) and figures["cases"] == COUNT
+    assert figures["errors"] == 0, (tmp_path / "run" / "results.md").read_text()
+    assert figures["key_sha256"] == digest((tmp_path / "run" / "key.json").read_text())
+    assert figures["key_sha256"] == digest(make_key(COUNT, 0, "development"))
+    assert not list((tmp_path / "run" / "bags").iterdir())
+    results = json.loads((tmp_path / "run" / "results.json").read_text())
+    assert [case["case"] for case in results["cases"]] == list(range(COUNT))
+    assert (tmp_path / "run" / "results.svg").exists()
+    again = subprocess.run(command, capture_output=True, text=True)
+    assert again.returncode == 0 and json.loads(again.stdout.splitlines()[-1])["harm"] == figures["harm"]
+
+
+def test_a_locked_key_that_was_not_sealed_is_refused(tmp_path):
+    command = [sys.executable, "-m", "np_diagnosis.commands.blind", "--cases", "3", "--seed", "987",
+               "--out", str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1 and "put down (--seal) and committed before the doctor runs" in done.stderr
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,96 @@
+"""The excitation suite stays where an arm may go, and is what it says."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from np_control.controller import Controller
+from np_control.dynamics import Dynamics
+from np_control.safety import LIMITS, check_command, torque_bounds, velocity_bounds
+from np_description.panda import NOMINAL
+from np_diagnosis.excitation import NAMES, PAUSE, READY, TICK_NS, end_of, schedule, suite
+from np_diagnosis.motions import chirp, triangle, visits, waves
+
+PLAN = suite()
+DYNAMICS = Dynamics()
+moments = st.tuples(st.integers(0, len(PLAN) - 1), st.floats(0, 1))
+
+
+@settings(deadline=None, max_examples=300)
+@given(moments)
+def test_every_moment_is_inside_the_limits_with_margin(moment):
+    segment = PLAN[moment[0]]
+    q, dq, ddq = segment.trajectory.sample_with_acceleration(moment[1] * segment.duration)
+    torque = DYNAMICS.inverse_dynamics(q, dq, ddq) - DYNAMICS.gravity(q)
+    torque = torque + NOMINAL.frictionloss * np.sign(dq) + NOMINAL.damping * dq
+    check_command(LIMITS, 0, LIMITS.joints, q, dq, torque, now=0)  # raises where it would be refused
+    assert (np.abs(torque) < 0.5 * LIMITS.torque).all()
+    slowest, fastest = velocity_bounds(LIMITS, q)
+    assert (dq > 0.85 * slowest).all() and (dq < 0.85 * fastest).all()
+    lower, upper = torque_bounds(LIMITS, q, dq)
+    assert (torque > lower).all() and (torque < upper).all()
+
+
+def test_no_guard_is_needed_to_follow_it():
+    """A controller that tracks perfectly asks for no torque that its guards change."""
+    for segment in PLAN:
+        controller, limited = Controller(), set()
+        controller.observe(0, segment.positions[0], np.zeros(7))
+        controller.follow(segment.trajectory, 0, segment.gains)
+        for k in range(0, int(segment.duration / LIMITS.period), 1):
+            q, dq = segment.trajectory.sample(k * LIMITS.period)
+            controller.observe(k * LIMITS.period_ns, q, dq)
+            limited.update(controller.answer().limited)
+        assert not limited, f"{segment.name}: {limited}"
+
+
+def test_it_takes_under_three_minutes_and_joins_up():
+    assert end_of(PLAN) < 180e9
+    assert {segment.name for segment in PLAN} == {*NAMES, "transfer"}
+    assert np.allclose(PLAN[0].positions[0], READY)
+    for one, other in zip(PLAN, PLAN[1:]):
+        assert np.allclose(one.positions[-1], other.positions[0], atol=1e-6)
+    starts = schedule(PLAN, begin=1_234_000_000)
+    for start, segment, following in zip(starts, PLAN, starts[1:]):
+        assert start % TICK_NS == 0 and following - start >= (segment.duration + PAUSE) * 1e9 - 1
+        # At least one tick lies between end and start, for phases to change.
+    assert starts[0] >= 1_234_000_000 + PAUSE * 1e9
+
+
+def test_parts_of_it_can_be_named():
+    assert [s.name for s in suite(["dwell"])] == ["dwell"]
+    assert [s.name for s in suite(["chirp"])] == ["chirp_odd", "chirp_even"]
+    assert [s.name for s in suite(["third_dwell", "dwell"])] == ["dwell", "transfer", "third_dwell"]
+    assert [s.name for s in suite(["dwell"], start=READY + 0.05)] == ["transfer", "dwell"]
+    with pytest.raises(ValueError, match="'dwel': expected one of reference"):
+        suite(["dwel"])
+    assert {tuple(s.gains[1]) for s in suite(["low_damping"])} == {(0.5,) * 7}
+
+
+def motions():
+    speed = np.linspace(0.1, 0.7, 7)
+    return {
+        "waves": (6.0, waves(6.0, 0.1 * np.ones((2, 7)), np.full((2, 7), 0.4), np.ones((2, 7)))),
+        "chirp": (5.0, chirp(5.0, speed, (0.3, 6.0), 0.2)),
+        "triangle": triangle(1.0, speed, 0.3, 2),
+        "visits": visits([speed, -speed], 0.8, 0.4),
+    }
+
+
+@pytest.mark.parametrize("name", motions())
+def test_motions_begin_and_end_at_rest_and_their_velocity_is_the_derivative(name):
+    duration, motion = motions()[name]
+    time = np.linspace(0, duration, 20001)
+    offset, velocity = motion(time)
+    assert np.abs(offset[[0, -1]]).max() < 1e-9 and np.abs(velocity[[0, -1]]).max() < 1e-9
+    assert np.abs(np.gradient(offset, time, axis=0) - velocity)[2:-2].max() < 2e-3
+
+
+def test_a_triangle_holds_its_speed_between_reversals():
+    speed = np.linspace(0.1, 0.7, 7)
+    duration, motion = triangle(2.0, speed, 0.2, 3)
+    _, velocity = motion(np.linspace(0, duration, 5001))
+    held = np.abs(np.abs(velocity[:, 0]) - speed[0]) < 1e-9
+    assert held.mean() > 0.85
+    with pytest.raises(ValueError, match="shorter than a stroke"):
+        triangle(0.2, speed, 0.3, 1)
