@@ -17,11 +17,16 @@ def trainer():
 
 def test_all_figures_of_one_run(trainer, monkeypatch, capsys):
     monkeypatch.setattr(throughput, "make_trainer", lambda *arguments: trainer)
-    monkeypatch.setattr("sys.argv", ["throughput", "--worlds", str(WORLDS), "--device", "cpu", "--seconds", "0.01"])
+    monkeypatch.setattr(
+        "sys.argv", ["throughput", "--worlds", str(WORLDS), "--device", "cpu", "--seconds", "0.01"]
+    )
     throughput.main()
     result = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
     substeps = trainer.environment.physics.config.substeps
-    rates = {name: result[name]["steps_per_second"] for name in ("trainer", "environment", "bare_contact", "bare_free")}
+    rates = {
+        name: result[name]["steps_per_second"]
+        for name in ("trainer", "environment", "bare_contact", "bare_free")
+    }
     assert min(rates.values()) > 0
     for name in ("environment", "bare_contact", "bare_free"):
         assert result[f"trainer_over_{name}"] == pytest.approx(rates["trainer"] / rates[name])
@@ -34,7 +39,10 @@ def test_bare_physics_goes_through_the_states_of_the_rollout(trainer):
     states = throughput.visited(trainer)
     assert len(states) == ROLLOUT
     assert not torch.equal(states[0][0], states[1][0])
-    advance, physics.advance = physics.advance, lambda: seen.append((physics.qpos.clone(), physics.command.clone()))
+    advance, physics.advance = (
+        physics.advance,
+        lambda: seen.append((physics.qpos.clone(), physics.command.clone())),
+    )
     try:
         assert throughput.advance_from(physics, states) == ROLLOUT
     finally:

@@ -1,8 +1,8 @@
-"""Identification of an arm as the paper does it, and by mujoco.sysid on the same data: error, parameters, time.
+"""Identification of an arm as the paper does it, and by mujoco.sysid on the same data.
 
-    python -m np_training.identify BAG... [--held-out BAG...]     # recordings of `ros2 run np_diagnosis excite`
-    python -m np_training.identify --simulate                     # a reference arm whose parameters are known
-    python -m np_training.identify LOG.npz --arm z1.xml --blocks 2.3 --delays 0 0.005 0.01     # drives with own loops
+    python -m np_training.identify BAG... [--held-out BAG...]     # recordings by `excite`
+    python -m np_training.identify --simulate                     # a reference arm with known parameters
+    python -m np_training.identify LOG.npz --arm z1.xml --blocks 2.3 --delays 0 0.005     # drives' own loops
 
 Writes OUT/identification.json and .png. The last line printed is one JSON object.
 """
@@ -27,7 +27,10 @@ from np_diagnosis.plant import Plant, load_plant, panda_plant
 from np_diagnosis.replay import Stretch, stretches
 from np_training.identify_reference import known_arm, record
 
-FITTED, HELD_OUT = ("sinusoid", "third_posture"), ("reference", "second_posture", "low_damping")  # of the suite
+FITTED, HELD_OUT = (
+    ("sinusoid", "third_posture"),
+    ("reference", "second_posture", "low_damping"),
+)  # of the suite
 SHARE = 0.6  # of a recording that is fitted to where nothing else is held out
 
 
@@ -54,7 +57,8 @@ def simulated(seed: int) -> tuple[list[Stretch], list[Stretch], dict[str, np.nda
 
 
 def from_files(paths: Sequence[Path], plant: Plant) -> list[Stretch]:
-    """The stretches of recordings, bags or logs of drives (.npz). Raises ValueError for what cannot be replayed."""
+    """The stretches of recordings, bags or logs of drives (.npz). Raises ValueError for what cannot be
+    replayed."""
     period, joints = plant.model.opt.timestep, len(plant.joints)
     recorded = [read_drive_log(path, joints, period) for path in paths if path.suffix == ".npz"]
     if bags := [path for path in paths if path.suffix != ".npz"]:
@@ -83,7 +87,9 @@ def report(
     if truth is not None:
         result["truth"] = {name: truth[name].tolist() for name in JOINT}
         # What is left even so: noise, and the step of the nominal simulator against the finer one of the arm.
-        result["gap_with_truth_rad"] = float(np.sqrt(np.mean(gap(plant, held_out, truth, budget.threads) ** 2)))
+        result["gap_with_truth_rad"] = float(
+            np.sqrt(np.mean(gap(plant, held_out, truth, budget.threads) ** 2))
+        )
         for method in result["methods"].values():
             method["relative_error"] = {
                 name: (np.array(method["values"][name]) / truth[name] - 1).tolist()
@@ -105,7 +111,8 @@ def plot(result: dict, path: Path) -> None:
         offset = (i - (len(methods) - 1) / 2) * 0.2
         errors.bar(joints + offset, 1e3 * np.array(method["gap_after_by_joint_rad"]), 0.2, label=name)
     errors.set(yscale="log", ylabel="mrad", title="held-out position error of the closed-loop replay, RMS")
-    errors.legend()
+    errors.set_ylim(top=4 * errors.get_ylim()[1])
+    errors.legend(ncols=len(methods), loc="upper center")
     units = {"frictionloss": "Nm", "damping": "Nms/rad", "armature": "kg m$^2$"}
     for axes, (quantity, unit) in zip(parameters, units.items()):
         axes.plot(joints, result["nominal"][quantity], "k_", markersize=14, label="nominal")
@@ -115,14 +122,15 @@ def plot(result: dict, path: Path) -> None:
             if quantity in method["values"]:
                 axes.plot(joints + 0.12 * (i - 2), method["values"][quantity], "o", color=f"C{i}", label=name)
         axes.set(ylabel=unit, title=quantity, ylim=(0, None))
-    parameters[0].legend()
+    parameters[0].legend(ncols=2)
     for axes in (errors, *parameters):
         axes.set_xticks(joints, [f"J{j + 1}" for j in joints])
     figure.savefig(path, dpi=110)
 
 
 def summary(result: dict) -> dict:
-    """Of each method: gap before and after, mrad; median error of each parameter, if known; time and effort."""
+    """Of each method: gap before and after, mrad; median error of each parameter, if known; time and
+    effort."""
     lines = {}
     for name, method in result["methods"].items():
         lines[name] = {
@@ -145,11 +153,17 @@ def main() -> None:
     """Identify, write the figures and the plot."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("recordings", nargs="*", type=Path, help="to fit to: bags, or drives' logs (.npz)")
-    parser.add_argument("--held-out", nargs="+", type=Path, default=[], help=f"default: the last {1 - SHARE:.0%} of each")
+    parser.add_argument(
+        "--held-out", nargs="+", type=Path, default=[], help=f"default: the last {1 - SHARE:.0%} of each"
+    )
     parser.add_argument("--blocks", type=float, help="hold out every second block of this length, s, instead")
     parser.add_argument("--arm", type=Path, help="MJCF file; default: the nominal Panda")
-    parser.add_argument("--delays", nargs="+", type=float, default=[], help="s, of commands, of which to take the best")
-    parser.add_argument("--simulate", action="store_true", help="a reference arm with known parameters instead")
+    parser.add_argument(
+        "--delays", nargs="+", type=float, default=[], help="s, of commands, of which to take the best"
+    )
+    parser.add_argument(
+        "--simulate", action="store_true", help="a reference arm with known parameters instead"
+    )
     parser.add_argument("--out", type=Path, default=Path("runs/identify"))
     parser.add_argument("--seed", type=int, default=0)
     for name, default in vars(Budget()).items():
@@ -174,7 +188,12 @@ def main() -> None:
     result = report(plant, fitted, held_out, truth, budget, arguments.seed)
     if delays:
         result |= {"delay_s": delay, "rmse_of_delays_rad": delays}
-    result |= {"command": sys.argv[1:], "seed": arguments.seed, "budget": vars(budget), "machine": f"{os.cpu_count()} cores, {platform.machine()}"}
+    result |= {
+        "command": sys.argv[1:],
+        "seed": arguments.seed,
+        "budget": vars(budget),
+        "machine": f"{os.cpu_count()} cores, {platform.machine()}",
+    }
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "identification.json").write_text(json.dumps(result, indent=1) + "\n")
     plot(result, arguments.out / "identification.png")

@@ -1,7 +1,8 @@
 """A reference arm whose joint parameters are known: what identification is tested on without a robot.
 
-It stands where the robot stands: the deployed controller follows the excitation suite and answers noisy states at
-500 Hz. Its physics steps four times a control period, so that its discretisation is not that of the replay.
+It stands where the robot stands: the deployed controller follows the excitation suite and answers noisy
+states at 500 Hz. Its physics steps four times a control period, so that its discretisation is not that of the
+replay.
 """
 
 from __future__ import annotations
@@ -20,7 +21,11 @@ PERIOD_NS = 2_000_000
 SUBSTEPS = 4
 POSITION_NOISE = 1e-5  # rad, standard deviation
 VELOCITY_NOISE = 1e-3  # rad/s
-FACTORS = {"frictionloss": (0.5, 3.0), "damping": (0.5, 6.0), "armature": (0.6, 1.8)}  # of the nominal parameters
+FACTORS = {
+    "frictionloss": (0.5, 3.0),
+    "damping": (0.5, 6.0),
+    "armature": (0.6, 1.8),
+}  # of the nominal parameters
 
 
 def known_arm(seed: int) -> dict[str, np.ndarray]:

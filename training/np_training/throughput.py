@@ -1,14 +1,16 @@
-"""How much of the bare physics the training gets: one process, one device, one scene, measured one after the other.
+"""How much of the bare physics the training gets: one process, one device, one scene.
 
     python -m np_training.throughput --domain card --checkpoint runs/card/checkpoint.pt --seconds 20
 
-- trainer: whole iterations, rollout and update of both policies, starts drawn, as `np_training.train` does them;
+- trainer: whole iterations, rollout and update of both policies, starts drawn, as `np_training.train` does
+them;
 - environment: the same rollouts without update: observation, policy, inverse kinematics, step, reward, reset;
 - bare_contact: `BatchedPhysics.advance` alone, from the states and commands that such a rollout went through;
-- bare_free: the same with the arm at its ready posture, holding, and the object resting where no one touches it.
+- bare_free: the same with the arm at its ready posture, holding, and the object resting where no one touches
+it.
 
-All four step the same model with the same options; figures are physics steps a second, over all worlds. Give a
-checkpoint: what an untrained policy touches costs less. The last line printed is one JSON object.
+All four step the same model with the same options; figures are physics steps a second, over all worlds. Give
+a checkpoint: what an untrained policy touches costs less. The last line printed is one JSON object.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ SETTLE = 5  # policy periods until an object that was put down rests
 
 @dataclass(frozen=True)
 class Rate:
-    """steps: physics steps of all worlds a second; rounds: measured; contacts: of a world, mean over the rounds."""
+    """steps: physics steps of all worlds a second; rounds: measured; contacts: of a world, mean over the
+    rounds."""
 
     steps_per_second: float
     rounds: int
@@ -80,7 +83,10 @@ def rollout(trainer: Trainer, visit: Callable[[], None] = lambda: None) -> int:
 def visited(trainer: Trainer) -> list[tuple[torch.Tensor, ...]]:
     """Positions, velocities and commands at each period of a rollout."""
     physics, states = trainer.environment.physics, []
-    rollout(trainer, lambda: states.append(tuple(a.clone() for a in (physics.qpos, physics.qvel, physics.command))))
+    rollout(
+        trainer,
+        lambda: states.append(tuple(a.clone() for a in (physics.qpos, physics.qvel, physics.command))),
+    )
     return states
 
 
@@ -95,8 +101,12 @@ def advance_from(physics: BatchedPhysics, states: list[tuple[torch.Tensor, ...]]
 
 
 def rest(environment: Environment) -> None:
-    """All arms at the ready posture, holding; all objects resting at fresh starts, where the fingers are not."""
-    physics, everyone = environment.physics, torch.arange(environment.config.worlds, device=environment.device)
+    """All arms at the ready posture, holding; all objects resting at fresh starts, where the fingers are
+    not."""
+    physics, everyone = (
+        environment.physics,
+        torch.arange(environment.config.worlds, device=environment.device),
+    )
     qpos = physics.qpos.clone()
     qpos[:, ARM] = torch.tensor(NOMINAL.ready, dtype=qpos.dtype, device=qpos.device)
     starts = environment.starts.objects
@@ -130,12 +140,18 @@ def throughput(trainer: Trainer, seconds: float) -> dict:
     whole = rates["trainer"].steps_per_second
     return {
         **{name: vars(rate) for name, rate in rates.items()},
-        **{f"trainer_over_{name}": whole / rates[name].steps_per_second for name in rates if name != "trainer"},
+        **{
+            f"trainer_over_{name}": whole / rates[name].steps_per_second
+            for name in rates
+            if name != "trainer"
+        },
         "policy_steps_per_second": whole / physics.config.substeps,
     }
 
 
-def make_trainer(domain: str, device: str, worlds: int, rollout_steps: int, seed: int, checkpoint: Path | None) -> Trainer:
+def make_trainer(
+    domain: str, device: str, worlds: int, rollout_steps: int, seed: int, checkpoint: Path | None
+) -> Trainer:
     """The trainer that `np_training.train` makes without options, from a checkpoint if there is one."""
     config = EnvironmentConfig(worlds=worlds, seed=seed, limit=LIMITS[domain], physics=PhysicsConfig())
     curriculum = CurriculumConfig(practice=PRACTICE[domain], explore=EXPLORE[domain])
@@ -164,16 +180,33 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     torch.backends.cuda.matmul.allow_tf32 = True
-    trainer = make_trainer(arguments.domain, arguments.device, arguments.worlds, arguments.rollout, arguments.seed,
-                           arguments.checkpoint)
+    trainer = make_trainer(
+        arguments.domain,
+        arguments.device,
+        arguments.worlds,
+        arguments.rollout,
+        arguments.seed,
+        arguments.checkpoint,
+    )
     stage = trainer.curriculum.stage
     result = throughput(trainer, arguments.seconds)
     is_cuda = trainer.environment.device.type == "cuda"
-    print(json.dumps({
-        "command": sys.argv[1:], "domain": arguments.domain, "worlds": arguments.worlds, "stage": stage,
-        "device": torch.cuda.get_device_name(trainer.environment.device) if is_cuda else platform.processor() or "CPU",
-        "timestep": trainer.environment.physics.config.timestep,
-        "substeps": trainer.environment.physics.config.substeps, **result}))
+    print(
+        json.dumps(
+            {
+                "command": sys.argv[1:],
+                "domain": arguments.domain,
+                "worlds": arguments.worlds,
+                "stage": stage,
+                "device": torch.cuda.get_device_name(trainer.environment.device)
+                if is_cuda
+                else platform.processor() or "CPU",
+                "timestep": trainer.environment.physics.config.timestep,
+                "substeps": trainer.environment.physics.config.substeps,
+                **result,
+            }
+        )
+    )
 
 
 if __name__ == "__main__":

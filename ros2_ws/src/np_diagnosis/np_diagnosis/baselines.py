@@ -1,8 +1,8 @@
 """What others do about a gap, on the same recordings as the doctor: a fixed list of parameters, or nothing.
 
-By name: `paper`, the identification of Kim et al. (IROS 2023), CMA-ES on friction, damping and armature joint by
-joint; `sysid_3`, mujoco.sysid on the same list and windows; `sysid_6`, mujoco.sysid with everything free that a
-plant has, on twice as many windows of all motions; `none`, no fix.
+By name: `paper`, the identification of Kim et al. (IROS 2023), CMA-ES on friction, damping and armature joint
+by joint; `sysid_3`, mujoco.sysid on the same list and windows; `sysid_6`, mujoco.sysid with everything free
+that a plant has, on twice as many windows of all motions; `none`, no fix.
 """
 
 from __future__ import annotations
@@ -29,16 +29,24 @@ from np_diagnosis.plant import Plant
 from np_diagnosis.replay import INERTIA, Replay, Stretch
 
 
-def gap(plant: Plant, recorded: list[Stretch], values: Mapping[str, np.ndarray], threads: int = 0) -> np.ndarray:
-    """RMS position error (k,) rad of the closed-loop replay along whole stretches; infinite where all diverge."""
+def gap(
+    plant: Plant, recorded: list[Stretch], values: Mapping[str, np.ndarray], threads: int = 0
+) -> np.ndarray:
+    """RMS position error (k,) rad of the closed-loop replay along whole stretches; infinite where all
+    diverge."""
     errors = Replay(plant, recorded, threads).errors(np.arange(len(recorded)), values)
     return np.sqrt(mean_square(errors.reshape(1, -1, errors.shape[-1]))[0])
 
 
 def fits(
-    plant: Plant, recorded: list[Stretch], budget: Budget = Budget(), seed: int = 0, progress: Progress | None = None
+    plant: Plant,
+    recorded: list[Stretch],
+    budget: Budget = Budget(),
+    seed: int = 0,
+    progress: Progress | None = None,
 ) -> list[Fit]:
-    """Every baseline, fitted. Raises ValueError for recordings that cannot be replayed, or in which nothing moves."""
+    """Every baseline, fitted. Raises ValueError for recordings that cannot be replayed, or in which nothing
+    moves."""
     active, _ = active_windows(recorded, budget)
     return [
         Fit("none"),
@@ -58,8 +66,8 @@ def compare(
 ) -> dict[str, dict]:
     """Every baseline, fitted to `recorded` and judged on `held_out`, as plain numbers and lists.
 
-    By name: gap_before_rad, gap_after_rad and gap_after_by_joint_rad (RMS joint position error of the closed-loop
-    replay on held-out stretches), values, fit_rmse_rad, steps, wall_s.
+    By name: gap_before_rad, gap_after_rad and gap_after_by_joint_rad (RMS joint position error of the
+    closed-loop replay on held-out stretches), values, fit_rmse_rad, steps, wall_s.
     """
     before = gap(plant, held_out, {}, budget.threads)
     report = {}
@@ -89,8 +97,8 @@ EFFECTS = {
 def as_patch(plant: Plant, fit: Fit) -> Patch:
     """The fit as a patch of the nominal arm, which simulators load and the blind test follows.
 
-    Masses and centres of mass become changes of the links' first moments (`link_com`); that a heavier link also
-    accelerates its carriers is lost, which matters little at the speeds of an arm.
+    Masses and centres of mass become changes of the links' first moments (`link_com`); that a heavier link
+    also accelerates its carriers is lost, which matters little at the speeds of an arm.
     """
     nominal, found = plant.nominal(), []
     for name, (effect, parameter) in EFFECTS.items():
@@ -99,12 +107,15 @@ def as_patch(plant: Plant, fit: Fit) -> Patch:
                 found.append(PatchEffect(effect, joint, {parameter: float(change)}))
     for joint, moment in zip(plant.joints, _moments(plant, fit)):
         if moment.any():
-            found.append(PatchEffect("link_com", joint, {f"moment_{a}": float(m) for a, m in zip("xyz", moment)}))
+            found.append(
+                PatchEffect("link_com", joint, {f"moment_{a}": float(m) for a, m in zip("xyz", moment)})
+            )
     return Patch(tuple(found))
 
 
 def _moments(plant: Plant, fit: Fit) -> np.ndarray:
-    """Change (k, 3) kg m of the first moment about its joint of what each link carries, masses beyond it as points."""
+    """Change (k, 3) kg m of the first moment about its joint of what each link carries, masses beyond it as
+    points."""
     nominal, model = plant.nominal(), plant.model
     mass, com = (fit.values.get(name, nominal[name]) for name in INERTIA)
     moments = mass[:, None] * com - nominal["mass"][:, None] * nominal["com"]

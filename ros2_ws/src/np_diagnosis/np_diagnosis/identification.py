@@ -1,4 +1,4 @@
-"""Identification of an arm from its own recorded motion: parameters for which a replay agrees with what happened.
+"""Identification of an arm: parameters with which a replay agrees with what was recorded.
 
 Two ways on the same windows and errors: CMA-ES joint by joint, as the paper does it, and the Gauss-Newton of
 mujoco.sysid with all parameters at once.
@@ -28,8 +28,9 @@ STILL = 1e-3  # rad, standard deviation of a target that holds
 
 @dataclass(frozen=True)
 class Budget:
-    """How long to look. window s: length of a replayed stretch; windows: of each joint, those in which it moves
-    most; generations, population: of CMA-ES, a joint; iterations: of Gauss-Newton; threads: 0 for all cores."""
+    """How long to look. window s: length of a replayed stretch; windows: of each joint, those in which it
+    moves most; generations, population: of CMA-ES, a joint; iterations: of Gauss-Newton; threads: 0 for all
+    cores."""
 
     window: float = 4.0
     windows: int = 2
@@ -41,8 +42,8 @@ class Budget:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """values: what was identified (`replay.Values`, of one arm), nothing for the nominal one; rmse: of the joint
-    positions in the windows it was fitted to, rad; steps: physics steps; wall_s."""
+    """values: what was identified (`replay.Values`, of one arm), nothing for the nominal one; rmse: of the
+    joint positions in the windows it was fitted to, rad; steps: physics steps; wall_s."""
 
     name: str
     values: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -56,11 +57,12 @@ Progress = Callable[[str, int, int], None]
 
 
 def active_windows(recorded: list[Stretch], budget: Budget) -> tuple[list[Stretch], np.ndarray]:
-    """Windows in which one joint moves, the sinusoids, wherever they are; and rows (p, 2): a window, its joint.
+    """Windows in which one joint moves, the sinusoids, wherever they are; and rows (p, 2): a window, its
+    joint.
 
-    Of each joint those in which its target has the largest share of the motion of all, and not less than half of
-    its largest one. A joint that never moves has none. Raises ValueError where no stretch is as long as a window,
-    or no target moves.
+    Of each joint those in which its target has the largest share of the motion of all, and not less than half
+    of its largest one. A joint that never moves has none. Raises ValueError where no stretch is as long as a
+    window, or no target moves.
     """
     places = [
         (stretch, step, window)
@@ -68,9 +70,11 @@ def active_windows(recorded: list[Stretch], budget: Budget) -> tuple[list[Stretc
         for step, window in enumerate(whole.windows(budget.window, budget.window / STEPS))
     ]
     if not places:
-        raise ValueError(f"expected a stretch of {budget.window} s at least, got {[s.duration for s in recorded]} s")
+        raise ValueError(
+            f"expected a stretch of {budget.window} s at least, got {[s.duration for s in recorded]} s"
+        )
     activity = np.array([window.activity for *_, window in places])
-    shares = np.where(activity > STILL, activity / activity.sum(axis=1, keepdims=True), 0.0)
+    shares = np.where(activity > STILL, activity / (activity.sum(axis=1, keepdims=True) + 1e-12), 0.0)
     pairs = []
     for joint, value in enumerate(shares.T):
         value = np.where(value < value.max() / 2, 0.0, value)
@@ -85,17 +89,24 @@ def active_windows(recorded: list[Stretch], budget: Budget) -> tuple[list[Stretc
     if not pairs:
         raise ValueError("expected targets that move, found all joints holding still")
     chosen = sorted({window for window, _ in pairs})
-    return [places[i][2] for i in chosen], np.array([(chosen.index(window), joint) for window, joint in pairs])
+    return [places[i][2] for i in chosen], np.array(
+        [(chosen.index(window), joint) for window, joint in pairs]
+    )
 
 
 def paper_identification(
-    plant: Plant, recorded: list[Stretch], budget: Budget = Budget(), seed: int = 0, progress: Progress | None = None
+    plant: Plant,
+    recorded: list[Stretch],
+    budget: Budget = Budget(),
+    seed: int = 0,
+    progress: Progress | None = None,
 ) -> Fit:
-    """Friction, damping and armature of each joint that moved, by one CMA-ES a joint; all joints side by side.
+    """Friction, damping and armature of each joint that moved, by one CMA-ES a joint; all joints side by
+    side.
 
-    As Kim et al. (IROS 2023): sinusoids joint by joint, the commands replayed in the simulator until the joint
-    positions agree. A joint's objective is the mean square error of its own position while it is the one that
-    moves; the others have what their own search thinks of them.
+    As Kim et al. (IROS 2023): sinusoids joint by joint, the commands replayed in the simulator until the
+    joint positions agree. A joint's objective is the mean square error of its own position while it is the
+    one that moves; the others have what their own search thinks of them.
     """
     import cma  # takes two seconds
 
@@ -123,7 +134,9 @@ def paper_identification(
             for window, _ in pairs[pairs[:, 1] == joint]:
                 which += [window] * len(candidates)
                 trials.append(own)
-        square = mean_square(replay.errors(np.array(which), dict(zip(JOINT, np.concatenate(trials).swapaxes(0, 1)))))
+        square = mean_square(
+            replay.errors(np.array(which), dict(zip(JOINT, np.concatenate(trials).swapaxes(0, 1))))
+        )
         for joint, candidates in zip(running, asked):
             rows, square = np.split(square, [len(candidates) * np.count_nonzero(pairs[:, 1] == joint)])
             cost = rows[:, joint].reshape(-1, len(candidates)).mean(axis=0)
@@ -146,8 +159,8 @@ def least_squares(
 ) -> Fit:
     """The parameters named, of all joints and links at once, by `mujoco.sysid.optimize`.
 
-    The residuals are the position errors of all joints. Parameters are scaled to their range, so that one finite
-    difference suits all.
+    The residuals are the position errors of all joints. Parameters are scaled to their range, so that one
+    finite difference suits all.
     """
     from mujoco import sysid  # an extra of mujoco
 
@@ -182,9 +195,14 @@ def least_squares(
 
 
 def likeliest_delay(
-    plant: Plant, recorded: list[Stretch], delays: Sequence[float], budget: Budget, progress: Progress | None = None
+    plant: Plant,
+    recorded: list[Stretch],
+    delays: Sequence[float],
+    budget: Budget,
+    progress: Progress | None = None,
 ) -> tuple[float, dict[float, float]]:
-    """The delay, s, of commands with which the paper's parameters explain the windows best; RMSE, rad, of each.
+    """The delay, s, of commands with which the paper's parameters explain the windows best; RMSE, rad, of
+    each.
 
     A delay passes for damping and for inertia: where the recording does not say it, it has to be sought too.
     """

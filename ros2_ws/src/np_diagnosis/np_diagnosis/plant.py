@@ -1,4 +1,4 @@
-"""The simulated arm of a replay: hinges, masses and position drives, and the bounds of what may be identified in it."""
+"""The simulated arm of a replay: hinges, masses, drives, and the bounds of what may be identified."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ FLOATING_MASS = 1e-6  # kg, of the bodies that carry a gravity compensation and 
 class Plant:
     """An arm of k hinges as MuJoCo model, base to tip, nothing else that moves. Made by `make_plant`.
 
-    model: with one drive a joint, which gives ctrl + biasprm[1] q + biasprm[2] dq within the limits. free_model: the
-    same arm, whose gravity compensation is that of the nominal masses whatever its own masses are. largest: upper
-    bounds (k,) of frictionloss Nm, damping Nms/rad, armature kg m^2 of its joints, beyond any arm of this size.
+    model: with one drive a joint, which gives ctrl + biasprm[1] q + biasprm[2] dq within the limits.
+    free_model: the same arm, whose gravity compensation is that of the nominal masses whatever its own masses
+    are. largest: upper bounds (k,) of frictionloss Nm, damping Nms/rad, armature kg m^2 of its joints, beyond
+    any arm of this size.
     """
 
     model: mujoco.MjModel
@@ -48,7 +49,8 @@ class Plant:
 
 
 def panda_plant(panda: PandaModel = NOMINAL, timestep: float = 0.002) -> Plant:
-    """The nominal simulator's Panda with its hand, fingers closed, gravity compensated as by the robot itself."""
+    """The nominal simulator's Panda with its hand, fingers closed, gravity compensated as by the robot
+    itself."""
     spec = build_scene(CARD, timestep=timestep, panda=panda)
     spec.delete(spec.body(OBJECT))
     for name in panda.fingers:
@@ -61,8 +63,8 @@ def panda_plant(panda: PandaModel = NOMINAL, timestep: float = 0.002) -> Plant:
 def load_plant(path: str | Path) -> Plant:
     """An arm from an MJCF file of hinges. Raises ValueError for a file that is none, naming it.
 
-    Limits of the drives are the joints' `actuatorfrcrange`, where they have one. Gravity pulls at the arm unless its
-    bodies have `gravcomp`.
+    Limits of the drives are the joints' `actuatorfrcrange`, where they have one. Gravity pulls at the arm
+    unless its bodies have `gravcomp`.
     """
     try:
         return make_plant(
@@ -75,8 +77,9 @@ def load_plant(path: str | Path) -> Plant:
 def make_plant(spec: mujoco.MjSpec, largest: dict[str, float]) -> Plant:
     """A plant from a description, of which everything goes that neither moves nor has mass, contacts too.
 
-    The integrator is Euler's with implicit joint damping: for a torque from outside the same as implicitfast, while
-    the drives' own damping stays explicit, as in a digital controller. Raises ValueError for other joints than hinges.
+    The integrator is Euler's with implicit joint damping: for a torque from outside the same as implicitfast,
+    while the drives' own damping stays explicit, as in a digital controller. Raises ValueError for other
+    joints than hinges.
     """
     for elements in (spec.actuators, spec.sensors, spec.keys, spec.cameras, spec.geoms, spec.sites):
         for element in list(elements):
@@ -107,8 +110,8 @@ def make_plant(spec: mujoco.MjSpec, largest: dict[str, float]) -> Plant:
 
 
 def _with_floating_compensation(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    # What compensates gravity does not know the true mass of a link: it pulls with the nominal weight at the nominal
-    # centre of mass, through a body of its own that weighs nothing.
+    # What compensates gravity does not know the true mass of a link: it pulls with the nominal weight at the
+    # nominal centre of mass, through a body of its own that weighs nothing.
     spec = spec.copy()
     for body in [body for body in spec.bodies if body.gravcomp and list(body.joints)]:
         pull = body.add_body(pos=body.ipos, ipos=[0, 0, 0], mass=FLOATING_MASS)

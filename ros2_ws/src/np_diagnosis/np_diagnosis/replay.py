@@ -1,8 +1,9 @@
 """Closed-loop replay: what a simulated arm does under the recorded targets and gains.
 
-The impedance law of np_control runs in the loop, on the simulated state, as a drive of the MuJoCo model; what the
-controller added to its law (Coriolis torque, feed-forward of a trajectory) is replayed as it was commanded. Many
-stretches and parameter sets are stepped at once, each simulation with its own model fields (mujoco.batch).
+The impedance law of np_control runs in the loop, on the simulated state, as a drive of the MuJoCo model; what
+the controller added to its law (Coriolis torque, feed-forward of a trajectory) is replayed as it was
+commanded. Many stretches and parameter sets are stepped at once, each simulation with its own model fields
+(mujoco.batch).
 """
 
 from __future__ import annotations
@@ -32,16 +33,17 @@ BAD = [int(warning) for warning in (W.mjWARN_BADQPOS, W.mjWARN_BADQVEL, W.mjWARN
 COUNT = 1  # of a warning's two numbers, the one that counts it
 
 Values = Mapping[str, np.ndarray]
-"""Parameters of S simulations of k joints: frictionloss (S, k) Nm, damping (S, k) Nms/rad, armature (S, k) kg m^2,
-gain (S, k) of the drives, mass (S, k) kg and com (S, k, 3) m of the links. What is left out stays nominal."""
+"""Parameters of S simulations of k joints: frictionloss (S, k) Nm, damping (S, k) Nms/rad, armature (S, k) kg
+m^2, gain (S, k) of the drives, mass (S, k) kg and com (S, k, 3) m of the links. What is left out stays
+nominal."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
     """A recorded stretch without gap, one row a control period: all (n, k), k joints.
 
-    position rad and velocity rad/s: measured; target rad, stiffness Nm/rad, damping_ratio: of the impedance law;
-    feedforward Nm: the rest of the commanded torque.
+    position rad and velocity rad/s: measured; target rad, stiffness Nm/rad, damping_ratio: of the impedance
+    law; feedforward Nm: the rest of the commanded torque.
     """
 
     name: str
@@ -75,7 +77,9 @@ class Stretch:
         rows = np.arange(0.0, (len(self) - 1) * self.period, period) / self.period
         held = self.cut(np.floor(rows + 1e-9).astype(int))
         below, share = np.floor(rows + 1e-9).astype(int), (rows % 1.0)[:, None]
-        between = {n: (1 - share) * getattr(self, n)[below] + share * getattr(self, n)[below + 1] for n in MEASURED}
+        between = {
+            n: (1 - share) * getattr(self, n)[below] + share * getattr(self, n)[below + 1] for n in MEASURED
+        }
         return replace(held, period=period, **between)
 
     def delayed(self, seconds: float) -> Stretch:
@@ -125,7 +129,9 @@ def stretches(log: Log) -> list[Stretch]:
         commands.damping / np.sqrt(stiffness),
     )
     edges = [0, *(np.flatnonzero(np.diff(time) > GAP * whole.period) + 1), len(time)]
-    parts = [whole.cut(slice(a, b)) for a, b in zip(edges[:-1], edges[1:]) if (b - a) * whole.period >= SHORTEST]
+    parts = [
+        whole.cut(slice(a, b)) for a, b in zip(edges[:-1], edges[1:]) if (b - a) * whole.period >= SHORTEST
+    ]
     if not parts:
         raise ValueError(f"{log.name}: expected {SHORTEST} s of commands without gap, found none")
     return parts
@@ -159,7 +165,8 @@ class Replay:
         self.steps = 0  # physics steps so far
 
     def errors(self, which: np.ndarray, values: Values) -> np.ndarray:
-        """Simulated minus measured position (S, m, k) rad, every 10 ms, of stretches `which` (S,) with `values`.
+        """Simulated minus measured position (S, m, k) rad, every 10 ms, of stretches `which` (S,) with
+        `values`.
 
         NaN after the end of a stretch, and for a simulation that diverged.
         """
@@ -172,7 +179,10 @@ class Replay:
         stiffness, damping = self._stiffness[:, :length][which], self._damping[:, :length][which]
         changes = (np.diff(stiffness, axis=1) != 0) | (np.diff(damping, axis=1) != 0)
         edges = [0, *(np.flatnonzero(changes.any(axis=(0, 2))) + 1), length - 1]
-        law, gain = batch.expand("actuator_biasprm"), np.broadcast_to(values["gain"], self._start[which, 0].shape)
+        law, gain = (
+            batch.expand("actuator_biasprm"),
+            np.broadcast_to(values["gain"], self._start[which, 0].shape),
+        )
         for begin, end in zip(edges[:-1], edges[1:]):
             # The gear scales the drive's torque, and the position and velocity that it sees.
             law[:, :, 1], law[:, :, 2] = -stiffness[:, begin] / gain, -damping[:, begin] / gain
@@ -188,7 +198,10 @@ class Replay:
     def _prepare(self, which: np.ndarray, values: Values) -> Batch:
         """Simulations at the start of their stretches, with their parameters."""
         nominal = self.plant.nominal()
-        is_free = any(values[name].shape != nominal[name].shape or (values[name] != nominal[name]).any() for name in INERTIA)
+        is_free = any(
+            values[name].shape != nominal[name].shape or (values[name] != nominal[name]).any()
+            for name in INERTIA
+        )
         if (self._batch.nsim, self._is_free) != (len(which), is_free):
             model = self.plant.free_model if is_free else self.plant.model
             self._batch, self._is_free = Batch(model, len(which), self._threads), is_free

@@ -1,7 +1,7 @@
 """`baselines BAG... --out DIR`: what others' identification makes of recordings of the Panda, as patches.
 
-DIR/NAME/patch.yaml for each NAME of paper, sysid_3, sysid_6 and none (np_diagnosis.baselines). Needs no ROS. The last
-line printed is one JSON object: rmse in the windows fitted to, physics steps and time of each.
+DIR/NAME/patch.yaml for each NAME of paper, sysid_3, sysid_6 and none (np_diagnosis.baselines). Needs no ROS.
+The last line printed is one JSON object: rmse in the windows fitted to, physics steps and time of each.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ from np_diagnosis.replay import stretches
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="baselines", description=__doc__.split("\n")[0])
-    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="rosbag2 folder with effort_command")
+    parser.add_argument(
+        "bags", nargs="+", type=Path, metavar="BAG", help="rosbag2 folder with effort_command"
+    )
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seed", type=int, default=0)
     for name, default in vars(Budget()).items():
@@ -46,7 +48,11 @@ def main(arguments: list[str] | None = None) -> int:
         folder = options.out / fit.name
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "patch.yaml").write_text(dump_patch(as_patch(plant, fit)), encoding="utf-8")
-    print(json.dumps({f.name: {"rmse_rad": f.rmse, "steps": f.steps, "wall_s": round(f.wall_s, 2)} for f in found}))
+    print(
+        json.dumps(
+            {f.name: {"rmse_rad": f.rmse, "steps": f.steps, "wall_s": round(f.wall_s, 2)} for f in found}
+        )
+    )
     return 0
 
 
