@@ -25,11 +25,13 @@ KINK = 0.02  # rad/s^2 by which the target's acceleration may jump for what was 
 REVERSAL = "r2 at reversal"
 SLOWEST = 0.002  # rad/s, below which a joint may be standing
 
+DELAY = 2.7e-4  # s between command and torque that any loop has
+
 # What every candidate may use besides its own, by stage: delay of torque against command, of torque against
 # motion, error of the inertial torque, zero of the motor's encoder.
 NUISANCES = {
     "r0": (),
-    "r1": (Parameter("delay", "s", -8e-4, 8e-4, 2e-4),),
+    "r1": (Parameter("delay", "s", -3e-4, 8e-4, 1e-4, centre=DELAY),),
     "r2": (Parameter("delay", "s", -8e-4, 8e-4, 2e-4), Parameter("inertia", "1", -0.5, 0.5, 0.03)),
     "r3": (Parameter("zero", "rad", -0.1, 0.1, 0.01),),
     REVERSAL: (),

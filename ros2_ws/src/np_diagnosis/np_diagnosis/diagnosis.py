@@ -21,8 +21,10 @@ from np_diagnosis.signals import Log
 CERTAIN = 0.8  # probability of an effect from which on it counts as identified
 EXPLAINED = 0.8  # of what is predictable at all: a structure that explains less is no explanation
 LEFT_SURE = 25.0  # nats by which a flexible model must predict better for something to be left
+COLOURED = 1.5  # times its white part, what is left of r2 is no noise
+MOST = 0.9  # of what is no white noise, explained by a structure that may stand
 COARSE = 2e-5  # rad, a step of an encoder that shows
-MATERIAL = 0.001  # of the torque limit: what is left below is nothing
+MATERIAL = 0.0005  # of the torque limit: what is left below is nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +79,8 @@ def diagnose(logs: list[Log], arm: Arm | None = None, seed: int = 0, quick: bool
 
 
 def _unexplained(rests: list[Rest], design: Design) -> tuple[int, ...]:
-    """Joints at which a flexible model predicts materially better than the chosen structure, and the structure
-    takes less than most of what is predictable."""
+    """Joints at which the chosen structure leaves what is no noise: a flexible model predicts it, or it has a
+    memory that the noise of a clean arm has not."""
     found = set()
     for rest in rests:
         limit = design.context.arm.torque_limit[rest.joint]
@@ -86,6 +88,9 @@ def _unexplained(rests: list[Rest], design: Design) -> tuple[int, ...]:
         is_sure = rest.gain > max(LEFT_SURE, 2 * rest.error)
         is_material = removable > rest.rows * (MATERIAL * limit) ** 2
         if is_sure and is_material and removable > (1 - EXPLAINED) * (rest.nothing - rest.flexible):
+            found.add(rest.joint)
+        coloured = rest.excess > (COLOURED**2 - 1) * rest.white**2
+        if rest.stage == "r2" and coloured and rest.excess > (MATERIAL * limit) ** 2 and rest.removed < MOST:
             found.add(rest.joint)
     return tuple(sorted(found))
 
@@ -121,6 +126,8 @@ def _findings(search: Search, chosen: Structure, gap: Gap, seed: int, quick: boo
             (n for n, c in enumerate(design.candidates) if c.effect.id == name and c.at(joints) == place),
             key=lambda n: search.value(search.structure((n,))),
         )
+        if search.is_trifle(search.structure((m,)), m):
+            continue
         effect, values = estimate(search, search.structure((m,)), m, seed, refined=False)
         found.append(Finding(effect, place, probability, values, gap.alone(search, m), (), False, 0.0))
     return found

@@ -22,7 +22,8 @@ HARMONICS = 6
 @dataclass(frozen=True, eq=False)
 class Rest:
     """What a flexible model adds at one stage of one joint: gain nats and its standard error over blocks;
-    energies: squared held-out residual of nothing, of the structure, of the structure with the model."""
+    energies: squared held-out residual of nothing, of the structure, of the structure with the model. white:
+    standard deviation of the part that has no memory at all, from third differences."""
 
     stage: str
     joint: int
@@ -32,6 +33,18 @@ class Rest:
     structure: float
     flexible: float
     rows: int
+    white: float
+
+    @property
+    def excess(self) -> float:
+        """Mean square of what the structure leaves, beyond white noise."""
+        return max(self.structure / self.rows - self.white**2, 0.0)
+
+    @property
+    def removed(self) -> float:
+        """Share of what is no white noise that the structure takes away."""
+        reducible = self.nothing / self.rows - self.white**2
+        return 1.0 if reducible <= 0 else float(np.clip(1 - self.excess / reducible, 0.0, 1.0))
 
 
 def examine(search: Search, members: tuple[int, ...]) -> list[Rest]:
@@ -71,6 +84,7 @@ def _rest(stages: Stages, design: Design, cell: Cell, ids: np.ndarray, fit) -> R
         float(np.square(left[rows]).sum()),
         float(np.square(after[rows]).sum()),
         int(rows.sum()),
+        float(np.std(np.diff(left[rows], 3)) / np.sqrt(20)),
     )
 
 

@@ -122,8 +122,10 @@ def write(
 
 
 def make_patch(diagnosis: Diagnosis) -> Patch:
-    """The chosen effects, for the simulated arm and for training; nothing where unexplained."""
-    chosen = [f for f in diagnosis.findings if f.is_chosen and diagnosis.verdict != "unexplained"]
+    """The chosen effects, for the simulated arm and for training; none of a joint that stays unexplained."""
+    joints = diagnosis.context.arm.joints
+    apart = {joints[j] for j in diagnosis.unexplained}
+    chosen = [f for f in diagnosis.findings if f.is_chosen and f.component not in apart]
     return Patch(
         tuple(
             PatchEffect(

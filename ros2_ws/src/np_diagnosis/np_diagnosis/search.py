@@ -82,7 +82,8 @@ class Search:
             count = len(ids) - sum(len(design.candidates[m].ids) for m in inside)
             mean = np.median(result.fit.parameters[:, :count], axis=0)
             prior = np.array([design.parameters[i].prior for i in ids[:count]])
-            self._groups[key] = (result, float(0.5 * np.square(mean / prior).sum()))
+            centre = np.array([design.parameters[i].centre for i in ids[:count]])
+            self._groups[key] = (result, float(0.5 * np.square((mean - centre) / prior).sum()))
         return self._groups[key]
 
     def ids(self, joints: tuple[int, ...], inside: tuple[int, ...]) -> np.ndarray:
@@ -186,7 +187,7 @@ class Search:
 
     def is_material(self, one: Structure, other: Structure) -> bool:
         """Whether some stage of some joint gets better by an amount that matters, through what is no trifle."""
-        if any(self._is_trifle(one, m) for m in one.members if m not in other.members):
+        if any(self.is_trifle(one, m) for m in one.members if m not in other.members):
             return False
         before, after = self.energies(other.members), self.energies(one.members)
         for cell, old, new in zip(self.design.cells, before, after):
@@ -197,10 +198,12 @@ class Search:
                 return True
         return False
 
-    def _is_trifle(self, structure: Structure, member: int) -> bool:
+    def is_trifle(self, structure: Structure, member: int) -> bool:
         """Whether a member's parameters all are within what any arm has."""
-        ids = self.design.candidates[member].ids
+        ids, shape = self.design.candidates[member].ids, self.design.candidates[member].effect.shape
         least = np.array([self.design.parameters[i].least for i in ids])
+        if shape is not None and shape.least:
+            least = least + shape.least / shape.value
         if not least.any():
             return False
         joints, inside = next(g for g in self.groups(structure.members) if member in g[1])

@@ -67,6 +67,7 @@ class Shape:
     rebuild: Callable[[float], Effect]
     linear: bool = False
     background: float = 0.0
+    least: float = 0.0
 
 
 Columns = Callable[[Context, int], np.ndarray]

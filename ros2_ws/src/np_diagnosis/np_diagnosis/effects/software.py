@@ -14,7 +14,7 @@ def effects(context: Context) -> list[Effect]:
     """Effects of a single joint; none without commands."""
     if context.drive is None:
         return []
-    change = Parameter("relative", "1", -0.9, 3.0, 0.1)
+    change = Parameter("relative", "1", -0.9, 3.0, 0.1, least=0.003)
     law = "tau = kp (q_d - q) - kd dq"
     return [
         Effect(
@@ -63,6 +63,6 @@ def _filter(lag: float) -> Effect:
         {"r0": columns},
         "low-pass filter on the commanded torque (libfranka: 100 Hz)",
         f"{1e3 * lag:.3g} ms",
-        Shape("time_constant", "s", lag, _filter, linear=True),
+        Shape("time_constant", "s", lag, _filter, linear=True, least=1e-4),
         is_arm=True,
     )

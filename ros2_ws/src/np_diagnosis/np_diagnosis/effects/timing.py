@@ -9,7 +9,8 @@ from np_diagnosis.effects.torque_loop import SHARE
 from np_diagnosis.stages import Drive
 
 DELAYS = (0.003, 0.006, 0.012, 0.025)  # s
-DELAY_KNOWN = 2e-4  # s, standard deviation of the delay that any loop has
+DELAY_LEAST = 5e-4  # s, up to which a delay is what any loop has
+DELAY_KNOWN = 1e-4  # s, standard deviation of the delay that any loop has
 LEAST_HELD = 20  # periods
 SURE = 10.0  # nats by which holding must fit a period better than not holding
 
@@ -19,7 +20,7 @@ def effects(context: Context) -> list[Effect]:
     found = [
         Effect(
             "measurement_delay",
-            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN),),
+            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN, least=DELAY_LEAST),),
             {"r2": lambda c, j: stack(c.samples.torque_rate[:, j])},
             "states are older than their stamps",
             is_arm=True,
@@ -31,7 +32,7 @@ def effects(context: Context) -> list[Effect]:
     found.append(
         Effect(
             "measurement_delay",
-            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN),),
+            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN, least=DELAY_LEAST),),
             {"r0": lambda c, j: stack(-_rate(c.drive, c.drive.law[:, j]))},
             "the controller acts on older states than it reports",
             "in the controller",
@@ -101,7 +102,7 @@ def _delay(delay: float) -> Effect:
         {"r1": lambda c, j: stack(delayed(c.drive, c.drive.commanded[:, j], delay) - c.drive.commanded[:, j])},
         "dead time between command and torque",
         f"{1e3 * delay:.3g} ms",
-        Shape("delay", "s", delay, _delay, linear=True, background=DELAY_KNOWN),
+        Shape("delay", "s", delay, _delay, linear=True, background=DELAY_KNOWN, least=DELAY_LEAST),
         is_arm=True,
     )
 

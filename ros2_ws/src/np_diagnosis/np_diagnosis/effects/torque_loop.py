@@ -96,7 +96,7 @@ def _lag(lag: float) -> Effect:
         {"r1": lambda c, j: stack(first_order(c.drive, c.drive.commanded[:, j], lag) - c.drive.commanded[:, j])},
         "first-order torque loop",
         f"{1e3 * lag:.3g} ms",
-        Shape("time_constant", "s", lag, _lag, linear=True),
+        Shape("time_constant", "s", lag, _lag, linear=True, background=1e-4, least=4e-4),
     )
 
 
