@@ -9,6 +9,7 @@ KEYPOINTS ?= camera
 CONTROLLER ?= impedance
 OBJECT ?= default
 EFFECTS ?= none
+GPUS ?=
 BAG ?=
 CASES ?= 200
 SET ?= locked
@@ -19,7 +20,7 @@ PYTEST_ARGS ?=
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 
-.PHONY: help setup demo test test-driver hardware bench blind evaluate train identify lock clean distclean
+.PHONY: help setup demo test test-driver driver-report hardware bench blind evaluate train identify lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -52,8 +53,8 @@ bench: setup ## latencies, real-time factor, planning time as JSON
 blind: setup ## CASES SEED SET=locked|development JOBS: the gap doctor against sealed cases, as JSON
 	@$(ACTIVATE) exec ros2 run np_diagnosis blind --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) $(ARGS)
 
-train: setup ## DOMAIN SEED: train its policies on the GPU or CPU that is there
-	@$(ACTIVATE) exec python -m np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)
+train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there
+	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)
 
 identify: setup ## BAG="run1 run2" | none: a simulated arm; friction, damping, armature and what they explain
 	@$(ACTIVATE) exec python -m np_training.identify $(or $(BAG),--simulate) --seed $(SEED) $(ARGS)
@@ -74,7 +75,10 @@ test: setup ## every test that needs no GPU
 hardware: setup .venv/.hardware ## add what the driver of a real arm needs: docs/hardware.md
 
 test-driver: hardware .venv-franka-sim/.installed ## the hardware driver against a simulated robot's network protocol
-	@$(ACTIVATE) exec python -m pytest tests/driver tests/contract -k driver $(PYTEST_ARGS)
+	@$(ACTIVATE) exec python -m pytest tests/driver tests/camera tests/contract -k driver $(PYTEST_ARGS)
+
+driver-report: hardware .venv-franka-sim/.installed ## measure the driver: faults, tracking, an approach; docs/driver_results.md
+	@$(ACTIVATE) exec python tests/driver/report.py $(ARGS)
 
 lock: setup ## resolve requirements.txt into requirements.lock
 	@.venv/bin/python tools/lock.py > requirements.lock.new && mv requirements.lock.new requirements.lock

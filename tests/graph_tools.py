@@ -28,7 +28,7 @@ from np_bringup.graph import NodeSpec
 from np_bringup.nodes.links import Links
 from np_bringup.supervisor import Supervisor, installed_command
 from np_ros import qos as profiles
-from rclpy.executors import SingleThreadedExecutor
+from np_ros.spin import Spinner
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
@@ -87,15 +87,14 @@ class Probe:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=graph.domain_id)
         self.node = rclpy.create_node("probe", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        self._spinner = Spinner(self.node)  # a test that answers 500 states a second must not be the slowest part
         self._publishers: dict[str, object] = {}
         self._clients: dict[str, object] = {}
         self.messages: dict[str, list] = defaultdict(list)
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.shutdown(timeout_sec=0)
+        self._spinner.close()
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
         for key, value in self._old.items():
@@ -149,8 +148,8 @@ class Probe:
         return [info.node_name for info in self.node.get_subscriptions_info_by_topic(self._resolve(topic))]
 
     def spin_once(self, timeout: float = 0.05) -> None:
-        """Run at most one callback."""
-        self._executor.spin_once(timeout)
+        """Wait up to `timeout` s and run the callbacks that are ready."""
+        self._spinner.spin_once(timeout)
 
     def wait_until(
         self, condition: Callable[[], object], timeout: float = TIMEOUT, what: str = "the condition"

@@ -1,7 +1,7 @@
 """The backends that the contract suite judges, and the harness that plays the rest of the graph against one.
 
-To have another backend judged, add it to BACKENDS: the tests only use what docs/graph.md promises.
-"""
+To have another backend judged, add it to BACKENDS: the tests only use what docs/graph.md promises. What a
+command is differs (commands.py); what a backend owes its sender does not. """
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
-from np_control.safety import LIMITS
-from np_description.panda import JOINT_NAMES
+from commands import EFFORTS, PERIOD, TARGETS, Command, Commands, pushing, stay
 from np_ros import qos
-from np_ros.messages import joint_state_message, stamp_nanoseconds
+from np_ros.messages import stamp_nanoseconds
 from sensor_msgs.msg import JointState
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "driver"))
 
 import simulated_robot  # noqa: E402
 
-PERIOD = LIMITS.period_ns
+__all__ = ["BACKENDS", "PERIOD", "Harness", "pushing", "silent", "stay"]
 
 
 @contextmanager
@@ -42,13 +41,14 @@ def robot() -> Iterator[dict]:
 class Backend:
     """One backend: its executable, the parameters of each mode, what it can do besides moving the arm.
 
-    has_tasks: it draws tasks; has_camera: it gives images; can_pause: its time can stand still. needs: what
-    must run before it, giving further parameters. missing: why it cannot be started here, or empty.
-    """
+    commands: what moves it; has_tasks: it draws tasks; has_camera: it gives images; can_pause: its time can
+    stand still. needs: what must run before it, giving further parameters. missing: why it cannot be started
+    here, or empty. """
 
     package: str
     name: str
     modes: dict[str, dict] = field(default_factory=dict)
+    commands: Commands = EFFORTS
     has_tasks: bool = False
     has_camera: bool = False
     can_pause: bool = False
@@ -63,6 +63,9 @@ BACKENDS = {
                "realtime": {"mode": "realtime", "camera": False}}),
     "franka_driver": Backend(
         "np_franka", "franka_driver", modes={"realtime": {}}, needs=robot, missing=simulated_robot.missing()),
+    "franka_driver_onboard": Backend(
+        "np_franka", "franka_driver", modes={"realtime": {"control": "onboard"}}, commands=TARGETS,
+        needs=robot, missing=simulated_robot.missing()),
 }
 
 
@@ -73,25 +76,31 @@ def silent(state: JointState) -> None:
 class Harness:
     """A backend as a process, with the test as its controller.
 
-    `answer(state)` gives the effort command for a state, or None for silence; change it at will. `states` are
-    all states received; `status`, `level`, `message` the newest of the backend's diagnostics.
-    """
+    `answer(state)` gives the command for a state, or None for silence; change it at will. It is asked as
+    often as the backend's kind of command is sent. `states` are all states received; `status`, `level`,
+    `message` the newest of the backend's diagnostics. """
 
     def __init__(self, graph, probe, backend: Backend, mode: str, **parameters):
         self.graph, self.probe, self.backend = graph, probe, backend
-        self.answer: Callable[[JointState], JointState | None] = silent
+        self.commands = backend.commands
+        self.answer: Callable[[JointState], Command | None] = silent
+        self._answered = 0  # stamp ns
         self.status: dict[str, str] = {}
         self.level = b""
         self.message = ""
         self.states = probe.collect("joint_states", JointState, callback=self._on_state)
         probe.collect("diagnostics", DiagnosticArray, qos.EVENT, callback=self._on_diagnostics)
-        probe.advertise("effort_command", JointState)
+        for topic, message_type in self.commands.sent.items():
+            probe.advertise(topic, message_type)
         graph.run(backend.package, backend.name, {**backend.modes[mode], **parameters})
-        self.wait(lambda: probe.matched("effort_command") and self.states, "the first state")
+        self.wait(lambda: all(map(probe.matched, self.commands.sent)) and self.states, "the first state")
 
     def _on_state(self, state: JointState) -> None:
+        if stamp_nanoseconds(state.header.stamp) - self._answered < self.commands.period:
+            return
         command = self.answer(state)
         if command is not None:
+            self._answered = stamp_nanoseconds(state.header.stamp)
             self.send(command)
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
@@ -113,11 +122,13 @@ class Harness:
         """Wait until the backend says that it is in one of these states."""
         self.wait(lambda: self.status.get("state") in states, f"state {' or '.join(states)}")
 
-    def send(self, command: JointState) -> None:
-        """Publish one command."""
-        self.probe.publish("effort_command", command)
+    def send(self, command: Command) -> None:
+        """Publish one command: an effort command, or the messages of another by topic."""
+        messages = {"effort_command": command} if isinstance(command, JointState) else command
+        for topic, message in messages.items():
+            self.probe.publish(topic, message)
 
-    def send_until_refused(self, make: Callable[[JointState], JointState], reason: str) -> None:
+    def send_until_refused(self, make: Callable[[JointState], Command], reason: str) -> None:
         """Answer states with `make(state)` until the count of refusals for `reason` has grown."""
         before = self.refused(reason)
         self.answer = make
@@ -140,36 +151,24 @@ class Harness:
         """Response of one of the backend's services."""
         return self.probe.call(f"{self.backend.name}/{service}", request)
 
-    def follow(self, answer: Callable[[JointState], JointState], until: Callable[[], object],
-               what: str) -> None:
+    def follow(self, answer: Callable[[JointState], Command], until: Callable[[], object], what: str) -> None:
         """Answer every state, beginning with the newest, until the condition holds.
 
-        The state at which it does so is not answered any more.
-        """
+        The state at which it does so is not answered any more. Where a busy machine has kept us from
+        answering for so long that the watchdog has rightly stopped the arm, recover and go on. """
         done = False
 
-        def answer_until(state: JointState) -> JointState | None:
+        def answer_until(state: JointState) -> Command | None:
             nonlocal done
             done = done or bool(until())
             return None if done else answer(state)
 
         self.answer = answer_until
         self.send(answer(self.states[-1]))
-        self.wait(lambda: done or until(), what)
+
+        def is_done() -> bool:
+            if self.status.get("state") == "stopped" and "silence" in self.message and not (done or until()):
+                self.call("recover")  # refused while the arm still moves
+            return bool(done or until())
+        self.wait(is_done, what)
         self.answer = silent
-
-
-def stay(state: JointState, **changes) -> JointState:
-    """The command that asks for the present posture with no torque; fields replaced by keyword."""
-    fields = dict(stamp=stamp_nanoseconds(state.header.stamp), names=JOINT_NAMES,
-                  position=list(state.position[:7]), velocity=[0.0] * 7, effort=[0.0] * 7)
-    fields.update(changes)
-    return joint_state_message(fields["stamp"], fields["names"], fields["position"], fields["velocity"],
-                               fields["effort"])
-
-
-def pushing(torque: float, joint: int = 6) -> Callable[[JointState], JointState]:
-    """A controller that asks for the present posture, and for `torque` Nm on one joint."""
-    effort = [0.0] * 7
-    effort[joint] = torque
-    return lambda state: stay(state, effort=effort)

@@ -1,6 +1,6 @@
 """What a backend keeps in real time: it waits for nobody, and silence brings the arm to rest."""
 
-from backends import PERIOD, pushing, stay
+from backends import PERIOD
 from np_control.safety import LIMITS
 from np_ros.messages import stamp_nanoseconds
 from sensor_msgs.msg import Image, JointState
@@ -20,7 +20,8 @@ def test_a_silent_controller_leads_to_hold_and_then_to_rest(realtime_start):
     seen = []
     applied = harness.probe.collect("applied_command", JointState)
     first = harness.states[-1].position[6]
-    harness.follow(pushing(1.5), lambda: harness.states[-1].position[6] > first + 0.02, "joint 7 to turn")
+    harness.follow(harness.commands.turn, lambda: harness.states[-1].position[6] > first + 0.02,
+                   "joint 7 to turn")
     silent_since = harness.stamp
     harness.wait(lambda: seen.append(harness.status.get("state")) or seen[-1] == "stopped", "the stop")
     assert "holding" in seen and "silence" in harness.message
@@ -28,7 +29,8 @@ def test_a_silent_controller_leads_to_hold_and_then_to_rest(realtime_start):
     harness.wait(lambda: max(map(abs, harness.states[-1].velocity[:7])) < LIMITS.rest_speed, "rest")
     harness.wait(lambda: max(map(abs, applied[-1].effort)) < 1.0, "torque to fade")
     assert harness.call("recover").success
-    harness.follow(stay, lambda: harness.status.get("state") == "moving", "commands to be taken again")
+    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving",
+                   "commands to be taken again")
 
 
 def test_images_come_at_their_own_rate(camera_start):

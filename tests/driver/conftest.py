@@ -29,12 +29,12 @@ def start_robot():
         yield lambda **arguments: stack.enter_context(simulated_robot(**arguments))
 
 
-@pytest.fixture
-def start_driver(tmp_path):
-    """A function that starts the driver with these parameters, and gives a Harness."""
+@pytest.fixture(params=("franka_driver", "franka_driver_onboard"), ids=("topic", "onboard"))
+def start_driver(request, tmp_path):
+    """A function that starts the driver with these parameters, and gives a Harness; in both its modes."""
     with ExitStack() as stack:
         def start(parameters: dict) -> Harness:
             graph = stack.enter_context(Graph(tmp_path / f"log{len(list(tmp_path.iterdir()))}"))
             probe = stack.enter_context(closing(Probe(graph)))
-            return Harness(graph, probe, BACKENDS["franka_driver"], "realtime", **parameters)
+            return Harness(graph, probe, BACKENDS[request.param], "realtime", **parameters)
         yield start

@@ -1,10 +1,17 @@
 """A simulated FR3 that speaks libfranka's protocol on a loopback address, with faults on request.
 
 Run by simulated_robot.py in the simulator's own environment, which has nothing of this project. It is
-franky-sim's server; added are the faults that it does not simulate itself. Standard input takes one request a
-line and standard output gives one JSON object for each: `state`; `drop N`: keep the next N states to itself;
-`reflex`: abort the motion as a collision does, until automatic error recovery. The first line out is
-{"hostname": ...}.
+franky-sim's server; added are what it does not simulate itself, and a record of what the arm really did.
+Standard input takes one request a line and standard output gives one JSON object for each, `state` and
+whatever else was asked:
+
+    drop N      keep the next N states to itself, and hear nothing meanwhile mute, unmute  let nothing pass in
+    either direction strict, lenient  from now on give up after 20 cycles without a command, as the robot
+    does, or wait reflex      abort the motion as a collision does, until automatic error recovery trace PATH
+    write the last 100 s: rows of time s, q, dq, torque told (7 each), greatest change of torque between two
+                commands, whether the client commands
+
+The first line out is {"hostname": ...}.
 """
 
 from __future__ import annotations
@@ -14,11 +21,12 @@ import queue
 import sys
 import threading
 
+import numpy as np
 from franky_sim import SimulationServer
-from franky_sim.base_simulator import RobotParameters
+from franky_sim.base_simulator import BaseRobot, RobotParameters
 from franky_sim.franka_robot_protocol import (
-    AutomaticErrorRecoveryCommand, MoveStatus, RobotCommand, RobotMode)
-from franky_sim.franka_robot_server import FrankaRobotServer
+    AutomaticErrorRecoveryCommand, MoveStatus, RobotCommand, RobotMode, UDPCommand)
+from franky_sim.franka_robot_server import ControlMode, FrankaRobotServer
 from franky_sim.franka_server import BaseCommand
 from franky_sim.mujoco_simulator import MujocoSimulator
 
@@ -26,38 +34,86 @@ READY = (0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398)
 # The robot's own hold while nobody controls it. franky-sim's gains chatter for ever after a stop from speed.
 HOLD_STIFFNESS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # Nm/rad
 HOLD_DAMPING = (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)  # Nms/rad
-JOINT_REFLEX = 6  # index of joint_reflex among libfranka's 41 errors
+# joint_reflex and communication_constraints_violation among libfranka's 41 errors
+JOINT_REFLEX, COMMUNICATION = 6, 25
+PATIENCE = 20  # cycles without a command
+TRACED = 100_000  # cycles
 
 
 class Robot(FrankaRobotServer):
     """franky-sim's robot, which can also lose states and abort motions."""
 
-    reflex = False
+    error: int | None = None  # what it aborted the motion for
     drop = 0  # states that are still to be lost
+    is_mute = is_strict = False
+    missed = 0  # cycles without a command, in a row
+    cycles = 0
+    told = (0.0,) * 7  # the torque commanded, Nm
+    step = 0.0  # Nm, the greatest change from one command to the next, in this cycle
+    trace = np.zeros((TRACED, 24))
+
+    def process_commands(self):
+        if self.is_mute:
+            self._post_process_commands()
+        else:
+            self.heard = False
+            super().process_commands()
+        self.missed = 0 if self.heard and not self.is_mute else self.missed + 1
+        if self.is_strict and self.is_commanded and self.missed >= PATIENCE:
+            self.abort(COMMUNICATION)
+
+    def start_motion(self, *motion):
+        self.last, self.missed = np.zeros(7), 0
+        super().start_motion(*motion)
+
+    def _handle_udp_command(self, data):
+        torque = np.array(UDPCommand.from_bytes(data).tau_J_d)
+        self.heard, self.step = True, max(self.step, np.abs(torque - self.last).max())
+        self.last = torque
+        super()._handle_udp_command(data)
 
     def send_state(self):
-        if self.drop:
-            self.drop -= 1
+        self.cycles += 1
+        state = self.robot.inner_state
+        self.trace[self.cycles % TRACED] = (1e-3 * self.cycles, *state.q, *state.dq, *self.told, self.step,
+                                            self.is_commanded)
+        self.step = 0.0
+        if self.drop or self.is_mute:
+            self.drop = max(0, self.drop - 1)
             self._FrankaServer__message_id += 1  # the robot's time goes on
         else:
             super().send_state()
 
-    def abort(self):
-        """End the motion as a joint reflex does."""
+    @property
+    def is_commanded(self):
+        return self._FrankaRobotServer__control_mode is ControlMode.TORQUE
+
+    def abort(self, error):
+        """End the motion, as the robot does for this error."""
         motion = self.current_motion_id
         self.reset_current_motion_id()
         self.stop_motion(send_preemption_signal=False)
-        self.reflex = True
+        self.error, self.missed = error, 0
         if motion:
             BaseCommand.send_response(self._tcp_socket, RobotCommand.kMove, motion, MoveStatus.kReflexAborted)
 
     @property
     def robot_state(self):
         state = super().robot_state
-        if not self.reflex:
+        if self.error is None:
             return state
-        errors = tuple(i == JOINT_REFLEX for i in range(41))
+        errors = tuple(i == self.error for i in range(41))
         return state.replace(robot_mode=RobotMode.kReflex, errors=errors, reflex_reason=errors)
+
+
+def control(self, torques, has_new_command=True):
+    """What the simulator's own does; the torque is noted."""
+    self.server.told = tuple(torques)
+    apply(self, torques, has_new_command)
+
+
+apply = BaseRobot.torque_control
+BaseRobot.torque_control = control
 
 
 class Server(SimulationServer):
@@ -71,8 +127,8 @@ class Server(SimulationServer):
 
 
 def recover(self, server: Robot) -> None:
-    """What the simulator's own command does, and the reflex is over."""
-    server.reflex = False
+    """What the simulator's own command does, and the error is over."""
+    server.error = None
     acknowledge(self, server)
 
 
@@ -83,18 +139,32 @@ AutomaticErrorRecoveryCommand.handle = recover
 def answer(request: list[str], server: Server) -> dict:
     """Carry out one request."""
     robot = server.robot_servers[0]
-    if request == ["reflex"]:
-        robot.abort()
-    elif request[0] == "drop":
-        robot.drop = int(request[1])
-    elif request != ["state"]:
-        raise ValueError(f"unknown request {request}")
-    state = robot.robot_state
-    return {"q": state.q, "dq": state.dq, "tau_J": state.tau_J, "mode": state.robot_mode.name}
+    match request:
+        case ["reflex"]:
+            robot.abort(JOINT_REFLEX)
+        case ["drop", number]:
+            robot.drop = int(number)
+        case ["mute" | "unmute" as wanted]:
+            robot.is_mute = wanted == "mute"
+        case ["strict" | "lenient" as wanted]:
+            robot.is_strict = wanted == "strict"
+        case ["trace", path]:
+            rows = robot.trace[np.argsort(robot.trace[:, 0])]
+            np.save(path, rows[rows[:, 0] > 0])
+        case ["state"]:
+            pass
+        case _:
+            raise ValueError(f"unknown request {request}")
+    state = robot.robot.inner_state
+    mode = RobotMode.kReflex if robot.error is not None else RobotMode.kMove if robot.current_motion_id \
+        else RobotMode.kIdle
+    return {"time": 1e-3 * robot.cycles, "q": state.q, "dq": state.dq, "mode": mode.name}
 
 
 def main() -> None:
-    """Serve until standard input ends. The argument: mass of the hand that the robot believes in, kg."""
+    """Serve until standard input ends. Arguments: mass kg of the hand that the robot believes in; how many ms
+    of the machine's time a cycle of 1 ms of the robot takes."""
+    mass, pace = map(float, sys.argv[1:])
     requests: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def listen():
@@ -104,12 +174,12 @@ def main() -> None:
 
     with MujocoSimulator() as simulator:
         simulator.add_robot(initial_q=READY, initial_hand_width=0.0, kp=HOLD_STIFFNESS, kv=HOLD_DAMPING,
-                            robot_parameters=RobotParameters(ee_mass=float(sys.argv[1])))
+                            robot_parameters=RobotParameters(ee_mass=mass))
         with Server(simulator) as server:
             threading.Thread(target=listen, daemon=True).start()
             print(json.dumps({"hostname": server.sim.robots[0].hostname}), flush=True)
             while True:
-                server.run_once()
+                server.run_once(pace)
                 if not requests.empty():
                     line = requests.get()
                     if not line:

@@ -1,25 +1,47 @@
 """The library half of the driver, cycle by cycle, against a simulated robot."""
 
 import time
+from dataclasses import replace
+from datetime import timedelta
 
 import numpy as np
 import pytest
+from np_control.controller import ControllerConfig
+from np_control.dynamics import Dynamics
+from np_control.impedance import STIFFNESS_MAX, torque
 from np_control.safety import Refusal, State
+from np_control.trajectory import Trajectory
 from np_description.panda import JOINT_NAMES
+from np_franka.checklist import Checklist
 from np_franka.limits import CYCLE_NS, FR3_LIMITS, Collision
+from np_franka.onboard import Onboard
 
 
 @pytest.fixture
-def driver(start_robot):
-    """A started driver."""
+def start(start_robot):
+    """A function that starts a driver, with or without a controller on board."""
     from np_franka.arm import Arm
     from np_franka.driver import Driver
 
-    _, parameters = start_robot()
-    driver = Driver(Arm(parameters["hostname"], FR3_LIMITS, Collision(), enforce_realtime=False), FR3_LIMITS)
-    driver.start(time.time_ns())
-    yield driver
-    driver.close()
+    drivers = []
+
+    def started(onboard=None, **changes):
+        _, parameters = start_robot()
+        arm = Arm(parameters["hostname"], FR3_LIMITS, Collision(), enforce_realtime=False)
+        usual = Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
+        checklist = replace(usual, **changes)
+        drivers.append(Driver(arm, FR3_LIMITS, checklist, onboard))
+        drivers[-1].start(time.time_ns())
+        return drivers[-1]
+    yield started
+    for driver in drivers:
+        driver.close()
+
+
+@pytest.fixture
+def driver(start):
+    """A started driver that is commanded from outside."""
+    return start()
 
 
 def offer(driver, cycle, effort):
@@ -68,3 +90,31 @@ def test_a_command_that_is_not_finite_leaves_the_last_one_in_force(driver):
         offer(driver, cycle, np.full(7, np.nan))
     assert np.isfinite(driver.cycle().applied.torque).all()
     assert driver.state is State.MOVING
+
+
+def test_on_board_every_cycle_gets_the_torque_of_the_law_for_its_own_state(start):
+    driver = start(Onboard(ControllerConfig(), FR3_LIMITS, 300 * CYCLE_NS))
+    ready = driver.cycle().reading.q
+    assert driver.state is State.READY and driver.cycle().answer is None
+    goal = ready + 0.01
+    driver.onboard.trajectory(Trajectory(np.zeros(1), goal[None], np.zeros((1, 7))))
+    cycles = [driver.cycle() for _ in range(200)]
+    assert driver.state is State.MOVING
+    free = [cycle for cycle in cycles[1:] if not (cycle.applied.limited or cycle.answer.limited)]
+    assert len(free) > 100
+    dynamics = Dynamics()
+    for cycle in free:
+        q, dq = cycle.reading.q, cycle.reading.dq
+        law = torque(q, dq, goal, STIFFNESS_MAX, np.ones(7), dynamics.coriolis(q, dq))
+        np.testing.assert_allclose(cycle.applied.torque, law, rtol=0, atol=1e-5)
+    assert (cycles[-1].reading.q > ready + 1e-3).all()  # every joint is on its way
+
+
+def test_what_is_not_in_order_is_a_fault_and_recover_says_so(start):
+    driver = start(calibration="", damping_ratio=np.full(7, 0.1))
+    assert driver.state is State.FAULT and not driver.arm.is_controlled
+    for text in ("no calibration", "damping ratio: expected"):
+        assert text in driver.filter.watchdog.cause
+        with pytest.raises(OSError, match=text):
+            driver.recover(time.time_ns())
+    assert driver.state is State.FAULT and not driver.arm.is_controlled

@@ -1,10 +1,12 @@
-"""What breaks between driver and robot: the arm comes to rest, the driver says why, and `recover` leads back."""
+"""What breaks between driver and robot: the arm comes to rest, the driver says why, and `recover` leads
+back.
+"""
 
 import signal
 
 import numpy as np
 import pytest
-from backends import pushing, silent, stay
+from backends import silent
 from np_bringup.supervisor import NodeDied
 from np_control.safety import LIMITS
 from np_franka.limits import FR3_LIMITS
@@ -14,7 +16,8 @@ from sensor_msgs.msg import JointState
 def moving(harness):
     """Turn joint 7 until it really turns."""
     first = harness.states[-1].position[6]
-    harness.follow(pushing(1.5), lambda: harness.states[-1].position[6] > first + 0.02, "joint 7 to turn")
+    harness.follow(harness.commands.turn, lambda: harness.states[-1].position[6] > first + 0.02,
+                   "joint 7 to turn")
 
 
 def resumes(harness):
@@ -22,7 +25,8 @@ def resumes(harness):
     while not (response := harness.call("recover")).success:
         assert "still moves" in response.message, response.message
     harness.wait_state("ready")
-    harness.follow(stay, lambda: harness.status.get("state") == "moving", "commands to be taken again")
+    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving",
+                   "commands to be taken again")
 
 
 def test_a_reflex_is_a_fault_in_the_robots_own_words(start_robot, start_driver):
@@ -30,7 +34,7 @@ def test_a_reflex_is_a_fault_in_the_robots_own_words(start_robot, start_driver):
     harness = start_driver(parameters)
     applied = harness.probe.collect("applied_command", JointState)
     moving(harness)
-    harness.answer = pushing(1.5)
+    harness.answer = harness.commands.turn
     robot.request("reflex")
     harness.wait_state("fault")
     assert "joint_reflex" in harness.message and harness.level == b"\x02"
@@ -76,9 +80,10 @@ def test_lost_cycles_are_counted_and_ridden_out(start_robot, start_driver):
     harness = start_driver(parameters)
     harness.wait(lambda: "lost_cycles" in harness.status, "the count")
     before = int(harness.status["lost_cycles"])
-    harness.follow(stay, lambda: harness.status.get("state") == "moving", "commands to be taken")
-    harness.answer = stay
-    harness.send(stay(harness.states[-1]))
+    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving",
+                   "commands to be taken")
+    harness.answer = harness.commands.stay
+    harness.send(harness.commands.stay(harness.states[-1]))
     robot.request("drop 20")
     harness.wait(lambda: int(harness.status["lost_cycles"]) >= before + 20, "twenty to be counted")
     harness.wait(lambda: harness.status["state"] in ("moving", "holding"), "the arm to be held")
@@ -95,7 +100,8 @@ def test_a_new_driver_takes_over_from_a_killed_one(start_robot, start_driver):
     second = start_driver(parameters)
     second.wait_state("ready")
     assert np.allclose(second.states[-1].position[:7], pose, atol=1e-2)
-    second.follow(stay, lambda: second.status.get("state") == "moving", "commands to be taken")
+    second.follow(second.commands.stay, lambda: second.status.get("state") == "moving",
+                  "commands to be taken")
 
 
 def test_a_robot_in_reflex_is_not_moved_before_recover(start_robot, start_driver):
@@ -122,9 +128,10 @@ def test_a_joint_driven_at_its_limit_stays_inside_its_range_and_speed(start_robo
     _, parameters = start_robot()
     harness = start_driver(parameters)
     wall = FR3_LIMITS.wall_upper[6]
-    harness.follow(pushing(11.5), lambda: harness.states[-1].position[6] > wall - 0.02, "the soft wall")
+    harness.follow(harness.commands.turn_fast, lambda: harness.states[-1].position[6] > wall - 0.02,
+                   "the soft wall")
     later = harness.stamp + 500_000_000
-    harness.follow(pushing(11.5), lambda: harness.stamp > later, "half a second at the wall")
+    harness.follow(harness.commands.turn_fast, lambda: harness.stamp > later, "half a second at the wall")
     assert harness.status["state"] == "moving"
     position = np.array([state.position[:7] for state in harness.states])
     speed = np.abs([state.velocity[:7] for state in harness.states])

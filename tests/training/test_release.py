@@ -138,6 +138,7 @@ def test_runs_are_compared_by_when_they_reach_a_success(folder, tmp_path, monkey
     result = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
     assert set(result["runs"]) == {"with", "bump"} and result["runs"]["with"]["seed"] == 7
     assert result["runs"]["with"]["reached"] == reached(read_log(folder / "log.csv"), 0.9)
+    assert result["runs"]["with"]["evaluations"][0]["success"] == EVALUATION["success"]
     assert json.loads((tmp_path / "both.json").read_text()) == result
     assert cv2.imread(str(tmp_path / "both.png")).std() > 5
 

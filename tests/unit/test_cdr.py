@@ -59,7 +59,7 @@ def with_garbage(data: bytes, kind, value: int) -> bytes:
     return bytes(changed)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.one_of(joint_states(), trajectories()))
 def test_padding_does_not_survive_and_fields_do(message):
     clean = padding_filter(type_name(message))

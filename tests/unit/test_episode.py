@@ -249,7 +249,7 @@ def test_in_real_time_ticks_go_on_while_the_planner_thinks_and_the_motion_begins
 
 
 @given(st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_whatever_comes_ticks_increase_and_belong_to_an_episode(data):
     """Any order of inputs: no exception but Refused, ticks only while active and never backwards."""
     episode = make(lockstep=data.draw(st.booleans()), success_frames=2, post_timeout=0.5, pre_timeout=0.3)

@@ -25,7 +25,7 @@ def error(estimate, pose):
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_resting_poses_are_found_exactly(domain, seed):
     for pose in sample_task(domain, np.random.default_rng(seed)):
         estimate = estimate_pose(seen(domain, pose), domain)
@@ -44,7 +44,7 @@ def test_half_a_pixel_of_noise_stays_within_the_tolerance_of_success(domain):
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_tilted_card_in_the_air_is_not_pressed_onto_the_table(seed):
     rng = np.random.default_rng(seed)
     start, _ = sample_task(CARD, rng)

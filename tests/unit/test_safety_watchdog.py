@@ -87,5 +87,5 @@ class Events(RuleBasedStateMachine):
             assert (silence > LIMITS.missed_periods * LIMITS.period_ns) == (self.dog.state is State.HOLDING)
 
 
-Events.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+Events.TestCase.settings = settings(max_examples=60, stateful_step_count=30)
 TestWatchdog = Events.TestCase

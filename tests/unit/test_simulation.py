@@ -47,7 +47,7 @@ def test_measured_effort_is_the_applied_torque_and_friction_resists_it():
     assert simulation.measure().position[6] - NOMINAL.ready[6] > 5e-3
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(st.integers(0, 2**31 - 1), st.integers(0, 1000))
 def test_state_is_a_function_of_seed_episode_and_torques(seed, episode):
     fresh = Simulation(WALL, seed=seed, first_episode=episode)

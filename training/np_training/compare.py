@@ -15,6 +15,8 @@ from pathlib import Path
 from np_training.curves import draw_comparison, reached, save
 from np_training.report import Run, read_run
 
+EVALUATED = ("conditions", "student", "success", "ci95", "episodes", "breaks_first")
+
 
 def summary(run: Run, success: float) -> dict:
     """How a run was made, when it reached the success (None: never), and how it ended."""
@@ -25,6 +27,7 @@ def summary(run: Run, success: float) -> dict:
         "device": run.config.get("device"),
         "processes": run.config.get("processes", 1),
         "reached": reached(run.rows, success),
+        "evaluations": [{name: line.get(name) for name in EVALUATED} for line in run.evaluations],
         "end": {name: last[name] for name in ("steps", "elapsed", "stage", "success")},
     }
 

@@ -1,6 +1,7 @@
 """The curriculum: residual limits tighten as success rises, then domain randomisation begins (paper).
 
-Ours beside it: a share of the episodes is practice (`practice.sample_practice`), until the domain's own tasks succeed.
+Ours beside it: a share of the episodes is practice (`practice.sample_practice`), until the domain's own tasks
+succeed.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ STAGES = 10  # geometric steps from LOOSE to TIGHT (paper)
 
 @dataclass(frozen=True)
 class CurriculumConfig:
-    """residual: start with loose limits (paper), else at zeta* from the first step (the paper's "fixed zeta*");
-    advance_at: success that tightens the limits (paper); randomise_at: success at the tightest limits that switches
-    domain randomisation on; practice, explore: share of practice and of
-    contacts chosen at random at no success, falling to none at a success of `practised_at`."""
+    """residual: start with loose limits (paper), else at zeta* from the first step (the paper's "fixed
+    zeta*"); advance_at: success that tightens the limits (paper); randomise_at: success at the tightest
+    limits that switches domain randomisation on; practice, explore: share of practice and of contacts chosen
+    at random at no success, falling to none at a success of `practised_at`."""
 
     residual: bool = True
     advance_at: float = 0.8
@@ -30,13 +31,17 @@ class CurriculumConfig:
 def stage_limits(stage: int) -> ResidualLimits:
     """Residual limits of a curriculum stage, 0 (loose) to STAGES (tight), geometric in between (paper)."""
     share = min(stage, STAGES) / STAGES
-    return ResidualLimits(*(a * (b / a) ** share for a, b in ((LOOSE.position, TIGHT.position),
-                                                              (LOOSE.rotation, TIGHT.rotation))))
+    return ResidualLimits(
+        *(
+            a * (b / a) ** share
+            for a, b in ((LOOSE.position, TIGHT.position), (LOOSE.rotation, TIGHT.rotation))
+        )
+    )
 
 
 class Curriculum:
-    """stage 0 to STAGES: `stage_limits`; STAGES + 1: randomised too. success: running mean over about `window`
-    episodes, which also have to end within a stage before it is left."""
+    """stage 0 to STAGES: `stage_limits`; STAGES + 1: randomised too. success: running mean over about
+    `window` episodes, which also have to end within a stage before it is left."""
 
     def __init__(self, window: int, config: CurriculumConfig = CurriculumConfig()) -> None:
         self.config, self.window = config, window
@@ -55,7 +60,7 @@ class Curriculum:
         return {"practice": self.config.practice * left, "explore": self.config.explore * left}
 
     def advance(self, success: float, episodes: int) -> bool:
-        """Count episodes that ended, `success` their share of successes; returns whether a new stage begins."""
+        """Count episodes that ended, `success` their share of successes; whether a new stage begins."""
         if not episodes:
             return False
         weight = min(episodes / self.window, 1.0)

@@ -2,8 +2,8 @@
 
     python -m np_training.distill --checkpoint runs/card/checkpoint.pt --out runs/card --minutes 2
 
-The teacher sees poses; the student sees 16 keypoint and 16 goal coordinates and gives 6D rotation, position and width,
-trained by mean squared error (paper) on fresh tasks with keypoint noise.
+The teacher sees poses; the student sees 16 keypoint and 16 goal coordinates and gives 6D rotation, position
+and width, trained by mean squared error (paper) on fresh tasks with keypoint noise.
 """
 
 from __future__ import annotations
@@ -29,16 +29,23 @@ from np_training.tasks import Poses, sample_tasks
 KEYPOINT_NOISE = 0.02  # largest standard deviation, normalised image units; 1.0 is half an image
 
 
-def student_input(domain: Domain, objects: Poses, goals: Poses, noise: torch.Tensor | float = 0.0) -> torch.Tensor:
-    """The student's input (n, 32) for tasks, keypoints disturbed by Gaussian noise of a standard deviation (n, 1, 1)."""
-    keypoints, goal = (normalised_keypoints(box_keypoints(domain.half_size, p.position, p.quaternion))
-                       for p in (objects, goals))
+def student_input(
+    domain: Domain, objects: Poses, goals: Poses, noise: torch.Tensor | float = 0.0
+) -> torch.Tensor:
+    """The student's input (n, 32) for tasks, keypoints disturbed by Gaussian noise of a standard deviation
+    (n, 1, 1)."""
+    keypoints, goal = (
+        normalised_keypoints(box_keypoints(domain.half_size, p.position, p.quaternion))
+        for p in (objects, goals)
+    )
     return student_observation(keypoints + noise * torch.randn_like(keypoints), goal)
 
 
-def distil(domain: Domain, teacher: PreContactPolicy, device: str, minutes: float, batch: int = 8192,
-           seed: int = 0) -> tuple[PreContactStudent, dict[str, float]]:
-    """Train a student for some minutes; returns it with its mean errors on fresh noiseless tasks (mm, rad, mm)."""
+def distil(
+    domain: Domain, teacher: PreContactPolicy, device: str, minutes: float, batch: int = 8192, seed: int = 0
+) -> tuple[PreContactStudent, dict[str, float]]:
+    """Train a student for some minutes; returns it with its mean errors on fresh noiseless tasks (mm, rad,
+    mm)."""
     generator = torch.Generator(device=device).manual_seed(seed)
     torch.manual_seed(seed)
     student = PreContactStudent().to(device)
@@ -48,7 +55,9 @@ def distil(domain: Domain, teacher: PreContactPolicy, device: str, minutes: floa
     def sample(noise: float) -> tuple[torch.Tensor, torch.Tensor]:
         objects, goals = sample_tasks(domain, batch, generator)
         with torch.no_grad():
-            target = hand_pose.encode(*contact.contact_pose(domain, teacher(pre_contact_state(objects, goals)), objects))
+            target = hand_pose.encode(
+                *contact.contact_pose(domain, teacher(pre_contact_state(objects, goals)), objects)
+            )
         levels = noise * torch.rand(batch, 1, 1, generator=generator, device=device)
         return student_input(domain, objects, goals, levels), target
 
@@ -68,8 +77,11 @@ def distil(domain: Domain, teacher: PreContactPolicy, device: str, minutes: floa
         state, target = sample(0.0)
         (p, r, w), (tp, tr, tw) = hand_pose.decode(student(state)), hand_pose.decode(target)
         cosine = ((r * tr).sum((-1, -2)) - 1) / 2
-        errors = {"position_mm": 1e3 * (p - tp).norm(dim=-1).mean().item(),
-                  "angle_rad": cosine.clamp(-1, 1).arccos().mean().item(), "width_mm": 1e3 * (w - tw).abs().mean().item()}
+        errors = {
+            "position_mm": 1e3 * (p - tp).norm(dim=-1).mean().item(),
+            "angle_rad": cosine.clamp(-1, 1).arccos().mean().item(),
+            "width_mm": 1e3 * (w - tw).abs().mean().item(),
+        }
     return student.cpu(), {"steps": step, **errors}
 
 
@@ -85,11 +97,16 @@ def main() -> None:
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     arguments = parser.parse_args()
     state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
-    domain = arguments.domain or state.get("setting", {}).get("domain", "card")  # the first version did not say
+    domain = arguments.domain or state.get("setting", {}).get(
+        "domain", "card"
+    )  # the first version did not say
     teacher = PreContactPolicy().to(arguments.device)
-    teacher.load_state_dict({name[4:]: tensor for name, tensor in state["networks"].items() if name.startswith("pre.")})
-    student, figures = distil(find_domain(domain), teacher, arguments.device, arguments.minutes,
-                              arguments.batch, arguments.seed)
+    teacher.load_state_dict(
+        {name[4:]: tensor for name, tensor in state["networks"].items() if name.startswith("pre.")}
+    )
+    student, figures = distil(
+        find_domain(domain), teacher, arguments.device, arguments.minutes, arguments.batch, arguments.seed
+    )
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / f"pre_contact_student_{domain}.safetensors"
     save(student, path, {"domain": domain})

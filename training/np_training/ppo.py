@@ -1,4 +1,4 @@
-"""Proximal policy optimisation (Schulman et al., 2017), plainly: one function for the loss, one for the advantages."""
+"""Proximal policy optimisation (Schulman et al., 2017), plainly: advantages, and one update."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ STATISTICS = ("policy_loss", "value_loss", "kl", "entropy")
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """discount; trace: lambda of generalised advantage estimation; clip; epochs, minibatches a rollout; entropy: weight
-    of the bonus; target_kl: the learning rate falls by 1.5 above twice it and rises below half of it; rate: bounds of the
-    learning rate."""
+    """discount; trace: lambda of generalised advantage estimation; clip; epochs, minibatches a rollout;
+    entropy: weight of the bonus; target_kl: the learning rate falls by 1.5 above twice it and rises below
+    half of it; rate: bounds of the learning rate."""
 
     discount: float = 0.99
     trace: float = 0.95
@@ -31,9 +31,11 @@ class PPOConfig:
     gradient_norm: float = 1.0
 
 
-def advantages(config: PPOConfig, reward: torch.Tensor, done: torch.Tensor, value: torch.Tensor,
-               last_value: torch.Tensor) -> torch.Tensor:
-    """Generalised advantages (t, n) of rewards, ends and values (t, n), and the value (n,) after the last step.
+def advantages(
+    config: PPOConfig, reward: torch.Tensor, done: torch.Tensor, value: torch.Tensor, last_value: torch.Tensor
+) -> torch.Tensor:
+    """Generalised advantages (t, n) of rewards, ends and values (t, n), and the value (n,) after the last
+    step.
 
     An end is terminal however it came: the critics see the time that remains.
     """
@@ -48,7 +50,8 @@ def advantages(config: PPOConfig, reward: torch.Tensor, done: torch.Tensor, valu
 
 
 class Learner:
-    """PPO on one policy and its critic, with an optimiser for each and a learning rate steered by the KL divergence."""
+    """PPO on one policy and its critic, with an optimiser for each and a learning rate steered by the KL
+    divergence."""
 
     def __init__(self, policy: nn.Module, critic: nn.Module, config: PPOConfig, rate: float = 3e-4) -> None:
         self.policy, self.critic, self.config = policy, critic, config
@@ -60,19 +63,30 @@ class Learner:
         """The policy's learning rate now."""
         return self.policy_optimiser.param_groups[0]["lr"]
 
-    def update(self, state: torch.Tensor, critic_state: torch.Tensor, action: torch.Tensor, log_probability: torch.Tensor,
-               advantage: torch.Tensor, returns: torch.Tensor) -> dict[str, float]:
+    def update(
+        self,
+        state: torch.Tensor,
+        critic_state: torch.Tensor,
+        action: torch.Tensor,
+        log_probability: torch.Tensor,
+        advantage: torch.Tensor,
+        returns: torch.Tensor,
+    ) -> dict[str, float]:
         """Several epochs over one batch, first axis samples; returns the mean of each statistic.
 
-        With several processes the batch is the union of theirs, which may differ in length: losses are sums divided by
-        the number of samples of all, so that gradients summed over the processes are those of one large batch.
+        With several processes the batch is the union of theirs, which may differ in length: losses are sums
+        divided by the number of samples of all, so that gradients summed over the processes are those of one
+        large batch.
         """
         advantage = _normalised(advantage)
         with torch.no_grad():
             old_mean, old_std = _moments(self.policy, state)
         sums = torch.zeros(len(STATISTICS), device=state.device)
-        sizes = torch.tensor([len(rows) for rows in torch.arange(len(state)).tensor_split(self.config.minibatches)],
-                             dtype=torch.float32, device=state.device)
+        sizes = torch.tensor(
+            [len(rows) for rows in torch.arange(len(state)).tensor_split(self.config.minibatches)],
+            dtype=torch.float32,
+            device=state.device,
+        )
         distributed.add(sizes)
         sizes = sizes.tolist()
         for number, rows in enumerate(_minibatches(len(state), self.config, state.device)):
@@ -82,13 +96,21 @@ class Learner:
             gain = advantage[rows]
             clipped = ratio.clamp(1 - self.config.clip, 1 + self.config.clip)
             entropy = share * normal.entropy().sum()
-            policy_loss = -share * torch.minimum(ratio * gain, clipped * gain).sum() - self.config.entropy * entropy
+            policy_loss = (
+                -share * torch.minimum(ratio * gain, clipped * gain).sum() - self.config.entropy * entropy
+            )
             value_loss = share * (self.critic(critic_state[rows])[:, 0] - returns[rows]).square().sum()
             with torch.no_grad():
                 ratio_std = normal.scale / old_std
-                kl = (0.5 * (ratio_std**2 + ((normal.mean - old_mean[rows]) / old_std) ** 2 - 1) - ratio_std.log())
+                kl = (
+                    0.5 * (ratio_std**2 + ((normal.mean - old_mean[rows]) / old_std) ** 2 - 1)
+                    - ratio_std.log()
+                )
                 statistics = torch.stack([policy_loss, value_loss, share * kl.sum(), entropy])
-            for optimiser, loss in ((self.policy_optimiser, policy_loss), (self.critic_optimiser, value_loss)):
+            for optimiser, loss in (
+                (self.policy_optimiser, policy_loss),
+                (self.critic_optimiser, value_loss),
+            ):
                 optimiser.zero_grad(set_to_none=True)
                 loss.backward()
             modules = self.policy, self.critic
@@ -102,7 +124,9 @@ class Learner:
 
     def _steer(self, kl: float) -> None:
         low, high = self.config.rate
-        factor = 1 / 1.5 if kl > 2 * self.config.target_kl else 1.5 if 0 < kl < self.config.target_kl / 2 else 1.0
+        factor = (
+            1 / 1.5 if kl > 2 * self.config.target_kl else 1.5 if 0 < kl < self.config.target_kl / 2 else 1.0
+        )
         for group in self.policy_optimiser.param_groups:
             group["lr"] = min(max(group["lr"] * factor, low), high)
 

@@ -3,9 +3,9 @@
     python -m np_training.train --domain card --out runs/card --minutes 20
     torchrun --standalone --nproc-per-node 2 -m np_training.train --domain card --out runs/card --minutes 20
 
-Resumes from `--out/checkpoint.pt` (or `--resume FILE`) as a matter of course, on any machine, with any number of GPUs.
-Writes config.json; log.csv, a row an iteration; checkpoint.pt, every --save-every seconds and at the end. The last line
-printed is one JSON object.
+Resumes from `--out/checkpoint.pt` (or `--resume FILE`) as a matter of course, on any machine, with any number
+of GPUs. Writes config.json; log.csv, a row an iteration; checkpoint.pt, every --save-every seconds and at the
+end. The last line printed is one JSON object.
 """
 
 from __future__ import annotations
@@ -43,11 +43,15 @@ def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--out", type=Path, help="default: runs/DOMAIN")
-    parser.add_argument("--resume", type=Path, help="checkpoint to start from; default: OUT/checkpoint.pt where it exists")
+    parser.add_argument(
+        "--resume", type=Path, help="checkpoint to start from; default: OUT/checkpoint.pt, if any"
+    )
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--iterations", type=int, default=10**9)
     parser.add_argument("--save-every", type=float, default=120.0, help="seconds between checkpoints")
-    parser.add_argument("--show-every", type=float, default=60.0, help="seconds between lines where there is no terminal")
+    parser.add_argument(
+        "--show-every", type=float, default=60.0, help="seconds between lines where there is no terminal"
+    )
     parser.add_argument("--worlds", type=int, default=24576, help="of each process")
     parser.add_argument("--rollout", type=int, default=TrainConfig.rollout)
     parser.add_argument("--seed", type=int, default=0)
@@ -55,19 +59,39 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--rate-limit", type=float, default=PPOConfig.rate[1], help="largest learning rate")
     parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
     parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
-    parser.add_argument("--entropy", type=float, default=PPOConfig.entropy, help="weight of the entropy bonus")
-    parser.add_argument("--controller", choices=CONTROLLERS, default=PhysicsConfig.controller,
-                        help="osc: operational-space control of T_E with gains of its own, in place of joint impedance")
-    parser.add_argument("--start", choices=list(STARTS), default=TrainConfig.start,
-                        help="where an episode begins: contact: where the pre-contact policy says; above, right: without one")
+    parser.add_argument(
+        "--entropy", type=float, default=PPOConfig.entropy, help="weight of the entropy bonus"
+    )
+    parser.add_argument(
+        "--controller",
+        choices=CONTROLLERS,
+        default=PhysicsConfig.controller,
+        help="osc: operational-space control of T_E with gains of its own",
+    )
+    parser.add_argument(
+        "--start",
+        choices=list(STARTS),
+        default=TrainConfig.start,
+        help="where episodes begin: contact: where the pre-contact policy says",
+    )
     parser.add_argument("--adaptive-joint-range", action="store_true", help="see np_training.joint_range")
-    parser.add_argument("--curriculum", choices=("residual", "none"), default="residual",
-                        help="none: residual limits at zeta* from the first step")
+    parser.add_argument(
+        "--curriculum",
+        choices=("residual", "none"),
+        default="residual",
+        help="none: residual limits at zeta* from the first step",
+    )
     parser.add_argument("--discount", type=float, default=PPOConfig.discount)
     parser.add_argument("--limit", type=int, help=f"steps an episode; default: {LIMITS}")
-    parser.add_argument("--explore", type=float, help=f"share of random contacts at the beginning; default: {EXPLORE}")
-    parser.add_argument("--practice", type=float, help=f"share of easier tasks at the beginning; default: {PRACTICE}")
-    parser.add_argument("--turn", type=float, default=RewardConfig.turn, help="weight of the angle's potential")
+    parser.add_argument(
+        "--explore", type=float, help=f"share of random contacts at the beginning; default: {EXPLORE}"
+    )
+    parser.add_argument(
+        "--practice", type=float, help=f"share of easier tasks at the beginning; default: {PRACTICE}"
+    )
+    parser.add_argument(
+        "--turn", type=float, default=RewardConfig.turn, help="weight of the angle's potential"
+    )
     arguments = parser.parse_args()
     arguments.out = arguments.out or Path("runs") / arguments.domain
     for name, defaults in (("limit", LIMITS), ("practice", PRACTICE), ("explore", EXPLORE)):
@@ -78,16 +102,33 @@ def parse() -> argparse.Namespace:
 
 def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
     """The trainer that the command line asks for, from its checkpoint where there is one."""
-    environment = Environment(find_domain(arguments.domain), device, EnvironmentConfig(
-        worlds=arguments.worlds, seed=arguments.seed, limit=arguments.limit, reward=RewardConfig(turn=arguments.turn),
-        physics=PhysicsConfig(contacts=arguments.contacts, constraints=arguments.constraints,
-                              controller=arguments.controller)))
-    curriculum = CurriculumConfig(residual=arguments.curriculum == "residual", practice=arguments.practice,
-                                  explore=arguments.explore)
-    config = TrainConfig(rollout=arguments.rollout, start=arguments.start, curriculum=curriculum,
-                         adaptive_joint_range=arguments.adaptive_joint_range)
-    ppo = PPOConfig(rate=(PPOConfig.rate[0], arguments.rate_limit), entropy=arguments.entropy,
-                    discount=arguments.discount)
+    environment = Environment(
+        find_domain(arguments.domain),
+        device,
+        EnvironmentConfig(
+            worlds=arguments.worlds,
+            seed=arguments.seed,
+            limit=arguments.limit,
+            reward=RewardConfig(turn=arguments.turn),
+            physics=PhysicsConfig(
+                contacts=arguments.contacts,
+                constraints=arguments.constraints,
+                controller=arguments.controller,
+            ),
+        ),
+    )
+    curriculum = CurriculumConfig(
+        residual=arguments.curriculum == "residual", practice=arguments.practice, explore=arguments.explore
+    )
+    config = TrainConfig(
+        rollout=arguments.rollout,
+        start=arguments.start,
+        curriculum=curriculum,
+        adaptive_joint_range=arguments.adaptive_joint_range,
+    )
+    ppo = PPOConfig(
+        rate=(PPOConfig.rate[0], arguments.rate_limit), entropy=arguments.entropy, discount=arguments.discount
+    )
     trainer = Trainer(environment, config, ppo)
     checkpoint = arguments.out / CHECKPOINT
     source = arguments.resume or (checkpoint if checkpoint.exists() else None)
@@ -96,28 +137,49 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         check_same_run(state, trainer, source if arguments.resume is None else None)
         trainer.load_state_dict(state)
         if distributed.rank() == 0:
-            print(f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, stage {trainer.curriculum.stage}",
-                  file=sys.stderr, flush=True)
+            print(
+                f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, "
+                f"stage {trainer.curriculum.stage}",
+                file=sys.stderr,
+                flush=True,
+            )
     return trainer
 
 
 def check_same_run(state: dict, trainer: Trainer, found: Path | None) -> None:
-    """Raise ValueError where a checkpoint that was found, not named, is of another task: two runs share a folder."""
+    """Raise ValueError where a checkpoint that was found, not named, is of another task: two runs share a
+    folder."""
     theirs = state.get("setting", {})
-    other = [name for name in ("domain", "start", "controller") if theirs.get(name, trainer.setting[name]) != trainer.setting[name]]
+    names = "domain", "start", "controller"
+    other = [name for name in names if theirs.get(name, trainer.setting[name]) != trainer.setting[name]]
     if found and other:
-        raise ValueError(f"{found}: expected a checkpoint of {trainer.setting}, got one of {theirs}; name another --out, or "
-                         "start from it with --resume")
+        raise ValueError(
+            f"{found}: expected a checkpoint of {trainer.setting}, got one of {theirs}; name another "
+            "--out, or start from it with --resume"
+        )
 
 
 def write_config(trainer: Trainer, path: Path) -> None:
     """What a report says of a run beside its log."""
-    parts = {"environment": trainer.environment.config, "train": trainer.config, "ppo": trainer.ppo, "randomisation": PAPER}
+    parts = {
+        "environment": trainer.environment.config,
+        "train": trainer.config,
+        "ppo": trainer.ppo,
+        "randomisation": PAPER,
+    }
     device = trainer.environment.device
-    path.write_text(json.dumps({
-        "command": sys.argv, "setting": trainer.setting, "processes": distributed.size(),
-        "device": torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU",
-        **{name: dataclasses.asdict(part) for name, part in parts.items()}}, indent=1))
+    path.write_text(
+        json.dumps(
+            {
+                "command": sys.argv,
+                "setting": trainer.setting,
+                "processes": distributed.size(),
+                "device": torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU",
+                **{name: dataclasses.asdict(part) for name, part in parts.items()},
+            },
+            indent=1,
+        )
+    )
 
 
 def run(arguments: argparse.Namespace, device: str) -> dict:
@@ -129,7 +191,11 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
     if first:
         arguments.out.mkdir(parents=True, exist_ok=True)
         write_config(trainer, arguments.out / "config.json")
-        log, progress, saved = Log(arguments.out / "log.csv"), Progress(every=arguments.show_every), time.monotonic()
+        log, progress, saved = (
+            Log(arguments.out / "log.csv"),
+            Progress(every=arguments.show_every),
+            time.monotonic(),
+        )
     for number in range(1, arguments.iterations + 1):
         started, before = time.monotonic(), trainer.steps
         row = trainer.iterate()
@@ -137,7 +203,10 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
         trainer.seconds += now - started
         left = min(arguments.minutes * 60 - (now - begin), (arguments.iterations - number) * (now - started))
         if first:
-            row |= {"steps_per_second": (trainer.steps - before) / (now - started), "elapsed": trainer.seconds}
+            row |= {
+                "steps_per_second": (trainer.steps - before) / (now - started),
+                "elapsed": trainer.seconds,
+            }
             log.write(row)
             progress.show(row, max(left, 0.0))
             if now - saved >= arguments.save_every:
@@ -148,10 +217,13 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
     if first:
         progress.end()
         trainer.save(checkpoint)
-    return {"checkpoint": str(checkpoint), "overflow": trainer.environment.physics.overflow(),
-            "processes": distributed.size(),
-            **{k: row.get(k) for k in ("steps", "stage", "success", "lost", "steps_per_second")},
-            "wall_s": round(time.monotonic() - begin, 1)}
+    return {
+        "checkpoint": str(checkpoint),
+        "overflow": trainer.environment.physics.overflow(),
+        "processes": distributed.size(),
+        **{k: row.get(k) for k in ("steps", "stage", "success", "lost", "steps_per_second")},
+        "wall_s": round(time.monotonic() - begin, 1),
+    }
 
 
 def main() -> None:

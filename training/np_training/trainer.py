@@ -22,9 +22,9 @@ from np_training.randomisation import NOMINAL_CONDITIONS, PAPER
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """rollout: steps between updates; hold: steps at the goal that count as success once randomised; pre_least:
-    episodes without which the pre-contact policy is left as it is; start: contact where the pre-contact policy chooses,
-    else see `fixed_contact`; adaptive_joint_range: see `joint_range`."""
+    """rollout: steps between updates; hold: steps at the goal that count as success once randomised;
+    pre_least: episodes without which the pre-contact policy is left as it is; start: contact where the
+    pre-contact policy chooses, else see `fixed_contact`; adaptive_joint_range: see `joint_range`."""
 
     rollout: int = 12
     hold: int = 3
@@ -37,16 +37,20 @@ class TrainConfig:
 class Trainer:
     """Owns environment, networks, learners, curriculum; `iterate` does one rollout and one update.
 
-    With several processes each has an environment of its own and the same networks: they begin with the same seed, and
-    every update is made from gradients summed over all.
+    With several processes each has an environment of its own and the same networks: they begin with the same
+    seed, and every update is made from gradients summed over all.
     """
 
-    def __init__(self, environment: Environment, config: TrainConfig = TrainConfig(), ppo: PPOConfig = PPOConfig()) -> None:
+    def __init__(
+        self, environment: Environment, config: TrainConfig = TrainConfig(), ppo: PPOConfig = PPOConfig()
+    ) -> None:
         self.environment, self.config, self.ppo = environment, config, ppo
         torch.manual_seed(environment.config.seed)
         self.networks = ActorCritic().to(environment.device)
         self.post = Learner(self.networks.post, self.networks.post_value, ppo)
-        self.pre = Learner(self.networks.pre, self.networks.pre_value, dataclasses.replace(ppo, epochs=4, minibatches=4))
+        self.pre = Learner(
+            self.networks.pre, self.networks.pre_value, dataclasses.replace(ppo, epochs=4, minibatches=4)
+        )
         self.iteration, self.steps, self.seconds = 0, 0, 0.0
         self.chooser = self.networks.pre if config.start == "contact" else FixedContact(config.start)
         if config.adaptive_joint_range:
@@ -63,8 +67,12 @@ class Trainer:
     def setting(self) -> dict[str, str | int]:
         """What an evaluation has to share with the training."""
         env = self.environment
-        return {"domain": env.domain.name, "start": self.config.start, "controller": env.config.physics.controller,
-                "limit": env.config.limit}
+        return {
+            "domain": env.domain.name,
+            "start": self.config.start,
+            "controller": env.config.physics.controller,
+            "limit": env.config.limit,
+        }
 
     def _seed(self) -> None:
         """Random numbers of its own for every process and every resumption, the same in a repeated run."""
@@ -75,15 +83,18 @@ class Trainer:
     def _apply_stage(self) -> None:
         env, on = self.environment, self.curriculum.randomised
         env.limits = stage_limits(self.curriculum.stage)
-        env.config = dataclasses.replace(env.config, conditions=PAPER if on else NOMINAL_CONDITIONS,
-                                         hold=self.config.hold if on else 1)
+        env.config = dataclasses.replace(
+            env.config, conditions=PAPER if on else NOMINAL_CONDITIONS, hold=self.config.hold if on else 1
+        )
 
     def iterate(self) -> dict[str, float]:
         """One rollout, one update of both policies; returns a row of the log, over all processes."""
         env, nets, worlds = self.environment, self.networks, self.environment.config.worlds
         env.config = dataclasses.replace(env.config, **self.curriculum.help)
         env.starts = env.draw_starts(self.chooser, worlds)
-        data: dict[str, list[torch.Tensor]] = {k: [] for k in ("state", "critic", "action", "logp", "value", "reward", "done")}
+        data: dict[str, list[torch.Tensor]] = {
+            k: [] for k in ("state", "critic", "action", "logp", "value", "reward", "done")
+        }
         ended: list[tuple[torch.Tensor, ...]] = []
         sums: dict[str, torch.Tensor] = {}
         for _ in range(self.config.rollout):
@@ -93,17 +104,35 @@ class Trainer:
                 action, logp = sample(nets.post, state)
                 value = nets.post_value(critic_state)[:, 0]
             out = env.step(action)
-            for name, tensor in (("state", state), ("critic", critic_state), ("action", action), ("logp", logp),
-                                 ("value", value), ("reward", out["reward"]), ("done", out["done"])):
+            for name, tensor in (
+                ("state", state),
+                ("critic", critic_state),
+                ("action", action),
+                ("logp", logp),
+                ("value", value),
+                ("reward", out["reward"]),
+                ("done", out["done"]),
+            ):
                 data[name].append(tensor)
             where = out["done"].nonzero()[:, 0]
-            ended.append((env.pre_state[where], env.pre_action[where], env.pre_log_probability[where], env.total[where]))
+            ended.append(
+                (
+                    env.pre_state[where],
+                    env.pre_action[where],
+                    env.pre_log_probability[where],
+                    env.total[where],
+                )
+            )
             counts = self._count(out)
             for name, count in counts.items():
                 sums[name] = sums.get(name, 0) + count
             env.reset(where)
         feasible = env.starts.contacts.feasible
-        sums |= {"drawn": torch.tensor(len(feasible)), "pre_feasible": feasible.sum(), "overflowed": env.physics.take_overflowed()}
+        sums |= {
+            "drawn": torch.tensor(len(feasible)),
+            "pre_feasible": feasible.sum(),
+            "overflowed": env.physics.take_overflowed(),
+        }
         update = self._update(data, ended)
         return self._row(distributed.total(sums, env.device)) | update
 
@@ -113,21 +142,37 @@ class Trainer:
         done, success = out["done"] & ~env.practice, out["success"] & ~env.practice
         counts = {"done": done.sum(), "success": success.sum(), "broken": out["broken"].sum()}
         counts |= {name: (out[name] & done).sum() for name in ("lost", "timeout")}
-        counts |= {name: value[done].sum() for name, value in (
-            ("length", env.age), ("total", env.total), ("end_distance", out["distance"]), ("end_angle", out["angle"]))}
-        counts |= {"done_practice": (out["done"] & env.practice).sum(), "success_practice": (out["success"] & env.practice).sum()}
+        counts |= {
+            name: value[done].sum()
+            for name, value in (
+                ("length", env.age),
+                ("total", env.total),
+                ("end_distance", out["distance"]),
+                ("end_angle", out["angle"]),
+            )
+        }
+        counts |= {
+            "done_practice": (out["done"] & env.practice).sum(),
+            "success_practice": (out["success"] & env.practice).sum(),
+        }
         for name, mask in groups(env.domain, env.tips, env.goals.position).items():
             counts |= {f"done_{name}": (done & mask).sum(), f"success_{name}": (success & mask).sum()}
         return counts | {f"reward_{name}": term.sum() for name, term in out["terms"].items()}
 
     def _row(self, sums: dict[str, float]) -> dict[str, float]:
-        """Means over episodes or steps from sums over the rollout; counts the iteration and moves the curriculum."""
+        """Means over episodes or steps from sums over the rollout; counts the iteration and moves the
+        curriculum."""
         steps = distributed.size() * self.environment.config.worlds * self.config.rollout
         done = max(sums["done"], 1.0)
-        means = {name: sums[name] / done for name in ("success", "lost", "timeout", "length", "total", "end_distance",
-                                                      "end_angle")}
-        means |= {name: value / max(sums[name.replace("success", "done")], 1.0)
-                  for name, value in sums.items() if name.startswith("success_")}
+        means = {
+            name: sums[name] / done
+            for name in ("success", "lost", "timeout", "length", "total", "end_distance", "end_angle")
+        }
+        means |= {
+            name: value / max(sums[name.replace("success", "done")], 1.0)
+            for name, value in sums.items()
+            if name.startswith("success_")
+        }
         means |= {name: value / steps for name, value in sums.items() if name.startswith("reward_")}
         self.iteration += 1
         self.steps += steps
@@ -138,11 +183,21 @@ class Trainer:
             if self.curriculum.randomised:
                 self.environment.joint_range.adapt(self.curriculum.success)
             means["joint_range"] = self.environment.joint_range.share
-        return {"iteration": self.iteration, "steps": self.steps, "stage": stage, "episodes": int(sums["done"]),
-                "success_mean": self.curriculum.success, "practice": self.environment.config.practice, "broken": sums["broken"], "overflowed": sums["overflowed"],
-                "pre_feasible": sums["pre_feasible"] / sums["drawn"]} | means
+        return {
+            "iteration": self.iteration,
+            "steps": self.steps,
+            "stage": stage,
+            "episodes": int(sums["done"]),
+            "success_mean": self.curriculum.success,
+            "practice": self.environment.config.practice,
+            "broken": sums["broken"],
+            "overflowed": sums["overflowed"],
+            "pre_feasible": sums["pre_feasible"] / sums["drawn"],
+        } | means
 
-    def _update(self, data: dict[str, list[torch.Tensor]], ended: list[tuple[torch.Tensor, ...]]) -> dict[str, float]:
+    def _update(
+        self, data: dict[str, list[torch.Tensor]], ended: list[tuple[torch.Tensor, ...]]
+    ) -> dict[str, float]:
         env, nets = self.environment, self.networks
         stacked = {name: torch.stack(tensors) for name, tensors in data.items()}
         with torch.no_grad():
@@ -151,12 +206,23 @@ class Trainer:
         gain = advantages(self.ppo, stacked["reward"], stacked["done"], stacked["value"], last_value)
         returns = gain + stacked["value"]
         flat = {name: tensor.flatten(0, 1) for name, tensor in stacked.items()}
-        post = self.post.update(flat["state"], flat["critic"], flat["action"], flat["logp"], gain.flatten(), returns.flatten())
+        post = self.post.update(
+            flat["state"], flat["critic"], flat["action"], flat["logp"], gain.flatten(), returns.flatten()
+        )
         rejected = env.starts.rejected()
-        failure = torch.full((len(rejected),), env.config.reward.failure * env.config.reward.scale, device=env.device)
-        groups = [*ended, (env.starts.state[rejected], env.starts.action[rejected],
-                           env.starts.log_probability[rejected], failure)]
-        pre_state, pre_action, pre_logp, total = (torch.cat(parts) for parts in zip(*groups))
+        failure = torch.full(
+            (len(rejected),), env.config.reward.failure * env.config.reward.scale, device=env.device
+        )
+        parts = [
+            *ended,
+            (
+                env.starts.state[rejected],
+                env.starts.action[rejected],
+                env.starts.log_probability[rejected],
+                failure,
+            ),
+        ]
+        pre_state, pre_action, pre_logp, total = (torch.cat(column) for column in zip(*parts))
         row = {"lr": self.post.rate, "std": float(nets.post.log_std.detach().exp().mean())} | post
         episodes = distributed.total({"episodes": len(pre_state)}, env.device)["episodes"]
         if self.config.start == "contact" and episodes >= self.config.pre_least:
@@ -168,18 +234,28 @@ class Trainer:
         return row
 
     def state_dict(self) -> dict:
-        """Everything a run needs to go on elsewhere, with any number of processes, except the episodes under way."""
-        return {"networks": self.networks.state_dict(), "post": self.post.state_dict(), "pre": self.pre.state_dict(),
-                "iteration": self.iteration, "steps": self.steps, "seconds": self.seconds, "stage": self.curriculum.stage,
-                "success": self.curriculum.success, "setting": self.setting,
-                "joint_range": self.environment.joint_range.share if self.environment.joint_range else 1.0}
+        """Everything a run needs to go on elsewhere, with any number of processes, except the episodes under
+        way."""
+        return {
+            "networks": self.networks.state_dict(),
+            "post": self.post.state_dict(),
+            "pre": self.pre.state_dict(),
+            "iteration": self.iteration,
+            "steps": self.steps,
+            "seconds": self.seconds,
+            "stage": self.curriculum.stage,
+            "success": self.curriculum.success,
+            "setting": self.setting,
+            "joint_range": self.environment.joint_range.share if self.environment.joint_range else 1.0,
+        }
 
     def load_state_dict(self, state: dict) -> None:
         """Restore what `state_dict` gave."""
         self.networks.load_state_dict(state["networks"])
         self.post.load_state_dict(state["post"])
         self.pre.load_state_dict(state["pre"])
-        self.iteration, self.steps, self.seconds = state["iteration"], state["steps"], state.get("seconds", 0.0)
+        self.iteration, self.steps = state["iteration"], state["steps"]
+        self.seconds = state.get("seconds", 0.0)
         self.curriculum.stage, self.curriculum.success = state["stage"], state.get("success", 0.0)
         if self.environment.joint_range is not None:
             self.environment.joint_range.share = state.get("joint_range", 1.0)

@@ -19,6 +19,9 @@ setup(
     license='Apache-2.0',
     entry_points={
         # executable = node name = 'np_franka.nodes.<name>_node:main'
-        'console_scripts': ['franka_driver = np_franka.nodes.franka_driver_node:main'],
+        'console_scripts': [
+            'franka_driver = np_franka.nodes.franka_driver_node:main',
+            'realsense_camera = np_franka.nodes.realsense_camera_node:main',
+        ],
     },
 )

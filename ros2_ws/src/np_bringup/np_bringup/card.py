@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 
+from np_bringup import backends
 from np_bringup.graph import LaunchArgument, NodeSpec, complete
 
 CONTROLLERS = {"impedance": "joint_impedance", "osc": "operational_space"}
@@ -28,11 +29,17 @@ ARGUMENTS = (
         "controller", "impedance", "impedance: joint impedance; osc: the operational-space baseline."
     ),
     LaunchArgument("image_rate", "30", "Images a second of simulated time."),
+    LaunchArgument(
+        "calibration",
+        "",
+        "File written by `calibrate`: where the camera is; empty: as trained; none: a real robot, no camera.",
+    ),
     LaunchArgument("effects", "", "Patch file of effects that the simulated arm has; empty: the nominal arm."),
     LaunchArgument("weights", "", "Folder with released weights; empty: the project's own."),
     LaunchArgument("bag", "", "Record bags with this path, a number is appended; empty: no recorder."),
     LaunchArgument("record_at_start", "true", "true: record from the start; false: wait for recorder/start."),
     LaunchArgument("run_info", "{}", "JSON object that the recorder keeps in the bag."),
+    *backends.ARGUMENTS,
 )
 
 
@@ -47,17 +54,20 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     ):
         if given[name] not in allowed:
             raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {given[name]!r}")
+    backends.check(given)
+    is_real = given["backend"] == backends.REAL
     common = {"mode": given["mode"]}
     task = {**common, "domain": given["domain"]}
-    learned = {**task, "weights": given["weights"]}
+    seeing = {**task, "calibration": backends.calibration_file(given)}
+    learned = {**seeing, "weights": given["weights"]}
     seed, image_rate = _integer(given, "seed"), _integer(given, "image_rate")
     from_camera = given["keypoints"] == "camera"
-    nodes = [
+    simulated = [
         NodeSpec(
             "np_sim_bridge",
             "sim_bridge",
             parameters={
-                **task,
+                **seeing,
                 "seed": seed,
                 "first_episode": _integer(given, "first_episode"),
                 "image_rate": image_rate,
@@ -66,13 +76,16 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             },
         ),
         NodeSpec("np_control", CONTROLLERS[given["controller"]], parameters=common),
-        NodeSpec("np_perception", "keypoint_detector", parameters=learned)
+    ]
+    nodes = [
+        *(backends.real_nodes(given, CONTROLLERS[given["controller"]]) if is_real else simulated),
+        NodeSpec("np_perception", "keypoint_detector", parameters={**task, "weights": given["weights"]})
         if from_camera
-        else NodeSpec("np_bringup", "keypoint_oracle", parameters={**task, "seed": seed}),
+        else NodeSpec("np_bringup", "keypoint_oracle", parameters={**seeing, "seed": seed}),
         NodeSpec("np_policy", "pre_contact", parameters=learned),
-        NodeSpec("np_policy", "approach", parameters={**task, "seed": seed}),
+        NodeSpec("np_policy", "approach", parameters={**seeing, "seed": seed}),
         NodeSpec("np_policy", "post_contact", parameters=learned),
-        NodeSpec("np_policy", "episode", parameters=task),
+        NodeSpec("np_policy", "episode", parameters={**seeing, "backend": given["backend"]}),
     ]
     if given["bag"]:
         information = {
@@ -91,8 +104,7 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             "joint_trajectory",
             "pre_contact_pose",
             "gripper_command",
-            "object_pose",
-            "clock",
+            *(() if is_real else ("object_pose", "clock")),
         ]
         nodes.insert(
             0,
@@ -111,7 +123,7 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
         # The loop must not wait for those who think: state in, command out, every 2 ms.
         nodes = [
             replace(node, realtime=20)
-            if node.package in ("np_sim_bridge", "np_control")
+            if node.package in ("np_sim_bridge", "np_control") or node.executable == backends.REAL
             else replace(node, nice=10)
             for node in nodes
         ]

@@ -61,11 +61,12 @@ class Script:
         self.live = (*BEFORE_TICK, *AFTER_TICK) if self.from_camera else (*BEFORE_TICK[1:], *AFTER_TICK)
         known = recording.information
         task = {"mode": "lockstep", "domain": known.get("domain", "card")}
-        learned = {**task, "weights": weights or known.get("weights", "")}
+        seeing = {**task, "calibration": known.get("calibration", "")}
+        learned = {**seeing, "weights": weights or known.get("weights", "")}
         self.specs = [
             NodeSpec("np_control", "joint_impedance", parameters={"mode": "lockstep"}),
             NodeSpec("np_policy", "pre_contact", parameters=learned),
-            NodeSpec("np_policy", "approach", parameters={**task, "seed": int(known.get("seed", 0))}),
+            NodeSpec("np_policy", "approach", parameters={**seeing, "seed": int(known.get("seed", 0))}),
             NodeSpec("np_policy", "post_contact", parameters=learned),
         ]
         if self.from_camera:

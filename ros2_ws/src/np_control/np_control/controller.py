@@ -7,13 +7,14 @@ is told otherwise; then it follows a trajectory, or targets of T_E with gains of
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Generator
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MAX, lead, torque as impedance_torque
-from np_control.kinematics import pose_distance, solve_ik
+from np_control.kinematics import IK_ITERATIONS, pose_distance, solve_ik
 from np_control.operational_space import CartesianGains, operational_space_torque
 from np_control.safety import LIMITS, Reason, Refusal, SafetyLimits, check_finite, limit_gains, \
     limit_target, limit_torque, slew_gains
@@ -149,13 +150,24 @@ class Controller:
 
     def set_target(self, stamp: int, position: np.ndarray, rotation: np.ndarray, stiffness: np.ndarray,
                    ratio: np.ndarray) -> bool:
+        """Take a target at once: see `resolve_target`."""
+        resolving = self.resolve_target(stamp, position, rotation, stiffness, ratio)
+        while True:
+            try:
+                next(resolving)
+            except StopIteration as end:
+                return end.value
+
+    def resolve_target(self, stamp: int, position: np.ndarray, rotation: np.ndarray, stiffness: np.ndarray,
+                       ratio: np.ndarray) -> Generator[None, None, bool]:
         """Move T_E to position (3,) m, rotation (3, 3) in the base frame, with gains (7,) Nm/rad and (7,).
 
         stamp: ns of the state that the target answers; inverse kinematics starts from the joints measured
         then, as in training. Takes effect with the first state at or after stamp + policy_latency; a running
-        trajectory ends. Returns whether the target was cut to the workspace. Raises Refusal (not_finite,
-        workspace, gains, order, late, future, unreachable) and leaves everything as it was.
-        """
+        trajectory ends. Gives back control after every step of inverse kinematics, for who has no time for
+        all of them, and takes effect when exhausted. Returns whether the target was cut to the workspace.
+        Raises Refusal (not_finite, workspace, gains, order, late, future, unreachable) and leaves everything
+        as it was. """
         if not self._states:
             raise Refusal(Reason.STATE, "no joint state has come yet")
         position, clamped = limit_target(self.limits, np.asarray(position, dtype=float))
@@ -171,7 +183,10 @@ class Controller:
             raise Refusal(Reason.FUTURE, f"target of {stamp} ns is {-age / 1e6:.0f} ms ahead of the newest "
                                          "state")
         measured = next((state for state in reversed(self._states) if state.stamp <= stamp), self._states[0])
-        joints = solve_ik(measured.q, position, rotation)
+        joints = measured.q
+        for _ in range(IK_ITERATIONS):
+            joints = solve_ik(joints, position, rotation, iterations=1)
+            yield
         distance, angle = pose_distance(joints, position, rotation)
         if distance > self.config.reach_position or angle > self.config.reach_angle:
             raise Refusal(Reason.UNREACHABLE, f"target {np.round(position, 3)} m: inverse kinematics misses "

@@ -41,7 +41,7 @@ class Trajectory:
         k = int(np.searchsorted(times, time, side="right")) - 1
         span = times[k + 1] - times[k]
         s = (time - times[k]) / span
-        c0, c1, c2, c3 = self._cubic(k, span)
+        c0, c1, c2, c3 = self._cubic(k, k + 1, span)
         position = c0 + s * (c1 + s * (c2 + s * c3))
         velocity = (c1 + s * (2 * c2 + s * 3 * c3)) / span
         acceleration = (2 * c2 + 6 * s * c3) / span**2
@@ -49,27 +49,32 @@ class Trajectory:
 
     def extremes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Least, greatest position (7,) rad and greatest speed (7,) rad/s anywhere on the way, exactly."""
-        span = np.diff(self.times)[:, None]
-        c0, c1, c2, c3 = self._cubic(slice(None), span)
+        lower, upper = self.positions.min(axis=0), self.positions.max(axis=0)
+        speed = np.abs(self.velocities).max(axis=0)
+        if len(self.times) == 1:
+            return lower, upper, speed
+        spans = np.diff(self.times)[:, None]
+        c0, c1, c2, c3 = self._cubic(slice(-1), slice(1, None), spans)  # of all segments at once
         with np.errstate(divide="ignore", invalid="ignore"):
             fastest = -c2 / (3 * c3)  # where the velocity, a parabola, peaks
             root = np.sqrt(c2 * c2 - 3 * c1 * c3)
             # Where the velocity is zero. The two forms avoid cancellation for either sign of c2.
             q = -(c2 + np.copysign(root, c2))
             stationary = (q / (3 * c3), c1 / q)
-        at = [self.positions]
         for s in stationary:
             s = np.where((s > 0) & (s < 1), s, 0.0)
-            at.append(c0 + s * (c1 + s * (c2 + s * c3)))
+            at = c0 + s * (c1 + s * (c2 + s * c3))
+            lower, upper = np.minimum(lower, at.min(axis=0)), np.maximum(upper, at.max(axis=0))
         s = np.where((fastest > 0) & (fastest < 1), fastest, 0.0)
-        speed = np.abs(c1 + s * (2 * c2 + s * 3 * c3)) / span
-        positions, speeds = np.vstack(at), np.vstack([np.abs(self.velocities), speed])
-        return positions.min(axis=0), positions.max(axis=0), speeds.max(axis=0)
+        speed = np.maximum(speed, (np.abs(c1 + s * (2 * c2 + s * 3 * c3)) / spans).max(axis=0))
+        return lower, upper, speed
 
-    def _cubic(self, k: int | slice, span) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Coefficients, each (7,), of the cubic in s = 0..1 on segment k; each (m, 7) for m of them."""
-        p0, v0 = self.positions[:-1][k], self.velocities[:-1][k] * span
-        p1, v1 = self.positions[1:][k], self.velocities[1:][k] * span
+    def _cubic(self, first, second, span) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Coefficients of the cubics in s = 0..1 from points `first` to points `second` (indices), `span` s
+        apart.
+        """
+        p0, p1 = self.positions[first], self.positions[second]
+        v0, v1 = self.velocities[first] * span, self.velocities[second] * span
         return p0, v0, 3 * (p1 - p0) - 2 * v0 - v1, 2 * (p0 - p1) + v0 + v1
 
 

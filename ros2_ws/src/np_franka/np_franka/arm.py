@@ -13,11 +13,10 @@ import numpy as np
 import pylibfranka as franka
 
 from np_control.safety import SafetyLimits
-from np_description.panda import NOMINAL
+from np_franka.checklist import Facts
 from np_franka.limits import Collision
 
 MILLISECOND = 1_000_000
-HAND_MASS_TOLERANCE = 0.1  # kg
 SETTLING = 0.5  # s
 UPRIGHT = [0.0, 0.0, -9.81]  # m/s^2, gravity in the frame of a base that stands on the table
 
@@ -82,22 +81,16 @@ class Arm:
             torques, wrench = self._collision.torques(self._limits), self._collision.wrench()
             self._robot.set_collision_behavior(torques / 2, torques, wrench / 2, wrench)
 
-    def obstacle(self) -> str:
-        """Why the robot must not be moved now; empty if it may."""
+    def facts(self) -> Facts:
+        """What the robot says of itself before it is moved."""
         deadline = monotonic() + SETTLING  # the states on their way may be older than the last recovery
         while True:
             with _translating(self):
                 state = self._connection().read_once()
             if state.robot_mode == franka.RobotMode.Idle or monotonic() > deadline:
                 break
-        if state.robot_mode != franka.RobotMode.Idle:
-            errors = str(state.current_errors) if state.current_errors else "no errors"
-            return f"the robot's mode is {state.robot_mode.name}, expected Idle ({errors})"
-        expected = NOMINAL.inertials["hand"].mass
-        if abs(state.m_total - expected) > HAND_MASS_TOLERANCE:
-            return (f"the robot compensates {state.m_total:.2f} kg at its flange, expected the hand's "
-                    f"{expected:.2f} kg and no load; set both in Desk")
-        return ""
+        return Facts(state.robot_mode.name, str(state.current_errors) if state.current_errors else "",
+                     state.m_ee, state.m_load)
 
     def start(self) -> None:
         """Begin to take torques: from now on every `read` must be followed by a `write`."""

@@ -2,49 +2,57 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import monotonic
 
 import numpy as np
 
-from np_control.safety import Applied, SafetyFilter, SafetyLimits, State
+from np_control.controller import Answer
+from np_control.safety import Applied, Refusal, SafetyFilter, SafetyLimits, State
 from np_franka.arm import MILLISECOND, Arm, ArmError, Reading
+from np_franka.checklist import Checklist
 from np_franka.limits import CYCLE_NS
+from np_franka.onboard import Onboard
+from np_franka.timing import CycleTimes
 
-MEASURED_CYCLES = 10_000  # over which cycle times are reported
 REST_TIMEOUT = 2.0  # s that the arm may take to come to rest at the end
 
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """One cycle: `stamp` ns on the driver's clock, what the robot said, what was applied then."""
+    """One cycle: `stamp` ns on the driver's clock, what the robot said, what was applied then.
+
+    On board, answer: of the controller, unless it is silent; refusal: where that, or a target, was refused;
+    clamped: whether a target was cut to the workspace. """
 
     stamp: int
     reading: Reading
     applied: Applied
+    answer: Answer | None = None
+    refusal: Refusal | None = None
+    clamped: bool = False
 
 
 class Driver:
     """Reads a state, guards and sends the newest command, over and over: call `cycle` without pause.
 
     Between commands the last one holds: torques change at the controller's rate, guards act at the robot's.
-    What breaks in between is a fault with the robot's words as cause; `recover` clears it, and connects again
-    where the connection was lost.
-    """
+    With a controller on board they change at the robot's too; it is commanded by nobody else then. What
+    breaks in between is a fault with the robot's words as cause; `recover` clears it, and connects again
+    where the connection was lost. """
 
-    def __init__(self, arm: Arm, limits: SafetyLimits):
-        self.arm = arm
+    def __init__(self, arm: Arm, limits: SafetyLimits, checklist: Checklist, onboard: Onboard | None = None):
+        self.arm, self.checklist, self.onboard = arm, checklist, onboard
         self.filter = SafetyFilter(limits)
         self.stamp = 0
-        self.lost_cycles = 0
+        self.lost_cycles = self.commands = 0  # commands: accepted
         self.error = ""  # what broke last, even where a stop came first
         self._origin = 0
         self._time = 0
         self._sent = np.zeros(7)
         self._read_at: float | None = None
-        self._periods: deque[float] = deque(maxlen=MEASURED_CYCLES)
+        self.times = CycleTimes()  # since the arm was taken under control last
 
     @property
     def state(self) -> State:
@@ -58,7 +66,7 @@ class Driver:
         """
         reading = self._connect(now)
         try:
-            obstacle = self.arm.obstacle()
+            obstacle = self._obstacle()
             if not obstacle:
                 self.filter.start(reading.q)
                 self._take_control()
@@ -76,6 +84,7 @@ class Driver:
         except ArmError as error:
             self._fault(str(error))
             return None
+        answer, refusal = self._command(reading)
         applied = self.filter.apply(self.stamp, reading.q, reading.dq)
         if not self.arm.is_controlled:
             return Cycle(self.stamp, reading, replace(applied, torque=np.zeros(7)))
@@ -83,12 +92,15 @@ class Driver:
             self._write(applied.torque)
         except ArmError as error:
             self._fault(str(error))
-        return Cycle(self.stamp, reading, replace(applied, torque=self._sent))
+        clamped, thought = self._think()
+        refusal = refusal or thought
+        return Cycle(self.stamp, reading, replace(applied, torque=self._sent), answer, refusal, clamped)
 
     def offer(self, stamp: int, names: Sequence[str], position: Sequence[float], velocity: Sequence[float],
               effort: Sequence[float]) -> None:
         """Take a command from the next cycle on. Raises Refusal, as SafetyFilter.offer."""
         self.filter.offer(stamp, names, position, velocity, effort, now=self.stamp)
+        self.commands += 1
 
     def stop(self, cause: str = "stop requested") -> None:
         """Damp to rest from the next cycle on, until `recover`."""
@@ -99,13 +111,15 @@ class Driver:
 
         Raises Refusal, or ArmError for what the robot says; the arm then stays stopped or at fault.
         """
+        if self.onboard is not None and not self.filter.watchdog.may_move:
+            self.onboard.release()
         if self.filter.watchdog.may_move or self.arm.is_controlled:
             self.filter.recover(self._reading.q)  # the first is a refusal
             return
         if not self.arm.is_connected:
             self._connect(now)
         self.arm.clear_errors()
-        obstacle = self.arm.obstacle()
+        obstacle = self._obstacle()
         if obstacle:
             raise ArmError(obstacle)
         reading = self._read()
@@ -131,9 +145,33 @@ class Driver:
                 pass  # it ends in any case, and the robot holds itself
         self.arm.close()
 
-    def period_percentiles(self, *percentiles: float) -> list[float]:
-        """Percentiles of the time between two states, ms, over the last cycles; empty before the second."""
-        return np.percentile(np.array(self._periods) * 1e3, percentiles).tolist() if self._periods else []
+    def _command(self, reading: Reading) -> tuple[Answer | None, Refusal | None]:
+        """Let the controller on board command the arm, by the way every command takes."""
+        if self.onboard is None:
+            return None, None
+        if not self.filter.watchdog.may_move:
+            self.onboard.release()
+            return None, None
+        try:
+            answer = self.onboard.answer(self.stamp, reading.q, reading.dq)
+            if answer is not None:
+                self.offer(answer.stamp, self.filter.limits.joints, answer.position, answer.velocity,
+                           answer.torque)
+        except Refusal as refusal:
+            return None, refusal
+        return answer, None
+
+    def _think(self) -> tuple[bool, Refusal | None]:
+        """Give the controller on board what is left of the cycle."""
+        if self.onboard is None or not self.filter.watchdog.may_move:
+            return False, None
+        try:
+            return self.onboard.think(), None
+        except Refusal as refusal:
+            return False, refusal
+
+    def _obstacle(self) -> str:
+        return "; ".join(self.checklist.problems(self.arm.facts()))
 
     def _fault(self, cause: str) -> None:
         self.error = cause
@@ -151,13 +189,14 @@ class Driver:
     def _take_control(self) -> None:
         self._sent = np.zeros(7)
         self._read_at = None
+        self.times.clear()
         self.arm.start()
 
     def _read(self) -> Reading:
         reading = self._reading = self.arm.read()
         now = monotonic()
         if self._read_at is not None:
-            self._periods.append(now - self._read_at)
+            self.times.add(now - self._read_at)
             self.lost_cycles += max(0, (reading.time - self._time) // CYCLE_NS - 1)
         self._read_at, self._time = now, reading.time
         self.stamp = self._origin + reading.time

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, is_lost, is_success, pose_error
 from np_policy.pose_estimation import MIN_POINTS, PoseError, estimate_pose, project_keypoints, usable
 
@@ -58,7 +59,7 @@ class EpisodeConfig:
     """domain; lockstep or real time; policy_period ns; limits of the phases in s, see docs/graph.md.
 
     pre_timeout, post_blind: how long keypoints may be unusable; success_frames: ticks in a row within tolerance;
-    min_score: of a usable keypoint; silence, planning: how long by the wall clock nothing may come at all.
+    min_score: of a usable keypoint; camera: that sees them; silence, planning: how long by the wall clock nothing may come at all.
     """
 
     domain: Domain
@@ -72,6 +73,7 @@ class EpisodeConfig:
     min_score: float = 0.3
     silence: float = 30.0
     planning: float = 60.0
+    camera: Camera = CAMERA
 
 
 class Episode:
@@ -125,7 +127,7 @@ class Episode:
 
     def goal(self, stamp: int, pose: Pose) -> list[Event]:
         """A new task: the object's goal from stamp ns on. Raises ValueError for a goal behind the camera."""
-        goal = Goal(stamp, project_keypoints(self.config.domain, pose))
+        goal = Goal(stamp, project_keypoints(self.config.domain, pose, self.config.camera))
         if self._goal is not None and not self._goal_used and stamp == self._goal.stamp:
             return []
         ended = self._fail("the task was reset") if self.is_active and self._begun else []
@@ -225,7 +227,7 @@ class Episode:
         try:
             if keypoints is None:
                 raise PoseError(f"fewer than {MIN_POINTS} usable keypoints")
-            pose = estimate_pose(keypoints, config.domain, min_score=config.min_score).pose
+            pose = estimate_pose(keypoints, config.domain, min_score=config.min_score, camera=config.camera).pose
         except PoseError as error:
             self.distance = self.angle = float("nan")
             self._near = 0

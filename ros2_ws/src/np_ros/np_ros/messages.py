@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from np_description.calibration import Lens
 from np_description.camera import Camera
 from np_description.keypoints import COUNT
 from np_description.rotations import wxyz_from_xyzw, xyzw_from_wxyz
@@ -242,11 +243,15 @@ def image_array(message: Image) -> np.ndarray:
     return pixels
 
 
-def camera_info_message(stamp: int, frame_id: str, camera: Camera) -> CameraInfo:
-    """sensor_msgs/CameraInfo of an undistorted pinhole camera."""
+def camera_info_message(stamp: int, frame_id: str, camera: Camera, turn=None) -> CameraInfo:
+    """sensor_msgs/CameraInfo of an undistorted pinhole camera.
+
+    turn (3, 3): rotation from the real camera's own optical frame to that of the images, where they were turned.
+    """
     k = camera.matrix
+    r = np.eye(3) if turn is None else _shaped(turn, (3, 3), "turn")
     return CameraInfo(header=header_message(stamp, frame_id), height=camera.height, width=camera.width,
-                      distortion_model="plumb_bob", d=[0.0] * 5, k=k.ravel(), r=np.eye(3).ravel(),
+                      distortion_model="plumb_bob", d=[0.0] * 5, k=k.ravel(), r=r.ravel(),
                       p=np.hstack([k, np.zeros((3, 1))]).ravel())
 
 
@@ -256,3 +261,20 @@ def camera_info_arrays(message: CameraInfo) -> tuple[int, int, np.ndarray]:
         raise BadMessage("range", "CameraInfo.d: expected no distortion (rectified images), "
                                   f"got {list(message.d)}")
     return message.width, message.height, _finite(np.array(message.k).reshape(3, 3), "CameraInfo.k")
+
+
+def camera_info_lens(message: CameraInfo) -> tuple[Lens, np.ndarray]:
+    """Lens of the images that come with a CameraInfo, and the rotation (3, 3) by which they were turned already."""
+    k = _finite(np.array(message.k, dtype=np.float64).reshape(3, 3), "CameraInfo.k")
+    r = _finite(np.array(message.r, dtype=np.float64).reshape(3, 3), "CameraInfo.r")
+    d = _finite(np.array(message.d, dtype=np.float64), "CameraInfo.d")
+    if d.any() and (message.distortion_model != "plumb_bob" or len(d) != 5):
+        raise BadMessage("range", "CameraInfo: expected plumb_bob with 5 coefficients, "
+                                  f"got '{message.distortion_model}' with {len(d)}")
+    if not np.allclose(r @ r.T, np.eye(3), rtol=0, atol=1e-6) or np.linalg.det(r) < 0:
+        raise BadMessage("range", f"CameraInfo.r: expected a rotation, got {r.tolist()}")
+    distortion = tuple(d.tolist()) if d.any() else (0.0,) * 5
+    try:
+        return Lens(message.width, message.height, *k[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), distortion), r
+    except ValueError as error:
+        raise BadMessage("range", f"CameraInfo: {error}") from error

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, sample_task
 from np_description.panda import FINGER_MAX, JOINT_NAMES, STATE_NAMES
 from np_description.patch import Patch
@@ -46,13 +47,14 @@ class Simulation:
     """The arm at its ready posture and the object at the start of the task, at stamp 0, until stepped.
 
     seed: together with an episode number it names a task; first_episode: the task that stands there at the
-    beginning; substeps: physics steps in a control period of 2 ms; patch: effects that the nominal arm lacks.
+    beginning; substeps: physics steps in a control period of 2 ms; camera: the one in the scene; patch: effects
+    that the nominal arm lacks.
     """
 
     def __init__(self, domain: Domain, *, seed: int = 0, first_episode: int = 0, substeps: int = 1,
-                 patch: Patch = Patch()):
+                 camera: Camera = CAMERA, patch: Patch = Patch()):
         self.domain = domain
-        self.model = load_model(domain, timestep=PERIOD / SECOND / substeps, panda=patch.panda())
+        self.model = load_model(domain, timestep=PERIOD / SECOND / substeps, camera=camera, panda=patch.panda())
         self._patch = patch
         self._data = mujoco.MjData(self.model)
         self._seed, self._substeps = seed, substeps

@@ -13,6 +13,7 @@ from pathlib import Path
 from np_description.domains import find_domain
 from np_description.released import WeightsError, sha256, weights_folder
 
+from np_bringup.backends import SIMULATED
 from np_bringup.card import card_graph
 from np_bringup.nodes.conductor_node import Conductor
 from np_bringup.supervisor import Supervisor
@@ -31,7 +32,8 @@ def running_graph(arguments: Mapping[str, str], logs: Path, **callbacks) -> Iter
     lockstep = arguments.get("mode", "lockstep") == "lockstep"
     with Supervisor(logs) as supervisor:
         supervisor.start(specs)
-        with Conductor(supervisor, domain, lockstep=lockstep, **callbacks) as conductor:
+        backend = arguments.get("backend", SIMULATED)
+        with Conductor(supervisor, domain, lockstep=lockstep, backend=backend, **callbacks) as conductor:
             conductor.wait_until_ready(specs)
             yield conductor
 

@@ -38,7 +38,7 @@ class GraphError(RuntimeError):
 
 
 class Conductor:
-    """Runs episodes on the graph of a supervisor.
+    """Runs episodes on the graph of a supervisor, whose robot the node `backend` owns.
 
     on_phase(phase, reason, s of simulated time since the reset) is told every change, on_tick(s) every
     policy tick.
@@ -50,10 +50,12 @@ class Conductor:
         domain: Domain,
         *,
         lockstep: bool = True,
+        backend: str = "sim_bridge",
         on_phase: Callable[[str, str, float], None] = lambda *_: None,
         on_tick: Callable[[float], None] = lambda _: None,
     ):
         self._supervisor, self._domain, self._lockstep = supervisor, domain, lockstep
+        self._backend = backend
         self._on_phase, self._on_tick = on_phase, on_tick
         os.environ.update(supervisor.environment)
         self._context = rclpy.Context()
@@ -100,9 +102,14 @@ class Conductor:
         self,
         specs: Sequence[NodeSpec],
         timeout: float = 120.0,
-        services: Sequence[str] = ("sim_bridge/reset", "episode/start"),
+        services: Sequence[str] | None = None,
     ) -> None:
-        """Until all nodes are up and matched. Raises NodeDied or TimeoutError."""
+        """Until all nodes are up and matched, and the services, those of episodes where none are named, are there.
+
+        Raises NodeDied or TimeoutError.
+        """
+        if services is None:
+            services = (f"{self._backend}/reset", "episode/start")
         names = {spec.name for spec in specs}
         self._wait(
             lambda: not self._links.missing(names), timeout, f"diagnostics of {', '.join(sorted(names))}"
@@ -136,7 +143,7 @@ class Conductor:
         NodeDied, or TimeoutError when no end has come within `timeout` s of wall time.
         """
         before = self._goal[0] if self._goal else -1
-        self._succeed("sim_bridge/reset")
+        self._succeed(f"{self._backend}/reset")
         self._wait(
             lambda: self._goal is not None and self._goal[0] > before,
             _SERVICE_TIMEOUT,
@@ -159,9 +166,9 @@ class Conductor:
     def recover(self, timeout: float = _SERVICE_TIMEOUT) -> None:
         """Make a backend that has stopped follow commands again, once the arm rests. Raises GraphError."""
         deadline = time.monotonic() + timeout
-        while not (answer := self.call("sim_bridge/recover")).success:
+        while not (answer := self.call(f"{self._backend}/recover")).success:
             if time.monotonic() > deadline:
-                raise GraphError(f"sim_bridge/recover: expected success, got: {answer.message}")
+                raise GraphError(f"{self._backend}/recover: expected success, got: {answer.message}")
             self._spin_once()
 
     @property

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from np_description.calibration import calibrated_camera
 from np_description.camera import CAMERA
 from np_description.domains import DOMAINS, find_domain
 from np_description.keypoints import COUNT, box_keypoints
@@ -35,6 +36,8 @@ class KeypointOracle(Node):
         )
         self._noise = parameter(self, "noise", 0.0, "Standard deviation of the keypoints, px.", 0.0, 50.0)
         self._seed = parameter(self, "seed", 0, "Of the noise; with a stamp it names its draw.", 0, 2**31 - 1)
+        calibration = parameter(self, "calibration", "", "File written by `calibrate`; empty: the camera as trained.")
+        self._camera = calibrated_camera(calibration)
         self._half_size = np.asarray(find_domain(domain).half_size)
         self._diagnostics = Diagnostics(self)
         lockstep = mode == "lockstep"
@@ -49,7 +52,7 @@ class KeypointOracle(Node):
             self._diagnostics.count(f"refused_{error.kind}")
             self.get_logger().error(f"object_pose refused: {error}", throttle_duration_sec=5.0)
             return
-        pixels, _ = CAMERA.project(box_keypoints(self._half_size, position, quaternion))
+        pixels, _ = self._camera.project(box_keypoints(self._half_size, position, quaternion))
         if self._noise:
             pixels = pixels + self._noise * np.random.default_rng((self._seed, stamp)).standard_normal(
                 (COUNT, 2)

@@ -12,30 +12,26 @@ from collections import deque
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, Header, String
-from trajectory_msgs.msg import JointTrajectory
 
 from np_control.controller import Answer, Controller, ControllerConfig
+from np_control.following import Following
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN
 from np_control.lockstep import TickGate
+from np_control.nodes import inputs
+from np_control.nodes.inputs import Pose
 from np_control.operational_space import CartesianGains
-from np_control.safety import LIMITS, Reason, Refusal
-from np_control.trajectory import Trajectory, make_trajectory
-from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
-from np_description.rotations import matrix_from_quaternion
+from np_control.safety import LIMITS, Refusal
+from np_control.trajectory import Trajectory
+from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_ros import qos
-from np_ros.messages import BadMessage, gains_array, joint_state_arrays, joint_state_message, pose_arrays, \
-    stamp_nanoseconds, trajectory_arrays
+from np_ros.messages import BadMessage, joint_state_arrays, joint_state_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter
 from np_ros.spin import request_realtime
 
 SECOND = 1_000_000_000
 MEASURED_ANSWERS = 5000  # answers over which times are reported: 10 s
-
-Pose = tuple[np.ndarray, np.ndarray]  # position (3,) m, rotation (3, 3)
 
 
 class ControllerNode(Node):
@@ -67,8 +63,7 @@ class ControllerNode(Node):
             damping_ratio=ratio, policy_latency_ns=round(latency * SECOND), largest_gap_ns=gap,
             cartesian=self._cartesian_gains() if is_cartesian else None))
         self._gate: TickGate[Trajectory, Pose, np.ndarray] = TickGate(SECOND // policy_rate)
-        self._gains: np.ndarray | None = None
-        self._phase = ""
+        self._following = Following(self._controller)
         self._is_fault = False
         self._answered: int | None = None
         self._sent = 0  # ns on the host's clock, when the newest state was published
@@ -79,13 +74,8 @@ class ControllerNode(Node):
         if priority and not request_realtime(priority):
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
         self._command = self.create_publisher(JointState, "effort_command", qos.publisher(lockstep))
-        stream = qos.subscriber(lockstep)
-        self.create_subscription(JointState, "joint_states", self._on_state, stream)
-        self.create_subscription(JointTrajectory, "joint_trajectory", self._on_trajectory, qos.EVENT)
-        self.create_subscription(Float64MultiArray, "target_gains", self._on_gains, stream)
-        self.create_subscription(PoseStamped, "target_pose", self._on_pose, stream)
-        self.create_subscription(Header, "tick", self._on_tick, stream)
-        self.create_subscription(String, "phase", self._on_phase, qos.LATCHED)
+        self.create_subscription(JointState, "joint_states", self._on_state, qos.subscriber(lockstep))
+        inputs.subscribe(self, self, LIMITS, lockstep=lockstep)
         self.create_timer(1.0, self._report)
         gc.collect()
         gc.freeze()  # what start-up made stays: later collections need not walk it
@@ -114,7 +104,7 @@ class ControllerNode(Node):
                 self._gate.begin()
                 self._answered = None
         except (BadMessage, Refusal) as error:
-            self._refuse(error)
+            self.refuse(error)
             return
         self._sent = info["source_timestamp"]
         if stamp == self._answered:
@@ -149,105 +139,74 @@ class ControllerNode(Node):
     # Trajectories and targets
 
     def _take_tick(self, stamp: int) -> None:
-        inputs = self._gate.take(stamp)
-        if inputs is None:
+        tick = self._gate.take(stamp)
+        if tick is None:
             return
-        self._enter(inputs.phase)
-        if inputs.trajectory is not None:
-            self._follow(*inputs.trajectory, stamp)
-        if inputs.target is not None:
-            self._aim(stamp, *inputs.target)
+        self._following.enter(tick.phase)
+        if tick.trajectory is not None:
+            trajectory, gains = tick.trajectory
+            self._following.gains(gains)
+            self._follow(trajectory, stamp)
+        if tick.target is not None:
+            pose, gains = tick.target
+            self._following.gains(gains)
+            self._aim(stamp, pose)
 
-    def _enter(self, phase: str) -> None:
-        if phase == "pre" != self._phase:
-            self._controller.hold()  # a new episode
-        self._phase = phase
-
-    def _follow(self, trajectory: Trajectory, gains: np.ndarray | None, start: int | None) -> None:
+    def _follow(self, trajectory: Trajectory | None, start: int | None) -> None:
         try:
-            self._controller.follow(trajectory, start, gains)
+            self._following.trajectory(trajectory, start)
         except Refusal as refusal:
-            self._refuse(refusal)
+            self.refuse(refusal)
 
-    def _aim(self, stamp: int, pose: Pose, gains: np.ndarray) -> None:
+    def _aim(self, stamp: int, pose: Pose | None) -> None:
         try:
-            if self._controller.set_target(stamp, *pose, *gains):
+            if self._following.pose(stamp, pose):
                 self.diagnostics.count("targets_cut_to_workspace")
         except Refusal as refusal:
-            self._refuse(refusal)
+            self.refuse(refusal)
 
-    def _on_trajectory(self, message: JointTrajectory) -> None:
-        trajectory = None
-        try:
-            stamp = stamp_nanoseconds(message.header.stamp)
-        except BadMessage as error:
-            self._refuse(error)
-            return
-        try:
-            times, positions, velocities = trajectory_arrays(message, JOINT_NAMES)
-            if times.size:  # none: the planner found no way, and the arm stays where it is
-                trajectory = make_trajectory(times, positions, velocities, LIMITS)
-        except (BadMessage, Refusal) as error:
-            self._refuse(error)
+    def on_trajectory(self, stamp: int, trajectory: Trajectory | None) -> None:
+        """A plan; a refused one is an answer too."""
         if self._waits:
-            self._gate.trajectory(stamp, trajectory)  # a refused plan is an answer too
+            self._gate.trajectory(stamp, trajectory)
             self._answer()
-        elif trajectory is not None:
-            gains, self._gains = self._gains, None
-            self._follow(trajectory, gains, None)
+        else:
+            self._follow(trajectory, None)
 
-    def _on_gains(self, message: Float64MultiArray) -> None:
-        gains = None
-        try:
-            gains = gains_array(message)
-        except BadMessage as error:
-            self._refuse(error)
+    def on_gains(self, gains: np.ndarray | None) -> None:
+        """Gains for the pose that comes next."""
         if self._waits:
             self._gate.gains(gains)
             self._answer()
         else:
-            self._gains = gains
+            self._following.gains(gains)
 
-    def _on_pose(self, message: PoseStamped) -> None:
-        pose = None
-        try:
-            stamp = stamp_nanoseconds(message.header.stamp)
-        except BadMessage as error:
-            self._refuse(error)
-            return
-        try:
-            position, quaternion = pose_arrays(message, BASE_FRAME)
-            pose = position, matrix_from_quaternion(quaternion)
-        except BadMessage as error:
-            self._refuse(error)
+    def on_pose(self, stamp: int, pose: Pose | None) -> None:
+        """A target of T_E."""
         if self._waits:
             self._gate.pose(stamp, pose)
             self._answer()
-            return
-        gains, self._gains = self._gains, None
-        if gains is None:
-            self._refuse(Refusal(Reason.UNPAIRED, f"target pose of {stamp} ns came without gains"))
-        elif pose is not None:
-            self._aim(stamp, pose, gains)
+        else:
+            self._aim(stamp, pose)
 
-    def _on_tick(self, message: Header) -> None:
-        if not self._waits:
-            self._enter(message.frame_id)
-            return
-        try:
-            self._gate.tick(stamp_nanoseconds(message.stamp), message.frame_id)
-        except BadMessage as error:
-            self._refuse(error)
-            return
-        self._answer()
+    def on_tick(self, stamp: int, phase: str) -> None:
+        """A policy tick."""
+        if self._waits:
+            self._gate.tick(stamp, phase)
+            self._answer()
+        else:
+            self._following.enter(phase)
 
-    def _on_phase(self, message: String) -> None:
-        # A stopped arm is not where its target was: let the target go along with it until the fault is over.
-        self._is_fault = message.data.split(":")[0] == "fault"
+    def on_phase(self, phase: str) -> None:
+        """A stopped arm is not where its target was: the target goes along with it until the fault is
+        over.
+        """
+        self._is_fault = phase == "fault"
 
     # Diagnostics
 
-    def _refuse(self, error: BadMessage | Refusal) -> None:
+    def refuse(self, error: BadMessage | Refusal) -> None:
+        """Count and log what is not carried out."""
         self.diagnostics.values["last_refusal"] = str(error)
         self.diagnostics.count(f"refused_{error.reason if isinstance(error, Refusal) else error.kind}")
         self.get_logger().warn(f"refused: {error}", throttle_duration_sec=1.0)

@@ -1,8 +1,8 @@
 """`franka_driver`: a Franka arm and hand behind the topics and services of docs/graph.md.
 
 The robot paces everything, at 1 kHz: its state is read, the newest command goes out, and what is left of the
-cycle is ROS's. Every second state is published.
-"""
+cycle is ROS's. Every second state is published. Commands are effort_command, or, with `control:=onboard`,
+what the controller on board makes of trajectories and targets. """
 
 from __future__ import annotations
 
@@ -17,15 +17,18 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from np_control.nodes import inputs
 from np_control.safety import LIMITS, Refusal, State
+from np_control.trajectory import Trajectory
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_franka.arm import Arm
-from np_franka.driver import Cycle, Driver
+from np_franka.driver import Cycle
 from np_franka.gripper import Gripper
-from np_franka.limits import FR3_LIMITS, Collision
+from np_franka.limits import FR3_LIMITS
+from np_franka.nodes.settings import declare
+from np_franka.onboard import Onboard
 from np_ros import qos
 from np_ros.messages import BadMessage, joint_state_message, stamp_nanoseconds
-from np_ros.node import Diagnostics, parameter, run
+from np_ros.node import Diagnostics, run
 from np_ros.spin import Spinner, request_realtime
 
 PERIOD = LIMITS.period_ns
@@ -41,38 +44,29 @@ class FrankaDriver(Node):
 
     def __init__(self):
         super().__init__("franka_driver")
-        hostname = parameter(self, "hostname", "", "Address of the robot.")
-        realtime = parameter(self, "realtime", "enforce", "enforce: refuse to start without a real-time "
-                             "kernel and priority; ignore: only for a simulated robot.",
-                             choices=("enforce", "ignore"))
-        default = Collision()
-        collision = Collision(
-            parameter(self, "collision_torque", default.torque, "External torque of a joint, as a share of "
-                      "its torque limit, at which the robot stops itself.", 0.05, 1.0),
-            parameter(self, "collision_force", default.force, "The same for the force at the hand, N.",
-                      5.0, 100.0),
-            parameter(self, "collision_moment", default.moment, "The same for its moment, Nm.", 1.0, 50.0))
-        has_gripper = parameter(self, "gripper", True, "Whether the robot has a Franka Hand.")
-        priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90)
-        if not hostname:
-            raise ValueError("parameter hostname: expected the robot's address, got none")
-        self._gripper = Gripper(hostname) if has_gripper else None
-        arm = Arm(hostname, FR3_LIMITS, collision, enforce_realtime=realtime == "enforce")
-        self._driver = Driver(arm, FR3_LIMITS)
+        settings, self._driver = declare(self)
+        self._gripper = Gripper(settings.hostname) if settings.has_gripper else None
         self._published = -1  # number of the period published last
         self._reported: tuple[State, str] | None = None
         self.diagnostics = Diagnostics(self)
-        self.diagnostics.values.update(mode="realtime", hostname=hostname)
+        self.diagnostics.values.update(mode="realtime", hostname=settings.hostname, control=settings.control,
+                                       calibration=settings.calibration)
         stream = qos.publisher(lockstep=False)
         self._joint_states = self.create_publisher(JointState, "joint_states", stream)
         self._motor_states = self.create_publisher(JointState, "motor_states", stream)
         self._applied = self.create_publisher(JointState, "applied_command", stream)
-        self.create_subscription(JointState, "effort_command", self._on_command,
-                                 qos.subscriber(lockstep=False))
+        self._effort = None
+        if self._driver.onboard is None:
+            self.create_subscription(JointState, "effort_command", self._on_command,
+                                     qos.subscriber(lockstep=False))
+        else:  # what the controller on board answers is published where another's would be, for recordings
+            self._effort = self.create_publisher(JointState, "effort_command", stream)
+            inputs.subscribe(self, self, FR3_LIMITS, lockstep=False)
         self.create_subscription(Float64, "gripper_command", self._on_gripper, qos.EVENT)
         self.create_service(Trigger, "~/stop", self._service(self._stop))
         self.create_service(Trigger, "~/recover", self._service(self._recover))
         self.create_timer(STATISTICS_EVERY, self._on_statistics)
+        priority = settings.priority
         if priority and not request_realtime(priority):
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
         gc.collect()
@@ -90,6 +84,10 @@ class FrankaDriver(Node):
         self._report()
         if cycle is None:
             return IDLE_WAIT
+        if cycle.refusal is not None:
+            self.refuse(cycle.refusal)
+        if cycle.clamped:
+            self.diagnostics.count("targets_cut_to_workspace")
         period = cycle.stamp // PERIOD
         if period > self._published:
             self._publish(cycle, period * PERIOD)
@@ -105,6 +103,10 @@ class FrankaDriver(Node):
             np.append(reading.torque, unknown)))
         self._motor_states.publish(joint_state_message(
             stamp, JOINT_NAMES, reading.theta, reading.dtheta, reading.commanded))
+        if self._effort is not None and cycle.answer is not None:
+            answer = cycle.answer
+            self._effort.publish(joint_state_message(
+                stamp, JOINT_NAMES, answer.position, answer.velocity, answer.torque))
         if stamp % APPLIED_EVERY == 0:
             self._applied.publish(joint_state_message(
                 stamp, JOINT_NAMES, applied.position, applied.velocity, applied.torque))
@@ -121,10 +123,35 @@ class FrankaDriver(Node):
         try:
             self._driver.offer(stamp_nanoseconds(message.header.stamp), message.name, message.position,
                                message.velocity, message.effort)
-        except BadMessage as error:
-            self._refuse(error.kind, str(error))
+        except (BadMessage, Refusal) as error:
+            self.refuse(error)
+
+    def on_trajectory(self, _stamp: int, trajectory: Trajectory | None) -> None:
+        """On board: a plan."""
+        self._lead(lambda onboard: onboard.trajectory(trajectory))
+
+    def on_gains(self, gains: np.ndarray | None) -> None:
+        """On board: gains for the pose that comes next."""
+        self._driver.onboard.gains(gains)
+
+    def on_pose(self, stamp: int, pose: inputs.Pose | None) -> None:
+        """On board: a target of T_E."""
+        self._lead(lambda onboard: onboard.pose(stamp, pose))
+
+    def on_tick(self, _stamp: int, phase: str) -> None:
+        """On board: a policy tick."""
+        self._driver.onboard.tick(phase)
+
+    def on_phase(self, phase: str) -> None:
+        """On board: the phase of the episode."""
+        self._driver.onboard.phase(phase)
+
+    def _lead(self, action: Callable[[Onboard], None]) -> None:
+        try:
+            self._driver.filter.watchdog.check_may_move()
+            action(self._driver.onboard)
         except Refusal as refusal:
-            self._refuse(refusal.reason, str(refusal))
+            self.refuse(refusal)
 
     def _on_gripper(self, message: Float64) -> None:
         try:
@@ -132,9 +159,13 @@ class FrankaDriver(Node):
                 raise ValueError("this robot has no gripper")
             self._gripper.move(message.data)
         except ValueError as error:
-            self._refuse("gripper", str(error))
+            self._count("gripper", str(error))
 
-    def _refuse(self, reason: str, text: str) -> None:
+    def refuse(self, error: BadMessage | Refusal) -> None:
+        """Count and log what is not carried out."""
+        self._count(error.reason if isinstance(error, Refusal) else error.kind, str(error))
+
+    def _count(self, reason: str, text: str) -> None:
         self.diagnostics.count(f"refused_{reason}")
         self.get_logger().warn(f"refused: {text}", throttle_duration_sec=1.0)
 
@@ -172,11 +203,12 @@ class FrankaDriver(Node):
 
     def _on_statistics(self) -> None:
         values = self.diagnostics.values
-        values["lost_cycles"] = self._driver.lost_cycles
+        values.update(lost_cycles=self._driver.lost_cycles, commands=self._driver.commands)
         values["clock_lag_ms"] = round((time.time_ns() - self._driver.stamp) * 1e-6, 1)
-        names = ("cycle_p50_ms", "cycle_p99_ms", "cycle_max_ms")
-        for name, milliseconds in zip(names, self._driver.period_percentiles(50, 99, 100)):
-            values[name] = round(milliseconds, 3)
+        times = self._driver.times  # since the arm was taken under control
+        values.update(cycles=times.count, cycle_rate_hz=round(times.rate, 1))
+        for name, percent in (("p50", 50), ("p99", 99), ("max", 100)):
+            values[f"cycle_{name}_ms"] = round(times.percentile(percent) * 1e3, 3)
         limited = self._driver.filter.limited
         values.update({f"limited_{name}": count for name, count in limited.items() if count})
 

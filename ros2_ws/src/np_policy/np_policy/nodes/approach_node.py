@@ -101,7 +101,8 @@ class ApproachNode(Node):
         began = time.monotonic()
         try:
             joints = self._state.arrays()[0][:7]
-            objekt = estimate_pose(keypoints, self._settings.domain, min_score=self._settings.min_score).pose
+            objekt = estimate_pose(keypoints, self._settings.domain, min_score=self._settings.min_score,
+                                   camera=self._settings.camera).pose
             plan = plan_approach(self._collision, joints, pose, opening, objekt, seed=self._seed, config=self._config)
         except BadMessage as error:
             refuse(self, self.diagnostics, error)

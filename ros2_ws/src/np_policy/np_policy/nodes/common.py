@@ -11,6 +11,8 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
 
+from np_description.calibration import calibrated_camera
+from np_description.camera import Camera
 from np_description.domains import DOMAINS, Domain, find_domain
 from np_description.panda import STATE_NAMES
 from np_ros import qos
@@ -20,12 +22,13 @@ from np_ros.node import Diagnostics, parameter
 
 @dataclass(frozen=True)
 class Settings:
-    """Parameters of every node here; policy_period ns."""
+    """Parameters of every node here; policy_period ns; camera: the one that the keypoints are seen by."""
 
     domain: Domain
     lockstep: bool
     policy_period: int
     min_score: float
+    camera: Camera
 
     def is_policy_tick(self, stamp: int) -> bool:
         """Whether something may be decided at stamp ns: always in real time, at policy ticks in lockstep."""
@@ -33,13 +36,14 @@ class Settings:
 
 
 def declare_settings(node: Node) -> Settings:
-    """Declare and read the parameters that every node of this package has."""
+    """Declare and read the parameters that every node of this package has. Raises CalibrationError for a bad file."""
     domain = parameter(node, "domain", "card", "Task family.", choices=tuple(DOMAINS))
     mode = parameter(node, "mode", "lockstep", "Who waits: time for the answers, or nobody.",
                      choices=("lockstep", "realtime"))
     rate = parameter(node, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500)
     score = parameter(node, "min_score", 0.3, "Score from which a keypoint is used.", 0.0, 1.0)
-    return Settings(find_domain(domain), mode == "lockstep", NANOSECONDS // rate, score)
+    calibration = parameter(node, "calibration", "", "File written by `calibrate`: where the camera is; empty: as trained.")
+    return Settings(find_domain(domain), mode == "lockstep", NANOSECONDS // rate, score, calibrated_camera(calibration))
 
 
 def declare_weights(node: Node) -> str:

@@ -48,7 +48,7 @@ class EpisodeNode(Node):
         self._backend = parameter(self, "backend", "sim_bridge", "Name of the node whose diagnostics tell of a hold.")
         self._episode = Episode(EpisodeConfig(
             settings.domain, lockstep=settings.lockstep, policy_period=settings.policy_period,
-            min_score=settings.min_score, **values))
+            min_score=settings.min_score, camera=settings.camera, **values))
         self._waits_for, self._waits_since = "", time.monotonic()
         self.diagnostics = Diagnostics(self)
         self._phase = self.create_publisher(String, "phase", qos.LATCHED)

@@ -23,7 +23,7 @@ from std_msgs.msg import Float64, Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from np_control.safety import Applied, Refusal, SafetyFilter, State
-from np_description.camera import CAMERA
+from np_description.calibration import calibrated_camera
 from np_description.domains import DOMAINS, find_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.patch import Patch, load_patch
@@ -62,6 +62,8 @@ class SimBridge(Node):
         image_rate = parameter(self, "image_rate", 30, "Images a second; policy ticks have one in any case.",
                                1, 500)
         camera = parameter(self, "camera", True, "Whether images are drawn.")
+        calibration = parameter(self, "calibration", "", "File written by `calibrate`: where the camera is; empty: "
+                                "as trained.")
         renderer = parameter(self, "renderer", "auto", "What draws them: OpenGL (egl), a ray caster on the "
                              "CPU (warp), or whichever works (auto).", choices=RENDERERS)
         shadows = parameter(self, "shadows", True, "Whether the arm casts a shadow in the images.")
@@ -74,8 +76,9 @@ class SimBridge(Node):
         self._lockstep = mode == "lockstep"
         self._schedule = Schedule(policy_rate, image_rate)
         self._barrier = Barrier(self._schedule, tick_barrier=self._tick_barrier)
+        self._view = calibrated_camera(calibration)
         self._simulation = Simulation(find_domain(domain), seed=seed, first_episode=first, substeps=substeps,
-                                      patch=load_patch(effects) if effects else Patch())
+                                      camera=self._view, patch=load_patch(effects) if effects else Patch())
         self._filter = SafetyFilter()
         self._next_episode = first
         self._paused = False
@@ -323,7 +326,7 @@ class SimBridge(Node):
 
     def _publish_image(self, stamp: int, pixels: np.ndarray) -> None:
         """Called in the camera's thread."""
-        messages = [(self._camera_info, camera_info_message(stamp, CAMERA_NAME, CAMERA)),
+        messages = [(self._camera_info, camera_info_message(stamp, CAMERA_NAME, self._view)),
                     (self._image, image_message(stamp, CAMERA_NAME, pixels))]
         for publisher, message in messages:
             publisher.publish(message)

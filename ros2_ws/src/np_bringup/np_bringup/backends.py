@@ -1,0 +1,99 @@
+"""What owns the robot in a graph, and the camera with it: the simulated one, or drivers of the real ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from np_bringup.graph import LaunchArgument, NodeSpec
+
+SIMULATED, REAL = "sim_bridge", "franka_driver"
+BACKENDS = (SIMULATED, REAL)
+CAMERAS = ("realsense", "none")
+CONTROLS = ("topic", "onboard")
+NO_CAMERA = "none"  # in place of a calibration: the driver then asks for none
+DRIVER_PRIORITY, CONTROLLER_PRIORITY = 80, 79  # of first-in-first-out scheduling, on a real robot
+
+ARGUMENTS = (
+    LaunchArgument(
+        "backend",
+        SIMULATED,
+        "sim_bridge: simulated robot and camera; franka_driver: real ones, mode realtime.",
+    ),
+    LaunchArgument("hostname", "", "franka_driver: address of the robot."),
+    LaunchArgument(
+        "control",
+        "topic",
+        "franka_driver: topic: the controller is a node; onboard: it runs in the driver, at 1 kHz.",
+    ),
+    LaunchArgument(
+        "camera", "realsense", "franka_driver: realsense: start its node; none: a camera of your own."
+    ),
+    LaunchArgument(
+        "realtime",
+        "enforce",
+        "franka_driver: enforce: a real-time kernel is required; ignore: a simulated robot.",
+    ),
+)
+
+
+def check(given: Mapping[str, str]) -> None:
+    """Raises ValueError for arguments that do not go together."""
+    for name, allowed in (
+        ("backend", BACKENDS),
+        ("control", CONTROLS),
+        ("camera", CAMERAS),
+        ("realtime", ("enforce", "ignore")),
+    ):
+        if given[name] not in allowed:
+            raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {given[name]!r}")
+    if given["backend"] == SIMULATED:
+        return
+    for name, needed, why in (
+        ("mode", "realtime", "a real robot waits for nobody"),
+        ("keypoints", "camera", "nobody knows the true pose of a real object"),
+    ):
+        if given[name] != needed:
+            raise ValueError(
+                f"{name}: expected {needed} with backend franka_driver ({why}), got {given[name]!r}"
+            )
+    if given["control"] == "onboard" and given["controller"] != "impedance":
+        raise ValueError(
+            "controller: expected impedance with control onboard: no other law runs in the driver"
+        )
+    for name in ("hostname", "calibration"):
+        if not given[name]:
+            raise ValueError(f"{name}: expected one with backend franka_driver, got none")
+
+
+def calibration_file(given: Mapping[str, str]) -> str:
+    """What nodes that project are given: the path, or "" for the camera of training."""
+    return "" if given["calibration"] == NO_CAMERA else given["calibration"]
+
+
+def real_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
+    """Driver, controller and camera of the real robot, for arguments that have been checked."""
+    nodes = [
+        NodeSpec(
+            "np_franka",
+            REAL,
+            parameters={
+                "hostname": given["hostname"],
+                "control": given["control"],
+                "calibration": given["calibration"],
+                "realtime": given["realtime"],
+                "realtime_priority": DRIVER_PRIORITY,
+            },
+        )
+    ]
+    if given["control"] == "topic":
+        nodes.append(
+            NodeSpec(
+                "np_control",
+                controller,
+                parameters={"mode": "realtime", "realtime_priority": CONTROLLER_PRIORITY},
+            )
+        )
+    if given["camera"] == "realsense":
+        parameters = {"calibration": calibration_file(given)}
+        nodes.append(NodeSpec("np_franka", "realsense_camera", parameters=parameters))
+    return nodes

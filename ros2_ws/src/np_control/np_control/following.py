@@ -1,0 +1,61 @@
+"""What a controller follows in real time: everything takes effect when it comes. No ROS.
+
+The counterpart of `np_control.lockstep.TickGate`, for the controller node and for a driver with the
+controller on board. """
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_control.controller import Controller
+from np_control.safety import Reason, Refusal
+from np_control.trajectory import Trajectory
+
+NEW_EPISODE = "pre"
+
+
+class Following:
+    """Leads one `Controller` by trajectories, by pairs of gains and pose, and by the phase of an episode."""
+
+    def __init__(self, controller: Controller):
+        self._controller = controller
+        self._gains: np.ndarray | None = None
+        self._phase = ""
+
+    def enter(self, phase: str) -> None:
+        """The phase in force from now on; a new episode begins with a hold."""
+        if phase == NEW_EPISODE != self._phase:
+            self._controller.hold()
+        self._phase = phase
+
+    def trajectory(self, trajectory: Trajectory | None, start: int | None = None) -> None:
+        """Follow a plan from the state of `start` ns on, or from now, with the gains that came since the last
+        pose or plan, or else the controller's own; None (no plan) changes nothing. Raises Refusal.
+        """
+        if trajectory is not None:
+            gains, self._gains = self._gains, None
+            self._controller.follow(trajectory, start, gains)
+
+    def gains(self, gains: np.ndarray | None) -> None:
+        """Gains (2, 7), stiffness Nm/rad and damping ratio, for the pose or the plan that comes next; None drops
+        them."""
+        self._gains = gains
+
+    def pose(self, stamp: int, pose: tuple[np.ndarray, np.ndarray] | None) -> bool:
+        """Move T_E to `pose`, position (3,) m and rotation (3, 3), with the gains that came since the last
+        pose.
+
+        stamp: ns of the state that it answers. None stands for a pose that was refused: it uses the gains up.
+        Returns whether it was cut to the workspace. Raises Refusal, `unpaired` where there are no gains.
+        """
+        gains = self.take_gains(stamp)
+        return pose is not None and self._controller.set_target(stamp, *pose, *gains)
+
+    def take_gains(self, stamp: int) -> np.ndarray:
+        """The gains (2, 7) for the pose of `stamp` ns. Raises Refusal(unpaired) where none came since the
+        last pose.
+        """
+        gains, self._gains = self._gains, None
+        if gains is None:
+            raise Refusal(Reason.UNPAIRED, f"target pose of {stamp} ns came without gains")
+        return gains

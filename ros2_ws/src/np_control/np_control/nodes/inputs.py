@@ -1,0 +1,86 @@
+"""The topics that lead a controller, read and checked: one place for the controller nodes and for the
+driver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray, Header, String
+from trajectory_msgs.msg import JointTrajectory
+
+from np_control.safety import Refusal, SafetyLimits
+from np_control.trajectory import Trajectory, make_trajectory
+from np_description.panda import BASE_FRAME, JOINT_NAMES
+from np_description.rotations import matrix_from_quaternion
+from np_ros import qos
+from np_ros.messages import BadMessage, gains_array, pose_arrays, stamp_nanoseconds, trajectory_arrays
+
+Pose = tuple[np.ndarray, np.ndarray]  # position (3,) m, rotation (3, 3)
+
+
+class Led(Protocol):
+    """Who is led. None stands for what came but was refused, or, of a trajectory, for no plan."""
+
+    def on_trajectory(self, stamp: int, trajectory: Trajectory | None) -> None:
+        """A plan that answers the state of `stamp` ns."""
+
+    def on_gains(self, gains: np.ndarray | None) -> None:
+        """Gains (2, 7) for the pose that comes next."""
+
+    def on_pose(self, stamp: int, pose: Pose | None) -> None:
+        """A target of T_E that answers the state of `stamp` ns."""
+
+    def on_tick(self, stamp: int, phase: str) -> None:
+        """A policy tick, and the phase in force from it on."""
+
+    def on_phase(self, phase: str) -> None:
+        """The phase of the episode, without its reason."""
+
+    def refuse(self, error: BadMessage | Refusal) -> None:
+        """Count a message that is not carried out."""
+
+
+def subscribe(node: Node, led: Led, limits: SafetyLimits, *, lockstep: bool) -> None:
+    """Let the topics of docs/graph.md lead `led`; `limits` are those that trajectories must keep."""
+
+    def read(header: Header, translate: Callable[[], object], deliver: Callable[[int, object], None]) -> None:
+        """Without a readable stamp a message answers nothing; what else is wrong with it still answers its
+        stamp.
+        """
+        try:
+            stamp = stamp_nanoseconds(header.stamp)
+        except BadMessage as error:
+            led.refuse(error)
+            return
+        deliver(stamp, checked(translate))
+
+    def checked(translate: Callable[[], object]) -> object:
+        try:
+            return translate()
+        except (BadMessage, Refusal) as error:
+            led.refuse(error)
+            return None
+
+    def trajectory(message: JointTrajectory) -> Trajectory | None:
+        times, positions, velocities = trajectory_arrays(message, JOINT_NAMES)
+        # No points: the planner found no way, and the arm stays where it is.
+        return make_trajectory(times, positions, velocities, limits) if times.size else None
+
+    def pose(message: PoseStamped) -> Pose:
+        position, quaternion = pose_arrays(message, BASE_FRAME)
+        return position, matrix_from_quaternion(quaternion)
+
+    stream = qos.subscriber(lockstep)
+    node.create_subscription(JointTrajectory, "joint_trajectory",
+                             lambda m: read(m.header, lambda: trajectory(m), led.on_trajectory), qos.EVENT)
+    node.create_subscription(Float64MultiArray, "target_gains",
+                             lambda m: led.on_gains(checked(lambda: gains_array(m))), stream)
+    node.create_subscription(PoseStamped, "target_pose",
+                             lambda m: read(m.header, lambda: pose(m), led.on_pose), stream)
+    node.create_subscription(Header, "tick", lambda m: read(m, lambda: m.frame_id, led.on_tick), stream)
+    node.create_subscription(String, "phase", lambda m: led.on_phase(m.data.split(":")[0]), qos.LATCHED)

@@ -1,0 +1,290 @@
+"""Where the real camera is: one file, written by the command `calibrate`, read by whoever projects or
+rectifies.
+
+The file is YAML. It keeps the pose of the camera's own optical frame in the robot's base frame, how sure it
+is of it, the lens it was measured with, where the table was seen, and the date. Units m, rad, px; quaternions
+wxyz.
+
+A camera never stands exactly where `np_description.camera.CAMERA` does. The camera node turns its images,
+which for a pinhole is exact, so that they look in the direction of CAMERA with its focal length; what remains
+is the position. `Calibration.camera` is the camera whose images those are: the one to project with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from np_description.camera import CAMERA, Camera
+from np_description.panda import BASE_FRAME
+from np_description.rotations import matrix_from_quaternion, vector_from_matrix
+
+FORMAT = 1
+MAX_AGE = timedelta(days=30)
+"""Older than this a calibration should be made again before the arm moves: mounts creep."""
+_CLOCK_TOLERANCE = timedelta(minutes=5)  # between the computer that calibrated and the one that reads
+
+
+class CalibrationError(ValueError):
+    """A calibration that cannot be used; the message names the file, what was expected and what was found."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Intrinsics of the images that a camera gives, before rectification.
+
+    width, height px; fx, fy, cx, cy px; distortion: k1 k2 p1 p2 k3 (Brown-Conrady, ROS's plumb_bob).
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        numbers = np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion], float)
+        if (
+            len(self.distortion) != 5
+            or not np.isfinite(numbers).all()
+            or min(self.width, self.height, self.fx, self.fy) <= 0
+        ):
+            raise CalibrationError(
+                "lens: expected a positive size and focal length and 5 coefficients of distortion, "
+                f"all finite, got {self}"
+            )
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """Intrinsic matrix K (3, 3)."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How well it was measured. The 95 % bounds are of the length of the error.
+
+    position_95 m; rotation_95 rad; keypoint_95 px: of a point on the table in the policy's image;
+    reprojection_rms px in the images it was measured in; views, corners: how many were used.
+    """
+
+    position_95: float
+    rotation_95: float
+    keypoint_95: float
+    reprojection_rms: float
+    views: int
+    corners: int
+
+
+@dataclass(frozen=True)
+class Table:
+    """The table as the board lying on it was seen: height m of the plane at `at` (x, y m), tilt (2,) rad
+    about x and y, and the 95 % bounds of both."""
+
+    height: float
+    tilt: tuple[float, float]
+    at: tuple[float, float]
+    height_95: float
+    tilt_95: float
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A camera in the base frame.
+
+    made: when, with time zone; lens: of the images measured; position (3,) m and quaternion wxyz (4,): the
+    optical frame in the base frame; covariance (6, 6): of position m and rotation vector rad, both in base
+    axes, where the true rotation is exp(error) times ours; source: the recordings it was made from.
+    """
+
+    made: datetime
+    lens: Lens
+    position: np.ndarray
+    quaternion: np.ndarray
+    covariance: np.ndarray
+    errors: Errors
+    table: Table | None = None
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        for name, shape in (("position", (3,)), ("quaternion", (4,)), ("covariance", (6, 6))):
+            array = np.asarray(getattr(self, name), float)
+            if array.shape != shape or not np.isfinite(array).all():
+                raise CalibrationError(
+                    f"{name}: expected finite numbers of shape {shape}, got {array.tolist()}"
+                )
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if abs(np.linalg.norm(self.quaternion) - 1) > 1e-6:
+            raise CalibrationError(f"quaternion: expected norm 1, got {self.quaternion.tolist()}")
+        scale = np.sqrt(np.abs(np.diag(self.covariance))).max() ** 2
+        if (
+            not np.allclose(self.covariance, self.covariance.T, rtol=0, atol=1e-9 * scale)
+            or np.linalg.eigvalsh(self.covariance)[0] < -1e-9 * scale
+        ):
+            raise CalibrationError(
+                f"covariance: expected symmetric, not negative, got {self.covariance.tolist()}"
+            )
+        numbers = [*asdict(self.errors).values(), *(_flat(asdict(self.table)) if self.table else [])]
+        if not np.isfinite(numbers).all():
+            raise CalibrationError(f"errors, table: expected finite numbers, got {self.errors}, {self.table}")
+        if self.made.tzinfo is None:
+            raise CalibrationError(f"made: expected a date with its time zone, got {self.made}")
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """Rotation (3, 3), the camera's own optical frame to the base frame."""
+        return matrix_from_quaternion(self.quaternion)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera to project with: CAMERA, at the place where the real one is."""
+        return replace(CAMERA, position=tuple(self.position.tolist()))
+
+    @property
+    def turn(self) -> np.ndarray:
+        """Rotation (3, 3), the camera's own optical frame to that of the images it is rectified to."""
+        return np.asarray(CAMERA.rotation).T @ self.rotation
+
+    @property
+    def displacement(self) -> tuple[float, float]:
+        """How far the camera is from CAMERA: distance m and angle rad. The policies learned with CAMERA."""
+        return (
+            float(np.linalg.norm(self.position - CAMERA.position)),
+            float(np.linalg.norm(vector_from_matrix(self.turn))),
+        )
+
+    def age(self, now: datetime | None = None) -> timedelta:
+        """How old it is. Raises CalibrationError for one from the future: a clock is wrong then."""
+        age = (now or datetime.now(timezone.utc)) - self.made
+        if age < -_CLOCK_TOLERANCE:
+            raise CalibrationError(
+                f"calibration: expected a date that has been, got {self.made.isoformat()}: "
+                "is the computer's clock right?"
+            )
+        return max(age, timedelta(0))
+
+    def require_fresh(self, max_age: timedelta = MAX_AGE, now: datetime | None = None) -> None:
+        """Raises CalibrationError if it is older than `max_age`."""
+        if (age := self.age(now)) > max_age:
+            raise CalibrationError(
+                f"calibration: expected one of the last {_days(max_age)} days, it is "
+                f"{_days(age)} days old ({self.made.date()}); make it again: docs/hardware.md"
+            )
+
+    def save(self, path: str | Path) -> None:
+        """Write the file, whole or not at all."""
+        content = {
+            "format": FORMAT,
+            "made": self.made.astimezone(timezone.utc).isoformat(timespec="seconds"),
+            "frame": BASE_FRAME,
+            "source": self.source,
+            "position": self.position.tolist(),
+            "quaternion": self.quaternion.tolist(),
+            "lens": _plain(asdict(self.lens)),
+            "errors": _plain(asdict(self.errors)),
+            "table": _plain(asdict(self.table)) if self.table else None,
+            "covariance": self.covariance.tolist(),
+        }
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(path.name + ".part")
+        partial.write_text(
+            "# Camera calibration, written by `calibrate` (docs/hardware.md).\n"
+            + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
+        )
+        partial.replace(path)
+
+
+def load(path: str | Path) -> Calibration:
+    """The calibration in a file. Raises CalibrationError if it is missing, cut off, of another format, or not
+    finite."""
+    try:
+        content = yaml.safe_load(Path(path).read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise CalibrationError(
+            f"calibration {path}: expected a file written by `calibrate`: {error}"
+        ) from error
+    keys = {
+        "format",
+        "made",
+        "frame",
+        "source",
+        "position",
+        "quaternion",
+        "lens",
+        "errors",
+        "table",
+        "covariance",
+    }
+    if not isinstance(content, dict) or set(content) != keys:
+        found = sorted(map(str, content)) if isinstance(content, dict) else type(content).__name__
+        raise CalibrationError(f"calibration {path}: expected the keys {sorted(keys)}, got {found}")
+    if content["format"] != FORMAT or content["frame"] != BASE_FRAME:
+        raise CalibrationError(
+            f"calibration {path}: expected format {FORMAT} in frame {BASE_FRAME}, "
+            f"got format {content['format']} in frame {content['frame']}"
+        )
+    try:
+        lens, table = dict(content["lens"]), content["table"]
+        lens["distortion"] = tuple(lens["distortion"])
+        return Calibration(
+            made=_date(content["made"]),
+            lens=Lens(**lens),
+            position=content["position"],
+            quaternion=content["quaternion"],
+            covariance=content["covariance"],
+            errors=Errors(**content["errors"]),
+            table=(
+                Table(**{**table, "tilt": tuple(table["tilt"]), "at": tuple(table["at"])}) if table else None
+            ),
+            source=str(content["source"]),
+        )
+    except (TypeError, KeyError, ValueError) as error:  # a CalibrationError is one
+        raise CalibrationError(f"calibration {path}: {error}") from error
+
+
+def calibrated_camera(path: str) -> Camera:
+    """The camera to project with, for a parameter `calibration`: that of the file, or CAMERA for "".
+
+    Raises CalibrationError.
+    """
+    return load(path).camera if path else CAMERA
+
+
+def norm_bound(covariance: np.ndarray, dof: float = np.inf, share: float = 0.95) -> float:
+    """What the length of an error (n,) with this covariance (n, n) stays under with probability `share`.
+
+    Student's t with `dof` degrees of freedom, normal where infinite; by 40,000 draws that are always the
+    same.
+    """
+    covariance = np.atleast_2d(np.asarray(covariance, float))
+    values = np.linalg.eigvalsh(covariance)  # the length does not change with the axes
+    rng = np.random.default_rng(0)
+    draws = rng.standard_normal((40_000, len(covariance))) * np.sqrt(np.maximum(values, 0))
+    if np.isfinite(dof):
+        draws = draws / np.sqrt(rng.chisquare(dof, len(draws)) / dof)[:, None]
+    return float(np.quantile(np.linalg.norm(draws, axis=1), share))
+
+
+def _date(value) -> datetime:
+    return value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
+
+
+def _days(span: timedelta) -> str:
+    return f"{span.total_seconds() / 86400:.0f}"
+
+
+def _flat(content: dict) -> list[float]:
+    return [number for value in content.values() for number in np.ravel(value)]
+
+
+def _plain(content: dict) -> dict:
+    """Numbers and lists as YAML knows them."""
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in content.items()}

@@ -1,0 +1,129 @@
+"""The parameters of `franka_driver`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import timedelta
+
+import numpy as np
+from rclpy.node import Node
+
+from np_control.controller import ControllerConfig
+from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX
+from np_description.calibration import MAX_AGE
+from np_franka.arm import Arm
+from np_franka.checklist import Checklist
+from np_franka.driver import Driver
+from np_franka.limits import FR3_LIMITS, Collision
+from np_franka.onboard import Onboard
+from np_ros.node import parameter
+
+SECOND = 1_000_000_000
+CONTROLS = ("topic", "onboard")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the node needs besides its driver."""
+
+    hostname: str
+    control: str
+    calibration: str
+    has_gripper: bool
+    priority: int
+
+
+def declare(node: Node) -> tuple[Settings, Driver]:
+    """Declare and read the parameters; the driver they describe, not connected. Raises ValueError."""
+    settings = Settings(
+        parameter(node, "hostname", "", "Address of the robot."),
+        parameter(
+            node,
+            "control",
+            "topic",
+            "topic: torques come as effort_command, 500 times a second; onboard: the "
+            "impedance law runs here in every cycle of the robot.",
+            choices=CONTROLS,
+        ),
+        parameter(
+            node, "calibration", "", "The camera's calibration file; none: for a run without a camera."
+        ),
+        parameter(node, "gripper", True, "Whether the robot has a Franka Hand."),
+        parameter(node, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90),
+    )
+    if not settings.hostname:
+        raise ValueError("parameter hostname: expected the robot's address, got none")
+    realtime = parameter(
+        node,
+        "realtime",
+        "enforce",
+        "enforce: refuse to start without a real-time kernel and "
+        "priority; ignore: only for a simulated robot.",
+        choices=("enforce", "ignore"),
+    )
+    stiffness = np.array(
+        parameter(
+            node,
+            "stiffness",
+            STIFFNESS_MAX.tolist(),
+            "On board: stiffness of each joint while " "holding and on trajectories, Nm/rad.",
+        )
+    )
+    ratio = parameter(
+        node,
+        "damping_ratio",
+        1.0,
+        "On board: damping ratio while holding and on trajectories.",
+        DAMPING_RATIO_MIN,
+        DAMPING_RATIO_MAX,
+    )
+    latency = parameter(
+        node,
+        "policy_latency",
+        0.02,
+        "On board: s from the state that a target answers until it takes " "effect.",
+        0.0,
+        1.0,
+    )
+    timeout = parameter(
+        node,
+        "target_timeout",
+        0.3,
+        "On board: s within which a target must be followed by the next.",
+        0.05,
+        10.0,
+    )
+    days = parameter(
+        node,
+        "calibration_max_age",
+        MAX_AGE / timedelta(days=1),
+        "Days that a calibration is good for.",
+        0.0,
+        3650.0,
+    )
+    checklist = Checklist(
+        settings.calibration, timedelta(days=days), stiffness, np.full(7, ratio), FR3_LIMITS
+    )
+    if stiffness.shape != (7,):
+        raise ValueError(f"parameter stiffness: expected 7 numbers, got {stiffness.size}")
+    onboard = None
+    if settings.control == "onboard":
+        config = ControllerConfig(stiffness, ratio, policy_latency_ns=round(latency * SECOND))
+        onboard = Onboard(config, FR3_LIMITS, round(timeout * SECOND))
+    default = Collision()
+    collision = Collision(
+        parameter(
+            node,
+            "collision_torque",
+            default.torque,
+            "External torque of a joint, as a share of its torque " "limit, at which the robot stops itself.",
+            0.05,
+            1.0,
+        ),
+        parameter(
+            node, "collision_force", default.force, "The same for the force at the hand, N.", 5.0, 100.0
+        ),
+        parameter(node, "collision_moment", default.moment, "The same for its moment, Nm.", 1.0, 50.0),
+    )
+    arm = Arm(settings.hostname, FR3_LIMITS, collision, enforce_realtime=realtime == "enforce")
+    return settings, Driver(arm, FR3_LIMITS, checklist, onboard)

@@ -1,0 +1,120 @@
+"""The impedance controller inside the driver, which answers every cycle of the robot (`control:=onboard`). No
+ROS.
+
+The same objects as in the node `joint_impedance`, at twice its rate. What a silent controller is to the
+driver in `control:=topic`, a silent policy is here: nobody else stands between the two. """
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import numpy as np
+
+from np_control.controller import Answer, Controller, ControllerConfig
+from np_control.following import Following
+from np_control.safety import Refusal, SafetyLimits
+from np_control.trajectory import Trajectory
+
+ENDED = ("idle", "succeeded", "failed")
+"""Phases in which no target is due."""
+
+
+class Onboard:
+    """Leads a `Controller` by what comes over topics, and says what the driver is to be commanded.
+
+    It says nothing until it has been given something to follow. Then it answers every state, unless a target
+    is overdue: from the first target until a trajectory, a new episode or the end of one, the next must come
+    within `target_timeout_ns` by the driver's clock. `release` makes it silent again. """
+
+    def __init__(self, config: ControllerConfig, limits: SafetyLimits, target_timeout_ns: int):
+        self._controller = Controller(config, limits)
+        self._following = Following(self._controller)
+        self._timeout = target_timeout_ns
+        self._phase = ""
+        self._newest_target = -1
+        self.release()
+
+    def release(self) -> None:
+        """Forget what was followed: the arm is being stopped, or was."""
+        self._controller.release()
+        self._following.gains(None)
+        self._thought: tuple[int, Generator[None, None, bool]] | None = None  # target that is being resolved
+        self._is_engaged = False
+        self._first: Answer | None = None
+        self._due: int | None = None
+
+    def answer(self, stamp: int, q: np.ndarray, dq: np.ndarray) -> Answer | None:
+        """Joint target and torque for the state of `stamp` ns: q (7,) rad, dq (7,) rad/s; None while silent.
+
+        Raises Refusal(not_finite).
+        """
+        if self._controller.observe(stamp, q, dq):
+            # A state the arm cannot have reached: what was followed is over.
+            self._is_engaged, self._due, self._thought = False, None, None
+        if not self._is_engaged or (self._due is not None and stamp > self._due):
+            return None
+        if self._first is not None:
+            first, self._first = self._first, None
+            return first
+        return self._controller.answer()
+
+    def trajectory(self, trajectory: Trajectory | None) -> None:
+        """Follow a plan from now on; None changes nothing. Raises Refusal."""
+        if trajectory is not None:
+            first = self._controller.answer()
+            self._following.trajectory(trajectory)
+            self._engage(first)
+            self._due = self._thought = None
+
+    def gains(self, gains: np.ndarray | None) -> None:
+        """Gains (2, 7), stiffness Nm/rad and damping ratio, for the pose that comes next."""
+        self._following.gains(gains)
+
+    def pose(self, stamp: int, pose: tuple[np.ndarray, np.ndarray] | None) -> None:
+        """Move T_E to `pose`, position (3,) m and rotation (3, 3), with the gains that came since the last
+        pose.
+
+        stamp: ns of the state that it answers; None: a pose that was refused. It takes effect once `think`
+        has found the joints for it; one that is still being thought of is dropped. Raises Refusal. """
+        gains = self._following.take_gains(stamp)
+        if pose is not None:
+            self._thought = stamp, self._controller.resolve_target(stamp, *pose, *gains)
+            self.think()
+
+    def think(self) -> bool:
+        """One step of what does not fit into one cycle. Whether a target has just been cut to the workspace.
+
+        Raises Refusal, which drops the target.
+        """
+        if self._thought is None:
+            return False
+        stamp, resolving = self._thought
+        first = self._controller.answer()
+        try:
+            next(resolving)
+        except StopIteration as end:
+            self._thought = None
+            self._engage(first)
+            if stamp > self._newest_target and self._phase not in ENDED:  # the same again is no sign of life
+                self._due = self._controller.stamp + self._timeout
+            self._newest_target = max(stamp, self._newest_target)
+            return end.value
+        except Refusal:
+            self._thought = None
+            raise
+        return False
+
+    def tick(self, phase: str) -> None:
+        """A policy tick, with the phase in force from it on."""
+        self._following.enter(phase)
+
+    def phase(self, phase: str) -> None:
+        """The phase of the episode: after its end the arm holds, and no target is due."""
+        self._phase = phase
+        if phase in ENDED:
+            self._due = None
+
+    def _engage(self, first: Answer) -> None:
+        """The first command asks for the measured posture, whatever is followed then."""
+        if not self._is_engaged:
+            self._is_engaged, self._first = True, first

@@ -1,0 +1,103 @@
+"""The page of tables that the report writes, from its JSON files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+HEAD = """# What the driver did
+
+Written by `make driver-report`, against a simulated FR3 on the robot's own network protocol, on this
+machine; what that leaves open is in [hardware.md](hardware.md#what-is-not-tested).
+"""
+TEXTS = {
+    "faults": """## Faults over the wire
+
+Each fault is injected into a fast motion: all joints on a trajectory, or the last joint turned by commands
+that keep coming. The figures are the robot's own record, each millisecond, from the fault until rest: the
+largest speed and commanded torque as shares of the joint's limit, the largest change of torque from one
+command to the next (1 Nm is the limit), the time until every joint is slower than 0.05 rad/s, and who
+braked: the driver, or the robot, which nobody commanded any more. The robot's own brake is the simulated
+one's.
+""",
+    "tracking": """## Impedance tracking
+
+Two waves a joint, 0.1 to 0.4 Hz, gains of the controller itself (400 and 100 Nm/rad, damping ratio 1). The
+error is between the joint target of a state and the joints as the robot knows them at that state. Cycles
+are those of the driver since it took control. Robot, driver and controller ran at real-time priority where
+that is permitted.
+""",
+    "approach": """## The approach of a card episode
+
+The nodes `episode`, `pre_contact` and `approach` with their released weights and RRT*, keypoints of a card
+that stands still, then `joint_impedance` (topic) or the controller on board. The hand's error is that from
+the pre-contact pose, at rest after the motion; there is no table and no card behind the protocol.
+""",
+}
+COLUMNS: dict[str, dict[str, str]] = {
+    "faults": {
+        "fault": "fault",
+        "control": "control",
+        "state": "state",
+        "cause": "cause",
+        "peak_speed_share": "speed",
+        "peak_torque_share": "torque",
+        "peak_torque_step": "step, Nm",
+        "time_to_rest": "to rest, s",
+        "braked_by": "braked by",
+        "after": "after recovery",
+    },
+    "tracking": {
+        "control": "control",
+        "seconds": "s",
+        "cycle_rate_hz": "cycles/s",
+        "cycle_p50_ms": "p50, ms",
+        "cycle_p99_ms": "p99, ms",
+        "cycle_max_ms": "max, ms",
+        "lost_cycles": "lost",
+        "commands_per_1000": "commands in 1,000 cycles",
+        "compared": "targets compared",
+        "joint_rms_rad": "joints rms, rad",
+        "joint_max_rad": "max, rad",
+        "hand_rms_mm": "hand rms, mm",
+        "hand_max_mm": "max, mm",
+        "state": "state at the end",
+    },
+    "approach": {
+        "control": "control",
+        "plan_s": "motion, s",
+        "plan_points": "points",
+        "end_joint_error_rad": "end, joints, rad",
+        "end_hand_error_mm": "end, hand, mm",
+        "end_hand_error_deg": "end, hand, deg",
+        "hand_rms_mm": "on the way rms, mm",
+        "hand_max_mm": "max, mm",
+        "cycle_rate_hz": "cycles/s",
+        "cycle_p99_ms": "p99, ms",
+        "cycle_max_ms": "max, ms",
+        "lost_cycles": "lost",
+    },
+}
+
+
+def page(folder: Path, parts: Sequence[str]) -> str:
+    """The page, from the JSON files of those parts that have been measured."""
+    sections = [HEAD]
+    for part in parts:
+        path = folder / f"driver_{part}.json"
+        if path.exists():
+            measured = json.loads(path.read_text())
+            origin = f"{measured['date']}, {measured['machine']} ([data](results/driver_{part}.json)).\n"
+            if part != "faults" and measured["pace"] != 1:
+                origin += f"\n**The robot's clock went at 1/{measured['pace']:g} of its speed, "
+                origin += "on a busy machine: the cycle times are that machine's.**\n"
+            sections += [TEXTS[part], origin, table(measured["rows"], COLUMNS[part])]
+    return "\n".join(sections)
+
+
+def table(rows: list[dict], columns: dict[str, str]) -> str:
+    """One table, a row each."""
+    lines = ["| " + " | ".join(columns.values()) + " |", "|" + "---|" * len(columns)]
+    lines += ["| " + " | ".join(str(row[key]).replace("|", "/") for key in columns) + " |" for row in rows]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,27 @@
+"""What breaks at the robot reaches the episode: phase `fault`, and no start until it is over."""
+
+from backends import silent
+from np_ros import qos
+from std_msgs.msg import String
+
+
+def test_a_reflex_is_a_fault_of_the_episode_until_recover(start_robot, start_driver):
+    robot, parameters = start_robot()
+    harness = start_driver(parameters)
+    phases = harness.probe.collect("phase", String, qos.LATCHED)
+    names = {harness.graph.run("np_policy", "episode", {
+        "mode": "realtime", "backend": "franka_driver", "silence": 300.0})}
+    harness.probe.wait_until_ready(names)
+    assert harness.probe.call("episode/start").success
+    harness.wait(lambda: phases and phases[-1].data == "pre", "the phase before")
+    robot.request("reflex")
+    harness.wait(lambda: phases[-1].data.startswith("fault"), "the phase of a fault")
+    assert "joint_reflex" in phases[-1].data
+    response = harness.probe.call("episode/start")
+    assert not response.success and "joint_reflex" in response.message
+    harness.answer = silent
+    while not (response := harness.call("recover")).success:
+        assert "still moves" in response.message, response.message
+    harness.wait_state("ready")
+    assert harness.probe.call("episode/start").success
+    harness.wait(lambda: phases[-1].data == "pre", "the next episode")

@@ -1,0 +1,44 @@
+"""The launch argument `backend`: which nodes a graph has with the simulated robot, and with the real one."""
+
+import pytest
+from np_bringup.card import card_graph
+
+REAL = {"backend": "franka_driver", "mode": "realtime", "hostname": "robot", "calibration": "camera.yaml"}
+
+
+def named(arguments):
+    """The nodes by name."""
+    return {spec.name: spec for spec in card_graph(arguments)}
+
+
+def test_the_driver_takes_the_place_of_the_bridge():
+    simulated, real = named({"mode": "realtime"}), named(REAL)
+    assert set(simulated) - set(real) == {"sim_bridge"}
+    assert set(real) - set(simulated) == {"franka_driver", "realsense_camera"}
+    assert real["franka_driver"].parameters["hostname"] == "robot"
+    assert real["realsense_camera"].parameters["calibration"] == "camera.yaml"
+    for nodes, backend in ((simulated, "sim_bridge"), (real, "franka_driver")):
+        assert nodes["episode"].parameters["backend"] == backend
+
+
+def test_with_the_controller_on_board_there_is_no_other():
+    real = named({**REAL, "control": "onboard", "camera": "none"})
+    assert real["franka_driver"].parameters["control"] == "onboard"
+    assert "joint_impedance" not in real and "realsense_camera" not in real
+
+
+def test_a_recorder_does_not_wait_for_what_only_a_simulation_knows():
+    for arguments, known in (({"mode": "realtime"}, True), (REAL, False)):
+        recorder = named({**arguments, "bag": "bag"})["recorder"]
+        assert ("object_pose" in recorder.parameters["required"]) is known
+
+
+@pytest.mark.parametrize("changes, text", [
+    ({"backend": "other"}, "backend: expected one of"), ({"mode": "lockstep"}, "mode: expected realtime"),
+    ({"keypoints": "truth"}, "keypoints: expected camera"), ({"hostname": ""}, "hostname: expected one"),
+    ({"calibration": ""}, "calibration: expected one"), ({"control": "other"}, "control: expected one of"),
+    ({"control": "onboard", "controller": "osc"}, "no other law runs in the driver"),
+])
+def test_what_does_not_go_together_is_named(changes, text):
+    with pytest.raises(ValueError, match=text):
+        card_graph({**REAL, **changes})
