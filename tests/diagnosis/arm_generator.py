@@ -130,7 +130,8 @@ def _commands(time, q, dq, torque) -> Commands:
     rate = np.gradient(dq, time, axis=0)
     fed = np.array([dynamics.coriolis(*s) + dynamics.mass_matrix(s[0]) @ a for s, a in zip(zip(q, dq), rate)])
     target = q + (asked - fed + kd * dq) / config.stiffness - kd / config.stiffness * dq
-    return Commands(np.arange(len(time)), target, dq, asked, time + PERIOD / 2, True)
+    stiffness = np.tile(config.stiffness, (len(time), 1))
+    return Commands(np.arange(len(time)), target, dq, asked, time + PERIOD / 2, stiffness, np.tile(kd, (len(time), 1)))
 
 
 def coloured(rng: np.random.Generator, shape: tuple[int, int], seconds: float) -> np.ndarray:

@@ -10,15 +10,20 @@ from arm_generator import Truth, coloured, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from np_description.panda import NOMINAL
-from np_diagnosis.design import Sums, make_blocks
-from np_diagnosis.effects import arm_effects, catalogue, joint_effects
+import pinocchio as pin
+
+from np_control.dynamics import build_model
+from np_diagnosis import rigid
+from np_diagnosis.arm_model import panda
+from np_diagnosis.context import make_context
+from np_diagnosis.design import NUISANCES, Block, make_blocks, make_cell, make_design, rung
+from np_diagnosis.effects import Parameter, all_effects, catalogue
+from np_diagnosis.effects.sensing import find_quantum
 from np_diagnosis.fit import fit
-from np_diagnosis.nominal import predict
-from np_diagnosis.ladder import rungs
 from np_diagnosis.schema import validate
 from np_diagnosis.signals import Log, sample
 
+ARM = panda()
 SCHEMA = json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text())
 EMPTY = {
     "schema_version": 1,
@@ -42,41 +47,66 @@ EMPTY = {
 
 @pytest.fixture(scope="module")
 def clean():
-    log = record(Truth(noise=0.0), duration=16.0)
-    samples = sample([log])
-    return log, samples, predict(samples)
+    return make_context([record(Truth(noise=0.0), duration=16.0)], ARM)
 
 
-def test_the_nominal_arm_is_the_same_in_both_dynamics(clean):
-    _, samples, prediction = clean
-    residual = samples.torque - prediction.total
-    reversing = np.abs(samples.velocity) < 0.1
-    assert np.abs(np.where(reversing, 0, residual)).max() < 0.05
-    assert (
-        np.sqrt((residual**2).mean(axis=0)) < 0.15 * NOMINAL.frictionloss
-    ).all()  # friction builds up there
+@pytest.fixture(scope="module")
+def design(clean):
+    return make_design(clean)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10**6))
+def test_rigid_body_dynamics_and_regressor_are_those_of_pinocchio(seed):
+    q, dq, ddq = np.random.default_rng(seed).normal(size=(3, 5, 7))
+    model = build_model()
+    model.armature[:] = 0.0
+    data = model.createData()
+    expected = np.array([pin.rnea(model, data, *s) for s in zip(q, dq, ddq)])
+    np.testing.assert_allclose(rigid.torque(ARM, q, dq, ddq), expected, atol=1e-10)
+    motion = rigid.move(ARM, q, dq, ddq)
+    ours = np.concatenate([rigid.regressor(ARM, motion, link) for link in range(7)], axis=2)
+    theirs = np.array([pin.computeJointTorqueRegressor(model, data, *s) for s in zip(q, dq, ddq)])
+    np.testing.assert_allclose(ours, theirs, atol=1e-10)
+    slope = np.array([pin.computeGeneralizedGravityDerivatives(model, data, s) for s in q])
+    np.testing.assert_allclose(rigid.gravity_slope(ARM, q), slope, atol=1e-9)
+
+
+def test_a_clean_arm_leaves_nothing_at_any_stage(design):
+    for cell in design.cells:
+        left = np.sqrt(np.mean(cell.residual[cell.rows] ** 2))
+        assert left < {"r0": 1e-6, "r1": 1e-6, "r2": 0.01}.get(cell.stage, 0.2), (cell.stage, cell.joint)
 
 
 def test_effects_are_those_of_the_catalogue_and_columns_match_parameters(clean):
-    _, samples, prediction = clean
-    keys = [effect.key for effect in joint_effects() + arm_effects()]
-    assert len(set(keys)) == len(keys)
-    for effect in joint_effects() + arm_effects():
-        assert effect.id in catalogue()
-        for joint in range(7):
-            columns = effect.columns(samples, prediction, joint)
-            assert columns.shape == (len(samples), len(effect.parameters)) and np.isfinite(columns).all()
-        assert all(p.lower < 0 < p.upper and p.prior > 0 for p in effect.parameters)
+    effects = all_effects(clean)
+    assert len({(e.key, e.only_joint) for e in effects}) == len(effects)
+    for effect in effects:
+        assert effect.id in catalogue() and effect.source
+        assert all(p.lower < p.upper and p.prior > 0 for p in effect.parameters)
+        for stage, columns in effect.columns.items():
+            assert rung(stage) == stage and stage in NUISANCES
+            for joint in (0, 6) if effect.only_joint is None else (effect.only_joint,):
+                values = columns(clean, joint)
+                assert values.shape[1] == len(effect.parameters) and np.isfinite(values).all()
 
 
 def test_the_payload_column_is_the_regressor_of_a_real_payload(clean):
-    _, samples, prediction = clean
-    payload = next(effect for effect in arm_effects() if effect.id == "payload")
+    payload = next(effect for effect in all_effects(clean) if effect.id == "payload")
     loaded = sample([record(Truth(noise=0.0, payload=0.2), duration=16.0)])
     for joint in range(7):
-        change = loaded.torque[:, joint] - samples.torque[:, joint]
-        column = 0.2 * payload.columns(samples, prediction, joint)[:, 0]
+        change = loaded.torque[:, joint] - clean.samples.torque[:, joint]
+        column = 0.2 * payload.columns["r2"](clean, joint)[:, 0]
         np.testing.assert_allclose(column, change, atol=0.02)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(1e-5, 1e-3), st.integers(0, 10**6))
+def test_the_step_of_an_encoder_is_found_and_none_where_there_is_none(step, seed):
+    rng = np.random.default_rng(seed)
+    smooth = np.cumsum(rng.normal(size=4000)) * 1e-4
+    assert find_quantum(np.round(smooth / step) * step) == pytest.approx(step, rel=0.01)
+    assert find_quantum(smooth) == 0.0
 
 
 @settings(max_examples=25, deadline=None)
@@ -91,13 +121,17 @@ def test_the_filter_keeps_straight_lines_and_their_slope(offset, slope, torque):
     np.testing.assert_allclose(samples.torque_rate, torque * slope, atol=1e-7)
 
 
-def test_blocks_cover_every_sample_once_and_keep_their_distance(clean):
-    samples = clean[1]
-    blocks = make_blocks(samples)
-    np.testing.assert_array_equal(np.sort(np.concatenate([b.rows for b in blocks])), np.arange(len(samples)))
-    for block in blocks:
-        kept = np.setdiff1d(np.arange(len(samples)), block.excluded)
-        assert np.abs(samples.time[kept, None] - samples.time[block.rows]).min() > 0.5
+def test_blocks_cover_every_sample_once_and_fits_keep_their_distance(clean, design):
+    blocks = make_blocks(clean)
+    for cell in design.cells:
+        if cell.stage == "r2":
+            assert (cell.block >= 0).all()
+            np.testing.assert_allclose(
+                cell.test_rows, [np.sum(cell.rows & (cell.block == b)) for b in range(len(blocks))]
+            )
+            assert (cell.held_rows >= cell.test_rows).all()
+            assert (np.linalg.eigvalsh(cell.train[0]) > -1e-6).all()
+    assert all(b.end - b.start >= 1.5 for b in blocks)
 
 
 @settings(max_examples=30, deadline=None)
@@ -106,56 +140,35 @@ def test_a_fit_meets_least_squares_and_its_bounds(seed, width):
     rng = np.random.default_rng(seed)
     matrix, truth = rng.normal(size=(400, width)), rng.uniform(-1, 1, width)
     whole = np.column_stack([matrix, matrix @ truth + 0.01 * rng.normal(size=400)])
-    sums = Sums((whole.T @ whole)[None], np.array([400]))
-    free = SimpleNamespace(
-        prior=np.full(width, 10.0),
-        lower=np.full(width, -np.inf),
-        upper=np.full(width, np.inf),
-        correlation=1.0,
-    )
-    columns = np.arange(width)
-    np.testing.assert_allclose(
-        fit(sums, columns, free).parameters[0],
-        np.linalg.lstsq(matrix, whole[:, -1], rcond=None)[0],
-        atol=1e-5,
-    )
-    boxed = SimpleNamespace(**{**vars(free), "lower": np.full(width, -0.3), "upper": np.full(width, 0.2)})
-    inside = fit(sums, columns, boxed).parameters[0]
+    cell, ids = SimpleNamespace(ids=np.arange(width)), np.arange(width)
+
+    def solve(lower, upper):
+        parameters = [Parameter("p", "1", lower, upper, 10.0)] * width
+        return fit([cell], [(whole.T @ whole)[None]], [np.array([400.0])], ids, parameters).parameters[0]
+
+    exact = np.linalg.lstsq(matrix, whole[:, -1], rcond=None)[0]
+    np.testing.assert_allclose(solve(-9.0, 9.0), exact, atol=1e-5)
+    inside = solve(-0.3, 0.2)
     assert (inside >= -0.3).all() and (inside <= 0.2).all()
-    moved = sums.shifted(columns, truth[None])
-    left = whole[:, -1] - matrix @ truth
-    np.testing.assert_allclose(moved.gram[0, -1], [*(left @ matrix), left @ left], atol=1e-8)
 
 
-def test_intervals_cover_under_coloured_noise():
-    """Posterior intervals at the true correlation time hold the truth in about 95 of 100 cases."""
-    hits, trials = 0, 200
-    rng = np.random.default_rng(3)
-    noise = coloured(rng, (600, trials), 0.01)
-    matrix = np.repeat(rng.normal(size=(60, 1)), 10, axis=0)
-    correlation = 1 + 2 * np.sum([np.exp(-0.2 * k) * (1 - k / 10) for k in range(1, 10)])
-    setting = SimpleNamespace(
-        prior=np.array([10.0]), lower=np.array([-9.0]), upper=np.array([9.0]), correlation=correlation
-    )
+def test_intervals_cover_under_coloured_noise(clean):
+    """Prewhitened intervals hold the truth in about 95 of 100 cases, where those of white noise would not."""
+    hits, trials, rng = 0, 200, np.random.default_rng(3)
+    noise = coloured(rng, (1200, trials), 0.01)
+    column = np.repeat(rng.normal(size=(120, 1)), 10, axis=0)
+    parameters = [Parameter("p", "1", -9.0, 9.0, 10.0)]
+    blocks = (Block(0, 0.0, 1e9),)
     for i in range(trials):
-        whole = np.column_stack([matrix, 0.4 * matrix[:, 0] + noise[:, i]])
-        fitted = fit(Sums((whole.T @ whole)[None], np.array([600])), np.array([0]), setting)
-        hits += abs(fitted.parameters[0, 0] - 0.4) < 1.96 * np.sqrt(fitted.covariance[0, 0, 0])
+        stage = SimpleNamespace(
+            times=lambda s: (np.zeros(1200, int), np.arange(1200.0)),
+            rows=lambda s, j: np.ones(1200, bool),
+            residual=lambda s, j, i=i: 0.4 * column[:, 0] + noise[:, i],
+        )
+        cell = make_cell(stage, "r1", 0, np.arange(1), column, blocks, parameters)
+        found = fit([cell], [cell.test], [cell.test_rows], np.arange(1), parameters)
+        hits += abs(found.parameters[0, 0] - 0.4) < 1.96 * np.sqrt(found.covariance[0, 0, 0])
     assert 0.90 <= hits / trials <= 0.99
-
-
-def test_the_ladder_is_level_for_the_law_itself_and_not_for_another(clean):
-    log = clean[0]
-    r0, r1 = rungs(log)
-    assert (r0.name, r1.name) == ("r0", "r1")
-    assert r0.rms.max() < 1e-6 and r1.rms.max() < 1e-6
-    commands = log.commands
-    commands.torque[:, 2] += 1.0
-    try:
-        r0, r1 = rungs(log)
-    finally:
-        commands.torque[:, 2] -= 1.0
-    assert r0.rms[2] == pytest.approx(1.0, abs=1e-6) and r1.rms[2] == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ ARGUMENTS = (
         "controller", "impedance", "impedance: joint impedance; osc: the operational-space baseline."
     ),
     LaunchArgument("image_rate", "30", "Images a second of simulated time."),
+    LaunchArgument("effects", "", "Patch file of effects that the simulated arm has; empty: the nominal arm."),
     LaunchArgument("weights", "", "Folder with released weights; empty: the project's own."),
     LaunchArgument("bag", "", "Record bags with this path, a number is appended; empty: no recorder."),
     LaunchArgument("record_at_start", "true", "true: record from the start; false: wait for recorder/start."),
@@ -61,6 +62,7 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
                 "first_episode": _integer(given, "first_episode"),
                 "image_rate": image_rate,
                 "camera": from_camera,
+                **({"effects": given["effects"]} if given["effects"] else {}),
             },
         ),
         NodeSpec("np_control", CONTROLLERS[given["controller"]], parameters=common),

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from np_description.panda import NOMINAL, PandaModel
-
-from np_diagnosis.nominal import STANDSTILL, expected_torque
+from np_diagnosis.arm_model import Arm, panda
 from np_diagnosis.reading import ContractViolation
 from np_diagnosis.signals import Log, Samples, sample
+from np_diagnosis.stages import STANDSTILL, expected_torque
 
 RANGE_SLACK = 0.05  # rad beyond the joint limits
 SPEED_SLACK = 1.5  # times the speed limit
@@ -20,24 +18,25 @@ DECISIVE = 3.0  # nats a joint's log residual energy must fall by under a transp
 SLOPE = (0.7, 1.4)  # of the derivative of position against velocity
 
 
-def check(log: Log, panda: PandaModel = NOMINAL) -> None:
+def check(log: Log, arm: Arm | None = None) -> None:
     """Raise ContractViolation for a log in other units, with reversed signs or swapped joints."""
-    _check_range(log, panda)
-    _check_velocity(log, panda)
-    _check_torque(log, panda)
+    arm = arm or panda()
+    _check_range(log, arm)
+    _check_velocity(log, arm)
+    _check_torque(log, arm)
 
 
-def _check_range(log: Log, panda: PandaModel) -> None:
-    for j, joint in enumerate(panda.joints):
+def _check_range(log: Log, arm: Arm) -> None:
+    for j, joint in enumerate(arm.joints):
         low, high = log.position[:, j].min(), log.position[:, j].max()
-        lower, upper = panda.position_lower[j], panda.position_upper[j]
+        lower, upper = arm.position_lower[j], arm.position_upper[j]
         if low < lower - RANGE_SLACK or high > upper + RANGE_SLACK:
             hint = _hint(np.radians([low, high]), np.array([-high, -low]), lower, upper)
             raise ContractViolation(
                 f"{log.name}: position of {joint}: expected {lower} to {upper} rad, "
                 f"got {low:.3f} to {high:.3f}{hint}"
             )
-        fastest, limit = np.abs(log.velocity[:, j]).max(), SPEED_SLACK * panda.velocity_limit[j]
+        fastest, limit = np.abs(log.velocity[:, j]).max(), SPEED_SLACK * arm.velocity_limit[j]
         if fastest > limit:
             raise ContractViolation(
                 f"{log.name}: velocity of {joint}: expected at most {limit:.2f} rad/s, got "
@@ -52,7 +51,7 @@ def _hint(in_radians: np.ndarray, reversed_sign: np.ndarray, lower: float, upper
     return ""
 
 
-def _check_velocity(log: Log, panda: PandaModel) -> None:
+def _check_velocity(log: Log, arm: Arm) -> None:
     """Velocity is the derivative of position."""
     step = max(1, round(0.01 / np.median(np.diff(log.time))))
     time = log.time[::step]
@@ -65,7 +64,7 @@ def _check_velocity(log: Log, panda: PandaModel) -> None:
         ]
     )
     measured = np.diff(area[::step], axis=0) / np.diff(time)[:, None]
-    for j, joint in enumerate(panda.joints):
+    for j, joint in enumerate(arm.joints):
         if derived[:, j].std() < STANDSTILL and measured[:, j].std() < STANDSTILL:
             continue
         energy = (measured[:, j] ** 2).sum()
@@ -77,30 +76,38 @@ def _check_velocity(log: Log, panda: PandaModel) -> None:
             )
 
 
-def _check_torque(log: Log, panda: PandaModel) -> None:
+def _check_torque(log: Log, arm: Arm) -> None:
     """No exchange of joints or signs explains the torques far better than the names given."""
-    samples = _thinned(sample([log]))
-    given = _residual_energy(samples, panda)
-    count = len(panda.joints)
-    same = np.arange(count)
-    for what, channels in (
-        ("torque", ("torque",)),
-        ("position, velocity and torque", ("position", "velocity", "acceleration", "torque")),
+    samples = sample([log])
+    rows = _most_motion(samples)
+    if not rows.size:
+        return
+    count = len(arm)
+    same, plain = np.arange(count), np.ones(count)
+    trials = [("", (), same, plain)]
+    for j in range(count):
+        flip = plain.copy()
+        flip[j] = -1
+        trials.append((f"of {arm.joints[j]} with reversed sign", (j,), same, flip))
+    for i, k in combinations(range(count), 2):
+        order = same.copy()
+        order[[i, k]] = order[[k, i]]
+        trials.append((f"of {arm.joints[i]} and {arm.joints[k]} exchanged", (i, k), order, plain))
+    channels = [getattr(samples, name)[rows] for name in ("position", "velocity", "acceleration")]
+    torque = samples.torque[rows]
+
+    def tried(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([values[:, order] * flip for _, _, order, flip in trials])
+
+    moved = expected_torque(*map(tried, channels), arm, samples.with_gravity).reshape(len(trials), *torque.shape)
+    answered = tried(torque).reshape(moved.shape)
+    for what, residual in (
+        ("torque", answered - moved[0]),
+        ("position, velocity and torque", answered - moved),
     ):
-        trials = []
-        for j in range(count):
-            flip = np.ones(count)
-            flip[j] = -1
-            trials.append((f"of {panda.joints[j]} with reversed sign", (j,), same, flip))
-        for i, k in combinations(range(count), 2):
-            order = same.copy()
-            order[[i, k]] = order[[k, i]]
-            trials.append(
-                (f"of {panda.joints[i]} and {panda.joints[k]} exchanged", (i, k), order, np.ones(count))
-            )
-        for text, joints, order, flip in trials:
-            changed = replace(samples, **{name: getattr(samples, name)[:, order] * flip for name in channels})
-            fall = given - _residual_energy(changed, panda)
+        # An error of a thousandth of the torque limit is none; offsets are allowed.
+        energy = np.log(residual.var(axis=1) + (1e-3 * arm.torque_limit) ** 2)
+        for (text, joints, _, _), fall in zip(trials[1:], energy[0] - energy[1:]):
             if fall[list(joints)].min() > DECISIVE and fall.sum() > DECISIVE:
                 raise ContractViolation(
                     f"{log.name}: {what}: expected torques of the nominal arm in the order of its joints, "
@@ -108,34 +115,7 @@ def _check_torque(log: Log, panda: PandaModel) -> None:
                 )
 
 
-def _thinned(samples: Samples) -> Samples:
-    """At most ROWS samples, those with most motion."""
-    speed = np.abs(samples.velocity).max(axis=1)
-    moving = np.flatnonzero(speed > STANDSTILL)
-    kept = (
-        moving[np.linspace(0, moving.size - 1, min(ROWS, moving.size)).astype(int)] if moving.size else moving
-    )
-    return replace(
-        samples,
-        **{
-            name: getattr(samples, name)[kept]
-            for name in (
-                "time",
-                "trajectory",
-                "position",
-                "velocity",
-                "acceleration",
-                "torque",
-                "torque_rate",
-            )
-        },
-    )
-
-
-def _residual_energy(samples: Samples, panda: PandaModel) -> np.ndarray:
-    """Log of the mean square residual (7,) of each joint, offsets allowed."""
-    if not len(samples):
-        return np.zeros(len(panda.joints))
-    residual = samples.torque - expected_torque(samples, panda)
-    # An error of a thousandth of the torque limit is none.
-    return np.log(residual.var(axis=0) + (1e-3 * panda.torque_limit) ** 2)
+def _most_motion(samples: Samples) -> np.ndarray:
+    """At most ROWS rows in which something moves."""
+    moving = np.flatnonzero(np.abs(samples.velocity).max(axis=1) > STANDSTILL)
+    return moving[np.linspace(0, moving.size - 1, min(ROWS, moving.size)).astype(int)] if moving.size else moving

@@ -1,7 +1,9 @@
-"""Blocks of samples, and for each joint the sums over blocks that every least-squares question needs.
+"""From residuals and effects to sums: all that a least-squares question about a recording needs.
 
-All candidate structures of a joint are choices of columns from one matrix. Its Gram matrices, one a block,
-hold everything: a fit to any blocks, and its error on any other, is a few operations on small matrices.
+A cell is one stage of one joint: its residual, and the columns of every parameter that shows in it, both
+prewhitened by the autoregression of what all columns together leave (Cochrane and Orcutt 1949), so that
+neighbouring rows count for no more than they say. Held are the Gram matrices of each block, and of each block
+with its surroundings: any fit to all other blocks, and its error on this one, is a few small matrices.
 """
 
 from __future__ import annotations
@@ -10,159 +12,333 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_diagnosis.effects import Effect, arm_effects, joint_effects, nuisances
-from np_diagnosis.nominal import STANDSTILL, Prediction
-from np_diagnosis.signals import DECIMATION, GRID, Samples
+from np_diagnosis.effects import Context, Effect, Parameter, all_effects
+from np_diagnosis.stages import STANDSTILL
 
 BLOCKS = 10  # at least
 BLOCK_DURATION = 3.0  # s, where there are more
-LEAST_ROWS = 20  # of motion in a block, below which it says nothing about a joint
+LEAST_ROWS = 8  # in a block, below which it says nothing of a cell
 GAP = 0.5  # s left out of training on either side of the block that is predicted
-NUISANCES = 2
+ORDER = 2  # of the autoregression
+KINK = 0.02  # rad/s^2 by which the target's acceleration may jump for what was fed forward to be known
+
+REVERSAL = "r2 at reversal"
+SLOWEST = 0.002  # rad/s, below which a joint may be standing
+
+DELAY = 2.7e-4  # s between command and torque that any loop has
+
+# What every candidate may use besides its own, by stage: delay of torque against command, of torque against
+# motion, error of the inertial torque, zero of the motor's encoder.
+NUISANCES = {
+    "r0": (),
+    "r1": (Parameter("delay", "s", -3e-4, 8e-4, 1e-4, centre=DELAY),),
+    "r2": (Parameter("delay", "s", -8e-4, 8e-4, 2e-4), Parameter("inertia", "1", -0.5, 0.5, 0.03)),
+    "r3": (Parameter("zero", "rad", -0.1, 0.1, 0.01),),
+    REVERSAL: (),
+}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Block:
-    """Rows that are predicted together, and the rows (these and their surroundings) kept out of that fit."""
+    """Rows from start to end (s) of one trajectory, predicted together from what is a gap away."""
 
-    rows: np.ndarray
-    excluded: np.ndarray
-
-
-def make_blocks(samples: Samples, gap: float = GAP) -> list[Block]:
-    """Contiguous stretches of one trajectory each, of about equal length.
-
-    Short trajectories are blocks of their own. Raises ValueError where a block would not be three gaps long.
-    """
-    trajectories = [np.flatnonzero(samples.trajectory == k) for k in np.unique(samples.trajectory)]
-    pieces = [1] * len(trajectories)
-    count = max(BLOCKS, int(len(samples) * GRID * DECIMATION / BLOCK_DURATION))
-    while sum(pieces) < count:
-        pieces[int(np.argmax([len(rows) / n for rows, n in zip(trajectories, pieces)]))] += 1
-    margin = round(gap / (GRID * DECIMATION))
-    blocks = []
-    for rows, n in zip(trajectories, pieces):
-        for part in np.array_split(np.arange(len(rows)), n):
-            if part.size < 3 * margin:
-                raise ValueError(
-                    f"expected blocks of at least {3 * gap} s, {count} in all; got "
-                    f"{part.size * GRID * DECIMATION:.2f} s: record more"
-                )
-            blocks.append(Block(rows[part], rows[max(0, part[0] - margin) : part[-1] + 1 + margin]))
-    return blocks
+    trajectory: int
+    start: float
+    end: float
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
-    """Gram matrices (m, K + 1, K + 1) of columns and residual, over `rows` (m,) rows each."""
+class Candidate:
+    """An effect at a place: joint number or None for the arm; ids of its parameters."""
 
-    gram: np.ndarray
+    effect: Effect
+    joint: int | None
+    ids: np.ndarray
+    component_joint: int | None = None  # that an effect of the arm sits at
+
+    def at(self, joints: tuple[str, ...]) -> str:
+        """Joint name, or the arm effect's own component."""
+        return self.effect.component if self.joint is None else joints[self.joint]
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """One stage of one joint. ids (p,): parameters with columns here, those of nuisances first; test, held
+    (m, p + 1, p + 1): Gram matrices of columns and residual, of each block and of what its fit must not see;
+    test_rows, held_rows (m,). matrix (n, p), residual (n,), rows (n,) bool and block (n,): before whitening,
+    which rows count, the block each is in (-1: none). whiten: coefficients of the autoregression."""
+
+    stage: str
+    joint: int
+    ids: np.ndarray
+    test: np.ndarray
+    held: np.ndarray
+    test_rows: np.ndarray
+    held_rows: np.ndarray
+    matrix: np.ndarray
+    residual: np.ndarray
     rows: np.ndarray
+    block: np.ndarray
+    whiten: np.ndarray
 
-    def shifted(self, columns: np.ndarray, parameters: np.ndarray) -> Sums:
-        """The sums of what is left of the residual after columns @ parameters (m, len(columns))."""
-        change = np.zeros((len(self.gram), self.gram.shape[1]))
-        change[:, columns] = parameters
-        gram = self.gram.copy()
-        side = gram[:, :, -1] - np.einsum("bij,bj->bi", gram, change)
-        gram[:, :, -1], gram[:, -1, :] = side, side
-        gram[:, -1, -1] = (
-            self.gram[:, -1, -1]
-            - 2 * np.einsum("bi,bi->b", self.gram[:, :, -1], change)
-            + np.einsum("bi,bij,bj->b", change, self.gram, change)
-        )
-        return Sums(gram, self.rows)
+    @property
+    def train(self) -> np.ndarray:
+        """Gram matrices (m, p + 1, p + 1) of all that the fit for each block may see."""
+        return self.test.sum(axis=0) - self.held
+
+    @property
+    def used(self) -> np.ndarray:
+        """Blocks (m,) with enough rows to be predicted."""
+        return self.test_rows >= LEAST_ROWS
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """One joint's columns and sums.
+    """All cells, all candidates, and the parameters (by id) with their priors."""
 
-    columns: effect key -> indices; prior, lower, upper (K,), nuisances first; test and train: sums over each
-    block, and over everything but the block and its surroundings; correlation: samples that count as one.
-    Only rows in which the joint moves count (`moving` (n,)): a joint that stands is held by friction of any
-    size up to its level, and its torque says nothing. torque_limit: Nm.
+    context: Context
+    cells: tuple[Cell, ...]
+    candidates: tuple[Candidate, ...]
+    parameters: tuple[Parameter, ...]
+    nuisances: tuple[np.ndarray, ...]  # ids by joint
+    blocks: tuple[Block, ...]
+
+    def of(self, joint: int) -> list[Cell]:
+        """The cells of a joint."""
+        return [cell for cell in self.cells if cell.joint == joint]
+
+
+def make_blocks(context: Context, gap: float = GAP) -> tuple[Block, ...]:
+    """Contiguous stretches of one trajectory each, of about equal length.
+
+    Raises ValueError where a block would not be three gaps long.
     """
+    samples = context.samples
+    spans = []
+    for number in np.unique(samples.trajectory):
+        time = samples.time[samples.trajectory == number]
+        spans.append((int(number), float(time[0]), float(time[-1]) + 1e-6))
+    total = sum(end - start for _, start, end in spans)
+    count = max(BLOCKS, int(total / BLOCK_DURATION))
+    pieces = [1] * len(spans)
+    while sum(pieces) < count:
+        pieces[int(np.argmax([(e - s) / n for (_, s, e), n in zip(spans, pieces)]))] += 1
+    blocks = []
+    for (number, start, end), n in zip(spans, pieces):
+        if (end - start) / n < 3 * gap:
+            raise ValueError(
+                f"expected blocks of at least {3 * gap} s, {count} in all; got {(end - start) / n:.2f} s: "
+                "record more"
+            )
+        edges = np.linspace(start, end, n + 1)
+        blocks += [Block(number, a, b) for a, b in zip(edges[:-1], edges[1:])]
+    return tuple(blocks)
 
-    joint: int
-    effects: dict[str, Effect]
-    columns: dict[str, np.ndarray]
-    matrix: np.ndarray
-    residual: np.ndarray
-    prior: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    test: Sums
-    train: Sums
-    correlation: float
-    moving: np.ndarray
-    torque_limit: float
 
-    @property
-    def used(self) -> np.ndarray:
-        """Blocks (m,) in which the joint moves enough to be predicted."""
-        return self.test.rows >= LEAST_ROWS
+def make_design(context: Context) -> Design:
+    """Columns of every effect in every stage of every joint, and their sums."""
+    parameters: list[Parameter] = []
+
+    def new(parts: tuple[Parameter, ...]) -> np.ndarray:
+        parameters.extend(parts)
+        return np.arange(len(parameters) - len(parts), len(parameters))
+
+    stages = Stages(context)
+    nuisance = [{stage: new(NUISANCES[stage]) for stage in stages.names} for _ in context.arm.joints]
+    candidates = []
+    for effect in all_effects(context):
+        places = [None] if effect.is_arm else range(len(context.arm))
+        for joint in places:
+            if effect.only_joint is None or effect.only_joint == joint:
+                at = context.arm.joints.index(effect.component) if effect.component in context.arm.joints else None
+                candidates.append(Candidate(effect, joint, new(effect.parameters), at))
+    blocks = make_blocks(context)
+    cells = []
+    for joint in range(len(context.arm)):
+        for stage in stages.names:
+            matrix, ids = [stages.nuisances(stage, joint)], [nuisance[joint][stage]]
+            for candidate in candidates:
+                if candidate.joint in (None, joint):
+                    columns = stages.columns(candidate.effect, stage, joint)
+                    if columns is not None:
+                        matrix.append(columns)
+                        ids.append(candidate.ids)
+            cells.append(
+                make_cell(stages, stage, joint, np.concatenate(ids), np.column_stack(matrix), blocks, parameters)
+            )
+    ids = tuple(np.concatenate([n[stage] for stage in stages.names]) for n in nuisance)
+    return Design(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks)
 
 
-def make_design(
-    samples: Samples, prediction: Prediction, joint: int, blocks: list[Block], torque_limit: float
-) -> Design:
-    """Columns of every effect for one joint, and their sums."""
-    nuisance, prior = nuisances(samples, prediction, joint)
-    matrix, priors = [nuisance], [prior]
-    lower, upper = [np.full(NUISANCES, -np.inf)], [np.full(NUISANCES, np.inf)]
-    effects, columns, width = {}, {}, NUISANCES
-    for effect in joint_effects() + arm_effects():
-        matrix.append(effect.columns(samples, prediction, joint))
-        columns[effect.key] = np.arange(width, width + len(effect.parameters))
-        effects[effect.key] = effect
-        width += len(effect.parameters)
-        priors.append(np.array([p.prior for p in effect.parameters]))
-        lower.append(np.array([p.lower for p in effect.parameters]))
-        upper.append(np.array([p.upper for p in effect.parameters]))
-    table = np.column_stack(matrix)
-    residual = samples.torque[:, joint] - prediction.total[:, joint]
-    moving = np.abs(samples.velocity[:, joint]) > STANDSTILL
-    whole = np.column_stack([table, residual]) * moving[:, None]
-    gram = np.array([whole[b.rows].T @ whole[b.rows] for b in blocks])
-    held = np.array([whole[b.excluded].T @ whole[b.excluded] for b in blocks])
-    count, left_out = (
-        np.array([moving[rows].sum() for rows in side])
-        for side in ([b.rows for b in blocks], [b.excluded for b in blocks])
+class Stages:
+    """Residuals, times and rows of each stage that this recording has."""
+
+    def __init__(self, context: Context):
+        self.context = context
+        self._projected: dict[tuple[int, int], np.ndarray] = {}
+        self.names = ["r2", REVERSAL]
+        self._slides = np.column_stack([_slides(context, j) for j in range(len(context.arm))])
+        if context.drive is not None:
+            self.names += ["r0", "r1"]
+            self._is_smooth = _smooth(context)
+        if context.transmission is not None:
+            self.names.append("r3")
+
+    def times(self, stage: str) -> tuple[np.ndarray, np.ndarray]:
+        """(trajectory (n,), time (n,)) of the rows."""
+        source = {"r2": self.context.samples, "r3": self.context.transmission}.get(rung(stage), self.context.drive)
+        return source.trajectory, source.time
+
+    def residual(self, stage: str, joint: int) -> np.ndarray:
+        """Residual (n,)."""
+        c = self.context
+        if rung(stage) == "r2":
+            return c.samples.torque[:, joint] - c.prediction.total[:, joint]
+        if stage == "r3":
+            return c.transmission.twist[:, joint]
+        if stage == "r0":
+            return c.drive.commanded[:, joint] - c.drive.law[:, joint]
+        return c.drive.measured[:, joint] - c.drive.commanded[:, joint]
+
+    def columns(self, effect: Effect, stage: str, joint: int) -> np.ndarray | None:
+        """Columns (n, parameters) of an effect, None where it does not show.
+
+        With commands, r2 is taken from the commanded torque: its noise is then none of r1's. What the drive
+        makes of a command is missing from it, whatever the sensor says.
+        """
+        c = self.context
+        own = effect.columns.get(rung(stage))
+        if rung(stage) != "r2" or c.drive is None or "r1" not in effect.columns:
+            return None if own is None else own(c, joint)
+        if effect.module == "sensing":
+            return None
+        key = (id(effect), joint)
+        if key not in self._projected:
+            d, values = c.drive, effect.columns["r1"](c, joint)
+            projected = [c.samples.project(d.trajectory, d.time + d.period / 2, column) for column in values.T]
+            self._projected[key] = -np.column_stack(projected)
+        return self._projected[key]
+
+    def rows(self, stage: str, joint: int) -> np.ndarray:
+        """Rows (n,) that count. A joint that stands is held by friction of any size up to its level: its
+        torque says nothing of the motion. Reversals are apart, since friction there is another matter."""
+        c = self.context
+        if stage == "r2":
+            return self._slides[:, joint]
+        if stage == REVERSAL:
+            return (np.abs(c.samples.velocity[:, joint]) > SLOWEST) & ~self._slides[:, joint]
+        if stage == "r3":
+            return np.isfinite(c.transmission.twist[:, joint])
+        if stage == "r0":
+            return self._is_smooth
+        return np.ones(len(c.drive.time), bool)
+
+    def nuisances(self, stage: str, joint: int) -> np.ndarray:
+        """Columns (n, count) of `NUISANCES`."""
+        c = self.context
+        if stage == "r2":
+            return np.column_stack(
+                [c.samples.torque_rate[:, joint], c.prediction.inertial[:, joint] + c.prediction.rotors[:, joint]]
+            )
+        if stage == "r3":
+            return np.ones((len(c.transmission.time), 1))
+        if stage == REVERSAL:
+            return np.zeros((len(c.samples), 0))
+        if stage == "r0":
+            return np.zeros((len(c.drive.time), 0))
+        rate = [np.gradient(part, c.drive.period) for part in np.split(c.drive.commanded[:, joint], c.drive.starts[1:])]
+        return -np.concatenate(rate)[:, None]
+
+
+def rung(stage: str) -> str:
+    """The rung of the ladder (r0 .. r3) that a stage is of."""
+    return stage[:2]
+
+
+def _slides(context: Context, joint: int) -> np.ndarray:
+    """Rows (n,) of the samples whose whole filter window saw the joint slide in one direction."""
+    fastest = context.samples.filtered_extreme(joint, np.min)
+    slowest = context.samples.filtered_extreme(joint, np.max)
+    return (fastest > STANDSTILL) | (slowest < -STANDSTILL)
+
+
+def _smooth(context: Context) -> np.ndarray:
+    """Rows (n,) of the drive at which the target's acceleration, which was fed forward, is known: the velocity
+    of the target has no kink there."""
+    d = context.drive
+    kinked = np.zeros(len(d.time), bool)
+    for number, log in enumerate(context.logs):
+        c = log.commands
+        if c is None:
+            continue
+        bend = np.diff(c.target_velocity, 2, axis=0) / d.period
+        around = 0.5 * (bend[:-4] + bend[4:])
+        kink = np.abs(bend[2:-2] - around).max(axis=1) > KINK
+        times = log.time[c.rows][3:-3][kink]
+        rows = np.flatnonzero(d.trajectory == number)
+        kinked[rows] = np.isin(np.round(d.time[rows] / d.period), np.round(times / d.period))
+    edges = np.concatenate([[0], d.starts, [len(d.time)]])
+    for start in edges:
+        kinked[max(0, start - 4) : start + 4] = True
+    return ~kinked
+
+
+def make_cell(stages, stage, joint, ids, matrix, blocks, parameters, whiten=None) -> Cell:
+    """Sums of one stage of one joint. whiten: autoregression to use; None: from the data."""
+    trajectory, time = stages.times(stage)
+    rows, residual = stages.rows(stage, joint), stages.residual(stage, joint)
+    whole = np.column_stack([matrix, residual])
+    whole[~rows] = 0.0
+    prior = np.array([parameters[i].prior for i in ids])
+    if whiten is None:
+        whiten = _autoregression(whole[rows], prior)
+    white, kept = _whitened(whole, whiten, rows, trajectory)
+    block = np.full(len(time), -1)
+    shape = (len(blocks), len(ids) + 1, len(ids) + 1)
+    test, held = np.empty(shape), np.empty(shape)
+    test_rows, held_rows = np.empty(len(blocks)), np.empty(len(blocks))
+    for b, part in enumerate(blocks):
+        mine = trajectory == part.trajectory
+        inside = mine & (time >= part.start) & (time < part.end)
+        near = mine & (time >= part.start - GAP) & (time < part.end + GAP)
+        block[inside] = b
+        for mask, gram, count in ((inside, test, test_rows), (near, held, held_rows)):
+            first, last = _span(mask)
+            rows_here = white[first:last][(mask & kept)[first:last]]
+            gram[b] = rows_here.T @ rows_here
+            count[b] = len(rows_here)
+    return Cell(stage, joint, ids, test, held, test_rows, held_rows, matrix, residual, kept, block, whiten)
+
+
+def _span(mask: np.ndarray) -> tuple[int, int]:
+    if not mask.any():
+        return 0, 0
+    return int(mask.argmax()), len(mask) - int(mask[::-1].argmax())
+
+
+def _autoregression(whole: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Coefficients of what all columns together leave, by Yule and Walker; zeros where too short."""
+    if len(whole) < 50:
+        return np.zeros(ORDER)
+    scaled, side = whole[:, :-1] * prior, whole[:, -1]
+    if scaled.shape[1]:
+        normal = scaled.T @ scaled
+        spread = max(np.median(np.abs(side)) ** 2, 1e-12)
+        side = side - scaled @ np.linalg.solve(normal + spread * np.eye(len(normal)), scaled.T @ side)
+    correlation = np.array(
+        [np.mean(side[lag:] * side[: len(side) - lag]) for lag in range(ORDER + 1)]
     )
-    total = whole.T @ whole
-    scale = np.concatenate(priors)
-    return Design(
-        joint,
-        effects,
-        columns,
-        table,
-        residual,
-        scale,
-        np.concatenate(lower),
-        np.concatenate(upper),
-        Sums(gram, count),
-        Sums(total - held, moving.sum() - left_out),
-        _correlation(table[moving], residual[moving], scale),
-        moving,
-        torque_limit,
-    )
+    if correlation[0] <= 1e-20:
+        return np.zeros(ORDER)
+    table = correlation[np.abs(np.subtract.outer(np.arange(ORDER), np.arange(ORDER)))]
+    return np.linalg.solve(table + 1e-3 * correlation[0] * np.eye(ORDER), correlation[1:])
 
 
-def _correlation(matrix: np.ndarray, residual: np.ndarray, prior: np.ndarray) -> float:
-    """Integrated autocorrelation time, in samples, of what all columns together leave."""
-    scaled = matrix * prior
-    left = residual - scaled @ np.linalg.solve(
-        scaled.T @ scaled + 0.05**2 * np.eye(scaled.shape[1]), scaled.T @ residual
-    )
-    if len(left) < LEAST_ROWS:
-        return 1.0
-    left = left - left.mean()
-    size = 1 << int(np.ceil(np.log2(2 * len(left))))
-    spectrum = np.fft.rfft(left, size)
-    correlation = np.fft.irfft(spectrum * spectrum.conj(), size)[: len(left) // 4]
-    if correlation[0] <= 0:
-        return 1.0
-    correlation = correlation / correlation[0]
-    first = np.flatnonzero(correlation <= 0.05)
-    return float(1 + 2 * correlation[1 : first[0] if first.size else None].sum())
+def _whitened(whole, coefficients, rows, trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """(columns through the autoregression's inverse, rows all of whose past counts)."""
+    white, kept = whole.copy(), rows.copy()
+    for lag, c in enumerate(coefficients, 1):
+        white[lag:] -= c * whole[:-lag]
+        kept[lag:] &= rows[:-lag] & (trajectory[lag:] == trajectory[:-lag])
+        kept[:lag] = False
+    return white, kept

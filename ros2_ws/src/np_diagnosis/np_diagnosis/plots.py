@@ -10,8 +10,10 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from np_diagnosis.diagnosis import Diagnosis
+from np_diagnosis.signals import DECIMATION, GRID
 
 WIDTH = 9.6
+RATE = 1 / (GRID * DECIMATION)  # samples a second
 BEFORE, AFTER, FLOOR = "#b0b7c3", "#1f5fa8", "#2f8f3a"
 _STYLE = {
     "font.size": 9,
@@ -26,22 +28,17 @@ _STYLE = {
 
 
 def gap_plot(diagnosis: Diagnosis) -> str:
-    """Held-out RMSE of each joint before and after, with its floor."""
+    """Held-out gap of each joint before and after, with its floor."""
+    gap, joints = diagnosis.gap, diagnosis.context.arm.joints
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
         axes = figure.add_subplot()
-        place = np.arange(len(diagnosis.joints))
-        axes.bar(
-            place - 0.2, [r.before for r in diagnosis.joints], 0.4, color=BEFORE, label="nominal simulator"
-        )
-        axes.bar(place + 0.2, [r.after for r in diagnosis.joints], 0.4, color=AFTER, label="effects added")
-        axes.hlines(
-            [r.floor for r in diagnosis.joints], place - 0.45, place + 0.45, color=FLOOR, lw=2, label="floor"
-        )
-        axes.set_xticks(
-            place, [f"{r.joint}\n{r.verdict.replace('_', ' ')}" for r in diagnosis.joints], fontsize=8
-        )
-        axes.set_ylabel("held-out RMSE (Nm)")
+        place = np.arange(len(joints))
+        axes.bar(place - 0.2, gap.before_joint, 0.4, color=BEFORE, label="nominal simulator")
+        axes.bar(place + 0.2, gap.after_joint, 0.4, color=AFTER, label="effects added")
+        axes.hlines(gap.floor_joint, place - 0.45, place + 0.45, color=FLOOR, lw=2, label="floor")
+        axes.set_xticks(place, joints, fontsize=8)
+        axes.set_ylabel("torque gap (Nm)")
         axes.grid(False, axis="x")
         figure.legend(fontsize=8, loc="outside upper right", ncols=3, frameon=False)
         return _svg(figure)
@@ -49,28 +46,35 @@ def gap_plot(diagnosis: Diagnosis) -> str:
 
 def residual_plot(diagnosis: Diagnosis) -> str:
     """Residual torque over time, before and held out after."""
-    return _grid(diagnosis, np.arange(len(diagnosis.samples)) * 0.01, "sample time (s)", "-", 0.7)
+    return _grid(diagnosis, True, "sample time (s)", "-", 0.7)
 
 
 def velocity_plot(diagnosis: Diagnosis) -> str:
     """Residual torque over velocity: what friction looks like."""
-    return _grid(diagnosis, None, "velocity (rad/s)", ".", 1.0)
+    return _grid(diagnosis, False, "velocity (rad/s)", ".", 1.0)
 
 
-def _grid(diagnosis: Diagnosis, time, label: str, mark: str, size: float) -> str:
+def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: float) -> str:
+    samples = diagnosis.context.samples
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
-        panels = figure.subplots(2, 4).ravel()
-        stride = max(1, len(diagnosis.samples) // 1500)
-        for j, (axes, result) in enumerate(zip(panels, diagnosis.joints)):
-            x = (diagnosis.samples.velocity[:, j] if time is None else time)[::stride]
-            for values, colour in ((result.residual_before, BEFORE), (result.residual_after, AFTER)):
-                axes.plot(x, values[::stride], mark, color=colour, lw=size, ms=size)
-            axes.set_title(result.joint, fontsize=8)
+        columns = (len(diagnosis.context.arm) + 2) // 2
+        panels = figure.subplots(2, columns).ravel()
+        stride = max(1, len(samples) // 1500)
+        for n, cell in enumerate(diagnosis.design.cells):
+            if cell.stage != "r2":
+                continue
+            axes = panels[cell.joint]
+            x = np.arange(len(samples)) / RATE if over_time else samples.velocity[:, cell.joint]
+            for values, colour in ((cell.residual, BEFORE), (diagnosis.gap.residuals[n], AFTER)):
+                shown = np.where(cell.rows, values, np.nan)
+                axes.plot(x[::stride], shown[::stride], mark, color=colour, lw=size, ms=size)
+            axes.set_title(diagnosis.context.arm.joints[cell.joint], fontsize=8)
             axes.set_xlabel(label, fontsize=8)
         panels[0].set_ylabel("residual (Nm)")
-        panels[4].set_ylabel("residual (Nm)")
-        panels[-1].axis("off")
+        panels[columns].set_ylabel("residual (Nm)")
+        for axes in panels[len(diagnosis.context.arm) :]:
+            axes.axis("off")
         for text, colour, height in (
             ("nominal simulator", BEFORE, 0.6),
             ("effects added, held out", AFTER, 0.4),

@@ -1,4 +1,7 @@
-"""Recordings to logs. Fails closed: what breaks the contract of docs/graph.md is no evidence of friction."""
+"""Recordings to logs. Fails closed: what breaks the contract of docs/graph.md is no evidence of friction.
+
+Messages are read in bulk from their bytes (np_diagnosis.bulk), three minutes at 500 Hz in about a second.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from np_bringup.bag import BagError, Recording
+from np_control.impedance import STIFFNESS_MAX, damping
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_ros.messages import BadMessage, joint_state_arrays, stamp_nanoseconds
 
+from np_diagnosis.bulk import BulkError, joint_states
 from np_diagnosis.signals import Commands, Log
 
 PERIOD = 0.002  # s between joint states
@@ -17,15 +21,23 @@ PERIOD_TOLERANCE = 0.05
 LARGEST_LOSS = 0.02  # share of joint states that may be missing
 SECOND = 1e9
 NPZ_KEYS = {"t_s": 1, "q_rad": 2, "dq_rad_s": 2, "tau_J_Nm": 2}  # name: dimensions
+PD_KEYS = {
+    "time": 1,
+    "dof_pos": 2,
+    "dof_vel": 2,
+    "des_dof_pos": 2,
+    "des_dof_vel": 2,
+    "des_dof_torque": 2,
+}
 
 
 class ContractViolation(ValueError):
     """A recording that cannot mean what its topics or columns claim; says what was expected and found."""
 
 
-def read(path: str | Path) -> Log:
+def read(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
     """A log from a rosbag2 folder, or from an .npz file (`read_npz`). Raises ContractViolation."""
-    return read_npz(path) if Path(path).suffix == ".npz" else read_bag(path)
+    return read_npz(path, joints) if Path(path).suffix == ".npz" else read_bag(path)
 
 
 def read_bag(path: str | Path) -> Log:
@@ -37,81 +49,106 @@ def read_bag(path: str | Path) -> Log:
     name = f"bag {path}"
     try:
         with Recording(path, required=("joint_states",)) as recording:
-            states = _joint_states(recording, "joint_states", STATE_NAMES)
-            commands = _joint_states(recording, "effort_command", JOINT_NAMES)
-            has_own_gains = not recording.counts.get("target_gains")
-    except (BagError, BadMessage) as error:
+            raw: dict[str, list] = {}
+            for message in recording.messages(
+                "joint_states", "effort_command", "motor_states", "target_gains", "phase"
+            ):
+                raw.setdefault(message.topic.name, []).append(message)
+            stamp, values = joint_states(name, "joint_states", raw.get("joint_states", []), STATE_NAMES)
+            commanded, answers = joint_states(
+                name, "effort_command", raw.get("effort_command", []), JOINT_NAMES
+            )
+            motor_stamp, motor = joint_states(name, "motor_states", raw.get("motor_states", []), None)
+            gains = [
+                (m.stamp, np.reshape(m.decode().data, (2, len(JOINT_NAMES))))
+                for m in raw.get("target_gains", [])
+            ]
+            phases = [(m.stamp, m.decode().data) for m in raw.get("phase", [])]
+    except (BagError, BulkError) as error:
         raise ContractViolation(str(error)) from error
-    stamp, values = states
     _check_times(name, stamp / SECOND, PERIOD)
     time = (stamp - stamp[0]) / SECOND
     joints = values[:, :, : len(JOINT_NAMES)]
-    answers = None
-    if len(commands[0]):
-        _check_order(f"{name}: effort_command", commands[0] / SECOND)
-        common, rows, answer = np.intersect1d(stamp, commands[0], return_indices=True)
-        if len(common) < (1 - LARGEST_LOSS) * len(commands[0]):
-            raise ContractViolation(
-                f"{name}: effort_command: expected the stamps of joint_states, "
-                f"{len(commands[0]) - len(common)} of {len(commands[0])} have others"
-            )
-        target, velocity, torque = commands[1][answer].transpose(1, 0, 2)
-        answers = Commands(rows, target, velocity, torque, time[rows] + PERIOD / 2, has_own_gains)
     return Log(
-        Path(path).name, time, joints[:, 0], joints[:, 1], joints[:, 2], time - PERIOD / 2, False, answers
+        Path(path).name,
+        time,
+        joints[:, 0],
+        joints[:, 1],
+        joints[:, 2],
+        time - PERIOD / 2,
+        False,
+        _commands(name, stamp, time, commanded, answers, gains),
+        _motor(name, stamp, motor_stamp, motor),
+        tuple(((at - stamp[0]) / SECOND, text) for at, text in phases),
     )
 
 
-def read_npz(path: str | Path) -> Log:
-    """Arrays t_s (n,), q_rad, dq_rad_s, tau_J_Nm (n, 7), torque with gravity. Raises ContractViolation.
+def _commands(name, stamp, time, commanded, answers, gains) -> Commands | None:
+    if not len(commanded):
+        return None
+    _check_order(f"{name}: effort_command", commanded / SECOND)
+    common, rows, answer = np.intersect1d(stamp, commanded, return_indices=True)
+    if len(common) < (1 - LARGEST_LOSS) * len(commanded):
+        raise ContractViolation(
+            f"{name}: effort_command: expected the stamps of joint_states, "
+            f"{len(commanded) - len(common)} of {len(commanded)} have others"
+        )
+    target, velocity, torque = answers[answer].transpose(1, 0, 2)
+    stiffness = np.tile(STIFFNESS_MAX, (len(rows), 1))
+    ratio = np.ones_like(stiffness)
+    for at, table in gains:
+        after = common >= at
+        stiffness[after], ratio[after] = table
+    return Commands(
+        rows, target, velocity, torque, time[rows] + PERIOD / 2, stiffness, damping(stiffness, ratio)
+    )
 
-    These are the names of libfranka's robot state; stamps may be a PC's and jitter.
+
+def _motor(name, stamp, motor_stamp, motor) -> np.ndarray | None:
+    """Motor angles at the stamps of the joint states, NaN where there is none."""
+    if not len(motor_stamp):
+        return None
+    if motor.shape[2] < len(JOINT_NAMES):
+        raise ContractViolation(f"{name}: motor_states: expected {len(JOINT_NAMES)} joints")
+    _, rows, found = np.intersect1d(stamp, motor_stamp, return_indices=True)
+    angles = np.full((len(stamp), len(JOINT_NAMES)), np.nan)
+    angles[rows] = motor[found, 0, : len(JOINT_NAMES)]
+    return angles
+
+
+def read_npz(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
+    """Arrays of one of two kinds. Raises ContractViolation.
+
+    Measured torque (libfranka's robot state): t_s (n,), q_rad, dq_rad_s, tau_J_Nm (n, k), torque with gravity;
+    stamps may be a PC's and jitter. Targets and gains: time, dof_pos, dof_vel, des_dof_pos, des_dof_vel,
+    des_dof_torque (n, k or more), kp, kd: the drive's own law kp e - kd dq is all the torque there is, gravity
+    included.
     """
     name = f"file {path}"
     try:
         with np.load(path, allow_pickle=False) as file:
-            found = {key: np.asarray(file[key], dtype=float) for key in NPZ_KEYS if key in file.files}
-            others = sorted(set(file.files) - set(NPZ_KEYS))
+            content = {key: np.asarray(file[key], dtype=float) for key in file.files}
     except (OSError, ValueError) as error:
         raise ContractViolation(f"{name}: expected an .npz file of numbers, got: {error}") from error
-    missing = [key for key in NPZ_KEYS if key not in found]
+    keys = PD_KEYS if "des_dof_torque" in content else NPZ_KEYS
+    missing = [key for key in keys if key not in content]
     if missing:
         raise ContractViolation(
-            f"{name}: expected {', '.join(NPZ_KEYS)}; {', '.join(missing)} missing, "
-            f"found {', '.join([*found, *others]) or 'nothing'}"
+            f"{name}: expected {', '.join(keys)}; {', '.join(missing)} missing, "
+            f"found {', '.join(content) or 'nothing'}"
         )
-    time = found["t_s"]
-    for key, dimensions in NPZ_KEYS.items():
-        shape = (time.size, len(JOINT_NAMES))[:dimensions]
-        if found[key].shape != shape:
-            raise ContractViolation(f"{name}: {key}: expected shape {shape}, got {found[key].shape}")
-        if not np.isfinite(found[key]).all():
+    time = content[next(iter(keys))]
+    for key, dimensions in keys.items():
+        if keys is PD_KEYS and dimensions == 2 and content[key].ndim == 2:
+            content[key] = content[key][:, :joints]
+        shape = (time.size, joints)[:dimensions]
+        if content[key].shape != shape:
+            raise ContractViolation(f"{name}: {key}: expected shape {shape}, got {content[key].shape}")
+        if not np.isfinite(content[key]).all():
             raise ContractViolation(f"{name}: {key}: expected finite numbers")
     _check_times(name, time, None)
-    return Log(
-        Path(path).name,
-        time - time[0],
-        found["q_rad"],
-        found["dq_rad_s"],
-        found["tau_J_Nm"],
-        time - time[0],
-        True,
-    )
-
-
-def _joint_states(recording: Recording, topic: str, names) -> tuple[np.ndarray, np.ndarray]:
-    """(stamps (n,) ns, values (n, 3, joints): position, velocity, effort) of a topic."""
-    stamps, values = [], []
-    for message in recording.messages(topic):
-        decoded = message.decode()
-        try:
-            stamps.append(stamp_nanoseconds(decoded.header.stamp))
-            values.append(joint_state_arrays(decoded, names))
-        except BadMessage as error:
-            raise BadMessage(
-                error.kind, f"bag {recording.path}: {topic} at {message.stamp} ns: {error}"
-            ) from error
-    return np.array(stamps, dtype=np.int64), np.array(values, dtype=float).reshape(len(values), 3, len(names))
+    position, velocity, torque = (content[key] for key in list(keys)[1:3] + list(keys)[-1:])
+    return Log(Path(path).name, time - time[0], position, velocity, torque, time - time[0], True)
 
 
 def _check_order(name: str, time: np.ndarray) -> None:

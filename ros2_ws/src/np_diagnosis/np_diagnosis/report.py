@@ -1,62 +1,67 @@
-"""The answer as files: report.json after data/gap_report.schema.json, and report.html with everything."""
+"""The answer as files: report.json after data/gap_report.schema.json, report.html, and patch.yaml."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 
-import jinja2
 import numpy as np
 
-from np_diagnosis import plots
+from np_description.panda import NOMINAL
+from np_description.patch import Patch, PatchEffect, dump_patch
+
+from np_diagnosis.design import REVERSAL
 from np_diagnosis.diagnosis import Diagnosis, Finding
-from np_diagnosis.effects import catalogue, equivalence_classes
-from np_diagnosis.ladder import REGIMES, regimes, rungs
+from np_diagnosis.effects import equivalence_classes
+from np_diagnosis.forward import shoot
+from np_diagnosis.gap import REGIMES, regimes
 from np_diagnosis.schema import validate
 from np_diagnosis.signals import Log
 
 
-def make_report(diagnosis: Diagnosis, logs: Sequence[Log], runtime: float) -> dict:
-    """The report as a JSON object. Raises ValueError if it breaks the schema."""
+def make_report(
+    diagnosis: Diagnosis, logs: Sequence[Log], runtime: float, shots: dict | None = None
+) -> dict:
+    """The report as a JSON object; shots: of `closed_loop`. Raises ValueError if it breaks the schema."""
+    gap, joints = diagnosis.gap, diagnosis.context.arm.joints
     report = {
         "schema_version": 1,
         "verdict": diagnosis.verdict,
         "where": where(diagnosis),
-        "effects": [_effect(f) for f in _ranked(diagnosis)],
+        "effects": [_effect(f) for f in diagnosis.findings] if diagnosis.verdict != "no_gap" else [],
         "gap": {
-            "metric": "held-out RMSE of joint torque, averaged over the joints that moved",
+            "metric": "held-out RMS of the torque residuals of all rungs, averaged over the joints that moved",
             "unit": "Nm",
-            "before": diagnosis.before,
-            "after": diagnosis.after,
-            "floor": diagnosis.floor,
-            "shrink": diagnosis.shrink,
-            "shrink_ci95": [float(v) for v in diagnosis.shrink_interval],
+            "before": gap.before,
+            "after": gap.after,
+            "floor": gap.floor,
+            "shrink": gap.shrink,
+            "shrink_ci95": list(gap.shrink_interval),
             "by_component": {
-                r.joint: {
-                    "verdict": r.verdict,
-                    "before": r.before,
-                    "with_arm_effect": r.with_arm,
-                    "after": r.after,
-                    "floor": r.floor,
-                    "floor_is_measured": r.is_floor_measured,
-                    "stamp_delay_s": r.delay,
+                joint: {
+                    "before": float(gap.before_joint[j]),
+                    "after": float(gap.after_joint[j]),
+                    "floor": float(gap.floor_joint[j]),
+                    "floor_is_measured": bool(gap.is_floor_measured[j]),
+                    "moved": bool(gap.moved[j]),
+                    "unexplained": j in diagnosis.unexplained,
+                    "ladder": _ladder(diagnosis, j),
                     "regimes": _regimes(diagnosis, j),
                 }
-                for j, r in enumerate(diagnosis.joints)
+                for j, joint in enumerate(joints)
             },
+            "worse": _worse(diagnosis),
+            "closed_loop_rad": shots or {},
         },
         "next_experiment": next_experiment(diagnosis),
         "data": {
             "bags": [log.name for log in logs],
             "duration_s": sum(log.duration for log in logs),
-            "train_trajectories": diagnosis.blocks - 1,
-            "test_trajectories": diagnosis.blocks,
+            "train_trajectories": len(diagnosis.design.blocks) - 1,
+            "test_trajectories": len(diagnosis.design.blocks),
             "held_out": "each block of contiguous motion once, by a fit to the others at least 0.5 s away",
-            "ladder": {
-                log.name: {rung.name: [float(v) for v in rung.rms] for rung in rungs(log)} for log in logs
-            },
         },
         "runtime_s": runtime,
     }
@@ -65,24 +70,18 @@ def make_report(diagnosis: Diagnosis, logs: Sequence[Log], runtime: float) -> di
 
 
 def where(diagnosis: Diagnosis) -> list[dict]:
-    """Shares of the gap's energy above the floor by module and component; the rest is unknown."""
+    """Shares of the gap's energy above the floor by module and component; what is left is unknown."""
+    if diagnosis.verdict == "no_gap":
+        return []
     energy: dict[tuple[str, str], float] = {}
-
-    def add(module: str, component: str, amount: float) -> None:
-        if amount > 0:
-            energy[module, component] = energy.get((module, component), 0.0) + amount
-
-    arm = next((f for f in diagnosis.arm if f.is_chosen), None)
-    for r in diagnosis.joints:
-        if r.verdict in ("no_gap", "not_excited"):
-            continue
-        if arm is not None:
-            add(arm.effect.entry["module"], arm.component, r.before**2 - r.with_arm**2)
-        chosen = [f for f in r.findings if f.is_chosen]
-        weights = np.array([max(f.shrink, 1e-3) for f in chosen])
-        for finding, weight in zip(chosen, weights / weights.sum() if chosen else ()):
-            add(finding.effect.entry["module"], r.joint, weight * (r.with_arm**2 - r.after**2))
-        add("unknown", r.joint, r.after**2 - r.floor**2)
+    for f in diagnosis.findings:
+        if f.is_chosen and f.energy > 0:
+            key = (f.effect.module, f.component)
+            energy[key] = energy.get(key, 0.0) + f.energy
+    for j in diagnosis.unexplained:
+        left = sum((r.structure - r.flexible) / r.rows for r in diagnosis.rests if r.joint == j)
+        if left > 0:
+            energy["unknown", diagnosis.context.arm.joints[j]] = left
     total = sum(energy.values())
     ranked = sorted(energy.items(), key=lambda item: -item[1])
     return [{"module": m, "component": c, "share": float(e / total)} for (m, c), e in ranked]
@@ -90,53 +89,75 @@ def where(diagnosis: Diagnosis) -> list[dict]:
 
 def next_experiment(diagnosis: Diagnosis) -> dict | None:
     """What would split the first ambiguity of the report, None where there is none."""
-    for finding in _ranked(diagnosis):
+    for finding in diagnosis.findings:
         if not finding.is_chosen or not finding.equivalent_to:
             continue
         ids = {finding.effect.id, *finding.equivalent_to}
         split = next((text for members, text in equivalence_classes() if len(members & ids) > 1), None)
-        if split is None and ids >= {"asymmetric_coulomb_friction", "torque_offset"}:
-            split = next(
-                text for members, text in equivalence_classes() if "asymmetric_coulomb_friction" in members
-            )
         return {
-            "name": split or catalogue()[finding.effect.id]["exciting_experiment"],
+            "name": split or finding.effect.entry["exciting_experiment"],
             "separates": sorted(ids),
             "component": finding.component,
         }
     return None
 
 
-def write(out: Path, diagnosis: Diagnosis, logs: Sequence[Log], runtime: float) -> dict:
-    """Write report.json and report.html into the folder `out`; returns the report."""
-    report = make_report(diagnosis, logs, runtime)
+def write(
+    out: Path, diagnosis: Diagnosis, logs: Sequence[Log], runtime: Callable[[], float], quick: bool = False
+) -> dict:
+    """Write report.json, patch.yaml and report.html into `out`; returns the report.
+
+    runtime: s it has taken so far; quick: without closed-loop shots and page.
+    """
+    shots = None if quick else closed_loop(diagnosis, make_patch(diagnosis))
+    report = make_report(diagnosis, logs, round(runtime(), 2), shots)
     out.mkdir(parents=True, exist_ok=True)
     (out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("np_diagnosis", "data"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    ladder = [(log.name, rungs(log)) for log in logs]
-    text = environment.get_template("report.html.j2").render(
-        report=report,
-        diagnosis=diagnosis,
-        findings=_ranked(diagnosis),
-        regimes=REGIMES,
-        ladder=ladder,
-        gap_plot=plots.gap_plot(diagnosis),
-        residual_plot=plots.residual_plot(diagnosis),
-        velocity_plot=plots.velocity_plot(diagnosis),
-    )
-    (out / "report.html").write_text(text, encoding="utf-8")
+    (out / "patch.yaml").write_text(dump_patch(make_patch(diagnosis)), encoding="utf-8")
+    if not quick:
+        from np_diagnosis.page import render  # drawing is slow to import
+
+        (out / "report.html").write_text(render(report, diagnosis), encoding="utf-8")
     return report
 
 
-def _ranked(diagnosis: Diagnosis) -> list[Finding]:
-    findings = [*diagnosis.arm, *(f for r in diagnosis.joints for f in r.findings)]
-    return sorted(findings, key=lambda f: (not f.is_chosen, -f.probability))
+def make_patch(diagnosis: Diagnosis) -> Patch:
+    """The chosen effects, for the simulated arm and for training; none of a joint that stays unexplained."""
+    joints = diagnosis.context.arm.joints
+    apart = {joints[j] for j in diagnosis.unexplained}
+    chosen = [f for f in diagnosis.findings if f.is_chosen and f.component not in apart]
+    return Patch(
+        tuple(
+            PatchEffect(
+                f.effect.id,
+                f.component,
+                {**{name: e.value for name, e in f.parameters.items()}, **f.effect.constants},
+            )
+            for f in chosen
+        )
+    )
+
+
+def closed_loop(diagnosis: Diagnosis, patch: Patch) -> dict[str, dict[str, float]] | None:
+    """r4 by joint: RMS rad of the simulator's departure within a second, nominal and with the patch; None for
+    another arm, or recordings without commands."""
+    joints = diagnosis.context.arm.joints
+    if joints != NOMINAL.joints:
+        return None
+    shots = []
+    for log in diagnosis.context.logs:
+        before = shoot(log)
+        if before is None:
+            continue
+        try:
+            after = shoot(log, patch) if patch.effects else before
+        except FloatingPointError:
+            return {"diverged": {"before": 0.0, "after": 0.0}}
+        shots.append((before.rms, after.rms))
+    if not shots:
+        return None
+    old, new = np.sqrt(np.mean(np.square(shots), axis=0))
+    return {joint: {"before": float(old[j]), "after": float(new[j])} for j, joint in enumerate(joints)}
 
 
 def _effect(finding: Finding) -> dict:
@@ -150,23 +171,52 @@ def _effect(finding: Finding) -> dict:
             for name, e in finding.parameters.items()
         },
         "gap_shrink": finding.shrink,
-        "shape": finding.effect.shape,
+        "variant": finding.effect.variant,
         "is_added": finding.is_chosen,
     }
 
 
-def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | None]:
-    """RMSE Nm before and after in each regime; None where the joint was not in it while moving."""
-    result = diagnosis.joints[joint]
+def _ladder(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
+    """RMS before and after of each rung."""
     table = {}
-    for name, mask in regimes(diagnosis.samples).items():
-        rows = mask[:, joint] & np.isfinite(result.residual_after)
+    for n, cell in enumerate(diagnosis.design.cells):
+        if cell.joint == joint and cell.rows.any():
+            after = diagnosis.gap.residuals[n]
+            table[cell.stage] = {
+                "before": float(np.sqrt(np.mean(cell.residual[cell.rows] ** 2))),
+                "after": float(np.sqrt(np.mean(after[cell.rows] ** 2))),
+            }
+    return table
+
+
+def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | None]:
+    """RMS Nm of r2 before and after in each regime; None where the joint was not in it while moving."""
+    samples, cells = diagnosis.context.samples, diagnosis.design.cells
+    slide = next(n for n, c in enumerate(cells) if c.joint == joint and c.stage == "r2")
+    turn = next(n for n, c in enumerate(cells) if c.joint == joint and c.stage == REVERSAL)
+    reversing = np.zeros(samples.velocity.shape, bool)
+    reversing[:, joint] = cells[turn].rows
+    table = {}
+    for name, mask in regimes(samples.velocity, samples.acceleration, reversing).items():
+        n = turn if name == "reversal" else slide
+        rows = mask[:, joint] & cells[n].rows
         table[name] = (
             {
                 side: float(np.sqrt((values[rows] ** 2).mean()))
-                for side, values in (("before", result.residual_before), ("after", result.residual_after))
+                for side, values in (("before", cells[n].residual), ("after", diagnosis.gap.residuals[n]))
             }
             if rows.any()
             else None
         )
     return table
+
+
+def _worse(diagnosis: Diagnosis) -> list[str]:
+    """Joint and regime in which the gap grows by more than a twentieth."""
+    found = []
+    for j, joint in enumerate(diagnosis.context.arm.joints):
+        for name in REGIMES:
+            r = _regimes(diagnosis, j)[name]
+            if r and r["after"] > 1.05 * r["before"]:
+                found.append(f"{joint}: {name}")
+    return found

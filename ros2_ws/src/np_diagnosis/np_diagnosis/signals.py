@@ -9,7 +9,7 @@ import numpy as np
 
 GRID = 0.002  # s
 SMOOTHING = 0.012  # s, standard deviation of the Gaussian kernel: half power at 11 Hz
-DECIMATION = 5  # samples come at 100 Hz
+DECIMATION = 20  # samples come at 25 Hz: a kernel is about as wide as their distance, so noise stays white
 LARGEST_GAP = 0.05  # s without data over which nothing is interpolated
 
 
@@ -17,10 +17,9 @@ LARGEST_GAP = 0.05  # s without data over which nothing is interpolated
 class Commands:
     """Answers of the controller.
 
-    rows (m,): rows of the log that they answer; target (m, 7) rad, target_velocity (m, 7) rad/s, torque (m,
-    7)
-    Nm without gravity; in force at torque_time (m,) s. has_own_gains: whether the controller's own gains held
-    throughout (no target came with others).
+    rows (m,): rows of the log that they answer; target (m, k) rad, target_velocity (m, k) rad/s, torque (m, k)
+    Nm without gravity; in force at torque_time (m,) s. stiffness (m, k) Nm/rad, damping (m, k) Nms/rad: gains
+    the controller was told to use. feedforward: whether the law adds the target's inertial torque.
     """
 
     rows: np.ndarray
@@ -28,16 +27,19 @@ class Commands:
     target_velocity: np.ndarray
     torque: np.ndarray
     torque_time: np.ndarray
-    has_own_gains: bool
+    stiffness: np.ndarray
+    damping: np.ndarray
+    feedforward: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One trajectory as recorded, joints in nominal order.
+    """One recording, k joints in the arm's order.
 
-    time (n,) s, increasing; position (n, 7) rad; velocity (n, 7) rad/s; torque (n, 7) Nm, measured, of the
+    time (n,) s, increasing; position (n, k) rad; velocity (n, k) rad/s; torque (n, k) Nm, measured, of the
     moments torque_time (n,) s. with_gravity: whether torque includes that which holds the arm.
-    commands: what the controller asked for, None where not recorded.
+    commands: what the controller asked for, None where not recorded. motor (n, k) rad: angle before the gear
+    on the joint's side of the ratio, None where the backend has none. labels: (s, text) of what began when.
     """
 
     name: str
@@ -48,6 +50,8 @@ class Log:
     torque_time: np.ndarray
     with_gravity: bool
     commands: Commands | None = None
+    motor: np.ndarray | None = None
+    labels: tuple[tuple[float, str], ...] = ()
 
     @property
     def duration(self) -> float:
@@ -59,11 +63,12 @@ class Log:
 class Samples:
     """Filtered samples of one or several trajectories.
 
-    time (n,) s within its trajectory; trajectory (n,) its number; position, velocity, acceleration (n, 7)
+    time (n,) s within its trajectory; trajectory (n,) its number; position, velocity, acceleration (n, k)
     rad,
-    rad/s, rad/s^2; torque (n, 7) Nm and its rate of change torque_rate (n, 7) Nm/s; with_gravity as in `Log`;
-    noise (7,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one. segments:
-    (position, velocity) (m, 7) on the fine grid, one for each stretch without a gap.
+    rad/s, rad/s^2; torque (n, k) Nm and its rate of change torque_rate (n, k) Nm/s; with_gravity as in `Log`;
+    noise (k,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one. segments:
+    (position, velocity) (m, k) on the fine grid, one for each stretch without a gap; grids: (trajectory, times
+    (m,) s) of each.
     """
 
     time: np.ndarray
@@ -76,6 +81,7 @@ class Samples:
     with_gravity: bool
     noise: np.ndarray
     segments: tuple[tuple[np.ndarray, np.ndarray], ...]
+    grids: tuple[tuple[int, np.ndarray], ...]
 
     def __len__(self) -> int:
         return len(self.time)
@@ -90,24 +96,44 @@ class Samples:
         return np.concatenate([_filter(part[:, None], _KERNEL)[:, 0] for part in parts])
 
 
-def sample(logs: list[Log]) -> Samples:
-    """Samples of logs, which must agree on gravity.
+    def project(self, trajectory: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """values (m,) of moments `time` (m,) s of their trajectory, through the filter, at the samples (n,)."""
+        parts = []
+        for number, grid in self.grids:
+            mine = trajectory == number
+            parts.append(_filter(np.interp(grid, time[mine], values[mine])[:, None], _KERNEL)[:, 0])
+        return np.concatenate(parts)
+
+    def filtered_extreme(self, joint: int, extreme) -> np.ndarray:
+        """np.min or np.max (n,) of a joint's velocity over each sample's filter window."""
+        parts = []
+        for _, velocity in self.segments:
+            column = velocity[:, joint]
+            column = np.convolve(np.pad(column, 4, mode="edge"), np.full(9, 1 / 9), mode="valid")  # less noise
+            windows = np.lib.stride_tricks.sliding_window_view(column, 2 * _HALF + 1)[::DECIMATION]
+            parts.append(extreme(windows, axis=1))
+        return np.concatenate(parts)
+
+
+def sample(logs: list[Log], commanded: bool = False) -> Samples:
+    """Samples of logs, which must agree on gravity. commanded: of the commanded torque, which has no sensor's
+    noise, instead of the measured one.
 
     Every channel goes through the same filter, so that none is delayed against another. Raises ValueError
     for logs that do not agree, or where no stretch is long enough.
     """
     if len({log.with_gravity for log in logs}) != 1:
         raise ValueError("expected logs that agree on whether torque includes gravity, got both")
-    parts = [part for number, log in enumerate(logs) for part in _sample_one(log, number)]
+    parts = [part for number, log in enumerate(logs) for part in _sample_one(log, number, commanded)]
     if not parts:
         raise ValueError(
             f"expected at least {_SHORTEST} s without a gap of {LARGEST_GAP} s, got none in "
             f"{', '.join(log.name for log in logs)}"
         )
-    *columns, segments = zip(*parts)
+    *columns, segments, grids = zip(*parts)
     columns = [np.concatenate(column) for column in columns]
     noise = np.sqrt(np.mean([_noise(log) ** 2 for log in logs], axis=0))
-    return Samples(*columns, with_gravity=logs[0].with_gravity, noise=noise, segments=segments)
+    return Samples(*columns, with_gravity=logs[0].with_gravity, noise=noise, segments=segments, grids=grids)
 
 
 _SHORTEST = 1.0  # s
@@ -119,7 +145,9 @@ _KERNEL /= _KERNEL.sum()
 _SLOPE = -_OFFSETS * _KERNEL / (_OFFSETS**2 * _KERNEL).sum()
 
 
-def _sample_one(log: Log, number: int):
+def _sample_one(log: Log, number: int, commanded: bool):
+    c = log.commands
+    torque_time, torque_values = (c.torque_time, c.torque) if commanded else (log.torque_time, log.torque)
     edges = np.flatnonzero(np.diff(log.time) > LARGEST_GAP) + 1
     for rows in np.split(np.arange(len(log.time)), edges):
         if not rows.size or log.time[rows[-1]] - log.time[rows[0]] < _SHORTEST:
@@ -127,10 +155,10 @@ def _sample_one(log: Log, number: int):
         grid = np.arange(log.time[rows[0]], log.time[rows[-1]], GRID)
 
         def at(time, values):
-            return np.column_stack([np.interp(grid, time[rows], column) for column in values[rows].T])
+            return np.column_stack([np.interp(grid, time, column) for column in values.T])
 
-        position, velocity = at(log.time, log.position), at(log.time, log.velocity)
-        torque = at(log.torque_time, log.torque)
+        position, velocity = at(log.time[rows], log.position[rows]), at(log.time[rows], log.velocity[rows])
+        torque = at(torque_time, torque_values)
         inner = slice(_HALF, len(grid) - _HALF, DECIMATION)
         kept = grid[inner] - log.time[0]
         yield (
@@ -142,6 +170,7 @@ def _sample_one(log: Log, number: int):
             _filter(torque, _KERNEL),
             _filter(torque, _SLOPE),
             (position, velocity),
+            (number, grid),
         )
 
 

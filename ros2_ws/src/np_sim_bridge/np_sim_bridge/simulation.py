@@ -13,7 +13,9 @@ import numpy as np
 
 from np_description.domains import Domain, Pose, sample_task
 from np_description.panda import FINGER_MAX, JOINT_NAMES, STATE_NAMES
+from np_description.patch import Patch
 from np_description.scene import OBJECT, load_model
+from np_sim_bridge.gap import Gap
 from np_sim_bridge.schedule import PERIOD, SECOND
 
 
@@ -44,12 +46,14 @@ class Simulation:
     """The arm at its ready posture and the object at the start of the task, at stamp 0, until stepped.
 
     seed: together with an episode number it names a task; first_episode: the task that stands there at the
-    beginning; substeps: physics steps in a control period of 2 ms.
+    beginning; substeps: physics steps in a control period of 2 ms; patch: effects that the nominal arm lacks.
     """
 
-    def __init__(self, domain: Domain, *, seed: int = 0, first_episode: int = 0, substeps: int = 1):
+    def __init__(self, domain: Domain, *, seed: int = 0, first_episode: int = 0, substeps: int = 1,
+                 patch: Patch = Patch()):
         self.domain = domain
-        self.model = load_model(domain, timestep=PERIOD / SECOND / substeps)
+        self.model = load_model(domain, timestep=PERIOD / SECOND / substeps, panda=patch.panda())
+        self._patch = patch
         self._data = mujoco.MjData(self.model)
         self._seed, self._substeps = seed, substeps
         joints = [self.model.joint(name) for name in STATE_NAMES]
@@ -71,6 +75,9 @@ class Simulation:
         start, goal = sample_task(self.domain, np.random.default_rng([self._seed, episode]))
         mujoco.mj_resetDataKeyframe(self.model, self._data, self.model.key("ready").id)
         self._data.qpos[self._object:self._object + 7] = [*start.position, *start.quaternion]
+        self._data.qfrc_applied[:] = 0.0
+        self._gap = Gap(self._patch, PERIOD / SECOND, self._seed) if self._patch.effects else None
+        self._measured: Measurement | None = None
         self.stamp = stamp
         self.task = Task(episode, start, goal)
         return self.task
@@ -78,8 +85,20 @@ class Simulation:
     def measure(self) -> Measurement:
         """Joint positions, velocities and torques of the present state."""
         data = self._data
-        return Measurement(self.stamp, data.qpos[self._position], data.qvel[self._velocity],
-                           data.qfrc_actuator[self._velocity])
+        if self._gap is None:
+            return Measurement(self.stamp, data.qpos[self._position], data.qvel[self._velocity],
+                               data.qfrc_actuator[self._velocity])
+        if self._measured is None or self._measured.stamp != self.stamp:  # sensors with a memory are read once
+            position, velocity, effort = (values.copy() for values in (
+                data.qpos[self._position], data.qvel[self._velocity], data.qfrc_actuator[self._velocity]))
+            position[:7], velocity[:7], effort[:7] = self._gap.sense(position[:7], velocity[:7], effort[:7])
+            self._measured = Measurement(self.stamp, position, velocity, effort)
+        return self._measured
+
+    @property
+    def ignored_effects(self) -> tuple[str, ...]:
+        """Effects of the patch that a backend cannot carry."""
+        return self._gap.ignored if self._gap else ()
 
     def object_pose(self) -> Pose:
         """True pose of the object in the base frame."""
@@ -101,6 +120,11 @@ class Simulation:
 
         Raises FloatingPointError if the physics diverged, naming MuJoCo's warning.
         """
+        if self._gap is not None:
+            torque = self._gap.drive(torque)
+            joints = self._velocity[:len(JOINT_NAMES)]
+            self._data.qfrc_applied[joints] = self._gap.extra(
+                self._data.qpos[self._position[:len(JOINT_NAMES)]], self._data.qvel[joints])
         self._data.ctrl[self._motors] = torque
         mujoco.mj_step(self.model, self._data, self._substeps)
         self.stamp += PERIOD

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 from np_description.domains import DOMAINS, find_domain
+from np_description.patch import load_patch
 
 from np_bringup.card import CONTROLLERS, KEYPOINT_SOURCES
 from np_bringup.commands.common import (
@@ -38,7 +39,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="camera")
     parser.add_argument("--controller", choices=list(CONTROLLERS), default="impedance")
     parser.add_argument("--object", choices=["default"], default="default")
-    parser.add_argument("--effects", choices=["none"], default="none")
+    parser.add_argument(
+        "--effects", default="none", help="patch.yaml of effects that the simulated arm has; none: nominal"
+    )
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
     parser.add_argument("--bags", action="store_true", help="record every episode (slower)")
     parser.add_argument(
@@ -47,6 +50,12 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.episodes < 1:
         parser.error(f"--episodes: expected at least 1, got {options.episodes}")
+    if options.effects != "none":
+        try:
+            load_patch(options.effects)
+        except ValueError as error:
+            parser.error(str(error))
+        options.effects = str(Path(options.effects).resolve())
     return options
 
 
@@ -61,7 +70,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         "keypoints": options.keypoints,
         "controller": options.controller,
         "object": options.object,
-        "effects": options.effects,
+        "effects": "none" if options.effects == "none" else Path(options.effects).read_text(encoding="utf-8"),
         **origin(options.weights),
     }
     results = Results(options.out, settings)
@@ -78,6 +87,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
             "keypoints": options.keypoints,
             "controller": options.controller,
             "image_rate": str(IMAGE_RATE),
+            "effects": "" if options.effects == "none" else options.effects,
             "weights": options.weights,
             "record_at_start": "false",
             "bag": str(options.out / "bags" / "episode") if options.bags else "",

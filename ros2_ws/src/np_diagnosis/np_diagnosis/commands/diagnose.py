@@ -8,14 +8,11 @@ import sys
 import time
 from pathlib import Path
 
-from np_description.panda import NOMINAL, PandaModel
-
+from np_diagnosis.arm_model import load_arm, panda
 from np_diagnosis.contract import check
 from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.nominal import rigid_body_only, without_hand
 from np_diagnosis.reading import ContractViolation, read
 from np_diagnosis.report import write
-from np_diagnosis.signals import sample
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -34,6 +31,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--rigid-body", action="store_true", help="nominal arm without joint friction, damping and rotors"
     )
+    parser.add_argument("--model", type=Path, help="MJCF file of another arm: its hinges, in its order")
+    parser.add_argument("--quick", action="store_true", help="single effects only, no page")
     return parser.parse_args(arguments)
 
 
@@ -41,16 +40,17 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. Status 2: a log that breaks the contract."""
     options = parse(arguments)
     began = time.monotonic()
-    panda: PandaModel = without_hand(NOMINAL) if options.no_hand else NOMINAL
-    panda = rigid_body_only(panda) if options.rigid_body else panda
     try:
+        arm = load_arm(options.model) if options.model else panda(not options.no_hand)
+        arm = arm.rigid_body_only() if options.rigid_body else arm
         logs = []
         for number, path in enumerate(options.logs):
             print(f"reading {path} ({number + 1} of {len(options.logs)})", file=sys.stderr)
-            log = read(path)
-            check(log, panda)
+            log = read(path, len(arm))
+            check(log, arm)
             logs.append(log)
-        diagnosis = diagnose(sample(logs), panda)
+        print(f"comparing {sum(log.duration for log in logs):.0f} s with the nominal arm", file=sys.stderr)
+        diagnosis = diagnose(logs, arm, quick=options.quick)
     except ContractViolation as violation:
         print(f"contract violation: {violation}", file=sys.stderr)
         print(json.dumps({"error": f"contract violation: {violation}"}))
@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"diagnose: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))
         return 1
-    report = write(options.out, diagnosis, logs, round(time.monotonic() - began, 2))
+    report = write(options.out, diagnosis, logs, lambda: time.monotonic() - began, options.quick)
     gap = report["gap"]
     print(
         json.dumps(

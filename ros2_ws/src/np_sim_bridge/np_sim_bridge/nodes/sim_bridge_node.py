@@ -26,6 +26,7 @@ from np_control.safety import Applied, Refusal, SafetyFilter, State
 from np_description.camera import CAMERA
 from np_description.domains import DOMAINS, find_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
+from np_description.patch import Patch, load_patch
 from np_description.scene import CAMERA_NAME
 from np_ros import qos
 from np_ros.messages import BadMessage, camera_info_message, image_message, joint_state_message, \
@@ -69,10 +70,12 @@ class SimBridge(Node):
         self._timeout = parameter(self, "lockstep_timeout", 120.0, "Lockstep: s of wall time that an answer "
                                   "may be missing before the arm is stopped.", 1.0, 3600.0)
         priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90)
+        effects = parameter(self, "effects", "", "Patch file of effects that the nominal arm lacks.")
         self._lockstep = mode == "lockstep"
         self._schedule = Schedule(policy_rate, image_rate)
         self._barrier = Barrier(self._schedule, tick_barrier=self._tick_barrier)
-        self._simulation = Simulation(find_domain(domain), seed=seed, first_episode=first, substeps=substeps)
+        self._simulation = Simulation(find_domain(domain), seed=seed, first_episode=first, substeps=substeps,
+                                      patch=load_patch(effects) if effects else Patch())
         self._filter = SafetyFilter()
         self._next_episode = first
         self._paused = False
@@ -89,7 +92,10 @@ class SimBridge(Node):
                            self._simulation.model, shadows=shadows)
             self._camera = CameraThread(make, self._publish_image)
         self.diagnostics = Diagnostics(self)
-        self.diagnostics.values.update(mode=mode, domain=domain, seed=seed)
+        self.diagnostics.values.update(mode=mode, domain=domain, seed=seed, effects=effects or "none")
+        if self._simulation.ignored_effects:
+            self.get_logger().warn("effects that a backend cannot carry: "
+                                   f"{', '.join(self._simulation.ignored_effects)}")
         if priority and not request_realtime(priority):  # for this thread: the camera's has been started
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
         self._create_inputs()

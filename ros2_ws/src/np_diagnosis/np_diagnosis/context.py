@@ -1,0 +1,84 @@
+"""What the recordings hold, prepared once: samples, nominal prediction, drive, hints for what to look for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_diagnosis.arm_model import Arm
+from np_diagnosis.effects.base import Context
+from np_diagnosis.effects.sensing import find_quantum
+from np_diagnosis.effects.timing import find_held
+from np_diagnosis.signals import Log, Samples, sample
+from np_diagnosis.stages import Prediction, drive, predict
+
+RIPPLES = 2  # orders tried a joint
+ORDERS = (20, 400)  # per radian of the joint
+BINS = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Transmission:
+    """Motor side: time (n,), trajectory (n,), twist (n, k) rad = motor - joint, load (n, k) Nm through the
+    gear with gravity, load_rate (n, k) Nm/s."""
+
+    time: np.ndarray
+    trajectory: np.ndarray
+    twist: np.ndarray
+    load: np.ndarray
+    load_rate: np.ndarray
+
+
+def make_context(logs: list[Log], arm: Arm) -> Context:
+    """Everything that effects and stages look at. Raises ValueError where the logs are too short."""
+    samples = sample(logs, all(log.commands is not None for log in logs))
+    prediction = predict(samples, arm)
+    driven = drive(logs, arm)
+    held, share = (None, 0.0) if driven is None else find_held(driven)
+    return Context(
+        arm,
+        logs,
+        samples,
+        prediction,
+        driven,
+        _transmission(logs, samples, prediction),
+        _ripples(samples, prediction),
+        held,
+        share,
+        np.array([find_quantum(logs[0].position[:, j]) for j in range(len(arm))]),
+    )
+
+
+def _transmission(logs: list[Log], samples: Samples, prediction: Prediction) -> Transmission | None:
+    if any(log.motor is None for log in logs):
+        return None
+    trajectory = np.concatenate([np.full(len(log.time), number) for number, log in enumerate(logs)])
+    time = np.concatenate([log.time for log in logs])
+    apart = np.concatenate([log.motor - log.position for log in logs])
+    twist = np.column_stack([samples.project(trajectory, time, column) for column in apart.T])
+    load = samples.torque + (0.0 if samples.with_gravity else prediction.gravity)
+    return Transmission(samples.time, samples.trajectory, twist, load, samples.torque_rate)
+
+
+def _ripples(samples: Samples, prediction: Prediction) -> dict[int, tuple[int, ...]]:
+    """Orders (1/rad) by joint at which the residual has its highest spectral lines over the joint's angle."""
+    residual = samples.torque - prediction.total
+    found = {}
+    for j in range(residual.shape[1]):
+        moving = np.abs(samples.velocity[:, j]) > 0.02
+        if moving.sum() < 200:
+            continue
+        left = residual[moving, j] - residual[moving, j].mean()
+        left = left - prediction.direction[moving, j] * (left * prediction.direction[moving, j]).mean()
+        angle = np.floor(samples.position[moving, j] / (2 * np.pi) * BINS).astype(int) % BINS
+        power = np.abs(np.fft.rfft(np.bincount(angle, left, BINS)))
+        ranked = np.argsort(power[ORDERS[0] : ORDERS[1]])[::-1] + ORDERS[0]
+        chosen: list[int] = []
+        for order in ranked:
+            if all(abs(order - other) > 2 for other in chosen):
+                chosen.append(int(order))
+            if len(chosen) == RIPPLES:
+                break
+        found[j] = tuple(chosen)
+    return found

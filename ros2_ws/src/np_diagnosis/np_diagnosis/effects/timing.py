@@ -1,0 +1,111 @@
+"""timing: commands that come late or not at all (r1), measurements that are old (r2 or r0)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
+from np_diagnosis.effects.torque_loop import SHARE
+from np_diagnosis.stages import Drive
+
+DELAYS = (0.003, 0.006, 0.012, 0.025)  # s
+DELAY_LEAST = 5e-4  # s, up to which a delay is what any loop has
+DELAY_KNOWN = 1e-4  # s, standard deviation of the delay that any loop has
+LEAST_HELD = 20  # periods
+SURE = 10.0  # nats by which holding must fit a period better than not holding
+
+
+def effects(context: Context) -> list[Effect]:
+    """Of the arm: every joint's command travels in one packet, every joint is measured at once."""
+    found = [
+        Effect(
+            "measurement_delay",
+            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN, least=DELAY_LEAST),),
+            {"r2": lambda c, j: stack(c.samples.torque_rate[:, j])},
+            "states are older than their stamps",
+            is_arm=True,
+        )
+    ]
+    if context.drive is None:
+        return found
+    found += [_delay(d) for d in DELAYS]
+    found.append(
+        Effect(
+            "measurement_delay",
+            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN, least=DELAY_LEAST),),
+            {"r0": lambda c, j: stack(-_rate(c.drive, c.drive.law[:, j]))},
+            "the controller acts on older states than it reports",
+            "in the controller",
+            is_arm=True,
+        )
+    )
+    if context.held is not None and context.held.sum() > LEAST_HELD:
+        share = context.held_share
+        found.append(
+            Effect(
+                "packet_loss",
+                (Parameter("share", "1", 0.7 * share, 1.3 * share, 0.05 * share, share),),
+                {"r1": lambda c, j: stack(hold(c.drive, c.held)[:, j] - c.drive.commanded[:, j]) / share},
+                "a lost command leaves the last one in force",
+                is_arm=True,
+            )
+        )
+    return found
+
+
+def delayed(d: Drive, values: np.ndarray, delay: float) -> np.ndarray:
+    """values (n,) as they were `delay` s before; the first of each stretch before that."""
+    parts = []
+    for part in np.split(values, d.starts[1:]):
+        rows = np.arange(len(part))
+        parts.append(np.interp(rows - delay / d.period, rows, part))
+    return np.concatenate(parts)
+
+
+def hold(d: Drive, held: np.ndarray) -> np.ndarray:
+    """Commands (n, k) in force when those of the periods `held` (n,) never arrived."""
+    row = np.where(held, 0, np.arange(len(held)))
+    return d.commanded[np.maximum.accumulate(row)]
+
+
+def find_held(d: Drive) -> tuple[np.ndarray, float]:
+    """(periods (n,) in which all joints show the command before instead of their own, their share of those in
+    which the two differ enough to tell)."""
+    residual = d.measured - d.commanded
+    spread = 1.4826 * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0)
+    spread = np.maximum(spread, 1e-6)
+    mean = np.median(residual, axis=0)
+    scaled, command = ((residual - mean) / spread).tolist(), d.commanded / spread
+    free = 0.5 * (np.square(np.array(scaled))).sum(axis=1)
+    held = np.zeros(len(residual), bool)
+    begins = set(d.starts.tolist())
+    # Only periods that holding could explain at all are looked at one by one.
+    step = np.vstack([np.zeros(command.shape[1]), np.diff(command, axis=0)])
+    excess = free - 0.5 * np.square(np.array(scaled) + step).sum(axis=1)
+    tellable = 0.5 * np.square(step).sum(axis=1) > 2 * SURE
+    last, table = 0, np.array(scaled)
+    for i in range(len(residual)):
+        if i not in begins and (excess[i] > SURE or (held[i - 1] and i > 0)):
+            change = command[last] - command[i]
+            if free[i] - 0.5 * np.square(table[i] - change).sum() > SURE:
+                held[i] = True
+                continue
+        last = i
+    seen = int(tellable.sum())
+    return held, float(held[tellable].mean()) if seen > 100 else float(held.mean())
+
+
+def _delay(delay: float) -> Effect:
+    return Effect(
+        "command_delay",
+        (SHARE,),
+        {"r1": lambda c, j: stack(delayed(c.drive, c.drive.commanded[:, j], delay) - c.drive.commanded[:, j])},
+        "dead time between command and torque",
+        f"{1e3 * delay:.3g} ms",
+        Shape("delay", "s", delay, _delay, linear=True, background=DELAY_KNOWN, least=DELAY_LEAST),
+        is_arm=True,
+    )
+
+
+def _rate(d: Drive, values: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.gradient(part, d.period) for part in np.split(values, d.starts[1:])])

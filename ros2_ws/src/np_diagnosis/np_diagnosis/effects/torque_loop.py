@@ -1,0 +1,128 @@
+"""torque_loop: what the drive makes of the commanded torque. Shows in r1 where the sensor sees it, in r2
+where it does not."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter
+
+from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
+from np_diagnosis.stages import Drive
+
+LAGS = (0.0015, 0.003, 0.006, 0.012, 0.025)  # s
+SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
+WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)  # all of it, or it is another shape
+LEVELS = (0.95, 0.85, 0.7, 0.55, 0.4)  # of the largest torque or rate commanded
+
+
+def effects(context: Context) -> list[Effect]:
+    """Effects of a single joint."""
+    scale = Parameter("scale", "1", -0.5, 0.5, 0.03)
+    offset = Parameter("offset", "Nm", -5.0, 5.0, 0.5)
+    found = [
+        Effect(
+            "torque_scale",
+            (scale,),
+            {"r2": lambda c, j: stack(-c.prediction.load[:, j])},
+            "gain of the torque loop",
+            "unseen by the sensor",
+        ),
+        Effect(
+            "torque_offset",
+            (offset,),
+            {"r2": lambda c, j: -np.ones((len(c.samples), 1))},
+            GAZ_OFFSET,
+            "unseen by the sensor",
+        ),
+    ]
+    if context.drive is None:
+        return found
+    found += [
+        Effect(
+            "torque_scale",
+            (scale,),
+            {"r1": lambda c, j: stack(c.drive.commanded[:, j] + c.drive.gravity[:, j])},
+            "gain of the torque loop",
+        ),
+        Effect(
+            "torque_scale",
+            (scale,),
+            {"r1": lambda c, j: stack(c.drive.commanded[:, j])},
+            "gain of the torque loop",
+            "gravity apart",
+        ),
+        Effect(
+            "torque_offset",
+            (offset,),
+            {"r1": lambda c, j: np.ones((len(c.drive.time), 1))},
+            GAZ_OFFSET,
+        ),
+    ]
+    found += [_lag(t) for t in LAGS]
+    for j in range(len(context.arm)):
+        largest = np.abs(context.drive.commanded[:, j]).max()
+        found += [_saturation(level * largest, j) for level in LEVELS]
+        fastest = np.abs(np.diff(context.drive.commanded[:, j])).max() / context.drive.period
+        found += [_rate_limit(level * fastest, j) for level in LEVELS]
+    return found
+
+
+GAZ_OFFSET = "Gaz et al., RA-L 2019"
+
+
+def first_order(d: Drive, values: np.ndarray, lag: float) -> np.ndarray:
+    """values (n,) through a first-order lag of `lag` s, from rest at the beginning of each stretch."""
+    share = 1 - np.exp(-d.period / lag)
+    parts = []
+    for part in np.split(values, d.starts[1:]):
+        parts.append(lfilter([share], [1, share - 1], part, zi=[(1 - share) * part[0]])[0])
+    return np.concatenate(parts)
+
+
+def rate_limited(d: Drive, values: np.ndarray, rate: float) -> np.ndarray:
+    """values (n,) followed at no more than `rate` a second."""
+    step, last, begins = rate * d.period, 0.0, set(d.starts.tolist())
+    limited = np.empty_like(values)
+    for i, value in enumerate(values.tolist()):
+        last = value if i in begins else min(max(value, last - step), last + step)
+        limited[i] = last
+    return limited
+
+
+def _lag(lag: float) -> Effect:
+    return Effect(
+        "actuator_lag",
+        (SHARE,),
+        {"r1": lambda c, j: stack(first_order(c.drive, c.drive.commanded[:, j], lag) - c.drive.commanded[:, j])},
+        "first-order torque loop",
+        f"{1e3 * lag:.3g} ms",
+        Shape("time_constant", "s", lag, _lag, linear=True, background=1e-4, least=4e-4),
+    )
+
+
+def _saturation(limit: float, joint: int) -> Effect:
+    return Effect(
+        "torque_saturation",
+        (WHOLE,),
+        {
+            "r1": lambda c, j: stack(
+                np.clip(c.drive.commanded[:, j], -limit, limit) - c.drive.commanded[:, j]
+            )
+        },
+        "largest torque of the drive",
+        f"{limit:.3g} Nm",
+        Shape("limit", "Nm", limit, lambda value: _saturation(value, joint)),
+        only_joint=joint,
+    )
+
+
+def _rate_limit(limit: float, joint: int) -> Effect:
+    return Effect(
+        "torque_rate_limit",
+        (WHOLE,),
+        {"r1": lambda c, j: stack(rate_limited(c.drive, c.drive.commanded[:, j], limit) - c.drive.commanded[:, j])},
+        "largest rate of the drive",
+        f"{limit:.3g} Nm/s",
+        Shape("limit", "Nm/s", limit, lambda value: _rate_limit(value, joint)),
+        only_joint=joint,
+    )

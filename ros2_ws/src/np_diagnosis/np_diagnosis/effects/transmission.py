@@ -1,0 +1,42 @@
+"""transmission: what lies between motor and joint. Shows in r3, where the backend has the motor's angle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_diagnosis.effects.base import Context, Effect, Parameter, stack
+from np_diagnosis.effects.friction import dahl
+
+HYSTERESIS_TORQUES = (0.5, 2.0, 8.0)  # Nm over which the loop saturates
+PLAY_TORQUE = 0.05  # Nm at which the side of the play is sure
+
+
+def effects(context: Context) -> list[Effect]:
+    """Effects of a single joint; none without motor angles."""
+    if context.transmission is None:
+        return []
+    return [
+        Effect(
+            "joint_elasticity",
+            (Parameter("compliance", "rad/Nm", 0.0, 0.01, 3e-4), Parameter("damping_time", "s", -1e-5, 1e-5, 1e-7)),
+            {"r3": lambda c, j: stack(c.transmission.load[:, j], c.transmission.load_rate[:, j])},
+            "tau = K (motor - joint) + D (motor rate - joint rate)",
+        ),
+        Effect(
+            "backlash",
+            (Parameter("half_play", "rad", 0.0, 0.05, 1e-3),),
+            {"r3": lambda c, j: stack(np.tanh(c.transmission.load[:, j] / PLAY_TORQUE))},
+            "play operator: the motor leads by half the play, whichever side drives",
+        ),
+        *(_hysteresis(t) for t in HYSTERESIS_TORQUES),
+    ]
+
+
+def _hysteresis(torque: float) -> Effect:
+    return Effect(
+        "transmission_hysteresis",
+        (Parameter("width", "rad", 0.0, 0.05, 3e-4),),
+        {"r3": lambda c, j: stack(dahl(c.transmission.load[:, j], torque))},
+        "Bouc-Wen: a twist that depends on the way of the torque",
+        f"{torque:g} Nm",
+    )

@@ -1,0 +1,140 @@
+"""How large: values and 95 % intervals of a chosen effect's parameters, its shape settled first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from np_diagnosis.design import Candidate, Cell, Design, Stages, make_cell
+from np_diagnosis.effects import Effect
+from np_diagnosis.fit import fit
+from np_diagnosis.search import Search, Structure
+
+T95 = 2.0
+BOOTSTRAPS = 200
+ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter's value with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+def estimate(
+    search: Search, structure: Structure, member: int, seed: int, refined: bool = True
+) -> tuple[Effect, dict[str, Estimate]]:
+    """(the effect with its shape settled, parameters by name) of a member of a structure."""
+    design = search.design
+    candidate = design.candidates[member]
+    joints, inside = next(g for g in search.groups(structure.members) if member in g[1])
+    ids = search.ids(joints, inside)
+    cells = [cell for j in joints for cell in design.of(j)]
+    effect, spread = candidate.effect, 0.0
+    if effect.shape is not None and refined:
+        effect, cells, spread = _settle(design, cells, ids, candidate)
+    value, half = _interval(cells, ids, design, seed)
+    at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
+    known = np.array([p.background for p in effect.parameters])
+    half[at] = np.hypot(half[at], T95 * known)
+    found = {
+        p.name: Estimate(float(value[i]), float(value[i] - half[i]), float(value[i] + half[i]), p.unit)
+        for p, i in zip(effect.parameters, at)
+    }
+    shape = effect.shape
+    if shape is not None and shape.linear:
+        share = found.pop(effect.parameters[0].name)
+        value, spread = shape.value * share.value, shape.value * (share.high - share.value)
+        spread = float(np.hypot(spread, T95 * shape.background))
+        found[shape.name] = Estimate(value, value - spread, value + spread, shape.unit)
+    elif shape is not None:
+        found.pop("share", None)
+        found[shape.name] = Estimate(shape.value, shape.value - spread, shape.value + spread, shape.unit)
+    return effect, found
+
+
+def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """(values (p,), half widths (p,)): from all blocks; the wider of posterior and bootstrap of blocks."""
+    blocks = len(design.blocks)
+    rng = np.random.default_rng(seed)
+    weights = rng.multinomial(blocks, np.full(blocks, 1 / blocks), BOOTSTRAPS).astype(float)
+    whole = fit(cells, [c.test.sum(axis=0)[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
+                design.parameters)
+    drawn = fit(cells, [np.tensordot(weights, c.test, 1) for c in cells], [weights @ c.test_rows for c in cells],
+                ids, design.parameters)
+    posterior = np.sqrt(np.diagonal(whole.covariance[0]))
+    return whole.parameters[0], T95 * np.maximum(drawn.parameters.std(axis=0), posterior)
+
+
+def _settle(design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candidate):
+    """(effect, cells with its columns, half width of the shape's interval) where the likelihood is greatest."""
+    effect = candidate.effect
+    best, best_cells = effect, cells
+    level = _likelihood(cells, ids, design)
+    if effect.shape.linear:
+        for _ in range(ROUNDS):
+            share = _value(best_cells, ids, design, candidate)
+            if not 0.02 < share < 3.0 or abs(share - 1) < 0.01:
+                break
+            best = best.shape.rebuild(best.shape.value * share)
+            best_cells = _with(design, cells, candidate, best)
+        return best, best_cells, 0.0
+    step = 0.25
+    trace = {effect.shape.value: level}
+    for _ in range(7):
+        value = best.shape.value
+        for other in (value * (1 - step), value * (1 + step)):
+            trial = best.shape.rebuild(other)
+            changed = _with(design, cells, candidate, trial)
+            trace[other] = _likelihood(changed, ids, design)
+            if trace[other] > level:
+                best, best_cells, level = trial, changed, trace[other]
+        step *= 0.6 if best.shape.value == value else 1.0
+    return best, best_cells, _width(best.shape.value, level, trace)
+
+
+def _width(value: float, level: float, trace: dict[float, float]) -> float:
+    """Half width at which the likelihood has fallen by 2 nats, from a parabola through the points near it."""
+    points = [(x - value, level - y) for x, y in trace.items() if 0 < level - y < 50]
+    if not points:
+        return 0.05 * abs(value)
+    curvature = np.median([2 * fall / x**2 for x, fall in points if x])
+    return float(min(2.0 / np.sqrt(max(curvature, 1e-30)), abs(value)))
+
+
+def _value(cells: list[Cell], ids: np.ndarray, design: Design, candidate: Candidate) -> float:
+    whole = _whole(cells, ids, design)
+    return float(whole.parameters[0][np.flatnonzero(ids == candidate.ids[0])[0]])
+
+
+def _whole(cells: list[Cell], ids: np.ndarray, design: Design):
+    return fit(cells, [c.test.sum(axis=0)[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
+               design.parameters)
+
+
+def _likelihood(cells: list[Cell], ids: np.ndarray, design: Design) -> float:
+    """Log likelihood at the fit to everything, nats."""
+    whole = _whole(cells, ids, design)
+    return float(sum(-0.5 * c.test_rows.sum() * np.log(v[0]) for c, v in zip(cells, whole.variance)))
+
+
+def _with(design: Design, cells: list[Cell], candidate: Candidate, effect: Effect) -> list[Cell]:
+    """The cells with the columns of another shape of the candidate's effect, whitened as before."""
+    stages, changed = Stages(design.context), []
+    for cell in cells:
+        places = np.flatnonzero(np.isin(cell.ids, candidate.ids))
+        columns = stages.columns(effect, cell.stage, cell.joint) if places.size else None
+        if columns is None:
+            changed.append(cell)
+            continue
+        matrix = cell.matrix.copy()
+        matrix[:, places] = columns
+        changed.append(
+            make_cell(stages, cell.stage, cell.joint, cell.ids, matrix, design.blocks, design.parameters, cell.whiten)
+        )
+    return changed

@@ -1,0 +1,129 @@
+"""Is anything left? A flexible model of no physical meaning tries to predict what the chosen effects leave.
+
+It has what a smooth unknown mechanism would need: harmonics of the joint's angle, alone and signed by the
+direction of motion, powers of velocity and of torque, and what the other joints do. Where it predicts unseen
+blocks clearly better than the catalogue, the catalogue has no explanation, however well its best effect fits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_diagnosis.design import REVERSAL, Cell, Design, Stages, make_cell, rung
+from np_diagnosis.effects.base import Context, Parameter
+from np_diagnosis.fit import score
+from np_diagnosis.search import Search, held_out
+
+HARMONICS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """What a flexible model adds at one stage of one joint: gain nats and its standard error over blocks;
+    energies: squared held-out residual of nothing, of the structure, of the structure with the model. white:
+    standard deviation of the part that has no memory at all, from third differences."""
+
+    stage: str
+    joint: int
+    gain: float
+    error: float
+    nothing: float
+    structure: float
+    flexible: float
+    rows: int
+    white: float
+
+    @property
+    def excess(self) -> float:
+        """Mean square of what the structure leaves, beyond white noise."""
+        return max(self.structure / self.rows - self.white**2, 0.0)
+
+    @property
+    def removed(self) -> float:
+        """Share of what is no white noise that the structure takes away."""
+        reducible = self.nothing / self.rows - self.white**2
+        return 1.0 if reducible <= 0 else float(np.clip(1 - self.excess / reducible, 0.0, 1.0))
+
+
+def examine(search: Search, members: tuple[int, ...]) -> list[Rest]:
+    """Every stage of every joint with enough rows."""
+    design, found = search.design, []
+    stages = Stages(design.context)
+    fits = {j: (search.ids(joints, inside), search.group(joints, inside)[0].fit, joints, inside)
+            for joints, inside in search.groups(members) for j in joints}
+    for cell in design.cells:
+        if cell.stage in (REVERSAL, "r3") or cell.used.sum() < 4:
+            continue
+        ids, fit, _, _ = fits[cell.joint]
+        found.append(_rest(stages, design, cell, ids, fit))
+    return found
+
+
+def _rest(stages: Stages, design: Design, cell: Cell, ids: np.ndarray, fit) -> Rest:
+    """The model is fitted to what the structure leaves of blocks that it has not seen."""
+    left = held_out(cell, ids, fit)
+    columns = _flexible(design.context, cell)
+    scale = np.sqrt(np.mean(columns[cell.rows] ** 2, axis=0)) + 1e-12
+    spread = float(np.sqrt(np.mean(left[cell.rows] ** 2))) + 1e-12
+    parameters = [Parameter("any", "", -1e9, 1e9, spread / s) for s in scale]
+    own = _Residual(stages, left, cell.rows)
+    flexible = make_cell(own, cell.stage, cell.joint, np.arange(len(scale)), columns, design.blocks, parameters)
+    nothing = score([flexible], np.zeros(0, int), parameters)
+    full = score([flexible], np.arange(len(scale)), parameters)
+    difference = full.density - nothing.density
+    after = held_out(flexible, np.arange(len(scale)), full.fit)
+    rows = cell.rows
+    return Rest(
+        cell.stage,
+        cell.joint,
+        float(difference.sum()),
+        float(np.sqrt(len(difference)) * difference.std(ddof=1)),
+        float(np.square(cell.residual[rows]).sum()),
+        float(np.square(left[rows]).sum()),
+        float(np.square(after[rows]).sum()),
+        int(rows.sum()),
+        float(np.std(np.diff(left[rows], 3)) / np.sqrt(20)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Residual:
+    """A stage with another residual."""
+
+    stages: Stages
+    left: np.ndarray
+    kept: np.ndarray
+
+    def times(self, stage: str):
+        return self.stages.times(stage)
+
+    def residual(self, stage: str, joint: int) -> np.ndarray:
+        return self.left
+
+    def rows(self, stage: str, joint: int) -> np.ndarray:
+        return self.kept
+
+
+def _flexible(context: Context, cell: Cell) -> np.ndarray:
+    """Columns (n, count)."""
+    j = cell.joint
+    if rung(cell.stage) == "r2":
+        s, p = context.samples, context.prediction
+        q, v, direction = s.position[:, j], s.velocity[:, j], p.direction[:, j]
+        others = [s.velocity[:, k] for k in range(len(context.arm)) if k != j]
+        others += [s.acceleration[:, k] for k in range(len(context.arm)) if k != j]
+        torque = s.torque[:, j]
+    else:
+        d = context.drive
+        v, torque = d.velocity[:, j], d.commanded[:, j]
+        direction = np.tanh(v / 0.01)
+        others = [np.gradient(d.commanded[:, j])]
+        q = np.zeros_like(v)
+    columns = [np.ones_like(v), direction, v, v * np.abs(v), v**3, np.abs(v), direction * np.abs(torque), *others]
+    columns += [torque, np.abs(torque), torque * np.abs(torque), torque**3]
+    if rung(cell.stage) == "r2":
+        for k in range(1, HARMONICS + 1):
+            columns += [np.sin(k * q), np.cos(k * q), direction * np.sin(k * q), direction * np.cos(k * q)]
+    return np.column_stack(columns)

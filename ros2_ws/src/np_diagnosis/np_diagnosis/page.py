@@ -1,0 +1,29 @@
+"""report.html: where, which and how far on one screen, the evidence below."""
+
+from __future__ import annotations
+
+import jinja2
+
+from np_diagnosis import plots
+from np_diagnosis.diagnosis import Diagnosis
+from np_diagnosis.gap import REGIMES
+
+
+def render(report: dict, diagnosis: Diagnosis) -> str:
+    """The page as text, with its pictures in it."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("np_diagnosis", "data"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html.j2").render(
+        report=report,
+        blocks=len(diagnosis.design.blocks),
+        findings=diagnosis.findings if report["verdict"] != "no_gap" else (),
+        regimes=REGIMES,
+        gap_plot=plots.gap_plot(diagnosis),
+        residual_plot=plots.residual_plot(diagnosis),
+        velocity_plot=plots.velocity_plot(diagnosis),
+    )

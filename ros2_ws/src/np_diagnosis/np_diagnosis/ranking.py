@@ -1,0 +1,51 @@
+"""How sure: probabilities of effects over all structures tried, and what the data cannot tell apart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_diagnosis.search import TRIED, Search, Structure
+
+DRAWS = 1000
+LEADERS = 400  # structures that count
+EQUAL = 3.0  # nats within which two structures explain the same
+
+
+def probabilities(search: Search, seed: int) -> dict[tuple[str, str], float]:
+    """(effect id, component) -> probability: pseudo-BMA+ (Yao et al., Bayesian Analysis 2018), weights from the
+    log predictive density averaged over the Bayesian bootstrap of the blocks."""
+    ranked = sorted(search.tried.values(), key=search.value, reverse=True)[:LEADERS]
+    density = np.array([s.density for s in ranked])
+    prior = np.array([search.value(s) - s.density.sum() for s in ranked])
+    rng = np.random.default_rng(seed)
+    weights = rng.dirichlet(np.ones(density.shape[1]), DRAWS) * density.shape[1]
+    logits = weights @ density.T + prior
+    shares = np.exp(logits - logits.max(axis=1, keepdims=True))
+    weight = (shares / shares.sum(axis=1, keepdims=True)).mean(axis=0)
+    joints, found = search.design.context.arm.joints, {}
+    for structure, share in zip(ranked, weight):
+        names = {(c.effect.id, c.at(joints)) for c in (search.design.candidates[m] for m in structure.members)}
+        for name in names:
+            found[name] = min(1.0, found.get(name, 0.0) + float(share))
+    return found
+
+
+def alternatives(search: Search, chosen: Structure, member: int) -> tuple[str, ...]:
+    """Ids that could stand in a chosen one's place without predicting worse by a telling amount."""
+    design, found = search.design, set()
+    mine = design.candidates[member]
+    rest = tuple(m for m in chosen.members if m != member)
+    taken = {(design.candidates[m].effect.id, design.candidates[m].joint) for m in chosen.members}
+    for n in search.promising(search.structure(rest), TRIED):
+        candidate = design.candidates[n]
+        same_place = candidate.joint == mine.joint or candidate.joint is None or mine.joint is None
+        if not same_place or (candidate.effect.id, candidate.joint) in taken or candidate.effect.id == mine.effect.id:
+            continue
+        if candidate.joint is None and not search.reach(candidate):
+            continue
+        other = search.structure((*rest, n))
+        difference = chosen.density - other.density
+        error = float(np.sqrt(len(difference)) * difference.std(ddof=1))
+        if chosen.total - other.total < max(EQUAL, min(error, 8.0)):
+            found.add(candidate.effect.id)
+    return tuple(sorted(found))
