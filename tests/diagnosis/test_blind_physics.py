@@ -7,6 +7,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from np_control.dynamics import Dynamics
+from np_control.safety import LIMITS
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.scene import load_model
@@ -178,10 +179,12 @@ def all_faults(size):
 
 def test_every_fault_moves_the_arm_or_its_sensors_and_none_breaks_the_loop():
     cases = all_faults(8.0)
-    record, targets, _ = short_run(cases, ("microstrokes",))
+    record, targets, _ = short_run(cases, ("third_dwell",))
     for i, case in enumerate(cases[1:], start=1):
         name = case.faults[0].effect
-        assert np.abs(record.position[:, i] - record.target[:, i]).max() < 0.05, name
+        error = np.abs(record.position[:, i] - record.target[:, i])
+        # A drive that saturates falls behind; at rest every arm is where the next segment may begin.
+        assert error.max() < 0.3 and error[-1].max() < 0.5 * LIMITS.start_tolerance, name
         seen = sum(np.abs(getattr(record, part)[:, i] - getattr(record, part)[:, 0]).max() / unit
                    for part, unit in (("position", 1e-5), ("effort", 1e-2), ("motor_position", 1e-5)))
         assert seen > 1.0, name

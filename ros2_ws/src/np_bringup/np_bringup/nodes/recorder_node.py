@@ -110,14 +110,14 @@ class Recorder(Node):
         }
 
     def _take_what_is_under_way(self) -> None:
-        quiet_since = time.monotonic()
+        asked, quiet_since = time.time_ns(), time.monotonic()
         while time.monotonic() - quiet_since < _QUIET:
             for subscription in self._subscriptions_by_topic.values():
                 while (
                     taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)
                 ) is not None:
                     subscription.callback(*taken)
-                    quiet_since = time.monotonic()
+                    asked, quiet_since = time.time_ns(), time.monotonic()
             time.sleep(_QUIET / 10)
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

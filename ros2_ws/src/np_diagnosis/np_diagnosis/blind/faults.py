@@ -23,8 +23,8 @@ from np_diagnosis.blind.rigid_arm import nominal_inertials, tcp_in_link7
 ARM = "arm"
 ROTOR_FIXED = 1e5  # Nm/rad, of a gear in which nothing but play or hysteresis is of interest
 PEAK_TORQUE = np.array([12.5, 16.0, 8.0, 10.0, 2.0, 2.5, 1.2])
-PEAK_RATE = np.array([220.0, 230.0, 230.0, 210.0, 80.0, 90.0, 50.0])
-"""Nm and Nm/s that the suite's commands pass for half a second in all, on the nominal arm."""
+PEAK_RATE = np.array([330.0, 350.0, 330.0, 300.0, 110.0, 130.0, 70.0])
+"""Nm that the suite's commands pass for half a second in all, Nm/s for a tenth, on the nominal arm."""
 
 Parameters = dict[str, tuple[float, str]]  # name: value, unit
 

@@ -12,8 +12,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ import numpy as np
 from np_diagnosis.blind.bags import write_bag
 from np_diagnosis.blind.cases import SETS, Case, draw_cases, make_physics
 from np_diagnosis.blind.loop import make_targets, run
+from np_diagnosis.blind.processes import workers
 from np_diagnosis.blind.progress import Bar
 from np_diagnosis.blind.sealed import digest, make_key
 from np_diagnosis.excitation import suite
@@ -78,7 +78,7 @@ def main(arguments: list[str] | None = None) -> int:
     (options.out / "key.sha256").write_text(f"{digest(key)}  key.json\n")
     cases = draw_cases(options.cases, options.seed, options.which)
     bar, done = Bar(len(cases), f"generate {options.which} {options.seed}"), 0
-    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+    with workers(options.jobs) as pool:
         pending = [pool.submit(make_bags, batch, options.only, options.out)
                    for batch in batches(cases, options.jobs)]
         for future in as_completed(pending):

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_description.panda import NOMINAL
-
 from np_diagnosis.blind.faults import Fault, Parameters
 from np_diagnosis.blind.plant import Physics
+from np_diagnosis.excitation import READY, SECOND, THIRD
 
 SCALE = np.array([0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015])  # Nm of size 1
+
+FURTHEST = 0.2 + np.abs([SECOND - READY, THIRD - READY]).max(axis=0)  # rad from the ready posture
 
 
 def _rub(p: Physics, i: int, j: int, size: float, rng: np.random.Generator) -> Parameters:
     """Something rubs at one angle: friction in a window of a few degrees."""
-    angle = NOMINAL.ready[j] + rng.uniform(-0.12, 0.12)
+    angle = READY[j] + rng.uniform(-0.12, 0.12)
     p.rub[i, j], p.rub_angle[i, j], p.rub_width[i, j] = 3.0 * size, angle, rng.uniform(0.03, 0.07)
     return {"friction": (3.0 * size, "Nm"), "angle": (angle, "rad")}
 
@@ -30,7 +31,7 @@ def _wavy(p, i, j, size, rng):
 
 def _hardening(p, i, j, size, rng):
     """A bundle of hoses: a spring that hardens with the cube of the deflection."""
-    p.cubic[i, j] = size / 0.3**3
+    p.cubic[i, j] = 8.0 * size / FURTHEST[j] ** 3
     return {"stiffness": (p.cubic[i, j], "Nm/rad^3")}
 
 

@@ -16,13 +16,13 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
-from multiprocessing import get_context
 from pathlib import Path
 
 from np_diagnosis.blind.cases import draw_cases
 from np_diagnosis.blind.generate import add_options, bag_path, batches, make_bags
 from np_diagnosis.blind.heldout import heldout_gaps
 from np_diagnosis.blind.patched import PatchError, patched_physics, read_patch
+from np_diagnosis.blind.processes import end_with_parent, workers
 from np_diagnosis.blind.progress import Bar
 from np_diagnosis.blind.scoring import Score, score_case, score_gap, summary
 from np_diagnosis.blind.sealed import SealError, check, digest, make_key, seal
@@ -56,7 +56,7 @@ def diagnose(number: int, out: Path, doctor: str, timeout: float, keep: bool) ->
     command = [*shlex.split(doctor), str(bag.resolve()), "--out", str(folder.resolve())]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=timeout,
-                              env={**os.environ, **SINGLE_THREAD})
+                              preexec_fn=end_with_parent, env={**os.environ, **SINGLE_THREAD})
         said = (done.stdout + done.stderr)[-2000:]
         error = "" if done.returncode == 0 else f"status {done.returncode}: {said}"
     except subprocess.TimeoutExpired:
@@ -133,7 +133,7 @@ def main(arguments: list[str] | None = None) -> int:
         key = make_key(options.cases, options.seed, options.which)
         sealed = check(key) if options.which == "locked" else digest(key)
         options.out.mkdir(parents=True, exist_ok=True)
-        with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+        with workers(options.jobs) as pool:
             run_doctor(options, pool)
             (options.out / "key.json").write_text(key)
             scores = score(options, key, pool)
