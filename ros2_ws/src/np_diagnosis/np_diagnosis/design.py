@@ -32,10 +32,15 @@ DELAY = 2.7e-4  # s between command and torque that any loop has
 NUISANCES = {
     "r0": (),
     "r1": (Parameter("delay", "s", -3e-4, 8e-4, 1e-4, centre=DELAY),),
-    "r2": (Parameter("delay", "s", -8e-4, 8e-4, 2e-4), Parameter("inertia", "1", -0.5, 0.5, 0.03)),
+    "r2": (
+        Parameter("delay", "s", -3e-4, 8e-4, 1e-4, centre=DELAY),
+        Parameter("inertia", "1", -0.5, 0.5, 0.03),
+    ),
     "r3": (Parameter("zero", "rad", -0.1, 0.1, 0.01),),
     REVERSAL: (),
 }
+# Without commands, measured torque and motion may come from clocks of their own.
+LOOSE = (Parameter("delay", "s", -0.01, 0.01, 1e-3), Parameter("inertia", "1", -0.5, 0.5, 0.03))
 
 
 @dataclass(frozen=True)
@@ -144,7 +149,8 @@ def make_design(context: Context) -> Design:
         return np.arange(len(parameters) - len(parts), len(parameters))
 
     stages = Stages(context)
-    nuisance = [{stage: new(NUISANCES[stage]) for stage in stages.names} for _ in context.arm.joints]
+    known = NUISANCES if context.drive is not None else NUISANCES | {"r2": LOOSE}
+    nuisance = [{stage: new(known[stage]) for stage in stages.names} for _ in context.arm.joints]
     candidates = []
     for effect in all_effects(context):
         places = [None] if effect.is_arm else range(len(context.arm))
