@@ -8,7 +8,7 @@ from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
 from np_diagnosis.effects.torque_loop import SHARE
 from np_diagnosis.stages import Drive
 
-DELAYS = (0.003, 0.006, 0.012, 0.025)  # s
+DELAYS = tuple(6e-4 * 1.25**n for n in range(17))  # s: so fine that the best one leaves nothing to other effects
 DELAY_LEAST = 5e-4  # s, up to which a delay is what any loop has
 DELAY_KNOWN = 1e-4  # s, standard deviation of the delay that any loop has
 LEAST_HELD = 20  # periods
