@@ -21,7 +21,7 @@ def effects(context: Context) -> list[Effect]:
         Effect(
             "measurement_delay",
             (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN, least=DELAY_LEAST),),
-            {"r2": lambda c, j: stack(c.samples.torque_rate[:, j])},
+            {"r2": _late_states},
             "states are older than their stamps",
             is_arm=True,
         )
@@ -51,6 +51,14 @@ def effects(context: Context) -> list[Effect]:
             )
         )
     return found
+
+
+def _late_states(c: Context, j: int) -> np.ndarray:
+    """Rate (n, 1) Nm/s of all that the motion takes: gravity is compensated where the arm was, too."""
+    rate = c.samples.torque_rate[:, j]
+    if not c.samples.with_gravity:
+        rate = rate + (c.prediction.gravity_slope[:, j] * c.samples.velocity).sum(axis=1)
+    return stack(rate)
 
 
 def delayed(d: Drive, values: np.ndarray, delay: float) -> np.ndarray:
