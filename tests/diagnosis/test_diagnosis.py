@@ -33,7 +33,7 @@ def chosen(diagnosis):
     return [f for f in diagnosis.findings if f.is_chosen]
 
 
-@pytest.mark.parametrize("truth, seed", [(Truth(), 0), (Truth(inertia_error=0.03, late=0.001), 1)])
+@pytest.mark.parametrize("truth, seed", [(Truth(), 0), (Truth(inertia_error=0.03, late=0.0004), 1)])
 def test_a_clean_arm_has_no_gap(truth, seed):
     diagnosis, report = examine(truth, seed)
     assert diagnosis.verdict == "no_gap"

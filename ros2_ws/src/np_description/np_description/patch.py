@@ -32,7 +32,7 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "torque_ripple": ("sine", "cosine", "order"),
     "thermal_drift": ("change", "duration"),
     "backlash": ("half_play",),
-    "transmission_hysteresis": ("width",),
+    "transmission_hysteresis": ("width", "stroke"),
     "joint_elasticity": ("compliance", "damping_time"),
     "torque_scale": ("scale",),
     "torque_offset": ("offset",),

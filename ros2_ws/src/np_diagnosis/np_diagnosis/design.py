@@ -25,17 +25,22 @@ KINK = 0.02  # rad/s^2 by which the target's acceleration may jump for what was 
 REVERSAL = "r2 at reversal"
 SLOWEST = 0.002  # rad/s, below which a joint may be standing
 
-DELAY = 2.7e-4  # s between command and torque that any loop has
+DELAY = 3e-4  # s between command and torque that any loop has
 
 # What every candidate may use besides its own, by stage: delay of torque against command, of torque against
 # motion, error of the inertial torque, zero of the motor's encoder.
 NUISANCES = {
     "r0": (),
-    "r1": (Parameter("delay", "s", -3e-4, 8e-4, 1e-4, centre=DELAY),),
-    "r2": (Parameter("delay", "s", -8e-4, 8e-4, 2e-4), Parameter("inertia", "1", -0.5, 0.5, 0.03)),
+    "r1": (Parameter("delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),),
+    "r2": (
+        Parameter("delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
+        Parameter("inertia", "1", -0.5, 0.5, 0.03),
+    ),
     "r3": (Parameter("zero", "rad", -0.1, 0.1, 0.01),),
     REVERSAL: (),
 }
+# Without commands, measured torque and motion may come from clocks of their own.
+LOOSE = (Parameter("delay", "s", -0.01, 0.01, 1e-3), Parameter("inertia", "1", -0.5, 0.5, 0.03))
 
 
 @dataclass(frozen=True)
@@ -144,7 +149,8 @@ def make_design(context: Context) -> Design:
         return np.arange(len(parameters) - len(parts), len(parameters))
 
     stages = Stages(context)
-    nuisance = [{stage: new(NUISANCES[stage]) for stage in stages.names} for _ in context.arm.joints]
+    known = NUISANCES if context.drive is not None else NUISANCES | {"r2": LOOSE}
+    nuisance = [{stage: new(known[stage]) for stage in stages.names} for _ in context.arm.joints]
     candidates = []
     for effect in all_effects(context):
         places = [None] if effect.is_arm else range(len(context.arm))
@@ -246,8 +252,10 @@ class Stages:
             return np.zeros((len(c.samples), 0))
         if stage == "r0":
             return np.zeros((len(c.drive.time), 0))
-        rate = [np.gradient(part, c.drive.period) for part in np.split(c.drive.commanded[:, joint], c.drive.starts[1:])]
-        return -np.concatenate(rate)[:, None]
+        # Commands are held for a period: to be late by less than that is a share of the one before.
+        step = np.diff(c.drive.commanded[:, joint], prepend=c.drive.commanded[0, joint])
+        step[c.drive.starts] = 0.0
+        return -step[:, None] / c.drive.period
 
 
 def rung(stage: str) -> str:

@@ -13,7 +13,8 @@ from np_diagnosis.search import Search, Structure
 
 T95 = 2.0
 BOOTSTRAPS = 200
-ROUNDS = 4
+ROUNDS = 5
+MODEL = 0.01  # of a value, to which two discretisations of the same law agree
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def estimate(
     value, half = _interval(cells, ids, design, seed)
     at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
     known = np.array([p.background for p in effect.parameters])
-    half[at] = np.hypot(half[at], T95 * known)
+    half[at] = np.maximum(np.hypot(half[at], T95 * known), MODEL * np.abs(value[at]))
     found = {
         p.name: Estimate(float(value[i]), float(value[i] - half[i]), float(value[i] + half[i]), p.unit)
         for p, i in zip(effect.parameters, at)
@@ -54,7 +55,8 @@ def estimate(
         found[shape.name] = Estimate(value, value - spread, value + spread, shape.unit)
     elif shape is not None:
         found.pop("share", None)
-        found[shape.name] = Estimate(shape.value, shape.value - spread, shape.value + spread, shape.unit)
+        spread = max(spread, MODEL * abs(shape.value))
+        found[shape.name] = Estimate(*(float(v) for v in (shape.value, shape.value - spread, shape.value + spread)), shape.unit)
     return effect, found
 
 
@@ -77,14 +79,20 @@ def _settle(design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candi
     best, best_cells = effect, cells
     level = _likelihood(cells, ids, design)
     if effect.shape.linear:
+        trail: list[tuple[float, float]] = []  # log of shape and of the share that the data want of it
         for _ in range(ROUNDS):
             share = _value(best_cells, ids, design, candidate)
-            if not 0.02 < share < 3.0 or abs(share - 1) < 0.01:
+            if not 0.02 < share < 3.0 or abs(share - 1) < 0.003:
                 break
-            best = best.shape.rebuild(best.shape.value * share)
+            trail.append((np.log(best.shape.value), np.log(share)))
+            slope = -1.0
+            if len(trail) > 1 and trail[-1][0] != trail[-2][0]:
+                slope = (trail[-1][1] - trail[-2][1]) / (trail[-1][0] - trail[-2][0])
+            step = -trail[-1][1] / min(slope, -0.3)
+            best = best.shape.rebuild(best.shape.value * float(np.exp(np.clip(step, -1.0, 1.0))))
             best_cells = _with(design, cells, candidate, best)
         return best, best_cells, 0.0
-    step = 0.25
+    step = 0.25  # of the value
     trace = {effect.shape.value: level}
     for _ in range(7):
         value = best.shape.value

@@ -44,6 +44,8 @@ def alternatives(search: Search, chosen: Structure, member: int) -> tuple[str, .
         if candidate.joint is None and not search.reach(candidate):
             continue
         other = search.structure((*rest, n))
+        if search.is_trifle(other, n):
+            continue
         difference = chosen.density - other.density
         error = float(np.sqrt(len(difference)) * difference.std(ddof=1))
         if chosen.total - other.total < max(EQUAL, min(error, 8.0)):

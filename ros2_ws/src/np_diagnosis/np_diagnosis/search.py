@@ -127,6 +127,9 @@ class Search:
             if not grown:
                 break
             ranked = sorted(grown.values(), key=self.value, reverse=True)
+            ranked = [s for s in ranked if not any(self.is_trifle(s, m) for m in s.members)]
+            if not ranked:
+                break
             front = _distinct(ranked, self.design, width if size < BROAD else 1)
             best = ranked[0]
             near = [s for s in ranked[: 4 * width] if self.value(s) > self.value(best) - TIE]

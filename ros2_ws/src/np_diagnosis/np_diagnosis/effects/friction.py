@@ -12,6 +12,7 @@ COULOMB = ("Nm", -1.0, 4.0, 0.3)
 VISCOUS = ("Nms/rad", -1.0, 8.0, 0.3)
 STRIBECK_SPEEDS = (0.03, 0.06, 0.12, 0.25)  # rad/s
 PRESLIDING_STROKES = (0.003, 0.006, 0.012, 0.025, 0.05)  # rad
+SMOOTH = 5  # samples of the fine grid
 WARM_UP = (60.0, 180.0)  # s
 
 
@@ -152,7 +153,9 @@ def _ripple(joint: int, order: int) -> Effect:
 def dahl(position: np.ndarray, stroke: float) -> np.ndarray:
     """Dahl's friction (m,) over its level, -1..1, from the distance moved; exact for motion that does not
     turn between two samples."""
-    moved = np.diff(position, prepend=position[:1])
+    # An encoder's noise is no motion: over a short stroke it would wear the state away.
+    smooth = np.convolve(np.pad(position, SMOOTH // 2, mode="edge"), np.full(SMOOTH, 1 / SMOOTH), mode="valid")
+    moved = np.diff(smooth, prepend=smooth[:1])
     friction, state = [], 0.0
     for direction, decay in zip(np.sign(moved).tolist(), np.exp(-np.abs(moved) / stroke).tolist()):
         state = direction + (state - direction) * decay

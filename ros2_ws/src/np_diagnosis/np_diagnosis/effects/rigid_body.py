@@ -10,7 +10,7 @@ from np_diagnosis.arm_model import Arm
 from np_diagnosis.effects.base import Context, Effect, Parameter, stack
 
 
-INERTIA_KNOWN = 0.09  # share to which the inertia of a link is ever known: three times 3 %
+INERTIA_KNOWN = 0.14  # share to which the inertia of one link can be told while its neighbours are 3 % off
 
 
 def effects(context: Context) -> list[Effect]:

@@ -7,7 +7,7 @@ import numpy as np
 from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
 from np_diagnosis.effects.torque_loop import SHARE, first_order
 
-FILTERS = (0.0016, 0.004, 0.01, 0.025)  # s
+FILTERS = tuple(4e-4 * 1.35**n for n in range(14))  # s: so fine that the best one leaves nothing to other effects
 
 
 def effects(context: Context) -> list[Effect]:

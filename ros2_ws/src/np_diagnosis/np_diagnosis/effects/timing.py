@@ -8,7 +8,7 @@ from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
 from np_diagnosis.effects.torque_loop import SHARE
 from np_diagnosis.stages import Drive
 
-DELAYS = (0.003, 0.006, 0.012, 0.025)  # s
+DELAYS = tuple(6e-4 * 1.25**n for n in range(17))  # s: so fine that the best one leaves nothing to other effects
 DELAY_LEAST = 5e-4  # s, up to which a delay is what any loop has
 DELAY_KNOWN = 1e-4  # s, standard deviation of the delay that any loop has
 LEAST_HELD = 20  # periods
@@ -21,7 +21,7 @@ def effects(context: Context) -> list[Effect]:
         Effect(
             "measurement_delay",
             (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN, least=DELAY_LEAST),),
-            {"r2": lambda c, j: stack(c.samples.torque_rate[:, j])},
+            {"r2": _late_states},
             "states are older than their stamps",
             is_arm=True,
         )
@@ -51,6 +51,14 @@ def effects(context: Context) -> list[Effect]:
             )
         )
     return found
+
+
+def _late_states(c: Context, j: int) -> np.ndarray:
+    """Rate (n, 1) Nm/s of all that the motion takes: gravity is compensated where the arm was, too."""
+    rate = c.samples.torque_rate[:, j]
+    if not c.samples.with_gravity:
+        rate = rate + (c.prediction.gravity_slope[:, j] * c.samples.velocity).sum(axis=1)
+    return stack(rate)
 
 
 def delayed(d: Drive, values: np.ndarray, delay: float) -> np.ndarray:

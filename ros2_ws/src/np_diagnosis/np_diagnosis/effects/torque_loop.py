@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
 from np_diagnosis.stages import Drive
 
-LAGS = (0.0015, 0.003, 0.006, 0.012, 0.025)  # s
+LAGS = tuple(1e-3 * 1.4**n for n in range(10))  # s: so fine that the best one leaves nothing to other effects
 SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
 WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)  # all of it, or it is another shape
 LEVELS = (0.95, 0.85, 0.7, 0.55, 0.4)  # of the largest torque or rate commanded

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_diagnosis.effects.base import Context, Effect, Parameter, stack
+from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
 from np_diagnosis.effects.friction import dahl
 
-HYSTERESIS_TORQUES = (0.5, 2.0, 8.0)  # Nm over which the loop saturates
+HYSTERESIS_STROKES = (1e-4, 3e-4, 1e-3, 3e-3)  # rad of the joint over which the loop saturates
 PLAY_TORQUE = 0.05  # Nm at which the side of the play is sure
 
 
@@ -28,15 +28,16 @@ def effects(context: Context) -> list[Effect]:
             {"r3": lambda c, j: stack(np.tanh(c.transmission.load[:, j] / PLAY_TORQUE))},
             "play operator: the motor leads by half the play, whichever side drives",
         ),
-        *(_hysteresis(t) for t in HYSTERESIS_TORQUES),
+        *(_hysteresis(x) for x in HYSTERESIS_STROKES),
     ]
 
 
-def _hysteresis(torque: float) -> Effect:
+def _hysteresis(stroke: float) -> Effect:
     return Effect(
         "transmission_hysteresis",
         (Parameter("width", "rad", 0.0, 0.05, 3e-4),),
-        {"r3": lambda c, j: stack(dahl(c.transmission.load[:, j], torque))},
-        "Bouc-Wen: a twist that depends on the way of the torque",
-        f"{torque:g} Nm",
+        {"r3": lambda c, j: stack(c.samples.filtered(j, lambda q, v: dahl(q, stroke)))},
+        "Bouc-Wen: a twist that depends on the way that the joint came",
+        f"{1e3 * stroke:.3g} mrad",
+        Shape("stroke", "rad", stroke, _hysteresis),
     )
