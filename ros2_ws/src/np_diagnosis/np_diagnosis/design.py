@@ -31,16 +31,16 @@ DELAY = 3e-4  # s between command and torque that any loop has
 # motion, error of the inertial torque, zero of the motor's encoder.
 NUISANCES = {
     "r0": (),
-    "r1": (Parameter("delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),),
+    "r1": (Parameter("command_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),),
     "r2": (
-        Parameter("delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
+        Parameter("motion_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
         Parameter("inertia", "1", -0.5, 0.5, 0.03),
     ),
     "r3": (Parameter("zero", "rad", -0.1, 0.1, 0.01),),
     REVERSAL: (),
 }
 # Without commands, measured torque and motion may come from clocks of their own.
-LOOSE = (Parameter("delay", "s", -0.01, 0.01, 1e-3), Parameter("inertia", "1", -0.5, 0.5, 0.03))
+LOOSE = (Parameter("motion_delay", "s", -0.01, 0.01, 1e-3), Parameter("inertia", "1", -0.5, 0.5, 0.03))
 
 
 @dataclass(frozen=True)

@@ -39,12 +39,12 @@ def estimate(
     effect, spread = candidate.effect, 0.0
     if effect.shape is not None and refined:
         effect, cells, spread = _settle(design, cells, ids, candidate)
-    value, half = _interval(cells, ids, design, seed)
+    whole, half = _interval(cells, ids, design, seed)
     at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
     known = np.array([p.background for p in effect.parameters])
-    half[at] = np.maximum(np.hypot(half[at], T95 * known), MODEL * np.abs(value[at]))
+    half[at] = np.maximum(np.hypot(half[at], T95 * known), MODEL * np.abs(whole[at]))
     found = {
-        p.name: Estimate(float(value[i]), float(value[i] - half[i]), float(value[i] + half[i]), p.unit)
+        p.name: Estimate(float(whole[i]), float(whole[i] - half[i]), float(whole[i] + half[i]), p.unit)
         for p, i in zip(effect.parameters, at)
     }
     shape = effect.shape
@@ -57,6 +57,11 @@ def estimate(
         found.pop("share", None)
         spread = max(spread, MODEL * abs(shape.value))
         found[shape.name] = Estimate(*(float(v) for v in (shape.value, shape.value - spread, shape.value + spread)), shape.unit)
+    if effect.absorbs:
+        beside = [n for n, i in enumerate(ids) if design.parameters[i].name == effect.absorbs]
+        extra = float(np.mean([whole[n] - design.parameters[ids[n]].centre for n in beside]))
+        found = {name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra)
+                 for name, e in found.items()}
     return effect, found
 
 

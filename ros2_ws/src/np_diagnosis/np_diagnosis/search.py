@@ -19,7 +19,7 @@ CROWD = 2  # effects in a joint
 TRIED = 30  # candidates that each structure is grown by
 ADDED = 3.0  # nats that an effect must bring beyond its prior odds
 CERTAINTY = 1.5  # standard errors over blocks that it must bring
-LEAST_SHARE = 0.01  # of the stage's held-out energy at its place, below which an effect is not worth naming
+LEAST_SHARE = 0.02  # of the stage's held-out energy at its place, below which an effect is not worth naming
 VISIBLE = 0.0001  # of the joint's torque limit, likewise
 TIE = 2.0  # nats within which fewer parameters are preferred
 

@@ -80,7 +80,8 @@ class Effect:
     An effect of one joint acts on that joint only; an effect of the whole arm (`is_arm`) shows in every joint
     with the same parameters. variant: what tells it from others of this id, in words. component: of an arm
     effect, the joint it sits at, or "arm"; only_joint: the one joint a variant is meant for, None for all;
-    constants: numbers of the variant that a simulator needs besides the parameters.
+    constants: numbers of the variant that a simulator needs besides the parameters. absorbs: nuisance that says
+    the same: what the data put into it beyond its usual value belongs to the effect.
     """
 
     id: str
@@ -93,6 +94,7 @@ class Effect:
     component: str = "arm"
     only_joint: int | None = None
     constants: Mapping[str, float] = field(default_factory=dict)
+    absorbs: str = ""
 
     @property
     def entry(self) -> dict:

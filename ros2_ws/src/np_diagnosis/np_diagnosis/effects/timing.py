@@ -24,6 +24,7 @@ def effects(context: Context) -> list[Effect]:
             {"r2": _late_states},
             "states are older than their stamps",
             is_arm=True,
+            absorbs="motion_delay",
         )
     ]
     if context.drive is None:
@@ -112,6 +113,7 @@ def _delay(delay: float) -> Effect:
         f"{1e3 * delay:.3g} ms",
         Shape("delay", "s", delay, _delay, linear=True, background=DELAY_KNOWN, least=DELAY_LEAST),
         is_arm=True,
+        absorbs="command_delay",
     )
 
 
