@@ -72,7 +72,8 @@ def test_what_no_catalogue_knows_stays_unexplained():
     assert any(place["module"] == "unknown" for place in report["where"])
 
 
-def test_the_public_panda_log(capsys):
+@pytest.fixture(scope="module")
+def panda_log():
     """Gaz et al. 2019: 10 contiguous blocks, half a second apart, bare flange, no nominal friction."""
     path = REAL / "panda_gaz2019" / "gaz2019_traj1.npz"
     if not path.exists():
@@ -80,11 +81,19 @@ def test_the_public_panda_log(capsys):
     arm = panda(hand=False).rigid_body_only()
     log = read(path)
     check(log, arm)
-    diagnosis = diagnose([log], arm)
-    after = np.array([np.sqrt(np.mean(diagnosis.gap.residuals[n][c.rows] ** 2))
-                      for n, c in enumerate(diagnosis.design.cells) if c.stage == "r2"])
+    return diagnose([log], arm)
+
+
+def test_the_public_panda_log_is_predicted_where_its_joints_slide(panda_log, capsys):
+    after = np.array([np.sqrt(np.mean(panda_log.gap.residuals[n][c.rows] ** 2))
+                      for n, c in enumerate(panda_log.design.cells) if c.stage == "r2"])
     with capsys.disabled():
-        print(f"\nPanda log: {diagnosis.verdict}, sliding {after.mean():.3f} Nm {after.round(3)}",
-              [(f.effect.key, f.component) for f in chosen(diagnosis)], diagnosis.unexplained)
-    assert len(diagnosis.design.blocks) == 10
+        print(f"\nPanda log: {panda_log.verdict}, sliding {after.mean():.3f} Nm {after.round(3)}",
+              [(f.effect.key, f.component) for f in chosen(panda_log)], panda_log.unexplained)
+    assert len(panda_log.design.blocks) == 10
     assert after.mean() <= 0.285
+
+
+@pytest.mark.xfail(strict=True, reason="names about a dozen effects; joints 2 and 3 ought to stay unexplained")
+def test_joints_2_and_3_of_the_public_panda_log_stay_unexplained(panda_log):
+    assert {1, 2} <= set(panda_log.unexplained)
