@@ -25,7 +25,11 @@ def record(folder, mode, only=SHORT):
             return segments, exciter.stop_recording()
 
 
-@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+# On a machine that is too busy for 500 Hz the watchdog stops the arm, and the suite says so: right, and no failure.
+BUSY = pytest.mark.xfail(raises=ExciteError, reason="too busy a machine for real time: the watchdog stopped the arm")
+
+
+@pytest.mark.parametrize("mode", ["lockstep", pytest.param("realtime", marks=BUSY)])
 def test_an_experiment_is_followed_and_recorded(tmp_path, mode):
     segments, result = record(tmp_path, mode)
     assert segments == SHORT
