@@ -10,8 +10,9 @@ import numpy as np
 
 from np_control.controller import Answer
 from np_control.safety import Applied, Refusal, SafetyFilter, SafetyLimits, State
-from np_franka.arm import MILLISECOND, Arm, ArmError, Reading
+from np_franka.arm import Arm
 from np_franka.checklist import Checklist
+from np_franka.client import MILLISECOND, ArmError, Reading
 from np_franka.limits import CYCLE_NS
 from np_franka.onboard import Onboard
 from np_franka.timing import CycleTimes

@@ -23,7 +23,6 @@ from np_control.trajectory import Trajectory
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_franka.driver import Cycle
 from np_franka.gripper import Gripper
-from np_franka.limits import FR3_LIMITS
 from np_franka.nodes.settings import declare
 from np_franka.onboard import Onboard
 from np_ros import qos
@@ -45,12 +44,13 @@ class FrankaDriver(Node):
     def __init__(self):
         super().__init__("franka_driver")
         settings, self._driver = declare(self)
-        self._gripper = Gripper(settings.hostname) if settings.has_gripper else None
+        self._gripper = Gripper(settings.robot, settings.hostname) if settings.has_gripper else None
         self._published = -1  # number of the period published last
         self._reported: tuple[State, str] | None = None
         self.diagnostics = Diagnostics(self)
-        self.diagnostics.values.update(mode="realtime", hostname=settings.hostname, control=settings.control,
-                                       calibration=settings.calibration)
+        self.diagnostics.values.update(
+            mode="realtime", robot=settings.robot, hostname=settings.hostname, control=settings.control,
+            calibration=settings.calibration)
         stream = qos.publisher(lockstep=False)
         self._joint_states = self.create_publisher(JointState, "joint_states", stream)
         self._motor_states = self.create_publisher(JointState, "motor_states", stream)
@@ -61,7 +61,7 @@ class FrankaDriver(Node):
                                      qos.subscriber(lockstep=False))
         else:  # what the controller on board answers is published where another's would be, for recordings
             self._effort = self.create_publisher(JointState, "effort_command", stream)
-            inputs.subscribe(self, self, FR3_LIMITS, lockstep=False)
+            inputs.subscribe(self, self, self._driver.filter.limits, lockstep=False)
         self.create_subscription(Float64, "gripper_command", self._on_gripper, qos.EVENT)
         self.create_service(Trigger, "~/stop", self._service(self._stop))
         self.create_service(Trigger, "~/recover", self._service(self._recover))
@@ -101,8 +101,9 @@ class FrankaDriver(Node):
         self._joint_states.publish(joint_state_message(
             stamp, STATE_NAMES, np.append(reading.q, fingers), np.append(reading.dq, unknown),
             np.append(reading.torque, unknown)))
-        self._motor_states.publish(joint_state_message(
-            stamp, JOINT_NAMES, reading.theta, reading.dtheta, reading.commanded))
+        if reading.theta is not None:
+            self._motor_states.publish(joint_state_message(
+                stamp, JOINT_NAMES, reading.theta, reading.dtheta, reading.commanded))
         if self._effort is not None and cycle.answer is not None:
             answer = cycle.answer
             self._effort.publish(joint_state_message(
