@@ -61,4 +61,5 @@ class SimulatedFr3(FrankaMujocoRobot):
         """What goes over the wire."""
         inner = self._get_state()
         return self._constant.replace(
-            q=inner.q, dq=inner.dq, q_d=inner.q, dq_d=inner.dq, tau_J=inner.tau_j, tau_J_d=self.told)
+            q=inner.q, dq=inner.dq, theta=inner.q, dtheta=inner.dq,  # gears and links that do not bend
+            q_d=inner.q, dq_d=inner.dq, tau_J=inner.tau_j, tau_J_d=self.told)

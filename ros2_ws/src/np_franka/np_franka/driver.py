@@ -53,7 +53,7 @@ class Driver:
         self._time = 0
         self._sent = np.zeros(7)
         self._read_at: float | None = None
-        self.times = CycleTimes()  # since the arm was taken under control last
+        self.times = CycleTimes()  # since the arm was taken under control or recovered last
 
     @property
     def state(self) -> State:
@@ -116,6 +116,7 @@ class Driver:
             self.onboard.release()
         if self.filter.watchdog.may_move or self.arm.is_controlled:
             self.filter.recover(self._reading.q)  # the first is a refusal
+            self.times.clear()
             return
         if not self.arm.is_connected:
             self._connect(now)
