@@ -111,15 +111,14 @@ class SafetyLimits:
 LIMITS = SafetyLimits.of(NOMINAL)
 
 
-def velocity_bounds(limits: SafetyLimits, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest velocity (7,) rad/s allowed at q (7,) rad.
+def velocity_bounds(limits: SafetyLimits, q: np.ndarray) -> np.ndarray:
+    """Least and greatest velocity (2, 7) rad/s allowed at q (7,) rad.
 
     Far from the walls these are the speed limits; towards a wall they shrink in proportion to the distance,
     so that the approach is exponential; behind the wall they point back out.
     """
     # The pull back from far outside the range is no faster than cruising either.
-    slowest, fastest = _bounded(limits.wall_rate * (limits.walls - q), limits.cruise)
-    return slowest, fastest
+    return _bounded(limits.wall_rate * (limits.walls - q), limits.cruise)
 
 
 def torque_bounds(limits: SafetyLimits, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -129,7 +128,7 @@ def torque_bounds(limits: SafetyLimits, q: np.ndarray, dq: np.ndarray) -> tuple[
     joint reaches the bound (v = tau^2 / (2 rate inertia)); close to the bound it fades linearly, and beyond
     it turns into braking.
     """
-    room = _SIDES * (np.stack(velocity_bounds(limits, q)) - dq)
+    room = _SIDES * (velocity_bounds(limits, q) - dq)
     lower, upper = _SIDES * _torque_towards(limits, room)
     # Braking is owed even where it is hard to take back.
     lower = np.where(upper < 0, np.minimum(lower, upper), lower)
@@ -166,6 +165,8 @@ def limit_torque(limits: SafetyLimits, torque: np.ndarray, previous: np.ndarray,
     guarded = np.minimum(np.maximum(lawful, lower), upper)
     step = limits.torque_rate * limits.period
     slewed = np.minimum(np.maximum(guarded, previous - step), previous + step)
+    if (slewed == torque).all():
+        return slewed, []
     stages = (("torque", torque, lawful), ("wall_or_speed", lawful, guarded),
               ("torque_rate", guarded, slewed))
     return slewed, [name for name, before, after in stages if (before != after).any()]
