@@ -14,7 +14,7 @@ from np_franka.limits import FR3_LIMITS, PANDA_LIMITS
 @dataclass(frozen=True, eq=False)
 class RobotKind:
     """One kind of robot. package: what its client needs; module: where that client is; client: its class
-    there. The packages are imported when a robot is opened, one of them only."""
+    there. A package is imported when its robot is chosen."""
 
     name: str
     package: str
