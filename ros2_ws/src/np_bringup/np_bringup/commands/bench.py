@@ -16,7 +16,8 @@ from np_bringup import figures
 from np_bringup.card import card_graph
 from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, running_graph
 from np_bringup.graph import NodeSpec
-from np_bringup.nodes.conductor_node import Conductor, GraphError
+from np_bringup.nodes.conductor_node import Conductor
+from np_bringup.nodes.participant import GraphError
 from np_bringup.supervisor import NodeDied, Supervisor
 
 DOMAIN = "card"
