@@ -40,7 +40,7 @@ HOLD_STIFFNESS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # Nm/rad
 HOLD_DAMPING = (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)  # Nms/rad
 # joint_reflex and communication_constraints_violation among libfranka's 41 errors
 JOINT_REFLEX, COMMUNICATION = 6, 25
-PATIENCE = 20  # cycles without a command
+PATIENCE = 20  # cycles without a command: FCI documentation, "Network bandwidth, delay and jitter test"
 TRACED = 100_000  # cycles
 COUNTED = 100  # cycles of which the robot tells the share that brought a command
 

@@ -18,7 +18,7 @@ from np_franka.client import mismatch
 from np_franka.robots import ROBOTS
 
 READ_PERIOD = 0.02  # s between two measurements
-SPEED = 0.1  # m/s between the fingers, the hand's nominal speed
+SPEED = 0.1  # m/s between the fingers: 50 mm/s a finger, Franka Hand product manual
 START_TIMEOUT = 15.0  # s
 END_TIMEOUT = 3.0  # s
 
