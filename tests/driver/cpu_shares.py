@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+STEAL = 7  # among the uses of the machine's time
 TICK = os.sysconf("SC_CLK_TCK")  # of the kernel's account, a second
 
 
@@ -16,6 +17,12 @@ class CpuShares:
     def __init__(self, processes: Mapping[str, int]):
         self._processes = dict(processes)
         self._begin, self._before = time.monotonic(), self._read()
+        self._machine = _machine()
+
+    def stolen(self) -> float:
+        """Share of the machine's time since the beginning that its host gave to other machines."""
+        passed = [now - before for now, before in zip(_machine(), self._machine)]
+        return round(passed[STEAL] / max(sum(passed), 1), 3)
 
     def shares(self) -> dict[str, float]:
         """Shares of one core since the beginning, by process: that of its first thread, then of the others
@@ -39,6 +46,11 @@ class CpuShares:
                 # Fields 14 and 15 of proc(5), utime and stime, counted behind the name, which is the second.
                 ticks[name, task.name == str(pid), int(task.name)] = int(fields[11]) + int(fields[12])
         return ticks
+
+
+def _machine() -> list[int]:
+    """Ticks of all cores by use: the first eight of the line `cpu` of proc(5)'s stat."""
+    return [int(field) for field in Path("/proc/stat").read_text().splitlines()[0].split()[1:9]]
 
 
 def children(pid: int) -> list[int]:

@@ -46,7 +46,7 @@ class Measurement:
 
     def row(self, raw: list[bytes]) -> dict[str, object]:
         """The figures. raw: the effort commands since then, as `overheard` has them."""
-        shares = self._shares.shares()
+        shares, stolen = self._shares.shares(), self._shares.stolen()
         arm = self._arm
         arm.harness.probe.idle_for(1.1)  # for the driver's account of the last second
         status, counts, robot = arm.harness.status, self._counts(), arm.robot.request("state")
@@ -54,6 +54,7 @@ class Measurement:
         commanded = robot["commanded"] - self._robot["commanded"]
         return {
             "load_before": round(self._load, 2),
+            "stolen": stolen,
             "state": status["state"],
             "message": arm.harness.message,
             **said,

@@ -108,7 +108,8 @@ def measure(listed: list[Job], journal: Journal, write: Callable[[str, list[dict
             except FAILURES as error:
                 errors.append(f"{text}: {type(error).__name__}: {error}")
                 print(errors[-1], file=sys.stderr)
-        write(part, [journal.rows[t] for p, t, _ in listed if p == part and t in journal.rows])
+        if rows := [journal.rows[t] for p, t, _ in listed if p == part and t in journal.rows]:
+            write(part, rows)
     progress.show(len(listed), "done")
     return errors
 

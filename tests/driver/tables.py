@@ -10,8 +10,9 @@ HEAD = """# What the driver did
 
 Written by `make driver-report`, against a simulated FR3 on the robot's own network protocol, its clock included; what
 that leaves open is in [hardware.md](hardware.md#what-is-not-tested). Robot, driver, controller and the report itself
-are Python processes that share the cores named below; "load" is the machine's load average of the last minute before
-a row was measured, by whatever else ran.
+are Python processes that share the cores named below. "Load" is the load average of the last minute before a row was
+measured, by whatever else ran; "stolen" the share of the cores' time that the host of this virtual machine gave to
+others meanwhile.
 """
 TEXTS = {
     "tracking": """## Impedance tracking
@@ -55,6 +56,7 @@ COLUMNS: dict[str, dict[str, str]] = {
     "tracking": {
         "control": "control",
         "load_before": "load",
+        "stolen": "stolen",
         "seconds": "s",
         **CYCLES,
         "commands_per_1000": "answers in 1,000",
@@ -67,6 +69,7 @@ COLUMNS: dict[str, dict[str, str]] = {
     "approach": {
         "control": "control",
         "load_before": "load",
+        "stolen": "stolen",
         "plan_s": "motion, s",
         "plan_points": "points",
         "end_joint_error_rad": "end, joints, rad",
