@@ -27,15 +27,13 @@ class CpuShares:
     def shares(self) -> dict[str, float]:
         """Shares of one core since the beginning, by process: that of its first thread, then of the others
         (the middleware's)."""
-        seconds, now = time.monotonic() - self._begin, self._read()
-        return {
-            name: round(sum(now[key] - self._before.get(key, 0) for key in now if chosen(key)) / TICK / seconds, 3)
-            for process in self._processes
-            for name, chosen in (
-                (process, lambda key: key[0] == process and key[1]),
-                (f"{process}, other threads", lambda key: key[0] == process and not key[1]),
-            )
-        }
+        now, ticks = self._read(), TICK * (time.monotonic() - self._begin)
+        shares = {}
+        for process in self._processes:
+            for name, is_first in ((process, True), (f"{process}, other threads", False)):
+                took = [now[key] - self._before.get(key, 0) for key in now if key[:2] == (process, is_first)]
+                shares[name] = round(sum(took) / ticks, 3)
+        return shares
 
     def _read(self) -> dict[tuple[str, bool, int], int]:
         """Ticks by (process, whether it is the first thread, thread number)."""

@@ -93,8 +93,8 @@ class Robot(FrankaRobotServer):
     def send_state(self):
         self.cycles += 1
         state = self.robot.inner_state
-        self.trace[self.cycles % TRACED] = (1e-3 * self.cycles, *state.q, *state.dq, *self.robot.told, self.step,
-                                            self.is_commanded)
+        self.trace[self.cycles % TRACED] = (
+            1e-3 * self.cycles, *state.q, *state.dq, *self.robot.told, self.step, self.is_commanded)
         self.step = 0.0
         if self.drop or self.is_mute:
             self.drop = max(0, self.drop - 1)

@@ -1,5 +1,5 @@
-"""`make driver-report`: what the driver did, measured: tracking, a card approach, the diagnosis suite, faults;
-JSON and a page of tables.
+"""`make driver-report`: what the driver did, measured: tracking, a card approach, the diagnosis suite,
+faults; JSON and a page of tables.
 
 The last line is one JSON object. Give the machine to it: for tracking, approach and suite robot, driver and
 controller run at real-time priority where that is permitted, and what else runs shows in the figures. Faults
@@ -140,7 +140,8 @@ def main() -> int:
         "machine": f"{os.cpu_count()} cores, {platform.machine()}",
         "pace": options.pace,
     }
-    run = {**about, "seconds": options.seconds, "only": options.only, "revision": origin()["revision"].removesuffix("-dirty")}
+    revision = origin()["revision"].removesuffix("-dirty")  # the report itself changes the tree
+    run = {**about, "seconds": options.seconds, "only": options.only, "revision": revision}
     journal = Journal(options.journal, run)
     options.out.mkdir(parents=True, exist_ok=True)
 

@@ -1,5 +1,5 @@
-"""The diagnosis suite runs through the driver as through any backend: same command, a recording that keeps the
-contract."""
+"""The diagnosis suite runs through the driver as through any backend: same command, a recording that keeps
+the contract."""
 
 import numpy as np
 import pytest

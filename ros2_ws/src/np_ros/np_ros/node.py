@@ -122,8 +122,8 @@ class Diagnostics:
             self._problem = key
 
     def report(self, level: bytes, message: str, *, at_once: bool = True) -> None:
-        """Set the level (DiagnosticStatus.OK, WARN, ERROR) and message; publish at once if they are new, unless
-        they can wait for the next period."""
+        """Set the level (DiagnosticStatus.OK, WARN, ERROR) and message; publish at once if they are new,
+        unless they can wait for the next period."""
         if (level, message) != (self._level, self._message):
             self._level, self._message = level, message
             if at_once:
