@@ -114,6 +114,12 @@ def measure(listed: list[Job], journal: Journal, write: Callable[[str, list[dict
     return errors
 
 
+def machine() -> str:
+    """Whose figures these are."""
+    is_virtual = "hypervisor" in Path("/proc/cpuinfo").read_text()
+    return f"{os.cpu_count()} cores{' of a shared virtual machine' if is_virtual else ''}, {platform.machine()}"
+
+
 def parse() -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -137,7 +143,7 @@ def main() -> int:
     interrupt_on_sigterm()
     about = {
         "date": date.today().isoformat(),
-        "machine": f"{os.cpu_count()} cores, {platform.machine()}",
+        "machine": machine(),
         "pace": options.pace,
     }
     revision = origin()["revision"].removesuffix("-dirty")  # the report itself changes the tree

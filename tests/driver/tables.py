@@ -21,7 +21,8 @@ Two waves a joint, 0.1 to 0.4 Hz, gains of the controller itself (400 and 100 Nm
 The error is between the joint target of a state and the joints as the robot knows them at that state.
 Cycles are the driver's, from one state read to the next; lost are those that it missed, "no command"
 those in which the robot, by its own account, had none. Robot, driver and controller ran at real-time
-priority where that is permitted.
+priority where that is permitted. A row of much stolen time, or of a load over 1, says how the watchdog
+stops an arm whose commands do not come, not how well it follows.
 """,
     "approach": """## The approach of a card episode
 
