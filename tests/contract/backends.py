@@ -115,8 +115,11 @@ class Harness:
         return stamp_nanoseconds(self.states[-1].header.stamp)
 
     def wait(self, condition: Callable[[], object], what: str) -> None:
-        """Spin until the condition holds."""
-        self.probe.wait_until(condition, what=what)
+        """Spin until the condition holds; where it does not, the backend's last words are told."""
+        try:
+            self.probe.wait_until(condition, what=what)
+        except TimeoutError as error:
+            raise TimeoutError(f"{error}; {self.backend.name} said: {self.message} {self.status}") from error
 
     def wait_state(self, *states: str) -> None:
         """Wait until the backend says that it is in one of these states."""
