@@ -143,6 +143,20 @@ class MovingArm:
 
         self.harness.wait(is_at_rest, "rest")
 
+    def hold_anew(self) -> None:
+        """Stop and recover: the driver counts its cycles from here on."""
+        assert self.harness.call("stop").success
+        self.harness.wait_state("stopped")
+        self.rest()
+        self.recover()
+
+    def deafen(self) -> None:
+        """Listen to states no longer: reading 500 a second takes time from what is measured."""
+        node = self.harness.probe.node
+        for subscription in list(node.subscriptions):
+            if subscription.topic_name == "/joint_states":
+                node.destroy_subscription(subscription)
+
     def recover(self) -> str:
         """Recover as an operator and the episode node do; the state that this leads to."""
         harness = self.harness

@@ -23,7 +23,7 @@ OF_ROS = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PY
 
 def missing() -> str:
     """Why the driver cannot be tested here; empty if it can."""
-    if importlib.util.find_spec("pylibfranka") is None:
+    if not all(map(importlib.util.find_spec, ("pylibfranka", "panda_py"))):
         return "the hardware extra is not installed (make test-driver installs it)"
     if not SIMULATOR.exists():
         return f"no protocol simulator at {SIMULATOR} (make test-driver installs it)"
@@ -35,12 +35,13 @@ class SimulatedRobot:
 
     hand_mass: kg, of the end effector that its settings name. pace: ms that a cycle takes. The robot's clock
     paces whoever talks to it and counts for every deadline, so that a slow robot leaves a busy machine time
-    and changes nothing else. """
+    and changes nothing else. protocol: version that it claims to speak; it speaks 10. """
 
-    def __init__(self, hand_mass: float = 0.73, pace: float = SLOW):
+    def __init__(self, hand_mass: float = 0.73, pace: float = SLOW, protocol: int = 10):
         environment = {key: value for key, value in os.environ.items() if key not in OF_ROS}
         self.process = subprocess.Popen(
-            [str(SIMULATOR), str(Path(__file__).with_name("protocol_server.py")), str(hand_mass), str(pace)],
+            [str(SIMULATOR), str(Path(__file__).with_name("protocol_server.py")),
+             *map(str, (hand_mass, pace, protocol))],
             env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         if os.sched_getscheduler(0) == os.SCHED_FIFO:
             os.sched_setscheduler(self.process.pid, os.SCHED_FIFO, os.sched_param(ROBOT_PRIORITY))
