@@ -17,6 +17,7 @@ GOALS = (
     ("false_alarm", "false alarm, clean arms", "<= .05"),
     ("abstain_out_of_catalogue", "says unexplained, out of catalogue", ">= .90"),
     ("pairs_top3", "pairs, both among the first three", ">= .85"),
+    ("settled_by_next", "ambiguous, settled by the one suggested experiment", ">= .60"),
     ("coverage95", "95 % intervals that hold the truth", ".92 to .98"),
     ("harm", "patch makes it worse", "<= .02"),
 )

@@ -14,11 +14,13 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
 
-from np_diagnosis.blind.cases import draw_cases
+from np_diagnosis.blind.cases import Case, draw_cases
+from np_diagnosis.blind.followup import follow_up, is_settled
 from np_diagnosis.blind.generate import add_options, bag_path, batches, make_bags
 from np_diagnosis.blind.heldout import heldout_gaps
 from np_diagnosis.blind.patched import PatchError, patched_physics, read_patch
@@ -49,22 +51,26 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return options
 
 
-def diagnose(number: int, out: Path, doctor: str, timeout: float, keep: bool) -> int:
+def diagnose(case: Case, out: Path, doctor: str, timeout: float, keep: bool) -> int:
     """Run the doctor on the bag of a case; what it says goes to reports/case_*. The number of the case."""
-    bag, folder = bag_path(out, number), report_path(out, number)
+    bag, folder = bag_path(out, case.number), report_path(out, case.number)
     folder.mkdir(parents=True, exist_ok=True)
-    command = [*shlex.split(doctor), str(bag.resolve()), "--out", str(folder.resolve())]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=timeout,
-                              preexec_fn=end_with_parent, env={**os.environ, **SINGLE_THREAD})
-        said = (done.stdout + done.stderr)[-2000:]
-        error = "" if done.returncode == 0 else f"status {done.returncode}: {said}"
-    except subprocess.TimeoutExpired:
-        error = f"no answer within {timeout:g} s"
+
+    def ask(bags: Sequence[Path], answer: Path) -> str:
+        command = [*shlex.split(doctor), *(str(b.resolve()) for b in bags), "--out", str(answer.resolve())]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=timeout,
+                                  preexec_fn=end_with_parent, env={**os.environ, **SINGLE_THREAD})
+        except subprocess.TimeoutExpired:
+            return f"no answer within {timeout:g} s"
+        return "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"
+
+    error = ask([bag], folder)
+    follow_up(case, bag, folder, ask)
     (folder / "error.txt").write_text(error)
     if not keep:
         shutil.rmtree(bag)
-    return number
+    return case.number
 
 
 def report_path(out: Path, number: int) -> Path:
@@ -85,11 +91,11 @@ def run_doctor(options: argparse.Namespace, pool: ProcessPoolExecutor) -> None:
     bar = Bar(len(cases), f"blind {options.which} {options.seed}")
     making = {pool.submit(make_bags, batch, options.only, options.out.resolve())
               for batch in batches(missing, options.jobs)} if missing else set()
-    asking = {pool.submit(diagnose, number, *asked) for number in sorted(recorded)}
+    asking = {pool.submit(diagnose, cases[number], *asked) for number in sorted(recorded)}
     done = len(answered)
     bar.show(done, "simulating")
     for future in as_completed(making):
-        asking |= {pool.submit(diagnose, number, *asked) for number in future.result()}
+        asking |= {pool.submit(diagnose, cases[number], *asked) for number in future.result()}
     for future in as_completed(asking):
         future.result()
         done += 1
@@ -109,6 +115,7 @@ def score(options: argparse.Namespace, key: str, pool: ProcessPoolExecutor) -> l
         except (OSError, PatchError, KeyError, ValueError) as problem:
             error, patch = error or str(problem), []
         scores.append(score_case(entry, report, error))
+        scores[-1].settled = is_settled(entry, folder)
         patches.append(patch)
     cases = draw_cases(options.cases, options.seed, options.which)
     parts = batches(cases, options.jobs)
