@@ -23,8 +23,10 @@ from np_diagnosis.power import (
     _factors,
     ambiguity,
     next_experiment,
+    open_question,
     powers,
 )
+from np_diagnosis.refit import second_opinion
 from np_diagnosis.report import make_report
 from np_diagnosis.search import Search
 
@@ -134,16 +136,23 @@ def test_an_ambiguity_is_answered_with_a_command_and_its_odds():
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
     # As if the recording had left it open whether it is viscous.
     open_ = replace(diagnosis, findings=(replace(finding, equivalent_to=("viscous_friction",)),))
-    answer = next_experiment(open_)
-    report = make_report(open_, [log], 0.0, experiment=answer)
+    question = open_question(open_)
+    answer = next_experiment(open_, question)
+    forward = second_opinion(open_, question[1].structures[1:])
+    report = make_report(open_, [log], 0.0, experiment=answer, forward=forward)
+    page = render(report, open_)
+    assert [s["effects"] for s in report["forward"]["structures"]][:2] == [
+        ["coulomb_friction at panda_joint4"], ["viscous_friction at panda_joint4"]]
+    assert "Second opinion" in page and "Rival" in page
     assert answer["component"] == "panda_joint4"
     assert answer["separates"][:2] == ["coulomb_friction", "viscous_friction"]
     assert answer["probability"] > 0.9 and answer["expected_sigma"] > 3
-    assert f"--only {answer['name']}" in answer["command"] and f"--only {answer['name']}" in render(report, open_)
+    assert f"--only {answer['name']}" in answer["command"] and f"--only {answer['name']}" in page
     assert suite([answer["name"]])  # excite knows it
 
 
 def test_without_an_ambiguity_there_is_no_experiment():
     diagnosis = diagnose([record(Truth(payload=0.5))])
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
-    assert next_experiment(replace(diagnosis, findings=(replace(finding, probability=1.0, equivalent_to=()),))) is None
+    sure = replace(diagnosis, findings=(replace(finding, probability=1.0, equivalent_to=()),))
+    assert open_question(sure) is None and next_experiment(sure, None) is None

@@ -130,11 +130,8 @@ def powers(search: Search, open_question: Ambiguity, names: Sequence[str], seed:
     return table
 
 
-def next_experiment(diagnosis: Diagnosis, seed: int = 0) -> dict | None:
-    """What would settle the largest ambiguity of a diagnosis, as the report says it; None where there is none.
-
-    For another arm than the Panda, whose excitation this package does not plan: what the catalogue says.
-    """
+def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
+    """The largest ambiguity of a diagnosis, and the finding that it is about; None where there is none."""
     search, chosen, joints = diagnosis.search, diagnosis.chosen, diagnosis.context.arm.joints
     for finding in diagnosis.findings:
         if not finding.is_chosen or not (finding.equivalent_to or finding.probability < CERTAIN):
@@ -145,10 +142,21 @@ def next_experiment(diagnosis: Diagnosis, seed: int = 0) -> dict | None:
             continue
         likely = {f.effect.id for f in diagnosis.findings if not f.is_chosen and f.probability > 1 - CERTAIN}
         question = ambiguity(search, chosen, member, likely.union(finding.equivalent_to))
-        if question is None:
-            continue
-        return _answer(search, question, seed) if joints == NOMINAL.joints else _known(finding)
+        if question is not None:
+            return finding, question
     return None
+
+
+def next_experiment(diagnosis: Diagnosis, question: tuple[Finding, Ambiguity] | None, seed: int = 0) -> dict | None:
+    """What would settle a question, as the report says it; None where there is none.
+
+    For another arm than the Panda, whose excitation this package does not plan: what the catalogue says.
+    """
+    if question is None:
+        return None
+    if diagnosis.context.arm.joints != NOMINAL.joints:
+        return _known(question[0])
+    return _answer(diagnosis.search, question[1], seed)
 
 
 def _known(finding: Finding) -> dict:
