@@ -56,9 +56,19 @@ def _transmission(logs: list[Log], samples: Samples, prediction: Prediction) -> 
     trajectory = np.concatenate([np.full(len(log.time), number) for number, log in enumerate(logs)])
     time = np.concatenate([log.time for log in logs])
     apart = np.concatenate([log.motor - log.position for log in logs])
-    twist = np.column_stack([samples.project(trajectory, time, column) for column in apart.T])
+    twist = _projected(samples, trajectory, time, apart)
     load = samples.torque + (0.0 if samples.with_gravity else prediction.gravity)
     return Transmission(samples.time, samples.trajectory, twist, load, samples.torque_rate)
+
+
+def _projected(samples: Samples, trajectory: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """values (m, k) at the samples (n, k); NaN where the filter saw a NaN."""
+    is_known = np.isfinite(values)
+    projector = samples.projector(trajectory, time)
+    found = projector @ np.where(is_known, values, 0.0)
+    if not is_known.all():
+        found[projector @ (~is_known).astype(float) > 0] = np.nan
+    return found
 
 
 def _ripples(samples: Samples, prediction: Prediction) -> dict[int, tuple[int, ...]]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from np_diagnosis.design import Candidate, Cell, Design, Stages, make_cell
+from np_diagnosis.design import Candidate, Cell, Design, make_cell
 from np_diagnosis.effects import Effect
 from np_diagnosis.fit import fit
 from np_diagnosis.search import Search, Structure
@@ -70,7 +70,7 @@ def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> 
     blocks = len(design.blocks)
     rng = np.random.default_rng(seed)
     weights = rng.multinomial(blocks, np.full(blocks, 1 / blocks), BOOTSTRAPS).astype(float)
-    whole = fit(cells, [c.test.sum(axis=0)[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
+    whole = fit(cells, [c.total[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
                 design.parameters)
     drawn = fit(cells, [np.tensordot(weights, c.test, 1) for c in cells], [weights @ c.test_rows for c in cells],
                 ids, design.parameters)
@@ -126,7 +126,7 @@ def _value(cells: list[Cell], ids: np.ndarray, design: Design, candidate: Candid
 
 
 def _whole(cells: list[Cell], ids: np.ndarray, design: Design):
-    return fit(cells, [c.test.sum(axis=0)[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
+    return fit(cells, [c.total[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
                design.parameters)
 
 
@@ -138,14 +138,14 @@ def _likelihood(cells: list[Cell], ids: np.ndarray, design: Design) -> float:
 
 def _with(design: Design, cells: list[Cell], candidate: Candidate, effect: Effect) -> list[Cell]:
     """The cells with the columns of another shape of the candidate's effect, whitened as before."""
-    stages, changed = Stages(design.context), []
+    stages, changed = design.stages, []
     for cell in cells:
         places = np.flatnonzero(np.isin(cell.ids, candidate.ids))
         columns = stages.columns(effect, cell.stage, cell.joint) if places.size else None
         if columns is None:
             changed.append(cell)
             continue
-        matrix = cell.matrix.copy()
+        matrix = cell.matrix.copy(order="K")
         matrix[:, places] = columns
         changed.append(
             make_cell(stages, cell.stage, cell.joint, cell.ids, matrix, design.blocks, design.parameters, cell.whiten)

@@ -50,14 +50,13 @@ class Rest:
 def examine(search: Search, members: tuple[int, ...]) -> list[Rest]:
     """Every stage of every joint with enough rows."""
     design, found = search.design, []
-    stages = Stages(design.context)
     fits = {j: (search.ids(joints, inside), search.group(joints, inside)[0].fit, joints, inside)
             for joints, inside in search.groups(members) for j in joints}
     for cell in design.cells:
         if cell.stage in (REVERSAL, "r3") or cell.used.sum() < 4:
             continue
         ids, fit, _, _ = fits[cell.joint]
-        found.append(_rest(stages, design, cell, ids, fit))
+        found.append(_rest(design.stages, design, cell, ids, fit))
     return found
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 GRID = 0.002  # s
 SMOOTHING = 0.012  # s, standard deviation of the Gaussian kernel: half power at 11 Hz
@@ -95,14 +96,24 @@ class Samples:
         parts = [function(position[:, joint], velocity[:, joint]) for position, velocity in self.segments]
         return np.concatenate([_filter(part[:, None], _KERNEL)[:, 0] for part in parts])
 
-
-    def project(self, trajectory: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """values (m,) of moments `time` (m,) s of their trajectory, through the filter, at the samples (n,)."""
-        parts = []
+    def projector(self, trajectory: np.ndarray, time: np.ndarray) -> csr_array:
+        """What takes values (m,) of the moments `time` (m,) s of their `trajectory` (m,) to the samples (n,):
+        interpolation and filter in one sparse matrix (n, m)."""
+        starts, places, weights = [], [], []
         for number, grid in self.grids:
-            mine = trajectory == number
-            parts.append(_filter(np.interp(grid, time[mine], values[mine])[:, None], _KERNEL)[:, 0])
-        return np.concatenate(parts)
+            mine = np.flatnonzero(trajectory == number)
+            own = time[mine]
+            below = np.clip(np.searchsorted(own, grid, side="right") - 1, 0, len(own) - 2)
+            share = np.clip((grid - own[below]) / (own[below + 1] - own[below]), 0.0, 1.0)
+            window = _windows(np.arange(len(grid)))
+            places.append(np.stack([mine[below][window], mine[below + 1][window]], axis=2).reshape(len(window), -1))
+            both = np.stack([1 - share, share], axis=1)[window]
+            weights.append((both * _KERNEL[:, None]).reshape(len(window), -1))
+            starts.append(np.full(len(window), places[-1].shape[1]))
+        bounds = np.concatenate([[0], np.cumsum(np.concatenate(starts))])
+        shape = (len(bounds) - 1, len(time))
+        flat = [np.concatenate([part.ravel() for part in parts]) for parts in (weights, places)]
+        return csr_array((flat[0], flat[1], bounds), shape=shape)
 
     def filtered_extreme(self, joint: int, extreme) -> np.ndarray:
         """np.min or np.max (n,) of a joint's velocity over each sample's filter window."""
@@ -110,8 +121,7 @@ class Samples:
         for _, velocity in self.segments:
             column = velocity[:, joint]
             column = np.convolve(np.pad(column, 4, mode="edge"), np.full(9, 1 / 9), mode="valid")  # less noise
-            windows = np.lib.stride_tricks.sliding_window_view(column, 2 * _HALF + 1)[::DECIMATION]
-            parts.append(extreme(windows, axis=1))
+            parts.append(extreme(_windows(column), axis=1))
         return np.concatenate(parts)
 
 
@@ -182,5 +192,10 @@ def _noise(log: Log) -> np.ndarray:
 
 
 def _filter(values: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    filtered = np.column_stack([np.convolve(column, kernel, mode="valid") for column in values.T])
-    return filtered[::DECIMATION]
+    """values (m, c) through the kernel, at the samples (n, c): nothing is computed that decimation drops."""
+    return np.column_stack([_windows(np.ascontiguousarray(column)) @ kernel[::-1] for column in values.T])
+
+
+def _windows(column: np.ndarray) -> np.ndarray:
+    """The values (n, width of the kernel) of a column (m,) that each sample sees."""
+    return np.lib.stride_tricks.sliding_window_view(column, 2 * _HALF + 1)[::DECIMATION]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
+from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, recurrence, stack
 from np_diagnosis.stages import sign
 
 GAZ = "Gaz et al., RA-L 2019"
@@ -156,8 +156,5 @@ def dahl(position: np.ndarray, stroke: float) -> np.ndarray:
     # An encoder's noise is no motion: over a short stroke it would wear the state away.
     smooth = np.convolve(np.pad(position, SMOOTH // 2, mode="edge"), np.full(SMOOTH, 1 / SMOOTH), mode="valid")
     moved = np.diff(smooth, prepend=smooth[:1])
-    friction, state = [], 0.0
-    for direction, decay in zip(np.sign(moved).tolist(), np.exp(-np.abs(moved) / stroke).tolist()):
-        state = direction + (state - direction) * decay
-        friction.append(state)
-    return np.array(friction)
+    decay = np.exp(-np.abs(moved) / stroke)
+    return recurrence(decay, np.sign(moved) * (1 - decay))
