@@ -13,7 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
+from np_diagnosis import nuisances
 from np_diagnosis.effects import Context, Effect, Parameter, all_effects
+from np_diagnosis.nuisances import REVERSAL
 from np_diagnosis.stages import STANDSTILL
 
 BLOCKS = 10  # at least
@@ -23,25 +25,7 @@ GAP = 0.5  # s left out of training on either side of the block that is predicte
 ORDER = 2  # of the autoregression
 KINK = 0.02  # rad/s^2 by which the target's acceleration may jump for what was fed forward to be known
 
-REVERSAL = "r2 at reversal"
 SLOWEST = 0.002  # rad/s, below which a joint may be standing
-
-DELAY = 3e-4  # s between command and torque that any loop has
-
-# What every candidate may use besides its own, by stage: delay of torque against command, of torque against
-# motion, error of the inertial torque, zero of the motor's encoder.
-NUISANCES = {
-    "r0": (),
-    "r1": (Parameter("command_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),),
-    "r2": (
-        Parameter("motion_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
-        Parameter("inertia", "1", -0.5, 0.5, 0.03),
-    ),
-    "r3": (Parameter("zero", "rad", -0.1, 0.1, 0.01),),
-    REVERSAL: (),
-}
-# Without commands, measured torque and motion may come from clocks of their own.
-LOOSE = (Parameter("motion_delay", "s", -0.01, 0.01, 1e-3), Parameter("inertia", "1", -0.5, 0.5, 0.03))
 
 
 @dataclass(frozen=True)
@@ -173,8 +157,10 @@ def make_design(context: Context) -> Design:
         return np.arange(len(parameters) - len(parts), len(parameters))
 
     stages = Stages(context)
-    known = NUISANCES if context.drive is not None else NUISANCES | {"r2": LOOSE}
-    nuisance = [{stage: new(known[stage]) for stage in stages.names} for _ in context.arm.joints]
+    nuisance = [
+        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.names}
+        for joint in range(len(context.arm))
+    ]
     candidates = []
     for effect in all_effects(context):
         places = [None] if effect.is_arm else range(len(context.arm))
@@ -191,7 +177,7 @@ def make_design(context: Context) -> Design:
                 ids, columns = first.ids[own:], first.matrix[:, own:]
                 cells.append(make_cell(stages, stage, joint, ids, columns, blocks, parameters))
                 continue
-            matrix, ids = [stages.nuisances(stage, joint).T], [nuisance[joint][stage]]
+            matrix, ids = [nuisances.columns(context, stage, joint).T], [nuisance[joint][stage]]
             for candidate in candidates:
                 if candidate.joint in (None, joint):
                     columns = stages.columns(candidate.effect, stage, joint)
@@ -279,24 +265,6 @@ class Stages:
         if stage == "r0":
             return self._is_smooth
         return np.ones(len(c.drive.time), bool)
-
-    def nuisances(self, stage: str, joint: int) -> np.ndarray:
-        """Columns (n, count) of `NUISANCES`."""
-        c = self.context
-        if stage == "r2":
-            return np.column_stack(
-                [c.samples.torque_rate[:, joint], c.prediction.inertial[:, joint] + c.prediction.rotors[:, joint]]
-            )
-        if stage == "r3":
-            return np.ones((len(c.transmission.time), 1))
-        if stage == REVERSAL:
-            return np.zeros((len(c.samples), 0))
-        if stage == "r0":
-            return np.zeros((len(c.drive.time), 0))
-        # Commands are held for a period: to be late by less than that is a share of the one before.
-        step = np.diff(c.drive.commanded[:, joint], prepend=c.drive.commanded[0, joint])
-        step[c.drive.starts] = 0.0
-        return -step[:, None] / c.drive.period
 
 
 def rung(stage: str) -> str:

@@ -132,6 +132,16 @@ def regressor(arm: Arm, motion: Motion, link: int) -> np.ndarray:
     return columns
 
 
+def own_inertia(arm: Arm, motion: Motion) -> np.ndarray:
+    """Torque (n, k, k) Nm of joint i that turns link j about its own centre of mass: what a share of that
+    inertia would add."""
+    parts = []
+    for link, (m, h) in enumerate(zip(arm.mass, arm.moment)):
+        about = arm.inertia[link] - (h @ h * np.eye(3) - np.outer(h, h)) / max(m, 1e-9)
+        parts.append(regressor(arm, motion, link)[:, :, 4:] @ np.array([about[pair] for pair in PAIRS]))
+    return np.stack(parts, axis=2)
+
+
 def _turn(arm: Arm, joint: int, angle: np.ndarray) -> np.ndarray:
     """Rotation (3, 3, n) of a link in its parent, Rodrigues' formula."""
     x, y, z = arm.axis[joint]

@@ -67,7 +67,8 @@ class Samples:
     time (n,) s within its trajectory; trajectory (n,) its number; position, velocity, acceleration (n, k)
     rad,
     rad/s, rad/s^2; torque (n, k) Nm and its rate of change torque_rate (n, k) Nm/s; with_gravity as in `Log`;
-    noise (k,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one. segments:
+    noise (k,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one; shaking (k,)
+    rad/s^2: that of the raw velocity in the acceleration. segments:
     (position, velocity) (m, k) on the fine grid, one for each stretch without a gap; grids: (trajectory, times
     (m,) s) of each.
     """
@@ -81,6 +82,7 @@ class Samples:
     torque_rate: np.ndarray
     with_gravity: bool
     noise: np.ndarray
+    shaking: np.ndarray
     segments: tuple[tuple[np.ndarray, np.ndarray], ...]
     grids: tuple[tuple[int, np.ndarray], ...]
 
@@ -94,6 +96,10 @@ class Samples:
         What is not linear in the motion must be filtered like the torque, not computed from filtered motion.
         """
         parts = [function(position[:, joint], velocity[:, joint]) for position, velocity in self.segments]
+        return self.filter(parts)
+
+    def filter(self, parts: list[np.ndarray]) -> np.ndarray:
+        """Values (m,) on the fine grid of each stretch, through the filter: (n,)."""
         return np.concatenate([_filter(part[:, None], _KERNEL)[:, 0] for part in parts])
 
     def projector(self, trajectory: np.ndarray, time: np.ndarray) -> csr_array:
@@ -142,8 +148,15 @@ def sample(logs: list[Log], commanded: bool = False) -> Samples:
         )
     *columns, segments, grids = zip(*parts)
     columns = [np.concatenate(column) for column in columns]
-    noise = np.sqrt(np.mean([_noise(log) ** 2 for log in logs], axis=0))
-    return Samples(*columns, with_gravity=logs[0].with_gravity, noise=noise, segments=segments, grids=grids)
+    period = np.mean([np.median(np.diff(log.time)) for log in logs])
+    torque, velocity = (
+        np.sqrt(np.mean([_white(getattr(log, name)) ** 2 for log in logs], axis=0)) for name in ("torque", "velocity")
+    )
+    noise = torque * np.sqrt(period / (2 * np.sqrt(np.pi) * SMOOTHING))
+    shaking = velocity * np.sqrt(period / (4 * np.sqrt(np.pi) * SMOOTHING**3))
+    return Samples(
+        *columns, with_gravity=logs[0].with_gravity, noise=noise, shaking=shaking, segments=segments, grids=grids
+    )
 
 
 _SHORTEST = 1.0  # s
@@ -184,11 +197,10 @@ def _sample_one(log: Log, number: int, commanded: bool):
         )
 
 
-def _noise(log: Log) -> np.ndarray:
+def _white(values: np.ndarray) -> np.ndarray:
+    """Standard deviation (k,) of the white part of raw values (n, k)."""
     # Third differences pass white noise (with the gain sqrt 20) and hardly any motion.
-    raw = 1.4826 * np.median(np.abs(np.diff(log.torque, 3, axis=0)), axis=0) / np.sqrt(20)
-    period = np.median(np.diff(log.time))
-    return raw * np.sqrt(period / (2 * np.sqrt(np.pi) * SMOOTHING))
+    return 1.4826 * np.median(np.abs(np.diff(values, 3, axis=0)), axis=0) / np.sqrt(20)
 
 
 def _filter(values: np.ndarray, kernel: np.ndarray) -> np.ndarray:

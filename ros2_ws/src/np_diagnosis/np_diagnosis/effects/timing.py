@@ -9,8 +9,9 @@ from np_diagnosis.effects.torque_loop import SHARE
 from np_diagnosis.stages import Drive
 
 DELAYS = tuple(6e-4 * 1.25**n for n in range(17))  # s: so fine that the best one leaves nothing to other effects
-DELAY_LEAST = 5e-4  # s, up to which a delay is what any loop has
-DELAY_KNOWN = 1e-4  # s, standard deviation of the delay that any loop has
+DELAY_LEAST = 2e-4  # s beyond what the loop has, up to which states may be older than they say
+STEP_KNOWN = 2e-5  # s, to which a delay is known where commands are held for a period
+STATE_KNOWN = 5e-5  # s, to which filtered motion tells one
 LEAST_HELD = 20  # periods
 SURE = 10.0  # nats by which holding must fit a period better than not holding
 
@@ -20,7 +21,7 @@ def effects(context: Context) -> list[Effect]:
     found = [
         Effect(
             "measurement_delay",
-            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN, least=DELAY_LEAST),),
+            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=STATE_KNOWN, least=DELAY_LEAST),),
             {"r2": _late_states},
             "states are older than their stamps",
             is_arm=True,
@@ -33,7 +34,7 @@ def effects(context: Context) -> list[Effect]:
     found.append(
         Effect(
             "measurement_delay",
-            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN, least=DELAY_LEAST),),
+            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=STATE_KNOWN, least=DELAY_LEAST),),
             {"r0": lambda c, j: stack(-_rate(c.drive, c.drive.law[:, j]))},
             "the controller acts on older states than it reports",
             "in the controller",
@@ -114,7 +115,7 @@ def _delay(delay: float) -> Effect:
         {"r1": lambda c, j: stack(delayed(c.drive, c.drive.commanded[:, j], delay) - c.drive.commanded[:, j])},
         "dead time between command and torque",
         f"{1e3 * delay:.3g} ms",
-        Shape("delay", "s", delay, _delay, linear=True, background=DELAY_KNOWN, least=DELAY_LEAST),
+        Shape("delay", "s", delay, _delay, linear=True, background=STEP_KNOWN),
         is_arm=True,
         absorbs="command_delay",
     )
