@@ -16,7 +16,7 @@ from np_control.dynamics import build_model
 from np_diagnosis import rigid
 from np_diagnosis.arm_model import panda
 from np_diagnosis.context import make_context
-from np_diagnosis.design import NUISANCES, Block, make_blocks, make_cell, make_design, rung
+from np_diagnosis.design import Block, make_blocks, make_cell, make_design, rung
 from np_diagnosis.effects import Parameter, all_effects, catalogue
 from np_diagnosis.effects.sensing import find_quantum
 from np_diagnosis.fit import fit
@@ -85,7 +85,7 @@ def test_effects_are_those_of_the_catalogue_and_columns_match_parameters(clean):
         assert effect.id in catalogue() and effect.source
         assert all(p.lower < p.upper and p.prior > 0 for p in effect.parameters)
         for stage, columns in effect.columns.items():
-            assert rung(stage) == stage and stage in NUISANCES
+            assert rung(stage) == stage and stage in ("r0", "r1", "r2", "r3")
             for joint in (0, 6) if effect.only_joint is None else (effect.only_joint,):
                 values = columns(clean, joint)
                 assert values.shape[1] == len(effect.parameters) and np.isfinite(values).all()

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from np_diagnosis.design import Candidate, Cell, Design, Stages, make_cell
+from np_diagnosis.design import Candidate, Cell, Design, make_cell
 from np_diagnosis.effects import Effect
 from np_diagnosis.fit import fit
 from np_diagnosis.search import Search, Structure
@@ -58,11 +58,18 @@ def estimate(
         spread = max(spread, MODEL * abs(shape.value))
         found[shape.name] = Estimate(*(float(v) for v in (shape.value, shape.value - spread, shape.value + spread)), shape.unit)
     if effect.absorbs:
-        beside = [n for n, i in enumerate(ids) if design.parameters[i].name == effect.absorbs]
-        extra = float(np.mean([whole[n] - design.parameters[ids[n]].centre for n in beside]))
+        extra = _absorbed(design, ids, whole, effect.absorbs)
         found = {name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra)
                  for name, e in found.items()}
     return effect, found
+
+
+def _absorbed(design: Design, ids: np.ndarray, whole: np.ndarray, name: str) -> float:
+    """What the nuisances of this name have taken of an effect, on average over the joints. A delay of commands is
+    all there is of it; states are late by what is beyond the delay of the commands."""
+    beside = [n for n, i in enumerate(ids) if design.parameters[i].name == name]
+    known = 0.0 if name == "command_delay" else design.parameters[ids[beside[0]]].centre
+    return float(np.mean(whole[beside])) - known
 
 
 def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -70,7 +77,7 @@ def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> 
     blocks = len(design.blocks)
     rng = np.random.default_rng(seed)
     weights = rng.multinomial(blocks, np.full(blocks, 1 / blocks), BOOTSTRAPS).astype(float)
-    whole = fit(cells, [c.test.sum(axis=0)[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
+    whole = fit(cells, [c.total[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
                 design.parameters)
     drawn = fit(cells, [np.tensordot(weights, c.test, 1) for c in cells], [weights @ c.test_rows for c in cells],
                 ids, design.parameters)
@@ -126,7 +133,7 @@ def _value(cells: list[Cell], ids: np.ndarray, design: Design, candidate: Candid
 
 
 def _whole(cells: list[Cell], ids: np.ndarray, design: Design):
-    return fit(cells, [c.test.sum(axis=0)[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
+    return fit(cells, [c.total[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
                design.parameters)
 
 
@@ -138,14 +145,14 @@ def _likelihood(cells: list[Cell], ids: np.ndarray, design: Design) -> float:
 
 def _with(design: Design, cells: list[Cell], candidate: Candidate, effect: Effect) -> list[Cell]:
     """The cells with the columns of another shape of the candidate's effect, whitened as before."""
-    stages, changed = Stages(design.context), []
+    stages, changed = design.stages, []
     for cell in cells:
         places = np.flatnonzero(np.isin(cell.ids, candidate.ids))
         columns = stages.columns(effect, cell.stage, cell.joint) if places.size else None
         if columns is None:
             changed.append(cell)
             continue
-        matrix = cell.matrix.copy()
+        matrix = cell.matrix.copy(order="K")
         matrix[:, places] = columns
         changed.append(
             make_cell(stages, cell.stage, cell.joint, cell.ids, matrix, design.blocks, design.parameters, cell.whiten)
