@@ -1,4 +1,4 @@
-"""The approach of a card episode through the driver: keypoints of a card that stands still, real weights, RRT*."""
+"""The approach of a card episode through the driver: keypoints of a card at rest, real weights, RRT*."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class Episode:
         })
 
     def run(self, now: Callable[[], int]) -> None:
-        """Start, and show the card until the phase `post`; now: stamp ns of what is shown. Raises RuntimeError
-        where the episode comes to another end."""
+        """Start, and show the card until the phase `post`; now: stamp ns of what is shown. RuntimeError where
+        the episode comes to another end."""
         probe = self._probe
         goal = pose_message(now(), BASE_FRAME, self._goal.position, self._goal.quaternion)
         probe.publish("goal_pose", goal, qos.LATCHED)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+STEAL = 7  # among the uses of the machine's time
 TICK = os.sysconf("SC_CLK_TCK")  # of the kernel's account, a second
 
 
@@ -16,19 +17,23 @@ class CpuShares:
     def __init__(self, processes: Mapping[str, int]):
         self._processes = dict(processes)
         self._begin, self._before = time.monotonic(), self._read()
+        self._machine = _machine()
+
+    def stolen(self) -> float:
+        """Share of the machine's time since the beginning that its host gave to other machines."""
+        passed = [now - before for now, before in zip(_machine(), self._machine)]
+        return round(passed[STEAL] / max(sum(passed), 1), 3)
 
     def shares(self) -> dict[str, float]:
         """Shares of one core since the beginning, by process: that of its first thread, then of the others
         (the middleware's)."""
-        seconds, now = time.monotonic() - self._begin, self._read()
-        return {
-            name: round(sum(now[key] - self._before.get(key, 0) for key in now if chosen(key)) / TICK / seconds, 3)
-            for process in self._processes
-            for name, chosen in (
-                (process, lambda key: key[0] == process and key[1]),
-                (f"{process}, other threads", lambda key: key[0] == process and not key[1]),
-            )
-        }
+        now, ticks = self._read(), TICK * (time.monotonic() - self._begin)
+        shares = {}
+        for process in self._processes:
+            for name, is_first in ((process, True), (f"{process}, other threads", False)):
+                took = [now[key] - self._before.get(key, 0) for key in now if key[:2] == (process, is_first)]
+                shares[name] = round(sum(took) / ticks, 3)
+        return shares
 
     def _read(self) -> dict[tuple[str, bool, int], int]:
         """Ticks by (process, whether it is the first thread, thread number)."""
@@ -39,6 +44,11 @@ class CpuShares:
                 # Fields 14 and 15 of proc(5), utime and stime, counted behind the name, which is the second.
                 ticks[name, task.name == str(pid), int(task.name)] = int(fields[11]) + int(fields[12])
         return ticks
+
+
+def _machine() -> list[int]:
+    """Ticks of all cores by use: the first eight of the line `cpu` of proc(5)'s stat."""
+    return [int(field) for field in Path("/proc/stat").read_text().splitlines()[0].split()[1:9]]
 
 
 def children(pid: int) -> list[int]:

@@ -126,8 +126,8 @@ def restore(arm: MovingArm) -> None:
 
 
 def asked(*requests: str, ends: bool = True, says: str = "", then: str = "") -> Inject:
-    """Asks the robot for these; ends: waits until the driver has stopped the arm, or the robot has; says: what
-    the driver must say of it; then: asked for after that."""
+    """Asks the robot for these; ends: waits until driver or robot has stopped the arm; says: what the driver
+    must say of it; then: asked for after that."""
 
     def inject(arm: MovingArm) -> None:
         for request in requests:
@@ -142,8 +142,8 @@ def asked(*requests: str, ends: bool = True, says: str = "", then: str = "") -> 
 
 
 def answered(bad: Callable[[MovingArm], tuple[Make, Sequence[str]]]) -> Inject:
-    """Answers every state with bad commands until the arm is stopped; bad: what makes them, and the reasons one
-    of which they must be refused for."""
+    """Answers every state with bad commands until the arm is stopped; bad: what makes them, and the reasons
+    one of which they must be refused for."""
 
     def inject(arm: MovingArm) -> None:
         arm.harness.answer, reasons = bad(arm)

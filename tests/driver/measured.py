@@ -23,8 +23,8 @@ COUNTS = ("lost_cycles", "commands")
 
 
 class Measurement:
-    """Everything from its construction to `row`: the arm is held anew first, where the driver's account of its
-    cycles begins."""
+    """Everything from its construction to `row`: the arm is held anew first, where the driver's account of
+    its cycles begins."""
 
     def __init__(self, arm: MovingArm):
         self._arm = arm
@@ -46,19 +46,21 @@ class Measurement:
 
     def row(self, raw: list[bytes]) -> dict[str, object]:
         """The figures. raw: the effort commands since then, as `overheard` has them."""
-        shares = self._shares.shares()
+        shares, stolen = self._shares.shares(), self._shares.stolen()
         arm = self._arm
         arm.harness.probe.idle_for(1.1)  # for the driver's account of the last second
         status, counts, robot = arm.harness.status, self._counts(), arm.robot.request("state")
         said = {name: float(status[name]) for name in STATISTICS}
         commanded = robot["commanded"] - self._robot["commanded"]
+        accepted = counts["commands"] - self._before["commands"]
         return {
             "load_before": round(self._load, 2),
+            "stolen": stolen,
             "state": status["state"],
             "message": arm.harness.message,
             **said,
             "lost_cycles": counts["lost_cycles"] - self._before["lost_cycles"],
-            "commands_per_1000": round(1e3 * (counts["commands"] - self._before["commands"]) / said["cycles"]),
+            "commands_per_1000": round(1e3 * accepted / said["cycles"]),
             "unanswered_per_1000": round(
                 1e3 * (robot["unanswered"] - self._robot["unanswered"]) / max(commanded, 1), 2),
             **following(arm.trace(), raw, self._offset),

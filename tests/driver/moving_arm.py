@@ -4,6 +4,7 @@ into.
 
 from __future__ import annotations
 
+import os
 import tempfile
 import time
 from contextlib import ExitStack, closing, nullcontext
@@ -18,7 +19,7 @@ from np_franka.limits import FR3_LIMITS
 from np_policy.retiming import ACCELERATION_LIMIT, retime
 from np_ros import qos
 from np_ros.messages import trajectory_message
-from simulated_robot import SLOW, SimulatedRobot, simulated_robot, urgent
+from simulated_robot import DRIVER_CORES, SLOW, SimulatedRobot, simulated_robot, urgent
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -66,7 +67,10 @@ class MovingArm:
         probe.advertise("joint_trajectory", JointTrajectory, qos.EVENT)
         probe.advertise("phase", String, qos.LATCHED)
         backend = BACKENDS["franka_driver" if self.control == "topic" else "franka_driver_onboard"]
-        return Harness(graph, probe, backend, "realtime", **self._parameters)
+        harness = Harness(graph, probe, backend, "realtime", **self._parameters)
+        if self._parameters["realtime_priority"]:
+            os.sched_setaffinity(graph.pid("franka_driver"), DRIVER_CORES)
+        return harness
 
     def start_controller(self) -> None:
         """The node that commands in topic mode."""

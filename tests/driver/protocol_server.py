@@ -31,7 +31,7 @@ from franky_sim.base_simulator import RobotParameters
 from franky_sim.franka_robot_protocol import (
     AutomaticErrorRecoveryCommand, MoveStatus, RobotCommand, RobotMode, UDPCommand)
 from franky_sim.franka_robot_server import ControlMode, FrankaRobotServer
-from franky_sim.franka_server import BaseCommand, ConnectCommand, ConnectStatus, MessageHeader
+from franky_sim.franka_server import BaseCommand, ConnectCommand, ConnectStatus, FrankaServer, MessageHeader
 from simulated_fr3 import SimulatedFr3
 
 READY = (0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398)
@@ -42,6 +42,7 @@ HOLD_DAMPING = (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)  # Nms/rad
 JOINT_REFLEX, COMMUNICATION = 6, 25
 PATIENCE = 20  # cycles without a command: FCI documentation, "Network bandwidth, delay and jitter test"
 TRACED = 100_000  # cycles
+SERVED_EVERY = 4  # cycles from one look at requests, and at the hand, to the next
 COUNTED = 100  # cycles of which the robot tells the share that brought a command
 
 
@@ -59,12 +60,16 @@ class Robot(FrankaRobotServer):
     trace = np.zeros((TRACED, 24))
 
     def process_commands(self):
+        self.heard = False
         if self.is_mute:
             self._post_process_commands()
-        else:
-            self.heard = False
+        elif self.is_served:
             super().process_commands()
-        came = self.heard and not self.is_mute
+        else:
+            self._pre_process_commands()
+            self._process_udp_commands()
+            self._post_process_commands()
+        came = self.heard
         self.missed = 0 if came else self.missed + 1
         if self.is_commanded:
             self.commanded += 1
@@ -88,14 +93,21 @@ class Robot(FrankaRobotServer):
     def send_state(self):
         self.cycles += 1
         state = self.robot.inner_state
-        self.trace[self.cycles % TRACED] = (1e-3 * self.cycles, *state.q, *state.dq, *self.robot.told, self.step,
-                                            self.is_commanded)
+        self.trace[self.cycles % TRACED] = (
+            1e-3 * self.cycles, *state.q, *state.dq, *self.robot.told, self.step, self.is_commanded)
         self.step = 0.0
         if self.drop or self.is_mute:
             self.drop = max(0, self.drop - 1)
             self._FrankaServer__message_id += 1  # the robot's time goes on
-        else:
+        elif self.is_served:
             super().send_state()
+        else:
+            FrankaServer.send_state(self)  # the arm's state, without the hand's
+
+    @property
+    def is_served(self):
+        """Whether requests and the hand have their turn in this cycle, besides commands and states."""
+        return self.cycles % SERVED_EVERY == 0
 
     @property
     def is_commanded(self):

@@ -1,5 +1,5 @@
-"""`make driver-report`: what the driver did, measured: tracking, a card approach, the diagnosis suite, faults;
-JSON and a page of tables.
+"""`make driver-report`: what the driver did, measured: tracking, a card approach, the diagnosis suite,
+faults; JSON and a page of tables.
 
 The last line is one JSON object. Give the machine to it: for tracking, approach and suite robot, driver and
 controller run at real-time priority where that is permitted, and what else runs shows in the figures. Faults
@@ -108,9 +108,16 @@ def measure(listed: list[Job], journal: Journal, write: Callable[[str, list[dict
             except FAILURES as error:
                 errors.append(f"{text}: {type(error).__name__}: {error}")
                 print(errors[-1], file=sys.stderr)
-        write(part, [journal.rows[t] for p, t, _ in listed if p == part and t in journal.rows])
+        if rows := [journal.rows[t] for p, t, _ in listed if p == part and t in journal.rows]:
+            write(part, rows)
     progress.show(len(listed), "done")
     return errors
+
+
+def machine() -> str:
+    """Whose figures these are."""
+    is_virtual = "hypervisor" in Path("/proc/cpuinfo").read_text()
+    return f"{os.cpu_count()} cores{' of a shared virtual machine' if is_virtual else ''}, {platform.machine()}"
 
 
 def parse() -> argparse.Namespace:
@@ -136,10 +143,11 @@ def main() -> int:
     interrupt_on_sigterm()
     about = {
         "date": date.today().isoformat(),
-        "machine": f"{os.cpu_count()} cores, {platform.machine()}",
+        "machine": machine(),
         "pace": options.pace,
     }
-    run = {**about, "seconds": options.seconds, "only": options.only, "revision": origin()["revision"].removesuffix("-dirty")}
+    revision = origin()["revision"].removesuffix("-dirty")  # the report itself changes the tree
+    run = {**about, "seconds": options.seconds, "only": options.only, "revision": revision}
     journal = Journal(options.journal, run)
     options.out.mkdir(parents=True, exist_ok=True)
 

@@ -32,6 +32,7 @@ class SimulatedFr3(FrankaMujocoRobot):
 
     def _attach_to_scene(self, model, data, prefix) -> None:
         super()._attach_to_scene(model, data, prefix)
+        self._least, self._most = self.torque_limit_low, self.torque_limit_high
         super().torque_control(np.zeros(7))
         super()._post_step()
         self._constant = State(**vars(super().state))  # of which the masses and frames stay
@@ -41,7 +42,7 @@ class SimulatedFr3(FrankaMujocoRobot):
         super().torque_control(torques, has_new_command)
 
     def _torque_control(self, torques) -> None:
-        self._applied_torques = np.clip(torques, self.torque_limit_low, self.torque_limit_high)
+        self._applied_torques = np.minimum(np.maximum(torques, self._least), self._most)
         self._data.qfrc_applied[self._dof_addrs] = self._applied_torques
 
     def _get_state(self) -> InnerRobotState:

@@ -18,6 +18,10 @@ TIMEOUT = 60.0  # s
 SLOW = 3.0  # ms a cycle of 1 ms of the robot takes, where speed is not what is looked at
 # Of first-in-first-out scheduling, where permitted.
 ROBOT_PRIORITY, DRIVER_PRIORITY, TEST_PRIORITY = 60, 50, 40
+# Robot and driver take turns, so that the kernel would keep both on one core: they would fill it, and from
+# real-time tasks that fill a core the kernel takes it for 50 ms a second. A real robot has its own.
+ROBOT_CORES, *_ = CORES = [{core} for core in sorted(os.sched_getaffinity(0))]
+DRIVER_CORES = CORES[-1]
 OF_ROS = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME")
 
 
@@ -45,6 +49,7 @@ class SimulatedRobot:
             env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         if os.sched_getscheduler(0) == os.SCHED_FIFO:
             os.sched_setscheduler(self.process.pid, os.SCHED_FIFO, os.sched_param(ROBOT_PRIORITY))
+            os.sched_setaffinity(self.process.pid, ROBOT_CORES)
         self._buffer = b""
         self.hostname = self._read()["hostname"]
 

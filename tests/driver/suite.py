@@ -1,4 +1,4 @@
-"""The excitation suite of np_diagnosis through the driver, by the command that any backend is recorded with."""
+"""The excitation suite of np_diagnosis through the driver, by the command that records any backend."""
 
 from __future__ import annotations
 

@@ -8,39 +8,44 @@ from pathlib import Path
 
 HEAD = """# What the driver did
 
-Written by `make driver-report`, against a simulated FR3 on the robot's own network protocol, its clock included; what
-that leaves open is in [hardware.md](hardware.md#what-is-not-tested). Robot, driver, controller and the report itself
-are Python processes that share the cores named below; "load" is the machine's load average of the last minute before
-a row was measured, by whatever else ran.
+Written by `make driver-report`, against a simulated FR3 on the robot's own network protocol, its clock
+included; what that leaves open is in [hardware.md](hardware.md#what-is-not-tested). Robot, driver,
+controller and the report itself are Python processes that share the cores named below. "Load" is the
+load average of the last minute before a row was measured, by whatever else ran; "stolen" the share of
+the cores' time that the host of this virtual machine gave to others meanwhile.
 """
 TEXTS = {
     "tracking": """## Impedance tracking
 
-Two waves a joint, 0.1 to 0.4 Hz, gains of the controller itself (400 and 100 Nm/rad, damping ratio 1). The
-error is between the joint target of a state and the joints as the robot knows them at that state. Cycles
-are the driver's, from one state read to the next; lost are those that it missed, "no command" those in which the robot,
-by its own account, had none. Robot, driver and controller ran at real-time priority where that is permitted.
+Two waves a joint, 0.1 to 0.4 Hz, gains of the controller itself (400 and 100 Nm/rad, damping ratio 1).
+The error is between the joint target of a state and the joints as the robot knows them at that state.
+Cycles are the driver's, from one state read to the next; lost are those that it missed, "no command"
+those in which the robot, by its own account, had none. Robot, driver and controller ran at real-time
+priority where that is permitted. A row of much stolen time, or of a load over 1, says how the watchdog
+stops an arm whose commands do not come, not how well it follows.
 """,
     "approach": """## The approach of a card episode
 
-The nodes `episode`, `pre_contact` and `approach` with their released weights and RRT*, keypoints of a card
-that stands still, then `joint_impedance` (topic) or the controller on board. The hand's error is that from
-the pre-contact pose, at rest after the motion; there is no table and no card behind the protocol.
+The nodes `episode`, `pre_contact` and `approach` with their released weights and RRT*, keypoints of a
+card that stands still, then `joint_impedance` (topic) or the controller on board. The hand's error is
+that from the pre-contact pose, at rest after the motion; there is no table and no card behind the
+protocol.
 """,
     "suite": """## The diagnosis suite
 
-`excite --backend running --mode realtime` beside driver and controller, as beside any backend, then `diagnose --quick`
-on the bag: its contract passes. The verdict is on the simulated arm: another model, without friction, than the nominal
-one, and says nothing of a real one.
+`excite --backend running --mode realtime` beside driver and controller, as beside any backend, then
+`diagnose --quick` on the bag: its contract passes. The verdict is on the simulated arm: another model,
+without friction, than the nominal one, and says nothing of a real one.
 """,
     "faults": """## Faults over the wire
 
-Each fault is injected into a fast motion: all joints on a trajectory, or the last joint turned by commands
-that keep coming. The figures are the robot's own record, each millisecond, from the fault until rest: the
-largest speed and commanded torque as shares of the joint's limit, the largest change of torque from one
-command to the next (1 Nm is the limit), the time until every joint is slower than 0.05 rad/s, and who
-braked: the driver, or the robot, which nobody commanded any more. The robot's own brake is the simulated
-one's. The robot's clock goes at a third of its speed here, so that a busy machine changes nothing.
+Each fault is injected into a fast motion: all joints on a trajectory, or the last joint turned by
+commands that keep coming. The figures are the robot's own record, each millisecond, from the fault until
+rest: the largest speed and commanded torque as shares of the joint's limit, the largest change of torque
+from one command to the next (1 Nm is the limit), the time until every joint is slower than 0.05 rad/s,
+and who braked: the driver, or the robot, which nobody commanded any more. The robot's own brake is the
+simulated one's. The robot's clock goes at a third of its speed here, so that a busy machine changes
+nothing.
 """,
 }
 CYCLES = {
@@ -55,6 +60,7 @@ COLUMNS: dict[str, dict[str, str]] = {
     "tracking": {
         "control": "control",
         "load_before": "load",
+        "stolen": "stolen",
         "seconds": "s",
         **CYCLES,
         "commands_per_1000": "answers in 1,000",
@@ -67,6 +73,7 @@ COLUMNS: dict[str, dict[str, str]] = {
     "approach": {
         "control": "control",
         "load_before": "load",
+        "stolen": "stolen",
         "plan_s": "motion, s",
         "plan_points": "points",
         "end_joint_error_rad": "end, joints, rad",

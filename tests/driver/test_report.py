@@ -64,5 +64,6 @@ def test_the_share_of_a_process_is_the_time_that_it_took():
     while time.process_time() - begin < 0.5:
         sum(range(1000))
     shares, seconds = counted.shares(), time.monotonic() - wall
+    assert 0.0 <= counted.stolen() <= 1.0
     assert shares["this"] * seconds == pytest.approx(0.5, abs=0.05)  # the kernel counts in ticks of 10 ms
     assert shares["this, other threads"] == pytest.approx(0.0, abs=0.05 / seconds)

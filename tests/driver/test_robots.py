@@ -29,7 +29,7 @@ def test_a_robot_of_no_known_kind_is_refused(graph, probe):
 
 @pytest.fixture
 def turnstile(start_robot):
-    """The simulated robot, and a loop that calls back on its protocol, as libfranka 0.9 does on the Panda's."""
+    """The simulated robot, and a loop that calls back on its protocol, as libfranka 0.9 does on its own."""
     import pylibfranka as franka
 
     robot, parameters = start_robot()

@@ -1,5 +1,5 @@
-"""The diagnosis suite runs through the driver as through any backend: same command, a recording that keeps the
-contract."""
+"""The diagnosis suite runs through the driver as through any backend: same command, a recording that keeps
+the contract."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ EXPERIMENT = "sinusoid_7"
 
 @pytest.mark.parametrize("control", ["topic", "onboard"])
 def test_an_experiment_is_followed_recorded_and_read(tmp_path, control):
-    with MovingArm(control) as arm:
+    with MovingArm(control, priority=True) as arm:  # the command and its recorder start beside a running loop
         arm.deafen()
         recorded = suite.record(arm, tmp_path, [EXPERIMENT])
     assert recorded["segments"][-1] == EXPERIMENT  # after a transfer, if there must be one

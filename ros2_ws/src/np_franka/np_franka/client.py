@@ -1,4 +1,4 @@
-"""What the driver asks of a client of the robot's network protocol, whichever package it comes from. No ROS."""
+"""What the driver asks of a client of the robot's protocol, whichever package it comes from. No ROS."""
 
 from __future__ import annotations
 
@@ -106,5 +106,6 @@ def mismatch(robot: str, package: str, hostname: str, error: Exception) -> ArmEr
         return None
     spoken = ROBOT_OF_PROTOCOL.get(server, "")
     advice = f"set robot:={spoken}" if spoken not in ("", robot) else f"install the {package} of its version"
-    return ArmError(f"robot:={robot}: {package} speaks version {library} of the protocol, the robot at {hostname} "
-                    f"version {server} ({f'of robot:={spoken}' if spoken else 'unknown'}): {advice}")
+    kind = f"of robot:={spoken}" if spoken else "unknown"
+    return ArmError(f"robot:={robot}: {package} speaks version {library} of the protocol, the robot at "
+                    f"{hostname} version {server} ({kind}): {advice}")

@@ -28,7 +28,8 @@ class GripperError(OSError):
 
 
 class Gripper:
-    """The hand of the robot (a name of ROBOTS) at `hostname`. opening: of each finger, m; error: what went wrong last, or empty.
+    """The hand of the robot (a name of ROBOTS) at `hostname`. opening: of each finger, m; error: what went
+    wrong last, or empty.
 
     Raises GripperError where there is none.
     """

@@ -1,4 +1,4 @@
-"""The robots that the driver can drive: one name chooses the client of its protocol and its limits. No ROS."""
+"""The robots that the driver can drive: a name chooses the client of the protocol and the limits. No ROS."""
 
 from __future__ import annotations
 

@@ -10,8 +10,8 @@ from threading import Thread
 class Turnstile:
     """Runs `loop` in a thread of its own; at any time one of the two threads waits for the other.
 
-    loop: is given a callback from (state, duration) to torques, and calls it until the motion is over. What it
-    may end with is a RuntimeError."""
+    loop: is given a callback from (state, duration) to torques, and calls it until the motion is over; it
+    may end with a RuntimeError."""
 
     def __init__(self, loop: Callable[[Callable], None]):
         self._states: SimpleQueue = SimpleQueue()

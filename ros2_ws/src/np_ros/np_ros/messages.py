@@ -98,8 +98,8 @@ def joint_state_message(stamp: int, names: Sequence[str], position, velocity, ef
 
 
 class JointStateWriter:
-    """A JointState of the same joints over and over, for a stream: filled anew at a third of the cost of a new
-    message. Who publishes it keeps a copy, so that it may be filled again at once."""
+    """A JointState of the same joints over and over, for a stream: filled at a third of the cost of a new
+    one. Publishing copies it, so that it may be filled again at once."""
 
     def __init__(self, names: Sequence[str]):
         self._message = joint_state_message(0, names, *np.zeros((3, len(names))))

@@ -121,11 +121,13 @@ class Diagnostics:
         if problem:
             self._problem = key
 
-    def report(self, level: bytes, message: str) -> None:
-        """Set the level (DiagnosticStatus.OK, WARN, ERROR) and message; publish at once if they are new."""
+    def report(self, level: bytes, message: str, *, at_once: bool = True) -> None:
+        """Set the level (DiagnosticStatus.OK, WARN, ERROR) and message; publish at once if they are new,
+        unless they can wait for the next period."""
         if (level, message) != (self._level, self._message):
             self._level, self._message = level, message
-            self.publish()
+            if at_once:
+                self.publish()
 
     def publish(self) -> None:
         """Publish the status now."""

@@ -38,7 +38,7 @@ class Settings:
 
 
 def declare(node: Node) -> tuple[Settings, Driver]:
-    """Declare and read the parameters; the driver they describe, not connected. Raises ValueError, ArmError."""
+    """Declare and read the parameters; the driver they describe, not connected. ValueError, ArmError."""
     settings = _settings(node)
     if not settings.hostname:
         raise ValueError("parameter hostname: expected the robot's address, got none")
@@ -58,11 +58,11 @@ def declare(node: Node) -> tuple[Settings, Driver]:
 
 def _settings(node: Node) -> Settings:
     return Settings(
-        parameter(node, "robot", "fr3", "The robot: fr3, or panda for the original one.", choices=tuple(ROBOTS)),
+        parameter(node, "robot", "fr3", "fr3, or panda for the original one.", choices=tuple(ROBOTS)),
         parameter(node, "hostname", "", "Address of the robot."),
         parameter(node, "control", "topic", "topic: torques come as effort_command, 500 times a second; "
                   "onboard: the impedance law runs here in every cycle of the robot.", choices=CONTROLS),
-        parameter(node, "calibration", "", "The camera's calibration file; none: for a run without a camera."),
+        parameter(node, "calibration", "", "The camera's calibration file; none: a run without a camera."),
         parameter(node, "gripper", True, "Whether the robot has a Franka Hand."),
         parameter(node, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90))
 
@@ -74,8 +74,9 @@ def _gains(node: Node) -> tuple[np.ndarray, float]:
         "On board: stiffness of each joint while holding and on trajectories, Nm/rad."))
     if stiffness.shape != (7,):
         raise ValueError(f"parameter stiffness: expected 7 numbers, got {stiffness.size}")
-    ratio = parameter(node, "damping_ratio", 1.0, "On board: damping ratio while holding and on trajectories.",
-                      DAMPING_RATIO_MIN, DAMPING_RATIO_MAX)
+    ratio = parameter(
+        node, "damping_ratio", 1.0, "On board: damping ratio while holding and on trajectories.",
+        DAMPING_RATIO_MIN, DAMPING_RATIO_MAX)
     return stiffness, ratio
 
 
@@ -100,5 +101,5 @@ def _collision(node: Node) -> Collision:
     return Collision(
         parameter(node, "collision_torque", default.torque, "External torque of a joint, as a share of its "
                   "torque limit, at which the robot stops itself.", 0.05, 1.0),
-        parameter(node, "collision_force", default.force, "The same for the force at the hand, N.", 5.0, 100.0),
+        parameter(node, "collision_force", default.force, "The same for the hand's force, N.", 5.0, 100.0),
         parameter(node, "collision_moment", default.moment, "The same for its moment, Nm.", 1.0, 50.0))
