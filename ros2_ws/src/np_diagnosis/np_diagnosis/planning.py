@@ -15,7 +15,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from np_control.impedance import damping
 from np_control.safety import LIMITS
 
-from np_diagnosis import rigid
+from np_diagnosis import nuisances, rigid
 from np_diagnosis.arm_model import Arm
 from np_diagnosis.context import make_context
 from np_diagnosis.design import Block, Cell, Design, Stages, make_cell
@@ -71,8 +71,8 @@ def planned_cells(design: Design, names: Sequence[str], members: Sequence[int], 
     for cell in design.cells:
         if cell.joint not in joints or cell.stage not in stages.names:
             continue
-        nuisance = [i for i in cell.ids if i in design.nuisances[cell.joint]]
-        ids, matrix = [np.array(nuisance, int)], [stages.nuisances(cell.stage, cell.joint)]
+        own = [i for i in cell.ids if i in design.nuisances[cell.joint]]
+        ids, matrix = [np.array(own, int)], [nuisances.columns(context, cell.stage, cell.joint)]
         for m in members:
             candidate = design.candidates[m]
             if candidate.joint in (None, cell.joint):
@@ -80,7 +80,7 @@ def planned_cells(design: Design, names: Sequence[str], members: Sequence[int], 
                 if columns is not None:
                     ids.append(candidate.ids)
                     matrix.append(columns)
-        cells.append(make_cell(stages, cell.stage, cell.joint, np.concatenate(ids), np.column_stack(matrix), blocks,
+        cells.append(make_cell(stages, cell.stage, cell.joint, np.concatenate(ids), np.hstack(matrix), blocks,
                                design.parameters, cell.whiten))
     return cells
 

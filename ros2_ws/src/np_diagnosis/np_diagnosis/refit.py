@@ -18,10 +18,10 @@ from np_description.panda import NOMINAL
 from np_description.patch import ARM, Patch, PatchEffect
 from np_sim_bridge.gap import IGNORED
 
-from np_diagnosis.design import DELAY
 from np_diagnosis.diagnosis import Diagnosis
 from np_diagnosis.estimates import Estimate, estimate
 from np_diagnosis.forward import Windows, departures, rms, windows
+from np_diagnosis.nuisances import DELAY
 from np_diagnosis.search import Structure
 
 ROUNDS = 3  # of Gauss-Newton: the torque domain's answer is a good start
@@ -80,8 +80,8 @@ def parts_of(diagnosis: Diagnosis, structure: Structure | None = None, seed: int
     return tuple(found)
 
 
-def refit(recorded: Windows, parts: Sequence[Part]) -> Refit | None:
-    """The parts refitted together; None where the simulator carries none of them.
+def refit(recorded: Windows, parts: Sequence[Part], delay: float = DELAY) -> Refit | None:
+    """The parts refitted together; None where the simulator carries none of them. delay: s that the loop has, about.
 
     Raises FloatingPointError where the simulation diverges at the start.
     """
@@ -99,7 +99,7 @@ def refit(recorded: Windows, parts: Sequence[Part]) -> Refit | None:
     scale = np.maximum(half, LEAST_STEP * np.abs(x))
     has_delay = any(part.effect == "command_delay" for part in parts)
     if not has_delay:
-        x, scale = np.append(x, DELAY), np.append(scale, DELAY_SPREAD)
+        x, scale = np.append(x, delay), np.append(scale, DELAY_SPREAD)
     start = x.copy()
 
     def patch(values: np.ndarray) -> Patch:
@@ -149,11 +149,12 @@ def second_opinion(diagnosis: Diagnosis, rivals: Sequence[Structure] = (), seed:
     recorded = windows(diagnosis.context.logs)
     if recorded is None or len(recorded) < 8:
         return None
+    delay = next((p.centre for p in diagnosis.design.parameters if p.name == "command_delay"), DELAY)
     found = []
     for structure in (None, *rivals):
         parts = parts_of(diagnosis, structure, seed)
         try:
-            done = refit(recorded, parts)
+            done = refit(recorded, parts, delay)
         except (FloatingPointError, np.linalg.LinAlgError) as error:
             found.append({"effects": _titles(parts), "error": str(error)})
             continue

@@ -14,10 +14,7 @@ from np_description.patch import Patch, PatchEffect, dump_patch
 
 from np_diagnosis.design import REVERSAL
 from np_diagnosis.diagnosis import Diagnosis, Finding
-from np_diagnosis.forward import departures, rms, windows
 from np_diagnosis.gap import REGIMES, regimes
-from np_diagnosis.power import next_experiment, open_question
-from np_diagnosis.refit import second_opinion
 from np_diagnosis.schema import validate
 from np_diagnosis.signals import Log
 
@@ -106,6 +103,10 @@ def write(
     """
     shots = experiment = forward = None
     if not quick:
+        # Simulators and planners take a second to import, which a quick look has not.
+        from np_diagnosis.power import next_experiment, open_question
+        from np_diagnosis.refit import second_opinion
+
         question = open_question(diagnosis)
         experiment = next_experiment(diagnosis, question)
         shots = closed_loop(diagnosis, make_patch(diagnosis))
@@ -141,6 +142,8 @@ def make_patch(diagnosis: Diagnosis) -> Patch:
 def closed_loop(diagnosis: Diagnosis, patch: Patch) -> dict[str, dict[str, float]] | None:
     """r4 by joint: RMS rad of the simulator's departure within a shot, nominal and with the patch; None for
     another arm, or recordings without commands."""
+    from np_diagnosis.forward import departures, rms, windows
+
     joints = diagnosis.context.arm.joints
     recorded = windows(diagnosis.context.logs) if joints == NOMINAL.joints else None
     if recorded is None:
