@@ -40,10 +40,14 @@ class Structure:
 
 @dataclass(eq=False)
 class Search:
-    """All structures tried, best of each size; `chosen` is the simplest that no larger one beats clearly."""
+    """All structures tried, best of each size; `chosen` is the simplest that no larger one beats clearly.
+
+    intervals: (values, half widths) of the parameters of groups whose size was estimated.
+    """
 
     design: Design
     tried: dict[tuple[int, ...], Structure] = field(default_factory=dict)
+    intervals: dict[tuple, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     _groups: dict[tuple, tuple[Score, float]] = field(default_factory=dict)
     _reaches: dict[int, tuple[int, ...]] = field(default_factory=dict)
 
