@@ -9,7 +9,7 @@ import numpy as np
 from np_diagnosis.design import Candidate, Cell, Design, make_cell
 from np_diagnosis.effects import Effect
 from np_diagnosis.fit import fit, places
-from np_diagnosis.search import Search, Structure
+from np_diagnosis.search import Search, Structure, absorbed
 
 T95 = 2.0
 BOOTSTRAPS = 200
@@ -64,18 +64,10 @@ def estimate(
         spread = max(spread, MODEL * abs(shape.value))
         found[shape.name] = Estimate(*(float(v) for v in (shape.value, shape.value - spread, shape.value + spread)), shape.unit)
     if effect.absorbs:
-        extra = _absorbed(design, ids, whole, effect.absorbs)
+        extra = absorbed(design, ids, whole, effect)
         found = {name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra)
                  for name, e in found.items()}
     return effect, found
-
-
-def _absorbed(design: Design, ids: np.ndarray, whole: np.ndarray, name: str) -> float:
-    """What the nuisances of this name have taken of an effect, on average over the joints. A delay of commands is
-    all there is of it; states are late by what is beyond the delay of the commands."""
-    beside = [n for n, i in enumerate(ids) if design.parameters[i].name == name]
-    known = 0.0 if name == "command_delay" else design.parameters[ids[beside[0]]].centre
-    return float(np.mean(whole[beside])) - known
 
 
 def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> tuple[np.ndarray, np.ndarray]:

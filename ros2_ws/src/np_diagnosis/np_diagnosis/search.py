@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from np_diagnosis.design import Candidate, Cell, Design
+from np_diagnosis.effects import Effect
 from np_diagnosis.fit import Fit, Score, part, places, remaining, score
 
 WIDTH = 6  # structures that are grown further
@@ -208,8 +209,9 @@ class Search:
         if not least.any():
             return False
         joints, inside = next(g for g in self.groups(structure.members) if member in g[1])
-        at = np.isin(self.ids(joints, inside), ids)
-        values = self.group(joints, inside)[0].fit.parameters[:, at].mean(axis=0)
+        group = self.ids(joints, inside)
+        found = self.group(joints, inside)[0].fit.parameters.mean(axis=0)
+        values = found[np.isin(group, ids)] + absorbed(self.design, group, found, self.design.candidates[member].effect)
         return bool((np.abs(values) <= least).all())
 
     def energies(self, members: tuple[int, ...]) -> list[float]:
@@ -252,6 +254,16 @@ class Search:
             if equals:
                 return self._pruned(max(equals, key=self.value))
         return chosen
+
+
+def absorbed(design: Design, ids: np.ndarray, values: np.ndarray, effect: Effect) -> float:
+    """What the nuisances that say the same have taken of an effect, on average over the joints: a delay of commands
+    is all there is of it; states are late by what is beyond the delay of the commands."""
+    beside = [n for n, i in enumerate(ids) if design.parameters[i].name == effect.absorbs]
+    if not beside:
+        return 0.0
+    known = 0.0 if effect.absorbs == "command_delay" else design.parameters[ids[beside[0]]].centre
+    return float(np.mean(values[beside])) - known
 
 
 def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:
