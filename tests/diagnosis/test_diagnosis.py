@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from arm_generator import Truth, record
 
-from np_diagnosis.arm_model import panda
+from np_diagnosis.arm_model import load_arm, panda
 from np_diagnosis.contract import check
 from np_diagnosis.diagnosis import diagnose
+from np_diagnosis.plant import Z1
 from np_diagnosis.reading import read
 from np_diagnosis.report import make_report
 
@@ -33,12 +34,8 @@ def chosen(diagnosis):
     return [f for f in diagnosis.findings if f.is_chosen]
 
 
-# Every link 3 % heavier to turn is taken for a drive of joint 1 that gives 3 % too little.
-FALSE_ALARM = pytest.mark.xfail(strict=True, reason="names torque_scale of joint 1, which an inertia error looks like")
-
-
-@pytest.mark.parametrize("truth, seed", [
-    (Truth(), 0), pytest.param(Truth(inertia_error=0.03, late=0.0004), 1, marks=FALSE_ALARM)])
+# Every link 3 % heavier to turn, and torque .4 ms late: what any arm has.
+@pytest.mark.parametrize("truth, seed", [(Truth(), 0), (Truth(inertia_error=0.03, late=0.0004), 1)])
 def test_a_clean_arm_has_no_gap(truth, seed):
     diagnosis, report = examine(truth, seed)
     assert diagnosis.verdict == "no_gap"
@@ -99,6 +96,39 @@ def test_the_public_panda_log_is_predicted_where_its_joints_slide(panda_log, cap
     assert after.mean() <= 0.285
 
 
-@pytest.mark.xfail(strict=True, reason="names about a dozen effects; joints 2 and 3 ought to stay unexplained")
 def test_joints_2_and_3_of_the_public_panda_log_stay_unexplained(panda_log):
     assert {1, 2} <= set(panda_log.unexplained)
+
+
+# What the authors of the recording identified with MuJoCo; the damping of joint 2 ended at their upper bound.
+PUBLISHED_Z1 = {"coulomb": (2.16, 4.49, 2.70, 2.73, 2.67, 2.11), "viscous": (4.68, 7.00, 3.49, 5.00, 4.46, 4.29)}
+UNBOUNDED = [0, 2, 3, 4, 5]
+
+
+@pytest.fixture(scope="module")
+def z1_log():
+    path = REAL / "z1_dls_pd" / "z1_traj0.npz"
+    if not path.exists():
+        pytest.skip(f"{path} is not there; NP_REAL_DATA names the folder with real recordings")
+    arm = load_arm(Z1)
+    log = read(path, len(arm))
+    check(log, arm)
+    return diagnose([log], arm)
+
+
+def test_the_z1_shows_no_asymmetry_of_its_friction(z1_log):
+    named = {f.effect.id for f in chosen(z1_log)}
+    assert named and not named & {"asymmetric_coulomb_friction", "asymmetric_viscous_friction"}
+
+
+@pytest.mark.xfail(strict=True, reason="24 s of a hard push: drift and slow build-up stand in for plain friction")
+def test_the_z1_has_its_published_friction_and_damping(z1_log):
+    arm, found = z1_log.context.arm, {"coulomb": [], "viscous": []}
+    for j, joint in enumerate(arm.joints):
+        here = {f.effect.id: f.parameters for f in chosen(z1_log) if f.component == joint}
+        level = here["coulomb_friction"]["level"].value if "coulomb_friction" in here else 0.0
+        rate = here["viscous_friction"]["coefficient"].value if "viscous_friction" in here else 0.0
+        found["coulomb"].append(arm.frictionloss[j] + level)
+        found["viscous"].append(arm.damping[j] + rate)
+    for name, published in PUBLISHED_Z1.items():
+        assert np.allclose(np.array(found[name])[UNBOUNDED], np.array(published)[UNBOUNDED], rtol=0.15), found

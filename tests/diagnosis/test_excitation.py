@@ -8,18 +8,19 @@ from np_control.controller import Controller
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS, check_command, torque_bounds, velocity_bounds
 from np_description.panda import NOMINAL
-from np_diagnosis.excitation import NAMES, PAUSE, READY, TICK_NS, end_of, schedule, suite
+from np_diagnosis.excitation import FURTHER, NAMES, PAUSE, READY, TICK_NS, end_of, schedule, suite
 from np_diagnosis.motions import chirp, triangle, visits, waves
 
 PLAN = suite()
+EVERYTHING = PLAN + suite(FURTHER)
 DYNAMICS = Dynamics()
-moments = st.tuples(st.integers(0, len(PLAN) - 1), st.floats(0, 1))
+moments = st.tuples(st.integers(0, len(EVERYTHING) - 1), st.floats(0, 1))
 
 
 @settings(deadline=None, max_examples=300)
 @given(moments)
 def test_every_moment_is_inside_the_limits_with_margin(moment):
-    segment = PLAN[moment[0]]
+    segment = EVERYTHING[moment[0]]
     q, dq, ddq = segment.trajectory.sample_with_acceleration(moment[1] * segment.duration)
     torque = DYNAMICS.inverse_dynamics(q, dq, ddq) - DYNAMICS.gravity(q)
     torque = torque + NOMINAL.frictionloss * np.sign(dq) + NOMINAL.damping * dq
@@ -33,7 +34,7 @@ def test_every_moment_is_inside_the_limits_with_margin(moment):
 
 def test_no_guard_is_needed_to_follow_it():
     """A controller that tracks perfectly asks for no torque that its guards change."""
-    for segment in PLAN:
+    for segment in PLAN + suite(["long_third", "sweep_4"]):
         controller, limited = Controller(), set()
         controller.observe(0, segment.positions[0], np.zeros(7))
         controller.follow(segment.trajectory, 0, segment.gains)
@@ -60,6 +61,8 @@ def test_it_takes_under_three_minutes_and_joins_up():
 def test_parts_of_it_can_be_named():
     assert [s.name for s in suite(["dwell"])] == ["dwell"]
     assert [s.name for s in suite(["chirp"])] == ["chirp_odd", "chirp_even"]
+    assert [s.name for s in suite(["sweep_4", "long_chirp"])] == ["long_chirp_odd", "long_chirp_even", "sweep_4"]
+    assert not set(FURTHER) & set(NAMES)
     assert [s.name for s in suite(["third_dwell", "dwell"])] == ["dwell", "transfer", "third_dwell"]
     assert [s.name for s in suite(["dwell"], start=READY + 0.05)] == ["transfer", "dwell"]
     with pytest.raises(ValueError, match="'dwel': expected one of reference"):

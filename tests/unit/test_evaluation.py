@@ -3,6 +3,8 @@
 import json
 
 import pytest
+from np_bringup.card import card_graph
+from np_bringup.commands import evaluate as command
 from np_bringup.episode import Outcome
 from np_bringup.evaluation import Results, breakdown, result_of, summary
 from np_bringup.intervals import wilson_interval
@@ -92,3 +94,35 @@ def test_the_plot_shows_every_whole_episode():
     results = [good(0), good(1), breakdown(2, "node approach ended", 2.0)]
     svg = results_plot(results, CARD)
     assert svg.startswith("<svg") and "success: 2" in svg and "failure: 0" in svg
+
+
+def test_the_patch_of_an_evaluation_goes_to_the_simulated_arm_and_nowhere_else(tmp_path):
+    patch = tmp_path / "patch.yaml"
+    patch.write_text("effects: [{effect: command_delay, component: arm, parameters: {delay: 0.004}}]")
+    options = command.parse(["--effects", str(patch)])
+    assert options.effects == str(patch.resolve())
+    carrying = {node.name: dict(node.parameters).get("effects")
+                for node in card_graph({"keypoints": "truth", "effects": options.effects})}
+    assert carrying.pop("sim_bridge") == options.effects and not any(carrying.values())
+    nominal = card_graph({"keypoints": "truth", "effects": ""})
+    assert "effects" not in next(node.parameters for node in nominal if node.name == "sim_bridge")
+
+
+@pytest.mark.parametrize("content, text", [
+    ("effects: [{effect: telepathy, component: arm, parameters: {}}]", "expected an effect of the arm"),
+    ("effects: none", "expected a mapping with the list"),
+    (None, "expected a patch.yaml"),
+])
+def test_an_evaluation_refuses_a_patch_that_is_none(tmp_path, capsys, content, text):
+    patch = tmp_path / "patch.yaml"
+    if content is not None:
+        patch.write_text(content)
+    with pytest.raises(SystemExit) as ended:
+        command.parse(["--effects", str(patch)])
+    assert ended.value.code == 2 and text in capsys.readouterr().err
+
+
+def test_results_under_another_patch_are_results_of_their_own(tmp_path):
+    nominal = Results(tmp_path, {**SETTINGS, "effects": "none"})
+    nominal.add(good(0))
+    assert Results(tmp_path, {**SETTINGS, "effects": "effects: []"}).results == []

@@ -23,6 +23,7 @@ from np_bringup.intervals import wilson_interval
 from np_description.domains import DOMAINS, find_domain
 from np_policy.networks import PreContactStudent
 from np_policy.weights import load
+from np_training.effects import load_effects
 from np_training.environment import Environment, EnvironmentConfig
 from np_training.episodes import MODES, Episodes, concatenate, run_episodes
 from np_training.fixed_contact import STARTS, FixedContact
@@ -136,6 +137,9 @@ def main() -> None:
     parser.add_argument("--limit", type=int, help="steps an episode; default: the checkpoint's")
     parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
     parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
+    parser.add_argument(
+        "--effects", type=Path, help="patch.yaml of the gap doctor: friction, damping, armature, link inertia"
+    )
     parser.add_argument("--out", type=Path, help="file to which the lines are appended")
     parser.add_argument(
         "--record", type=Path, help="file (.npz) for the joint positions of the last condition's episodes"
@@ -147,6 +151,10 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.video and not arguments.record:
         parser.error("--video needs --record FILE, beside which it writes")
+    try:
+        effects = load_effects(arguments.effects)
+    except ValueError as error:
+        parser.error(str(error))
     state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
     # Checkpoints of the first version did not say what they were trained with.
     setting = {"domain": "card", "start": "contact", "controller": "impedance", "limit": 100} | state.get(
@@ -167,6 +175,7 @@ def main() -> None:
                 contacts=arguments.contacts,
                 constraints=arguments.constraints,
                 controller=setting["controller"],
+                effects=effects,
             ),
         ),
     )
@@ -181,6 +190,7 @@ def main() -> None:
                 "conditions": conditions,
                 "student": bool(student),
                 **setting,
+                "effects": [f"{e.effect} at {e.component}" for e in effects.effects],
                 "seeds": arguments.seeds,
                 "steps": state["steps"],
                 **figures,

@@ -18,9 +18,11 @@ import warp as wp
 from np_control.kinematics import forward_kinematics
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
+from np_description.patch import Patch
 from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
 from np_description.scene import OBJECT, load_model
 from np_policy.action import Target
+from np_training.effects import check_carried
 from np_training.operational_space import count_excess, make_chain, operational_space_kernel
 
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.
@@ -41,7 +43,7 @@ ARM, OBJECT_POSITION, OBJECT_QUATERNION = slice(0, 7), slice(9, 12), slice(12, 1
 class PhysicsConfig:
     """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
     controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, its
-    gains)."""
+    gains); effects: what the arm has besides the nominal one, as far as np_training.effects carries it."""
 
     timestep: float = 0.005
     substeps: int = 20
@@ -50,8 +52,10 @@ class PhysicsConfig:
     iterations: int = 8
     ls_iterations: int = 10
     controller: str = "impedance"
+    effects: Patch = Patch()
 
     def __post_init__(self) -> None:
+        check_carried(self.effects)
         if self.controller not in CONTROLLERS:
             raise ValueError(f"controller: expected one of {', '.join(CONTROLLERS)}, got {self.controller!r}")
 
@@ -104,7 +108,8 @@ class BatchedPhysics:
         self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()
     ) -> None:
         self.config, self.worlds, self.device = config, worlds, torch.device(device)
-        model = load_model(domain, timestep=config.timestep, arm_collision=False)
+        panda = config.effects.panda()
+        model = load_model(domain, timestep=config.timestep, arm_collision=False, panda=panda)
         model.opt.iterations, model.opt.ls_iterations = config.iterations, config.ls_iterations
         self.host_model = model
         self._wp_device = wp.get_device(device)

@@ -22,6 +22,7 @@ import torch
 from np_description.domains import DOMAINS, find_domain
 from np_training import distributed
 from np_training.curriculum import CurriculumConfig
+from np_training.effects import load_effects
 from np_training.environment import Environment, EnvironmentConfig
 from np_training.fixed_contact import STARTS
 from np_training.log import Log
@@ -75,6 +76,9 @@ def parse() -> argparse.Namespace:
         default=TrainConfig.start,
         help="where episodes begin: contact: where the pre-contact policy says",
     )
+    parser.add_argument(
+        "--effects", type=Path, help="patch.yaml of the gap doctor: friction, damping, armature, link inertia"
+    )
     parser.add_argument("--adaptive-joint-range", action="store_true", help="see np_training.joint_range")
     parser.add_argument(
         "--curriculum",
@@ -101,6 +105,10 @@ def parse() -> argparse.Namespace:
         "--turn", type=float, default=RewardConfig.turn, help="weight of the angle's potential"
     )
     arguments = parser.parse_args()
+    try:
+        arguments.effects = load_effects(arguments.effects)
+    except ValueError as error:
+        parser.error(str(error))
     arguments.out = arguments.out or Path("runs") / arguments.domain
     for name, defaults in (("limit", LIMITS), ("practice", PRACTICE), ("explore", EXPLORE), ("far", FAR)):
         if getattr(arguments, name) is None:
@@ -122,6 +130,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
                 contacts=arguments.contacts,
                 constraints=arguments.constraints,
                 controller=arguments.controller,
+                effects=arguments.effects,
             ),
         ),
     )

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rosbags.rosbag2 import Reader
 
+from np_bringup import mcap
 from np_bringup.cdr import TYPESTORE
 from np_bringup.contract import BY_NAME, TOPICS, Topic
 
@@ -77,10 +78,22 @@ class Recording:
         """The messages of the named topics (all if none is named), in the order of their time."""
         wanted = [c for topic, c in self._topics.values() if not names or topic.name in names]
         try:
-            for connection, stamp, data in self._reader.messages(wanted) if wanted else ():
-                yield Message(stamp, self._topics[connection.id][0], bytes(data))
+            yield from self._read(wanted) if wanted else ()
         except Exception as error:  # damaged bytes end in any of a dozen types of exception
             raise BagError(f"bag {self.path}: expected readable messages to the end, got: {error}") from error
+
+    def _read(self, wanted: list) -> Iterator[Message]:
+        files = sorted(self.path.glob("*.mcap")) if self.path.is_dir() else []
+        if len(files) == 1:
+            topics = {c.topic: self._topics[c.id][0] for c in wanted}
+            try:
+                for stamp, topic, data in mcap.messages(files[0], topics):
+                    yield Message(stamp, topics[topic], data)
+                return
+            except mcap.Compressed:  # found before any message is given
+                pass
+        for connection, stamp, data in self._reader.messages(wanted):
+            yield Message(stamp, self._topics[connection.id][0], bytes(data))
 
     def digest(self) -> str:
         """SHA-256 (hex) over (topic, time, bytes) of every message that a lockstep run must reproduce."""

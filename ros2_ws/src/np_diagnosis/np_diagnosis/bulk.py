@@ -31,13 +31,15 @@ def joint_states(
     wanted = list(first.name) if names is None else list(names)
     start = _values_at(messages[0].data)
     head, size = messages[0].data[_STAMP.stop : start], len(messages[0].data)
+    _check(f"{bag}: {topic} at {messages[0].stamp} ns", first, wanted)
     for message in messages:
-        # Same length and same bytes before the numbers: same names, same layout.
-        if len(message.data) != size or message.data[_STAMP.stop : start] != head or message is messages[0]:
-            _check(f"{bag}: {topic} at {message.stamp} ns", message.decode(), wanted)
-            if len(message.data) != size or message.data[_STAMP.stop : start] != head:
-                raise BulkError(f"{bag}: {topic} at {message.stamp} ns: expected the frame of the first message")
-    table = np.frombuffer(b"".join(m.data for m in messages), np.uint8).reshape(len(messages), size)
+        if len(message.data) != size:
+            _refuse(bag, topic, message, wanted)
+    table = np.frombuffer(b"".join([m.data for m in messages]), np.uint8).reshape(len(messages), size)
+    # Same length and same bytes before the numbers: same names, same layout.
+    strange = np.flatnonzero((table[:, _STAMP.stop : start] != np.frombuffer(head, np.uint8)).any(axis=1))
+    if strange.size:
+        _refuse(bag, topic, messages[strange[0]], wanted)
     seconds = np.ascontiguousarray(table[:, 4:8]).view("<i4")[:, 0].astype(np.int64)
     stamps = seconds * 1_000_000_000 + np.ascontiguousarray(table[:, 8:12]).view("<u4")[:, 0]
     count, parts, at = len(wanted), [], start
@@ -50,6 +52,12 @@ def joint_states(
     if bad.size:
         _check(f"{bag}: {topic} at {messages[bad[0]].stamp} ns", messages[bad[0]].decode(), wanted)
     return stamps, values
+
+
+def _refuse(bag: str, topic: str, message: Message, names: Sequence[str]) -> None:
+    place = f"{bag}: {topic} at {message.stamp} ns"
+    _check(place, message.decode(), names)
+    raise BulkError(f"{place}: expected the frame of the first message")
 
 
 def _values_at(data: bytes) -> int:

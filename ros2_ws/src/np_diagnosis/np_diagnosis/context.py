@@ -16,18 +16,23 @@ from np_diagnosis.stages import Prediction, drive, predict
 RIPPLES = 2  # orders tried a joint
 ORDERS = (20, 400)  # per radian of the joint
 BINS = 4096
+SMOOTH = 25  # samples of the fine grid to either side
+HANN = np.hanning(2 * SMOOTH + 3)[1:-1] / np.hanning(2 * SMOOTH + 3).sum()
+PLAY = 1e-5  # rad, some standard deviations of a smoothed encoder
 
 
 @dataclass(frozen=True, eq=False)
 class Transmission:
     """Motor side: time (n,), trajectory (n,), twist (n, k) rad = motor - joint, load (n, k) Nm through the
-    gear with gravity, load_rate (n, k) Nm/s."""
+    gear with gravity, load_rate (n, k) Nm/s. wound: the twist of each stretch (m, k) on the samples' fine grid,
+    without the noise of its two encoders."""
 
     time: np.ndarray
     trajectory: np.ndarray
     twist: np.ndarray
     load: np.ndarray
     load_rate: np.ndarray
+    wound: tuple[np.ndarray, ...]
 
 
 def make_context(logs: list[Log], arm: Arm) -> Context:
@@ -56,9 +61,44 @@ def _transmission(logs: list[Log], samples: Samples, prediction: Prediction) -> 
     trajectory = np.concatenate([np.full(len(log.time), number) for number, log in enumerate(logs)])
     time = np.concatenate([log.time for log in logs])
     apart = np.concatenate([log.motor - log.position for log in logs])
-    twist = np.column_stack([samples.project(trajectory, time, column) for column in apart.T])
-    load = samples.torque + (0.0 if samples.with_gravity else prediction.gravity)
-    return Transmission(samples.time, samples.trajectory, twist, load, samples.torque_rate)
+    twist = _projected(samples, trajectory, time, apart)
+    # What moves the links, not what the motor gives: friction and rotor lie before the gear.
+    load = prediction.load
+    rate = np.gradient(load, axis=0) / np.gradient(samples.time)[:, None]
+    ends = np.flatnonzero(np.diff(samples.time, prepend=-np.inf, append=-np.inf)[1:] < 0)
+    rate[np.unique(np.clip(np.concatenate([ends, ends + 1]), 0, len(rate) - 1))] = 0.0
+    wound = tuple(
+        np.column_stack([_between(grid, time[trajectory == number], c) for c in apart[trajectory == number].T])
+        for number, grid in samples.grids
+    )
+    return Transmission(samples.time, samples.trajectory, twist, load, rate, tuple(map(_quiet, wound)))
+
+
+def _between(grid: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (m,) at the times of a grid from those known; zeros where none is."""
+    known = np.isfinite(values)
+    return np.interp(grid, time[known], values[known]) if known.any() else np.zeros(len(grid))
+
+
+def _quiet(twist: np.ndarray) -> np.ndarray:
+    """A twist (m, k) rad smoothed, and moved only by what is no noise: the play operator."""
+    smooth = np.column_stack([np.convolve(np.pad(c, SMOOTH, mode="edge"), HANN, mode="valid") for c in twist.T])
+    followed = np.empty_like(smooth)
+    last = smooth[0]
+    for i, (low, high) in enumerate(zip(smooth - PLAY, smooth + PLAY)):
+        last = np.minimum(np.maximum(last, low), high)
+        followed[i] = last
+    return followed
+
+
+def _projected(samples: Samples, trajectory: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """values (m, k) at the samples (n, k); NaN where the filter saw a NaN."""
+    is_known = np.isfinite(values)
+    projector = samples.projector(trajectory, time)
+    found = projector @ np.where(is_known, values, 0.0)
+    if not is_known.all():
+        found[projector @ (~is_known).astype(float) > 0] = np.nan
+    return found
 
 
 def _ripples(samples: Samples, prediction: Prediction) -> dict[int, tuple[int, ...]]:

@@ -9,10 +9,13 @@ with its surroundings: any fit to all other blocks, and its error on this one, i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from np_diagnosis import nuisances
 from np_diagnosis.effects import Context, Effect, Parameter, all_effects
+from np_diagnosis.nuisances import REVERSAL
 from np_diagnosis.stages import STANDSTILL
 
 BLOCKS = 10  # at least
@@ -22,25 +25,7 @@ GAP = 0.5  # s left out of training on either side of the block that is predicte
 ORDER = 2  # of the autoregression
 KINK = 0.02  # rad/s^2 by which the target's acceleration may jump for what was fed forward to be known
 
-REVERSAL = "r2 at reversal"
 SLOWEST = 0.002  # rad/s, below which a joint may be standing
-
-DELAY = 3e-4  # s between command and torque that any loop has
-
-# What every candidate may use besides its own, by stage: delay of torque against command, of torque against
-# motion, error of the inertial torque, zero of the motor's encoder.
-NUISANCES = {
-    "r0": (),
-    "r1": (Parameter("command_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),),
-    "r2": (
-        Parameter("motion_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
-        Parameter("inertia", "1", -0.5, 0.5, 0.03),
-    ),
-    "r3": (Parameter("zero", "rad", -0.1, 0.1, 0.01),),
-    REVERSAL: (),
-}
-# Without commands, measured torque and motion may come from clocks of their own.
-LOOSE = (Parameter("motion_delay", "s", -0.01, 0.01, 1e-3), Parameter("inertia", "1", -0.5, 0.5, 0.03))
 
 
 @dataclass(frozen=True)
@@ -70,8 +55,9 @@ class Candidate:
 class Cell:
     """One stage of one joint. ids (p,): parameters with columns here, those of nuisances first; test, held
     (m, p + 1, p + 1): Gram matrices of columns and residual, of each block and of what its fit must not see;
-    test_rows, held_rows (m,). matrix (n, p), residual (n,), rows (n,) bool and block (n,): before whitening,
-    which rows count, the block each is in (-1: none). whiten: coefficients of the autoregression."""
+    test_rows, held_rows (m,). plain (m, p + 1, p + 1): of each block before whitening; outside: squared residual
+    of rows in no block. matrix (n, p), residual (n,), rows (n,) bool and block (n,): before whitening, which
+    rows count, the block each is in (-1: none). whiten: coefficients of the autoregression."""
 
     stage: str
     joint: int
@@ -80,16 +66,37 @@ class Cell:
     held: np.ndarray
     test_rows: np.ndarray
     held_rows: np.ndarray
+    plain: np.ndarray
+    outside: float
     matrix: np.ndarray
     residual: np.ndarray
     rows: np.ndarray
     block: np.ndarray
     whiten: np.ndarray
 
-    @property
+    @cached_property
+    def total(self) -> np.ndarray:
+        """Gram matrix (p + 1, p + 1) of all blocks."""
+        return self.test.sum(axis=0)
+
+    @cached_property
     def train(self) -> np.ndarray:
         """Gram matrices (m, p + 1, p + 1) of all that the fit for each block may see."""
-        return self.test.sum(axis=0) - self.held
+        return self.total - self.held
+
+    def parts(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`train` and `test` of some columns and the residual, residual first; kept, for many structures of a
+        search share them."""
+        key = columns.tobytes()
+        if key not in self._parts:
+            chosen = np.concatenate([[len(self.ids)], columns])
+            held, test = (gram[:, chosen[:, None], chosen] for gram in (self.held, self.test))
+            self._parts[key] = test.sum(axis=0) - held, test
+        return self._parts[key]
+
+    @cached_property
+    def _parts(self) -> dict:
+        return {}
 
     @property
     def used(self) -> np.ndarray:
@@ -107,6 +114,7 @@ class Design:
     parameters: tuple[Parameter, ...]
     nuisances: tuple[np.ndarray, ...]  # ids by joint
     blocks: tuple[Block, ...]
+    stages: Stages
 
     def of(self, joint: int) -> list[Cell]:
         """The cells of a joint."""
@@ -149,8 +157,10 @@ def make_design(context: Context) -> Design:
         return np.arange(len(parameters) - len(parts), len(parameters))
 
     stages = Stages(context)
-    known = NUISANCES if context.drive is not None else NUISANCES | {"r2": LOOSE}
-    nuisance = [{stage: new(known[stage]) for stage in stages.names} for _ in context.arm.joints]
+    nuisance = [
+        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.names}
+        for joint in range(len(context.arm))
+    ]
     candidates = []
     for effect in all_effects(context):
         places = [None] if effect.is_arm else range(len(context.arm))
@@ -162,18 +172,22 @@ def make_design(context: Context) -> Design:
     cells = []
     for joint in range(len(context.arm)):
         for stage in stages.names:
-            matrix, ids = [stages.nuisances(stage, joint)], [nuisance[joint][stage]]
+            if stage == REVERSAL:  # the same columns in other rows
+                first, own = cells[-1], len(nuisance[joint]["r2"])
+                ids, columns = first.ids[own:], first.matrix[:, own:]
+                cells.append(make_cell(stages, stage, joint, ids, columns, blocks, parameters))
+                continue
+            matrix, ids = [nuisances.columns(context, stage, joint).T], [nuisance[joint][stage]]
             for candidate in candidates:
                 if candidate.joint in (None, joint):
                     columns = stages.columns(candidate.effect, stage, joint)
                     if columns is not None:
-                        matrix.append(columns)
+                        matrix.append(columns.T)
                         ids.append(candidate.ids)
-            cells.append(
-                make_cell(stages, stage, joint, np.concatenate(ids), np.column_stack(matrix), blocks, parameters)
-            )
+            columns = np.concatenate(matrix).T  # each one contiguous
+            cells.append(make_cell(stages, stage, joint, np.concatenate(ids), columns, blocks, parameters))
     ids = tuple(np.concatenate([n[stage] for stage in stages.names]) for n in nuisance)
-    return Design(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks)
+    return Design(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks, stages)
 
 
 class Stages:
@@ -181,12 +195,15 @@ class Stages:
 
     def __init__(self, context: Context):
         self.context = context
+        self._drive_columns: tuple[int, dict[int, np.ndarray]] = (-1, {})  # of the last joint asked for
         self._projected: dict[tuple[int, int], np.ndarray] = {}
         self.names = ["r2", REVERSAL]
         self._slides = np.column_stack([_slides(context, j) for j in range(len(context.arm))])
         if context.drive is not None:
             self.names += ["r0", "r1"]
             self._is_smooth = _smooth(context)
+            drive = context.drive
+            self._projector = context.samples.projector(drive.trajectory, drive.time + drive.period / 2)
         if context.transmission is not None:
             self.names.append("r3")
 
@@ -214,16 +231,26 @@ class Stages:
         """
         c = self.context
         own = effect.columns.get(rung(stage))
+        if rung(stage) == "r1" and own is not None:
+            return self._of_drive(effect, joint)
         if rung(stage) != "r2" or c.drive is None or "r1" not in effect.columns:
             return None if own is None else own(c, joint)
         if effect.module == "sensing":
             return None
         key = (id(effect), joint)
         if key not in self._projected:
-            d, values = c.drive, effect.columns["r1"](c, joint)
-            projected = [c.samples.project(d.trajectory, d.time + d.period / 2, column) for column in values.T]
-            self._projected[key] = -np.column_stack(projected)
+            values = self._of_drive(effect, joint)
+            self._projected[key] = -np.column_stack([self._projector @ column for column in values.T])
         return self._projected[key]
+
+    def _of_drive(self, effect: Effect, joint: int) -> np.ndarray:
+        """Columns (n, parameters) in r1, kept while this joint is asked for."""
+        if self._drive_columns[0] != joint:
+            self._drive_columns = joint, {}
+        kept = self._drive_columns[1]
+        if id(effect) not in kept:
+            kept[id(effect)] = effect.columns["r1"](self.context, joint)
+        return kept[id(effect)]
 
     def rows(self, stage: str, joint: int) -> np.ndarray:
         """Rows (n,) that count. A joint that stands is held by friction of any size up to its level: its
@@ -238,24 +265,6 @@ class Stages:
         if stage == "r0":
             return self._is_smooth
         return np.ones(len(c.drive.time), bool)
-
-    def nuisances(self, stage: str, joint: int) -> np.ndarray:
-        """Columns (n, count) of `NUISANCES`."""
-        c = self.context
-        if stage == "r2":
-            return np.column_stack(
-                [c.samples.torque_rate[:, joint], c.prediction.inertial[:, joint] + c.prediction.rotors[:, joint]]
-            )
-        if stage == "r3":
-            return np.ones((len(c.transmission.time), 1))
-        if stage == REVERSAL:
-            return np.zeros((len(c.samples), 0))
-        if stage == "r0":
-            return np.zeros((len(c.drive.time), 0))
-        # Commands are held for a period: to be late by less than that is a share of the one before.
-        step = np.diff(c.drive.commanded[:, joint], prepend=c.drive.commanded[0, joint])
-        step[c.drive.starts] = 0.0
-        return -step[:, None] / c.drive.period
 
 
 def rung(stage: str) -> str:
@@ -294,59 +303,91 @@ def _smooth(context: Context) -> np.ndarray:
 def make_cell(stages, stage, joint, ids, matrix, blocks, parameters, whiten=None) -> Cell:
     """Sums of one stage of one joint. whiten: autoregression to use; None: from the data."""
     trajectory, time = stages.times(stage)
-    rows, residual = stages.rows(stage, joint), stages.residual(stage, joint)
-    whole = np.column_stack([matrix, residual])
-    whole[~rows] = 0.0
-    prior = np.array([parameters[i].prior for i in ids])
+    residual = stages.residual(stage, joint)
+    kept = _kept(stages.rows(stage, joint), trajectory)
+    pieces = _pieces(trajectory, time, blocks)
+    plain = _sums(matrix, residual, kept, np.zeros(0), pieces).sum(axis=0)
     if whiten is None:
-        whiten = _autoregression(whole[rows], prior)
-    white, kept = _whitened(whole, whiten, rows, trajectory)
+        whiten = _autoregression(matrix, residual, kept, plain.sum(axis=0), np.array([parameters[i].prior for i in ids]))
+    sums = _sums(matrix, residual, kept, whiten, pieces)
+    test = sums.sum(axis=0)
+    held = test + _beside(sums[0], sums[2], pieces)
+    counts = np.cumsum(np.concatenate([[0], kept]))
+    head, body, tail = (counts[pieces[:, k + 1]] - counts[pieces[:, k]] for k in range(3))
+    test_rows = (head + body + tail).astype(float)
+    held_rows = test_rows + _beside(head.astype(float), tail.astype(float), pieces)
     block = np.full(len(time), -1)
-    shape = (len(blocks), len(ids) + 1, len(ids) + 1)
-    test, held = np.empty(shape), np.empty(shape)
-    test_rows, held_rows = np.empty(len(blocks)), np.empty(len(blocks))
-    for b, part in enumerate(blocks):
-        mine = trajectory == part.trajectory
-        inside = mine & (time >= part.start) & (time < part.end)
-        near = mine & (time >= part.start - GAP) & (time < part.end + GAP)
-        block[inside] = b
-        for mask, gram, count in ((inside, test, test_rows), (near, held, held_rows)):
-            first, last = _span(mask)
-            rows_here = white[first:last][(mask & kept)[first:last]]
-            gram[b] = rows_here.T @ rows_here
-            count[b] = len(rows_here)
-    return Cell(stage, joint, ids, test, held, test_rows, held_rows, matrix, residual, kept, block, whiten)
+    for b, (start, _, _, end) in enumerate(pieces):
+        block[start:end] = b
+    outside = float(np.square(residual[kept & (block < 0)]).sum())
+    return Cell(stage, joint, ids, test, held, test_rows, held_rows, plain, outside, matrix, residual, kept, block,
+                whiten)
 
 
-def _span(mask: np.ndarray) -> tuple[int, int]:
-    if not mask.any():
-        return 0, 0
-    return int(mask.argmax()), len(mask) - int(mask[::-1].argmax())
+def _kept(rows: np.ndarray, trajectory: np.ndarray) -> np.ndarray:
+    """Rows (n,) that count and all of whose past that the autoregression sees counts."""
+    kept = rows.copy()
+    for lag in range(1, ORDER + 1):
+        kept[lag:] &= rows[:-lag] & (trajectory[lag:] == trajectory[:-lag])
+        kept[:lag] = False
+    return kept
 
 
-def _autoregression(whole: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Coefficients of what all columns together leave, by Yule and Walker; zeros where too short."""
-    if len(whole) < 50:
+def _pieces(trajectory: np.ndarray, time: np.ndarray, blocks: tuple[Block, ...]) -> np.ndarray:
+    """Rows (m, 4) at which each block starts, its first `GAP` ends, its last `GAP` starts, and it ends."""
+    pieces = []
+    for part in blocks:
+        first, last = np.searchsorted(trajectory, [part.trajectory, part.trajectory + 1])
+        edges = np.searchsorted(time[first:last], [part.start, part.start + GAP, part.end - GAP, part.end])
+        pieces.append(first + np.maximum.accumulate(edges))
+    return np.array(pieces)
+
+
+def _sums(
+    matrix: np.ndarray, residual: np.ndarray, kept: np.ndarray, whiten: np.ndarray, pieces: np.ndarray
+) -> np.ndarray:
+    """Gram matrices (3, m, p + 1, p + 1) of columns and residual through the autoregression's inverse, of the
+    first `GAP` of each block, of its last, and of what is between. A block at a time fits into the cache."""
+    size, lags = matrix.shape[1] + 1, len(whiten)
+    parts = np.zeros((3, len(pieces), size, size))
+    for b, edges in enumerate(pieces):
+        start, end = max(edges[0], lags), edges[3]
+        if not kept[start:end].any():
+            continue
+        rows = slice(start - lags, end)
+        whole = np.vstack([matrix[rows].T, residual[rows]])
+        white = whole[:, lags:] if not lags else whole[:, lags:].copy()
+        for lag, c in enumerate(whiten, 1):
+            if c:
+                white -= c * whole[:, lags - lag : -lag]
+        white[:, ~kept[start:end]] = 0.0
+        for k in range(3):
+            part = white[:, max(edges[k] - start, 0) : max(edges[k + 1] - start, 0)]
+            parts[k, b] = part @ part.T
+    return parts
+
+
+def _beside(head: np.ndarray, tail: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+    """What the neighbours of each block have next to it: the tail of the one before, the head of the next."""
+    beside = np.zeros_like(head)
+    touches = pieces[1:, 0] == pieces[:-1, 3]
+    beside[1:][touches] += tail[:-1][touches]
+    beside[:-1][touches] += head[1:][touches]
+    return beside
+
+
+def _autoregression(matrix, residual, kept, normal, prior) -> np.ndarray:
+    """Coefficients of what all columns together leave in the rows `kept`, by Yule and Walker; zeros where too
+    short. normal (p + 1, p + 1): Gram matrix of columns and residual."""
+    side = residual[kept]
+    if len(side) < 50:
         return np.zeros(ORDER)
-    scaled, side = whole[:, :-1] * prior, whole[:, -1]
-    if scaled.shape[1]:
-        normal = scaled.T @ scaled
+    if len(prior):
         spread = max(np.median(np.abs(side)) ** 2, 1e-12)
-        side = side - scaled @ np.linalg.solve(normal + spread * np.eye(len(normal)), scaled.T @ side)
-    correlation = np.array(
-        [np.mean(side[lag:] * side[: len(side) - lag]) for lag in range(ORDER + 1)]
-    )
+        scaled = normal[:-1, :-1] * np.outer(prior, prior) + spread * np.eye(len(prior))
+        side = side - (matrix @ (prior * np.linalg.solve(scaled, prior * normal[:-1, -1])))[kept]
+    correlation = np.array([np.mean(side[lag:] * side[: len(side) - lag]) for lag in range(ORDER + 1)])
     if correlation[0] <= 1e-20:
         return np.zeros(ORDER)
     table = correlation[np.abs(np.subtract.outer(np.arange(ORDER), np.arange(ORDER)))]
     return np.linalg.solve(table + 1e-3 * correlation[0] * np.eye(ORDER), correlation[1:])
-
-
-def _whitened(whole, coefficients, rows, trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """(columns through the autoregression's inverse, rows all of whose past counts)."""
-    white, kept = whole.copy(), rows.copy()
-    for lag, c in enumerate(coefficients, 1):
-        white[lag:] -= c * whole[:-lag]
-        kept[lag:] &= rows[:-lag] & (trajectory[lag:] == trajectory[:-lag])
-        kept[:lag] = False
-    return white, kept

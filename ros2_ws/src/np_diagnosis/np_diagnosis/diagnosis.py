@@ -13,6 +13,7 @@ from np_diagnosis.effects import Context, Effect
 from np_diagnosis.effects.sensing import quantised
 from np_diagnosis.estimates import Estimate, estimate
 from np_diagnosis.gap import Gap, measure
+from np_diagnosis.loop_delay import settle_delay
 from np_diagnosis.omnibus import Rest, examine
 from np_diagnosis.ranking import alternatives, probabilities
 from np_diagnosis.search import Search, Structure
@@ -24,6 +25,8 @@ LEFT_SURE = 25.0  # nats by which a flexible model must predict better for somet
 COLOURED = 1.5  # times its white part, what is left of r2 is no noise
 MOST = 0.9  # of what is no white noise, explained by a structure that may stand
 COARSE = 2e-5  # rad, a step of an encoder that shows
+MANY = 2  # effects of a joint up to which they explain it
+NEEDED = 0.05  # of what a stage of a joint shows, which its gap would grow by without an effect
 MATERIAL = 0.0005  # of the torque limit: what is left below is nothing
 
 
@@ -65,17 +68,28 @@ def diagnose(logs: list[Log], arm: Arm | None = None, seed: int = 0, quick: bool
     quick: single effects and what is left only.
     """
     context = make_context(logs, arm or panda())
-    design = make_design(context)
+    design = settle_delay(make_design(context))
     search = Search(design)
     chosen = search.run(*((1, 1) if quick else ()))
     rests = examine(search, chosen.members)
-    unexplained = _unexplained(rests, design)
+    unexplained = tuple(sorted({*_unexplained(rests, design), *_crowded(search, chosen)}))
     gap = measure(search, chosen, seed)
     found = _findings(search, chosen, gap, seed, quick)
     return Diagnosis(
         _verdict(found, unexplained, rests, design), tuple(found), gap, tuple(rests), unexplained,
         context, design, search, chosen,
     )
+
+
+def _crowded(search: Search, chosen: Structure) -> set[int]:
+    """Joints that more than `MANY` effects are needed for, the arm's own counted: so many can describe anything."""
+    cells, count = search.design.cells, np.zeros(len(search.design.context.arm), int)
+    before, after = np.array(search.energies(())), np.array(search.energies(chosen.members))
+    for m in chosen.members:
+        less = np.array(search.energies(tuple(n for n in chosen.members if n != m)))
+        needed = {c.joint for c, b, a, rise in zip(cells, before, after, less) if rise - a > NEEDED * b}
+        count[list(needed)] += 1
+    return set(np.flatnonzero(count > MANY).tolist())
 
 
 def _unexplained(rests: list[Rest], design: Design) -> tuple[int, ...]:

@@ -32,12 +32,26 @@ class Score:
 
 def places(cell: Cell, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(columns of the cell, their places in ids) of those parameters that show in it."""
-    order = {int(i): n for n, i in enumerate(ids)}
-    shared = [(k, order[int(i)]) for k, i in enumerate(cell.ids) if int(i) in order]
-    if not shared:
+    if not len(ids) or not len(cell.ids):
         return np.zeros(0, int), np.zeros(0, int)
-    columns, at = zip(*shared)
-    return np.array(columns), np.array(at)
+    at = np.full(max(ids.max(), cell.ids.max()) + 1, -1)
+    at[ids] = np.arange(len(ids))
+    found = at[cell.ids]
+    columns = np.flatnonzero(found >= 0)
+    return columns, found[columns]
+
+
+def part(gram: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Gram matrices (m, k + 1, k + 1) of the residual and some columns, in this order."""
+    chosen = np.concatenate([[gram.shape[-1] - 1], columns])
+    return gram[:, chosen[:, None], chosen]
+
+
+def remaining(gram: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Squared residual (..., m) after columns @ values (..., m, k); gram (..., m, k + 1, k + 1) of `part`."""
+    factors = np.concatenate([np.ones((*values.shape[:-1], 1)), -values], axis=-1)
+    left = (np.matmul(gram, factors[..., None])[..., 0] * factors).sum(axis=-1)
+    return np.maximum(left, 0.0)
 
 
 def fit(
@@ -49,58 +63,71 @@ def fit(
 ) -> Fit:
     """Posterior mode within the bounds for each of the m sums; grams, rows: of each cell, (m, ...) and (m,)."""
     where = [places(cell, ids) for cell in cells]
-    count = len(rows[0]) if rows else 0
-    prior = np.array([parameters[i].prior for i in ids])
-    centre = np.array([parameters[i].centre for i in ids])
-    lower = np.array([parameters[i].lower for i in ids])
-    upper = np.array([parameters[i].upper for i in ids])
-    squares = [np.maximum(g[:, -1, -1], 0.0) for g in grams]
-    counts = [np.maximum(r, 1.0) for r in rows]
-    variance = [np.maximum(s / n, LEAST_VARIANCE) for s, n in zip(squares, counts)]
-    precision = np.tile(np.diag(prior**-2), (count, 1, 1))
-    for _ in range(PASSES):
-        normal, moment = precision.copy(), np.tile(centre * prior**-2, (count, 1))
-        for (columns, at), gram, v in zip(where, grams, variance):
-            if columns.size:
-                normal[:, at[:, None], at] += gram[:, columns[:, None], columns] / v[:, None, None]
-                moment[:, at] += gram[:, columns, -1] / v[:, None]
-        solved = np.linalg.solve(normal, moment[..., None])[..., 0]
+    needed = _padded([part(gram, columns) for gram, (columns, _) in zip(grams, where)])
+    return _fit([at for _, at in where], needed, np.array(rows), [parameters[i] for i in ids])
+
+
+def _padded(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """(cells, m, k, k) of Gram matrices of different sizes, zeros where one is smaller."""
+    size = max(p.shape[-1] for p in parts)
+    whole = np.zeros((len(parts), len(parts[0]), size, size))
+    for n, p in enumerate(parts):
+        whole[n, :, : p.shape[-1], : p.shape[-1]] = p
+    return whole
+
+
+def _fit(where: Sequence[np.ndarray], grams: np.ndarray, rows: np.ndarray, chosen: Sequence[Parameter]) -> Fit:
+    """Of padded Gram matrices (cells, m, k, k), whose columns are the parameters `where`; rows (cells, m)."""
+    count, size = rows.shape[1], len(chosen)
+    prior, centre, lower, upper = (
+        np.array([getattr(p, name) for p in chosen]) for name in ("prior", "centre", "lower", "upper")
+    )
+    # What is padded points at a parameter that is always zero.
+    at = np.full((len(where), grams.shape[-1] - 1), size)
+    for n, own in enumerate(where):
+        at[n, : len(own)] = own
+    rows = np.maximum(rows, 1.0)
+    spare = np.maximum(rows - np.array([[len(own)] for own in where]), 1.0)
+    variance = np.maximum(grams[:, :, 0, 0] / rows, LEAST_VARIANCE)
+    solved, covariance = np.zeros((count, size)), np.zeros((count, size, size))
+    for number in range(PASSES):
+        normal, moment = np.zeros_like(covariance), np.tile(centre * prior**-2, (count, 1))
+        normal[:, np.arange(size), np.arange(size)] = prior**-2
+        scaled = grams[:, :, 1:] / variance[..., None, None]
+        for own, part_ in zip(where, scaled):
+            if len(own):
+                normal[:, own[:, None], own] += part_[:, : len(own), 1 : len(own) + 1]
+                moment[:, own] += part_[:, : len(own), 0]
+        if number == PASSES - 1:
+            covariance = np.linalg.inv(normal)
+            solved = np.matmul(covariance, moment[..., None])[..., 0]
+        else:
+            solved = np.linalg.solve(normal, moment[..., None])[..., 0]
         outside = (solved < lower) | (solved > upper)
         if outside.any():
             solved = _bounded(normal, moment, solved, lower, upper, outside)
-        for n, ((columns, at), gram) in enumerate(zip(where, grams)):
-            left = remaining(gram, columns, solved[:, at])
-            variance[n] = np.maximum(left / np.maximum(counts[n] - columns.size, 1), LEAST_VARIANCE)
-    return Fit(solved, np.linalg.inv(normal), np.array(variance))
-
-
-def remaining(gram: np.ndarray, columns: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Squared residual (m,) after columns @ values (m, k)."""
-    part = gram[:, columns[:, None], columns]
-    left = (
-        gram[:, -1, -1]
-        - 2 * np.einsum("bi,bi->b", values, gram[:, columns, -1])
-        + np.einsum("bi,bij,bj->b", values, part, values)
-    )
-    return np.maximum(left, 0.0)
+        values = np.concatenate([solved, np.zeros((count, 1))], axis=1)[:, at].transpose(1, 0, 2)
+        variance = np.maximum(remaining(grams, values) / spare, LEAST_VARIANCE)
+    return Fit(solved, covariance, variance)
 
 
 def score(cells: Sequence[Cell], ids: np.ndarray, parameters: Sequence[Parameter]) -> Score:
     """Fit without each block and its surroundings, and predict the block."""
-    trains = [cell.train for cell in cells]
-    counts = [cell.test_rows.sum() - cell.held_rows for cell in cells]
-    fitted = fit(cells, trains, counts, ids, parameters)
-    density = np.zeros(len(fitted.parameters))
-    for n, cell in enumerate(cells):
-        columns, at = places(cell, ids)
-        squares = remaining(cell.test, columns, fitted.parameters[:, at])
-        rows = np.maximum(cell.test_rows, 1)
-        part = cell.test[:, columns[:, None], columns]
-        spread = np.einsum("bij,bji->b", part, fitted.covariance[:, at[:, None], at]) / rows
-        variance = fitted.variance[n] + spread
-        own = -0.5 * rows * (np.log(2 * np.pi * variance) + squares / rows / variance)
-        density += np.where(cell.used, own, 0.0)
-    return Score(density, fitted)
+    where = [places(cell, ids) for cell in cells]
+    parts = [cell.parts(columns) for cell, (columns, _) in zip(cells, where)]
+    train, test = (_padded([p[side] for p in parts]) for side in (0, 1))
+    rows = np.array([cell.test_rows.sum() - cell.held_rows for cell in cells])
+    fitted = _fit([at for _, at in where], train, rows, [parameters[i] for i in ids])
+    spread, squares = np.zeros(rows.shape), np.zeros(rows.shape)
+    for n, (_, at) in enumerate(where):
+        own = test[n, :, : len(at) + 1, : len(at) + 1]
+        squares[n] = remaining(own, fitted.parameters[:, at])
+        if len(at):
+            spread[n] = (own[:, 1:, 1:] * fitted.covariance[:, at[:, None], at]).sum(axis=(1, 2))
+    rows = np.maximum(np.array([cell.test_rows for cell in cells]), 1)
+    variance = fitted.variance + spread / rows
+    density = -0.5 * rows * (np.log(2 * np.pi * variance) + squares / rows / variance)
+    return Score((density * np.array([cell.used for cell in cells])).sum(axis=0), fitted)
 
 
 def _bounded(normal, moment, solved, lower, upper, outside) -> np.ndarray:

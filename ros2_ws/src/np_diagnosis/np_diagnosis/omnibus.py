@@ -14,6 +14,7 @@ import numpy as np
 from np_diagnosis.design import REVERSAL, Cell, Design, Stages, make_cell, rung
 from np_diagnosis.effects.base import Context, Parameter
 from np_diagnosis.fit import score
+from np_diagnosis.rigid import torque
 from np_diagnosis.search import Search, held_out
 
 HARMONICS = 6
@@ -23,7 +24,8 @@ HARMONICS = 6
 class Rest:
     """What a flexible model adds at one stage of one joint: gain nats and its standard error over blocks;
     energies: squared held-out residual of nothing, of the structure, of the structure with the model. white:
-    standard deviation of the part that has no memory at all, from third differences."""
+    standard deviation of noise: the part that has no memory at all, from third differences, and no more than
+    the sensors have where they show it."""
 
     stage: str
     joint: int
@@ -50,14 +52,13 @@ class Rest:
 def examine(search: Search, members: tuple[int, ...]) -> list[Rest]:
     """Every stage of every joint with enough rows."""
     design, found = search.design, []
-    stages = Stages(design.context)
     fits = {j: (search.ids(joints, inside), search.group(joints, inside)[0].fit, joints, inside)
             for joints, inside in search.groups(members) for j in joints}
     for cell in design.cells:
         if cell.stage in (REVERSAL, "r3") or cell.used.sum() < 4:
             continue
         ids, fit, _, _ = fits[cell.joint]
-        found.append(_rest(stages, design, cell, ids, fit))
+        found.append(_rest(design.stages, design, cell, ids, fit))
     return found
 
 
@@ -84,8 +85,20 @@ def _rest(stages: Stages, design: Design, cell: Cell, ids: np.ndarray, fit) -> R
         float(np.square(left[rows]).sum()),
         float(np.square(after[rows]).sum()),
         int(rows.sum()),
-        float(np.std(np.diff(left[rows], 3)) / np.sqrt(20)),
+        min(float(np.std(np.diff(left[rows], 3)) / np.sqrt(20)), _sensors(design.context, cell)),
     )
+
+
+def _sensors(context: Context, cell: Cell) -> float:
+    """Standard deviation Nm that the noise of the sensors leaves in r2 of a recording without commands: what a
+    joint shakes with is no noise, though at the samples' rate it has no memory either. Else no bound."""
+    if rung(cell.stage) != "r2" or context.drive is not None:
+        return np.inf
+    j, middle = cell.joint, np.median(context.samples.position, axis=0)[None]
+    unit = np.eye(len(context.arm))[j][None]
+    still = np.zeros(3)
+    inertia = float(torque(context.arm, middle, 0 * middle, unit, still)[0, j] + context.arm.armature[j])
+    return float(np.hypot(context.samples.noise[j], inertia * context.samples.shaking[j]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,4 +139,4 @@ def _flexible(context: Context, cell: Cell) -> np.ndarray:
     if rung(cell.stage) == "r2":
         for k in range(1, HARMONICS + 1):
             columns += [np.sin(k * q), np.cos(k * q), direction * np.sin(k * q), direction * np.cos(k * q)]
-    return np.column_stack(columns)
+    return np.array(columns).T

@@ -14,17 +14,23 @@ from np_description.patch import Patch, PatchEffect, dump_patch
 
 from np_diagnosis.design import REVERSAL
 from np_diagnosis.diagnosis import Diagnosis, Finding
-from np_diagnosis.effects import equivalence_classes
-from np_diagnosis.forward import shoot
 from np_diagnosis.gap import REGIMES, regimes
 from np_diagnosis.schema import validate
 from np_diagnosis.signals import Log
 
 
+REFITTED = 3  # structures at most: the chosen one and its nearest rivals
+
+
 def make_report(
-    diagnosis: Diagnosis, logs: Sequence[Log], runtime: float, shots: dict | None = None
+    diagnosis: Diagnosis, logs: Sequence[Log], runtime: float, shots: dict | None = None,
+    experiment: dict | None = None, forward: dict | None = None,
 ) -> dict:
-    """The report as a JSON object; shots: of `closed_loop`. Raises ValueError if it breaks the schema."""
+    """The report as a JSON object; shots: of `closed_loop`; experiment: of `power.next_experiment`; forward: of
+    `refit.second_opinion`.
+
+    Raises ValueError if it breaks the schema.
+    """
     gap, joints = diagnosis.gap, diagnosis.context.arm.joints
     report = {
         "schema_version": 1,
@@ -55,7 +61,8 @@ def make_report(
             "worse": _worse(diagnosis),
             "closed_loop_rad": shots or {},
         },
-        "next_experiment": next_experiment(diagnosis),
+        "next_experiment": experiment,
+        "forward": forward,
         "data": {
             "bags": [log.name for log in logs],
             "duration_s": sum(log.duration for log in logs),
@@ -87,30 +94,24 @@ def where(diagnosis: Diagnosis) -> list[dict]:
     return [{"module": m, "component": c, "share": float(e / total)} for (m, c), e in ranked]
 
 
-def next_experiment(diagnosis: Diagnosis) -> dict | None:
-    """What would split the first ambiguity of the report, None where there is none."""
-    for finding in diagnosis.findings:
-        if not finding.is_chosen or not finding.equivalent_to:
-            continue
-        ids = {finding.effect.id, *finding.equivalent_to}
-        split = next((text for members, text in equivalence_classes() if len(members & ids) > 1), None)
-        return {
-            "name": split or finding.effect.entry["exciting_experiment"],
-            "separates": sorted(ids),
-            "component": finding.component,
-        }
-    return None
-
-
 def write(
     out: Path, diagnosis: Diagnosis, logs: Sequence[Log], runtime: Callable[[], float], quick: bool = False
 ) -> dict:
     """Write report.json, patch.yaml and report.html into `out`; returns the report.
 
-    runtime: s it has taken so far; quick: without closed-loop shots and page.
+    runtime: s it has taken so far; quick: without closed loop, refit, next experiment and page.
     """
-    shots = None if quick else closed_loop(diagnosis, make_patch(diagnosis))
-    report = make_report(diagnosis, logs, round(runtime(), 2), shots)
+    shots = experiment = forward = None
+    if not quick:
+        # Simulators and planners take a second to import, which a quick look has not.
+        from np_diagnosis.power import next_experiment, open_question
+        from np_diagnosis.refit import second_opinion
+
+        question = open_question(diagnosis)
+        experiment = next_experiment(diagnosis, question)
+        shots = closed_loop(diagnosis, make_patch(diagnosis))
+        forward = second_opinion(diagnosis, question[1].structures[1:REFITTED] if question else ())
+    report = make_report(diagnosis, logs, round(runtime(), 2), shots, experiment, forward)
     out.mkdir(parents=True, exist_ok=True)
     (out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     (out / "patch.yaml").write_text(dump_patch(make_patch(diagnosis)), encoding="utf-8")
@@ -139,24 +140,18 @@ def make_patch(diagnosis: Diagnosis) -> Patch:
 
 
 def closed_loop(diagnosis: Diagnosis, patch: Patch) -> dict[str, dict[str, float]] | None:
-    """r4 by joint: RMS rad of the simulator's departure within a second, nominal and with the patch; None for
+    """r4 by joint: RMS rad of the simulator's departure within a shot, nominal and with the patch; None for
     another arm, or recordings without commands."""
+    from np_diagnosis.forward import departures, rms, windows
+
     joints = diagnosis.context.arm.joints
-    if joints != NOMINAL.joints:
+    recorded = windows(diagnosis.context.logs) if joints == NOMINAL.joints else None
+    if recorded is None:
         return None
-    shots = []
-    for log in diagnosis.context.logs:
-        before = shoot(log)
-        if before is None:
-            continue
-        try:
-            after = shoot(log, patch) if patch.effects else before
-        except FloatingPointError:
-            return {"diverged": {"before": 0.0, "after": 0.0}}
-        shots.append((before.rms, after.rms))
-    if not shots:
-        return None
-    old, new = np.sqrt(np.mean(np.square(shots), axis=0))
+    try:
+        old, new = rms(departures(recorded, [Patch(), patch]))
+    except FloatingPointError:
+        return {"diverged": {"before": 0.0, "after": 0.0}}
     return {joint: {"before": float(old[j]), "after": float(new[j])} for j, joint in enumerate(joints)}
 
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from np_diagnosis.design import Candidate, Design
-from np_diagnosis.fit import Score, score
+from np_diagnosis.design import Candidate, Cell, Design
+from np_diagnosis.effects import Effect
+from np_diagnosis.fit import Fit, Score, part, places, remaining, score
 
 WIDTH = 6  # structures that are grown further
 BROAD = 3  # effects up to which several structures are grown
@@ -40,12 +41,15 @@ class Structure:
 
 @dataclass(eq=False)
 class Search:
-    """All structures tried, best of each size; `chosen` is the simplest that no larger one beats clearly."""
+    """All structures tried, best of each size; `chosen` is the simplest that no larger one beats clearly.
+
+    intervals: (values, half widths) of the parameters of groups whose size was estimated.
+    """
 
     design: Design
     tried: dict[tuple[int, ...], Structure] = field(default_factory=dict)
+    intervals: dict[tuple, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     _groups: dict[tuple, tuple[Score, float]] = field(default_factory=dict)
-    _sums: list[np.ndarray] | None = None
     _reaches: dict[int, tuple[int, ...]] = field(default_factory=dict)
 
     def structure(self, members: tuple[int, ...]) -> Structure:
@@ -155,7 +159,7 @@ class Search:
             values[ids] = result.fit.parameters.mean(axis=0)
             cells = [cell for j in joints for cell in design.of(j)]
             variance |= {id(c): v.mean() for c, v in zip(cells, result.fit.variance)}
-        for cell, gram in zip(design.cells, self._totals()):
+        for cell, gram in zip(design.cells, (cell.total for cell in design.cells)):
             v = variance[id(cell)]
             normal[np.ix_(cell.ids, cell.ids)] += gram[:-1, :-1] / v
             slope[cell.ids] += (gram[:-1, -1] - gram[:-1, :-1] @ values[cell.ids]) / v
@@ -173,11 +177,6 @@ class Search:
             gains.append(0.5 * rest[i] @ np.linalg.solve(left + 1e-9 * np.diag(np.diag(normal)[i]), rest[i] + centre))
         ranked = np.argsort(gains)[::-1]
         return [int(n) for n in ranked[:count]]
-
-    def _totals(self) -> list[np.ndarray]:
-        if self._sums is None:
-            self._sums = [cell.test.sum(axis=0) for cell in self.design.cells]
-        return self._sums
 
     def beats(self, one: Structure, other: Structure) -> bool:
         """Whether `one` predicts clearly better, beyond its prior odds and by an amount worth naming."""
@@ -210,8 +209,9 @@ class Search:
         if not least.any():
             return False
         joints, inside = next(g for g in self.groups(structure.members) if member in g[1])
-        at = np.isin(self.ids(joints, inside), ids)
-        values = self.group(joints, inside)[0].fit.parameters[:, at].mean(axis=0)
+        group = self.ids(joints, inside)
+        found = self.group(joints, inside)[0].fit.parameters.mean(axis=0)
+        values = found[np.isin(group, ids)] + absorbed(self.design, group, found, self.design.candidates[member].effect)
         return bool((np.abs(values) <= least).all())
 
     def energies(self, members: tuple[int, ...]) -> list[float]:
@@ -221,7 +221,7 @@ class Search:
             result, _ = self.group(joints, inside)
             for j in joints:
                 fits[j] = (self.ids(joints, inside), result.fit)
-        return [float(np.square(held_out(cell, *fits[cell.joint])[cell.rows]).sum()) for cell in self.design.cells]
+        return [energy(cell, *fits[cell.joint]) for cell in self.design.cells]
 
     def _is_new(self, parent: Structure, number: int) -> bool:
         mine = self.design.candidates[number]
@@ -256,15 +256,27 @@ class Search:
         return chosen
 
 
-def held_out(cell, ids: np.ndarray, fit) -> np.ndarray:
+def absorbed(design: Design, ids: np.ndarray, values: np.ndarray, effect: Effect) -> float:
+    """What the nuisances that say the same have taken of an effect, on average over the joints: a delay of commands
+    is all there is of it; states are late by what is beyond the delay of the commands."""
+    beside = [n for n, i in enumerate(ids) if design.parameters[i].name == effect.absorbs]
+    if not beside:
+        return 0.0
+    known = 0.0 if effect.absorbs == "command_delay" else design.parameters[ids[beside[0]]].centre
+    return float(np.mean(values[beside])) - known
+
+
+def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:
+    """Sum of squares of `held_out` over the rows that count."""
+    columns, at = places(cell, ids)
+    return float(remaining(part(cell.plain, columns), fit.parameters[:, at]).sum() + cell.outside)
+
+
+def held_out(cell: Cell, ids: np.ndarray, fit: Fit) -> np.ndarray:
     """Residual (n,) of a cell, each block from a fit that has not seen it; as it is where in no block."""
-    at = {int(i): n for n, i in enumerate(ids)}
-    columns = [k for k, i in enumerate(cell.ids) if int(i) in at]
-    if not columns:
-        return cell.residual
-    places = [at[int(cell.ids[k])] for k in columns]
-    values = np.where((cell.block >= 0)[:, None], fit.parameters[np.maximum(cell.block, 0)][:, places], 0.0)
-    return cell.residual - (cell.matrix[:, columns] * values).sum(axis=1)
+    columns, at = places(cell, ids)
+    values = np.where((cell.block >= 0)[:, None], fit.parameters[np.maximum(cell.block, 0)][:, at], 0.0)
+    return cell.residual - sum((cell.matrix[:, k] * values[:, n] for n, k in enumerate(columns)), 0.0)
 
 
 def _distinct(ranked: list[Structure], design: Design, width: int) -> list[Structure]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 GRID = 0.002  # s
 SMOOTHING = 0.012  # s, standard deviation of the Gaussian kernel: half power at 11 Hz
@@ -66,7 +67,8 @@ class Samples:
     time (n,) s within its trajectory; trajectory (n,) its number; position, velocity, acceleration (n, k)
     rad,
     rad/s, rad/s^2; torque (n, k) Nm and its rate of change torque_rate (n, k) Nm/s; with_gravity as in `Log`;
-    noise (k,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one. segments:
+    noise (k,) Nm: standard deviation that white noise of the raw torque leaves in the filtered one; shaking (k,)
+    rad/s^2: that of the raw velocity in the acceleration. segments:
     (position, velocity) (m, k) on the fine grid, one for each stretch without a gap; grids: (trajectory, times
     (m,) s) of each.
     """
@@ -80,6 +82,7 @@ class Samples:
     torque_rate: np.ndarray
     with_gravity: bool
     noise: np.ndarray
+    shaking: np.ndarray
     segments: tuple[tuple[np.ndarray, np.ndarray], ...]
     grids: tuple[tuple[int, np.ndarray], ...]
 
@@ -93,16 +96,30 @@ class Samples:
         What is not linear in the motion must be filtered like the torque, not computed from filtered motion.
         """
         parts = [function(position[:, joint], velocity[:, joint]) for position, velocity in self.segments]
+        return self.filter(parts)
+
+    def filter(self, parts: list[np.ndarray]) -> np.ndarray:
+        """Values (m,) on the fine grid of each stretch, through the filter: (n,)."""
         return np.concatenate([_filter(part[:, None], _KERNEL)[:, 0] for part in parts])
 
-
-    def project(self, trajectory: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """values (m,) of moments `time` (m,) s of their trajectory, through the filter, at the samples (n,)."""
-        parts = []
+    def projector(self, trajectory: np.ndarray, time: np.ndarray) -> csr_array:
+        """What takes values (m,) of the moments `time` (m,) s of their `trajectory` (m,) to the samples (n,):
+        interpolation and filter in one sparse matrix (n, m)."""
+        starts, places, weights = [], [], []
         for number, grid in self.grids:
-            mine = trajectory == number
-            parts.append(_filter(np.interp(grid, time[mine], values[mine])[:, None], _KERNEL)[:, 0])
-        return np.concatenate(parts)
+            mine = np.flatnonzero(trajectory == number)
+            own = time[mine]
+            below = np.clip(np.searchsorted(own, grid, side="right") - 1, 0, len(own) - 2)
+            share = np.clip((grid - own[below]) / (own[below + 1] - own[below]), 0.0, 1.0)
+            window = _windows(np.arange(len(grid)))
+            places.append(np.stack([mine[below][window], mine[below + 1][window]], axis=2).reshape(len(window), -1))
+            both = np.stack([1 - share, share], axis=1)[window]
+            weights.append((both * _KERNEL[:, None]).reshape(len(window), -1))
+            starts.append(np.full(len(window), places[-1].shape[1]))
+        bounds = np.concatenate([[0], np.cumsum(np.concatenate(starts))])
+        shape = (len(bounds) - 1, len(time))
+        flat = [np.concatenate([part.ravel() for part in parts]) for parts in (weights, places)]
+        return csr_array((flat[0], flat[1], bounds), shape=shape)
 
     def filtered_extreme(self, joint: int, extreme) -> np.ndarray:
         """np.min or np.max (n,) of a joint's velocity over each sample's filter window."""
@@ -110,8 +127,7 @@ class Samples:
         for _, velocity in self.segments:
             column = velocity[:, joint]
             column = np.convolve(np.pad(column, 4, mode="edge"), np.full(9, 1 / 9), mode="valid")  # less noise
-            windows = np.lib.stride_tricks.sliding_window_view(column, 2 * _HALF + 1)[::DECIMATION]
-            parts.append(extreme(windows, axis=1))
+            parts.append(extreme(_windows(column), axis=1))
         return np.concatenate(parts)
 
 
@@ -132,8 +148,15 @@ def sample(logs: list[Log], commanded: bool = False) -> Samples:
         )
     *columns, segments, grids = zip(*parts)
     columns = [np.concatenate(column) for column in columns]
-    noise = np.sqrt(np.mean([_noise(log) ** 2 for log in logs], axis=0))
-    return Samples(*columns, with_gravity=logs[0].with_gravity, noise=noise, segments=segments, grids=grids)
+    period = np.mean([np.median(np.diff(log.time)) for log in logs])
+    torque, velocity = (
+        np.sqrt(np.mean([_white(getattr(log, name)) ** 2 for log in logs], axis=0)) for name in ("torque", "velocity")
+    )
+    noise = torque * np.sqrt(period / (2 * np.sqrt(np.pi) * SMOOTHING))
+    shaking = velocity * np.sqrt(period / (4 * np.sqrt(np.pi) * SMOOTHING**3))
+    return Samples(
+        *columns, with_gravity=logs[0].with_gravity, noise=noise, shaking=shaking, segments=segments, grids=grids
+    )
 
 
 _SHORTEST = 1.0  # s
@@ -174,13 +197,17 @@ def _sample_one(log: Log, number: int, commanded: bool):
         )
 
 
-def _noise(log: Log) -> np.ndarray:
+def _white(values: np.ndarray) -> np.ndarray:
+    """Standard deviation (k,) of the white part of raw values (n, k)."""
     # Third differences pass white noise (with the gain sqrt 20) and hardly any motion.
-    raw = 1.4826 * np.median(np.abs(np.diff(log.torque, 3, axis=0)), axis=0) / np.sqrt(20)
-    period = np.median(np.diff(log.time))
-    return raw * np.sqrt(period / (2 * np.sqrt(np.pi) * SMOOTHING))
+    return 1.4826 * np.median(np.abs(np.diff(values, 3, axis=0)), axis=0) / np.sqrt(20)
 
 
 def _filter(values: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    filtered = np.column_stack([np.convolve(column, kernel, mode="valid") for column in values.T])
-    return filtered[::DECIMATION]
+    """values (m, c) through the kernel, at the samples (n, c): nothing is computed that decimation drops."""
+    return np.column_stack([_windows(np.ascontiguousarray(column)) @ kernel[::-1] for column in values.T])
+
+
+def _windows(column: np.ndarray) -> np.ndarray:
+    """The values (n, width of the kernel) of a column (m,) that each sample sees."""
+    return np.lib.stride_tricks.sliding_window_view(column, 2 * _HALF + 1)[::DECIMATION]

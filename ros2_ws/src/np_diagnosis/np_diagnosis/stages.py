@@ -34,7 +34,7 @@ class Prediction:
     gravity: holds the arm; inertial: accelerates it, Coriolis included, rotors not; rotors; friction. `total`
     is what the sensor should have shown (with gravity only if the sensor does); load: through the gear;
     direction (n, k): that of motion, -1..1. motion: of the links; gravity_slope (n, k, k): change of joint i's
-    gravity torque with position j.
+    gravity torque with position j; inertia (n, k, k): torque of joint i that turns link j about its own centre.
     """
 
     gravity: np.ndarray
@@ -46,6 +46,7 @@ class Prediction:
     direction: np.ndarray
     motion: rigid.Motion
     gravity_slope: np.ndarray
+    inertia: np.ndarray
 
 
 def predict(samples: Samples, arm: Arm) -> Prediction:
@@ -57,6 +58,7 @@ def predict(samples: Samples, arm: Arm) -> Prediction:
     direction = np.column_stack([samples.filtered(j, lambda q, v: sign(v)) for j in range(len(arm))])
     friction = direction * arm.frictionloss + dq * arm.damping
     total = inertial + rotors + friction + (gravity if samples.with_gravity else 0.0)
+    motion = rigid.move(arm, q, dq, ddq)
     return Prediction(
         gravity,
         inertial,
@@ -65,8 +67,9 @@ def predict(samples: Samples, arm: Arm) -> Prediction:
         total,
         gravity + inertial,
         direction,
-        rigid.move(arm, q, dq, ddq),
+        motion,
         rigid.gravity_slope(arm, q),
+        rigid.own_inertia(arm, motion),
     )
 
 

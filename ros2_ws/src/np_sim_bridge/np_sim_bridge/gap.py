@@ -7,6 +7,7 @@ controller (software) are not the backend's to carry: `ignored` names them.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -21,27 +22,32 @@ DRIFT_DURATION = 180.0  # s over which friction changes by the whole of `change`
 
 
 class Gap:
-    """What a patch does to commands, joints and measurements; one instance a simulation.
+    """What a patch does to commands, joints and measurements: of one simulation, or of S side by side.
 
-    period: s of a control period, in which `drive`, `extra` and `sense` are called once each; seed: of lost packets.
+    patch: one, and every array below is (7,); or a sequence of S, and they are (S, 7). period: s of a control
+    period, in which `drive`, `extra` and `sense` are called once each; seed: of lost packets, the same ones in
+    all simulations; begin: s for which the arms had been moving, a number or (S,).
     """
 
-    def __init__(self, patch: Patch, period: float, seed: int = 0):
-        self._period, self._time = period, 0.0
+    def __init__(self, patch: Patch | Sequence[Patch], period: float, seed: int = 0, begin: float | np.ndarray = 0.0):
+        patches = (patch,) if isinstance(patch, Patch) else tuple(patch)
+        lead = () if isinstance(patch, Patch) else (len(patches),)
+
+        def joint(effect: str, parameter: str) -> np.ndarray:
+            return np.array([p.per_joint(effect, parameter) for p in patches]).reshape(*lead, 7)
+
+        self._period, self._time = period, np.zeros(lead) + begin
         self._rng = np.random.default_rng(seed)
-        joint = patch.per_joint
-        self.ignored = tuple(e.effect for e in patch.effects if e.effect in IGNORED)
+        self.ignored = tuple(sorted({e.effect for p in patches for e in p.effects if e.effect in IGNORED}))
         self._scale, self._offset = 1 + joint("torque_scale", "scale"), joint("torque_offset", "offset")
         self._lag = joint("actuator_lag", "time_constant")
         self._limit = _unlimited(joint("torque_saturation", "limit"))
         self._rate = _unlimited(joint("torque_rate_limit", "limit"))
-        self._loss = float(joint("packet_loss", "share").max())
-        delay = joint("command_delay", "delay") / period
-        self._delay = delay
-        self._commands: deque[np.ndarray] = deque(maxlen=int(delay.max()) + 2)
-        self._measured: deque[tuple[np.ndarray, np.ndarray]] = deque(
-            maxlen=int(joint("measurement_delay", "delay").max() / period) + 2)
-        self._late = float(joint("measurement_delay", "delay").max() / period)
+        self._loss = joint("packet_loss", "share").max(axis=-1, keepdims=True)
+        self._delay = np.maximum(joint("command_delay", "delay"), 0.0) / period
+        self.late = np.maximum(joint("measurement_delay", "delay"), 0.0) / period
+        self._commands: deque[np.ndarray] = deque(maxlen=int(self._delay.max()) + 2)
+        self._measured: deque[np.ndarray] = deque(maxlen=int(self.late.max()) + 2)
         self.bias, self._step = joint("encoder_bias", "bias"), joint("encoder_quantisation", "step")
         self._gain, self._zero = 1 + joint("torque_sensor_error", "gain"), joint("torque_sensor_error", "offset")
         self._uneven_coulomb = 0.5 * (joint("asymmetric_coulomb_friction", "level_positive")
@@ -53,26 +59,24 @@ class Gap:
         self._by_load = joint("load_dependent_friction", "coefficient")
         self._late_level = joint("presliding_friction", "level")
         self._stroke = np.maximum(joint("presliding_friction", "stroke"), 1e-4)
-        self._bristle, self._last = np.zeros(7), None
+        self._bristle, self._last = np.zeros((*lead, 7)), None
         self._spring = joint("cable_torque", "stiffness")
         self._sine, self._cosine = joint("torque_ripple", "sine"), joint("torque_ripple", "cosine")
         self._order, self._drift = joint("torque_ripple", "order"), joint("thermal_drift", "change")
+        lasting = joint("thermal_drift", "duration")
+        self._duration = np.where(lasting > 0, lasting, DRIFT_DURATION)
         self._through: np.ndarray | None = None
         self._rated: np.ndarray | None = None
-        self._gravity = _Gravity(patch) if _touches_gravity(patch) else None
+        self._gravity = [_Gravity(p) if _touches_gravity(p) else None for p in patches]
         self._load = _Gravity(Patch()) if self._by_load.any() else None
 
     def drive(self, torque: np.ndarray) -> np.ndarray:
-        """What the drives give (7,) Nm, gravity apart, in the period in which `torque` (7,) Nm is commanded."""
-        lost = self._commands and self._rng.random() < self._loss
-        self._commands.append(self._commands[-1] if lost else np.array(torque, dtype=float))
-        whole = np.floor(self._delay).astype(int)
-        last = len(self._commands) - 1
-        at = np.maximum(last - whole, 0)
-        before = np.maximum(at - 1, 0)
-        share = self._delay - whole
-        rows = np.array(self._commands)
-        wanted = (1 - share) * rows[at, range(7)] + share * rows[before, range(7)]
+        """What the drives give, Nm, gravity apart, in the period in which `torque` Nm is commanded."""
+        torque = np.array(torque, dtype=float)
+        if self._commands and self._loss.any():
+            torque = np.where(self._rng.random() < self._loss, self._commands[-1], torque)
+        self._commands.append(torque)
+        wanted = _delayed(self._commands, self._delay)
         if self._rated is not None:
             step = self._rate * self._period
             wanted = np.clip(wanted, self._rated - step, self._rated + step)
@@ -85,37 +89,44 @@ class Gap:
         return self._scale * self._through + self._offset
 
     def extra(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-        """Torque (7,) Nm on the joints that nothing else accounts for, at q (7,) rad, dq (7,) rad/s."""
-        self._time += self._period
+        """Torque Nm on the joints that nothing else accounts for, at q rad, dq rad/s."""
+        self._time = self._time + self._period
         direction = np.tanh(dq / STICTION_SPEED)
         torque = -self._uneven_coulomb * np.abs(direction) - self._uneven_viscous * np.abs(dq)
         torque -= self._breakaway * direction * np.exp(-((dq / self._stribeck) ** 2))
         torque -= self._spring * (q - NOMINAL.ready)
         torque -= self._sine * np.sin(self._order * q) + self._cosine * np.cos(self._order * q)
         nominal = NOMINAL.frictionloss * direction + NOMINAL.damping * dq
-        torque -= self._drift * min(self._time / DRIFT_DURATION, 1.0) * nominal
+        torque -= self._drift * np.minimum(self._time[..., None] / self._duration, 1.0) * nominal
         moved = q - (q if self._last is None else self._last)
         self._last = q.copy()
         self._bristle = np.sign(moved) + (self._bristle - np.sign(moved)) * np.exp(-np.abs(moved) / self._stroke)
         torque -= self._late_level * self._bristle
         if self._load is not None:
-            torque -= self._by_load * np.abs(self._load.nominal(q)) * direction
-        if self._gravity is not None:
-            torque += self._gravity.left(q)
+            held = np.array([self._load.nominal(row) for row in q.reshape(-1, 7)]).reshape(q.shape)
+            torque -= self._by_load * np.abs(held) * direction
+        for gravity, row, angles in zip(self._gravity, torque.reshape(-1, 7), q.reshape(-1, 7)):
+            if gravity is not None:
+                row += gravity.left(angles)
         return torque
 
     def sense(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the sensors say of joint angle, speed and torque."""
-        self._measured.append((np.array(q), np.array(dq)))
-        states = list(self._measured)
-        whole = int(self._late)
-        newer, older = states[max(0, len(states) - 1 - whole)], states[max(0, len(states) - 2 - whole)]
-        share = self._late - whole
-        angle, speed = ((1 - share) * a + share * b for a, b in zip(newer, older))
+        self._measured.append(np.array([q, dq], dtype=float))
+        angle, speed = _delayed(self._measured, np.broadcast_to(self.late, self._measured[-1].shape))
         angle = angle + self.bias
         coarse = self._step > 0
         angle = np.where(coarse, np.round(angle / np.where(coarse, self._step, 1.0)) * self._step, angle)
         return angle, speed, self._gain * torque + self._zero
+
+
+def _delayed(past: Sequence[np.ndarray], periods: np.ndarray) -> np.ndarray:
+    """What was `periods` before the newest, linear in between; the oldest where nothing is known."""
+    rows, last = np.array(past), len(past) - 1
+    whole = np.floor(periods).astype(int)
+    share = periods - whole
+    newer, older = (np.take_along_axis(rows, np.maximum(last - whole - k, 0)[None], axis=0)[0] for k in (0, 1))
+    return (1 - share) * newer + share * older
 
 
 class _Gravity:

@@ -19,7 +19,8 @@ HARM = 1.02  # times the gap before, beyond which a patch has done harm
 
 @dataclass
 class Score:
-    """What is right about one case; None where the question does not arise. named: effect@component."""
+    """What is right about one case; None where the question does not arise. named: effect@component;
+    settled: of `followup.is_settled`."""
 
     case: int
     kind: str
@@ -33,6 +34,7 @@ class Score:
     false_alarm: bool | None = None
     abstained: bool | None = None
     pair: bool | None = None
+    settled: bool | None = None
     covered: list[bool] = field(default_factory=list)
     share: float | None = None
     absolute: float | None = None
@@ -143,6 +145,8 @@ def summary(scores: Sequence[Score]) -> dict[str, object]:
     rate("false_alarm", [s.false_alarm for s in scores])
     rate("abstain_out_of_catalogue", [s.abstained for s in scores])
     rate("pairs_top3", [s.pair for s in scores])
+    rate("settled_by_next", [s.settled for s in scores])
+    figures["ambiguous"] = sum(s.verdict == "ambiguous" for s in scores)
     rate("coverage95", [hit for s in scores for hit in s.covered])
     rate("harm", [s.harm for s in scores])
     clear = [s for s in scores if s.size >= CLEAR]

@@ -17,6 +17,7 @@ GOALS = (
     ("false_alarm", "false alarm, clean arms", "<= .05"),
     ("abstain_out_of_catalogue", "says unexplained, out of catalogue", ">= .90"),
     ("pairs_top3", "pairs, both among the first three", ">= .85"),
+    ("settled_by_next", "ambiguous, settled by the one suggested experiment", ">= .60"),
     ("coverage95", "95 % intervals that hold the truth", ".92 to .98"),
     ("harm", "patch makes it worse", "<= .02"),
 )
@@ -33,12 +34,28 @@ def figures_table(figures: Mapping, scores: Sequence[Score]) -> str:
                             ("shrink_absolute", "", ">= .80")):
         lines.append(f"| held-out gap removed{text}, median | {_number(figures[key])} | | "
                      f"{figures['shrink_vs_oracle_n']} | {goal} |")
+    lines += _beside(figures)
     lines += ["", "| effect | cases | module | joint | clear | named | unexplained |",
               "|---|---|---|---|---|---|---|"]
     for name, row in by_effect(scores).items():
         lines.append(f"| {name} | {row['cases']} | {row['module']} | {row['joint']} | {row['clear']} | "
                      f"{row['named_when_clear']} | {row['abstained']} |")
     return "\n".join(lines) + "\n"
+
+
+def _beside(figures: Mapping) -> list[str]:
+    """The baselines of the same run beside the doctor."""
+    others = {name: own for name, own in figures.get("baselines", {}).items() if isinstance(own, Mapping)}
+    if not others:
+        return []
+    rows = [(key, text) for key, text, _ in GOALS if key in next(iter(others.values()))]
+    rows += [("shrink_vs_oracle", "held-out gap removed, share of what the true faults remove, median"),
+             ("shrink_absolute", "held-out gap removed, median"), ("wall_s_a_case", "s a case")]
+    doctor = {**figures, "wall_s_a_case": figures["runtime_median_s"]}
+    lines = ["", f"| figure | doctor | {' | '.join(others)} |", "|---" * (len(others) + 2) + "|"]
+    for key, text in rows:
+        lines.append(f"| {text} | {' | '.join(_number(own[key]) for own in (doctor, *others.values()))} |")
+    return lines
 
 
 def failures_table(scores: Sequence[Score]) -> str:

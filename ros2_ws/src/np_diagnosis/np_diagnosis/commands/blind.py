@@ -14,11 +14,14 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
 
-from np_diagnosis.blind.cases import draw_cases
+from np_diagnosis.blind import others
+from np_diagnosis.blind.cases import Case, draw_cases
+from np_diagnosis.blind.followup import follow_up, is_settled
 from np_diagnosis.blind.generate import add_options, bag_path, batches, make_bags
 from np_diagnosis.blind.heldout import heldout_gaps
 from np_diagnosis.blind.patched import PatchError, patched_physics, read_patch
@@ -41,6 +44,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--seal", action="store_true", help="only put down the key's hash, to be committed")
     parser.add_argument("--keep", action="store_true", help="keep the bags")
     parser.add_argument("--doctor", default=DOCTOR, help="command that is given BAG --out FOLDER")
+    parser.add_argument("--baselines", action="store_true", help="beside the doctor: the paper's identification, "
+                        "mujoco.sysid and no fix (ten minutes and more of CPU a case)")
+    parser.add_argument("--identify", default=others.COMMAND, help="command of the baselines")
     parser.add_argument("--timeout", type=float, default=3600.0, help="s of wall time for one case")
     options = parser.parse_args(arguments)
     if options.cases < 1 or options.jobs < 1:
@@ -49,22 +55,29 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return options
 
 
-def diagnose(number: int, out: Path, doctor: str, timeout: float, keep: bool) -> int:
-    """Run the doctor on the bag of a case; what it says goes to reports/case_*. The number of the case."""
-    bag, folder = bag_path(out, number), report_path(out, number)
+def diagnose(case: Case, out: Path, doctor: str, timeout: float, keep: bool, identify: str) -> int:
+    """Run the doctor, and `identify` unless it is empty, on the bag of a case; what they say goes to
+    reports/case_*. The number of the case."""
+    bag, folder = bag_path(out, case.number), report_path(out, case.number)
     folder.mkdir(parents=True, exist_ok=True)
-    command = [*shlex.split(doctor), str(bag.resolve()), "--out", str(folder.resolve())]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=timeout,
-                              preexec_fn=end_with_parent, env={**os.environ, **SINGLE_THREAD})
-        said = (done.stdout + done.stderr)[-2000:]
-        error = "" if done.returncode == 0 else f"status {done.returncode}: {said}"
-    except subprocess.TimeoutExpired:
-        error = f"no answer within {timeout:g} s"
+
+    def ask(bags: Sequence[Path], answer: Path) -> str:
+        command = [*shlex.split(doctor), *(str(b.resolve()) for b in bags), "--out", str(answer.resolve())]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=timeout,
+                                  preexec_fn=end_with_parent, env={**os.environ, **SINGLE_THREAD})
+        except subprocess.TimeoutExpired:
+            return f"no answer within {timeout:g} s"
+        return "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"
+
+    error = ask([bag], folder)
+    follow_up(case, bag, folder, ask)
+    if identify:
+        others.identify(bag, folder, identify, timeout)
     (folder / "error.txt").write_text(error)
     if not keep:
         shutil.rmtree(bag)
-    return number
+    return case.number
 
 
 def report_path(out: Path, number: int) -> Path:
@@ -81,15 +94,16 @@ def run_doctor(options: argparse.Namespace, pool: ProcessPoolExecutor) -> None:
     missing = [c for c in cases if c.number not in answered | recorded]
     for case in missing:  # cut off while it was written
         shutil.rmtree(bag_path(options.out, case.number), ignore_errors=True)
-    asked = options.out.resolve(), options.doctor, options.timeout, options.keep
+    asked = options.out.resolve(), options.doctor, options.timeout, options.keep, \
+        options.identify if options.baselines else ""
     bar = Bar(len(cases), f"blind {options.which} {options.seed}")
     making = {pool.submit(make_bags, batch, options.only, options.out.resolve())
               for batch in batches(missing, options.jobs)} if missing else set()
-    asking = {pool.submit(diagnose, number, *asked) for number in sorted(recorded)}
+    asking = {pool.submit(diagnose, cases[number], *asked) for number in sorted(recorded)}
     done = len(answered)
     bar.show(done, "simulating")
     for future in as_completed(making):
-        asking |= {pool.submit(diagnose, number, *asked) for number in future.result()}
+        asking |= {pool.submit(diagnose, cases[number], *asked) for number in future.result()}
     for future in as_completed(asking):
         future.result()
         done += 1
@@ -109,6 +123,7 @@ def score(options: argparse.Namespace, key: str, pool: ProcessPoolExecutor) -> l
         except (OSError, PatchError, KeyError, ValueError) as problem:
             error, patch = error or str(problem), []
         scores.append(score_case(entry, report, error))
+        scores[-1].settled = is_settled(entry, folder)
         patches.append(patch)
     cases = draw_cases(options.cases, options.seed, options.which)
     parts = batches(cases, options.jobs)
@@ -120,6 +135,17 @@ def score(options: argparse.Namespace, key: str, pool: ProcessPoolExecutor) -> l
     for case_score, gap in zip(scores, gaps):
         score_gap(case_score, *gap)
     return scores
+
+
+def score_baselines(options: argparse.Namespace, key: str, pool: ProcessPoolExecutor) -> dict[str, dict]:
+    """Figures of the baselines. Raises ValueError where an earlier run left cases without them."""
+    cases = draw_cases(options.cases, options.seed, options.which)
+    folders = [report_path(options.out, case.number) for case in cases]
+    missing = [f.name for f in folders if not (f / "baselines" / "error.txt").exists()]
+    if missing:
+        raise ValueError(f"--baselines: expected all cases to be run with it, {', '.join(missing)} were not; "
+                         "name another --out")
+    return others.score_others(json.loads(key), cases, folders, batches(cases, options.jobs), pool)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -137,10 +163,12 @@ def main(arguments: list[str] | None = None) -> int:
             run_doctor(options, pool)
             (options.out / "key.json").write_text(key)
             scores = score(options, key, pool)
+            beside = score_baselines(options, key, pool) if options.baselines else {}
     except (SealError, ValueError, OSError) as error:
         print(f"blind: {error}", file=sys.stderr)
         return 1
     figures = {**summary(scores), "set": options.which, "seed": options.seed, "key_sha256": sealed,
+               **({"baselines": beside} if beside else {}),
                "wall_s": round(time.monotonic() - began, 1)}
     results = {"figures": figures, "cases": [asdict(s) for s in scores],
                "failures": [s.case for s in scores if s.is_failure]}

@@ -11,6 +11,7 @@ from pathlib import Path
 from np_diagnosis.arm_model import load_arm, panda
 from np_diagnosis.contract import check
 from np_diagnosis.diagnosis import diagnose
+from np_diagnosis.excerpt import excerpts
 from np_diagnosis.reading import ContractViolation, read
 from np_diagnosis.report import write
 
@@ -32,7 +33,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         "--rigid-body", action="store_true", help="nominal arm without joint friction, damping and rotors"
     )
     parser.add_argument("--model", type=Path, help="MJCF file of another arm: its hinges, in its order")
-    parser.add_argument("--quick", action="store_true", help="single effects only, no page")
+    parser.add_argument("--quick", action="store_true", help="single effects only, from a minute of the recordings; no page")
     return parser.parse_args(arguments)
 
 
@@ -49,8 +50,8 @@ def main(arguments: list[str] | None = None) -> int:
             log = read(path, len(arm))
             check(log, arm)
             logs.append(log)
-        print(f"comparing {sum(log.duration for log in logs):.0f} s with the nominal arm", file=sys.stderr)
-        diagnosis = diagnose(logs, arm, quick=options.quick)
+        print(f"comparing {'parts of ' * options.quick}{sum(log.duration for log in logs):.0f} s with the nominal arm", file=sys.stderr)
+        diagnosis = diagnose(excerpts(logs) if options.quick else logs, arm, quick=options.quick)
     except ContractViolation as violation:
         print(f"contract violation: {violation}", file=sys.stderr)
         print(json.dumps({"error": f"contract violation: {violation}"}))

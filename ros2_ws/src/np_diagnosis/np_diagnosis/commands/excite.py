@@ -13,7 +13,7 @@ from np_bringup.graph import NodeSpec
 from np_bringup.nodes.participant import GraphError
 from np_bringup.supervisor import NodeDied, Supervisor
 
-from np_diagnosis.excitation import NAMES, suite
+from np_diagnosis.excitation import FURTHER, NAMES, suite
 from np_diagnosis.nodes.excite_node import Exciter
 
 
@@ -21,7 +21,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="excite", description=__doc__)
     parser.add_argument("--only", nargs="+", default=[], metavar="EXPERIMENT",
-                        help=f"instead of all: {', '.join(NAMES)}, or a family such as sinusoid")
+                        help=f"instead of all: {', '.join(NAMES)}; beyond the suite {', '.join(FURTHER)}; "
+                        "or a family such as sinusoid")
     parser.add_argument("--out", type=Path, required=True, help="path of the bag; a number is appended")
     parser.add_argument("--backend", choices=["sim", "running"], default="sim",
                         help="sim: start simulator and controller; running: use those of this ROS domain")

@@ -132,3 +132,21 @@ def _data() -> dict:
 def stack(*columns: np.ndarray) -> np.ndarray:
     """(n, count) of columns (n,)."""
     return np.column_stack(columns)
+
+
+NOTHING = 1e-18  # of a value is lost in rounding
+
+
+def recurrence(decay: np.ndarray, inflow: np.ndarray) -> np.ndarray:
+    """x (n,) of x[i] = decay[i] x[i - 1] + inflow[i], x[-1] = 0, in log2 n passes over the whole array.
+
+    Pairs of neighbouring steps are one step, pairs of those another (Hillis and Steele 1986); what is further
+    away than the decay reaches is left out.
+    """
+    decay, x = decay.copy(), inflow.copy()
+    reach = 1
+    while reach < len(x) and decay[reach:].max() > NOTHING:
+        x[reach:] += decay[reach:] * x[:-reach]
+        decay[reach:] *= decay[:-reach]
+        reach *= 2
+    return x

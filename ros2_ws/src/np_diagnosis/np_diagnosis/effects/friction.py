@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
+from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, recurrence, stack
 from np_diagnosis.stages import sign
 
 GAZ = "Gaz et al., RA-L 2019"
-COULOMB = ("Nm", -1.0, 4.0, 0.3)
-VISCOUS = ("Nms/rad", -1.0, 8.0, 0.3)
 STRIBECK_SPEEDS = (0.03, 0.06, 0.12, 0.25)  # rad/s
 PRESLIDING_STROKES = (0.003, 0.006, 0.012, 0.025, 0.05)  # rad
 SMOOTH = 5  # samples of the fine grid
@@ -18,16 +18,20 @@ WARM_UP = (60.0, 180.0)  # s
 
 def effects(context: Context) -> list[Effect]:
     """Effects of a single joint."""
+    arm = context.arm
+    coulomb = partial(_resisting, unit="Nm", upper=4.0, prior=0.3, nominal=arm.frictionloss)
+    viscous = partial(_resisting, unit="Nms/rad", upper=8.0, prior=0.3, nominal=arm.damping)
+    rotor = partial(_resisting, unit="kg m^2", upper=1.0, prior=0.15, nominal=arm.armature)
     found = [
         Effect(
             "coulomb_friction",
-            (Parameter("level", *COULOMB),),
+            (coulomb("level"),),
             {"r2": lambda c, j: stack(c.prediction.direction[:, j])},
             GAZ,
         ),
         Effect(
             "asymmetric_coulomb_friction",
-            (Parameter("level_positive", *COULOMB), Parameter("level_negative", *COULOMB)),
+            (coulomb("level_positive"), coulomb("level_negative")),
             {
                 "r2": lambda c, j: stack(
                     c.samples.filtered(j, lambda q, v: np.maximum(sign(v), 0)),
@@ -38,13 +42,13 @@ def effects(context: Context) -> list[Effect]:
         ),
         Effect(
             "viscous_friction",
-            (Parameter("coefficient", *VISCOUS),),
+            (viscous("coefficient"),),
             {"r2": lambda c, j: stack(c.samples.velocity[:, j])},
             GAZ,
         ),
         Effect(
             "asymmetric_viscous_friction",
-            (Parameter("coefficient_positive", *VISCOUS), Parameter("coefficient_negative", *VISCOUS)),
+            (viscous("coefficient_positive"), viscous("coefficient_negative")),
             {
                 "r2": lambda c, j: stack(
                     c.samples.filtered(j, lambda q, v: np.maximum(v, 0)),
@@ -55,21 +59,21 @@ def effects(context: Context) -> list[Effect]:
         ),
         Effect(
             "load_dependent_friction",
-            (Parameter("coefficient", "1", -0.1, 0.5, 0.05),),
+            (Parameter("coefficient", "1", 0.0, 0.5, 0.05),),
             {"r2": lambda c, j: stack(np.abs(c.prediction.load[:, j]) * c.prediction.direction[:, j])},
             "friction proportional to the load through the gear",
         ),
         Effect(
             "armature",
-            (Parameter("inertia", "kg m^2", -0.2, 1.0, 0.15),),
+            (rotor("inertia"),),
             {"r2": lambda c, j: stack(c.samples.acceleration[:, j])},
             "inertia of the rotor, reflected",
         ),
         Effect(
             "cable_torque",
-            (Parameter("stiffness", "Nm/rad", -3.0, 3.0, 0.3),),
-            {"r2": lambda c, j: stack(c.samples.position[:, j] - c.arm.rest[j])},
-            "spring about the rest posture",
+            (Parameter("stiffness", "Nm/rad", 0.0, 3.0, 0.3), Parameter("offset", "Nm", -1.0, 1.0, 0.1)),
+            {"r2": lambda c, j: stack(c.samples.position[:, j] - c.arm.rest[j], np.ones(len(c.samples)))},
+            "a spring, and its torque in the rest posture",
         ),
     ]
     found += [_stribeck(v) for v in STRIBECK_SPEEDS]
@@ -80,10 +84,15 @@ def effects(context: Context) -> list[Effect]:
     return found
 
 
+def _resisting(name: str, unit: str, upper: float, prior: float, nominal: np.ndarray) -> Parameter:
+    """A change of what resists the motion: no joint has less than none of it."""
+    return Parameter(name, unit, -float(nominal.max()), upper, prior)
+
+
 def _stribeck(speed: float) -> Effect:
     return Effect(
         "stribeck_friction",
-        (Parameter("breakaway", "Nm", -1.0, 2.0, 0.2),),
+        (Parameter("breakaway", "Nm", 0.0, 2.0, 0.2),),
         {
             "r2": lambda c, j: stack(
                 c.samples.filtered(j, lambda q, v: sign(v) * np.exp(-((v / speed) ** 2))),
@@ -155,9 +164,10 @@ def dahl(position: np.ndarray, stroke: float) -> np.ndarray:
     turn between two samples."""
     # An encoder's noise is no motion: over a short stroke it would wear the state away.
     smooth = np.convolve(np.pad(position, SMOOTH // 2, mode="edge"), np.full(SMOOTH, 1 / SMOOTH), mode="valid")
-    moved = np.diff(smooth, prepend=smooth[:1])
-    friction, state = [], 0.0
-    for direction, decay in zip(np.sign(moved).tolist(), np.exp(-np.abs(moved) / stroke).tolist()):
-        state = direction + (state - direction) * decay
-        friction.append(state)
-    return np.array(friction)
+    return sliding(np.diff(smooth, prepend=smooth[:1]), stroke)
+
+
+def sliding(moved: np.ndarray, stroke: float) -> np.ndarray:
+    """z (m,), -1..1, of dz = (dx - |dx| z) / stroke for steps `moved` (m,): Dahl's and Bouc and Wen's state."""
+    decay = np.exp(-np.abs(moved) / stroke)
+    return recurrence(decay, np.sign(moved) * (1 - decay))

@@ -14,7 +14,7 @@ def effects(context: Context) -> list[Effect]:
     found = [
         Effect(
             "encoder_bias",
-            (Parameter("bias", "rad", -0.1, 0.1, 0.005),),
+            (Parameter("bias", "rad", -0.04, 0.04, 0.005),),
             {"r2": lambda c, j, k=k: -c.prediction.gravity_slope[:, j, k : k + 1]},
             "gravity torque at q - b, to first order",
             f"joint {k + 1}",

@@ -9,8 +9,9 @@ from np_diagnosis.effects.torque_loop import SHARE
 from np_diagnosis.stages import Drive
 
 DELAYS = tuple(6e-4 * 1.25**n for n in range(17))  # s: so fine that the best one leaves nothing to other effects
-DELAY_LEAST = 5e-4  # s, up to which a delay is what any loop has
-DELAY_KNOWN = 1e-4  # s, standard deviation of the delay that any loop has
+DELAY_LEAST = 3e-4  # s beyond what the loop has, up to which states may be older than they say
+STEP_KNOWN = 2e-5  # s, to which a delay is known where commands are held for a period
+STATE_KNOWN = 1e-4  # s, to which filtered motion tells one
 LEAST_HELD = 20  # periods
 SURE = 10.0  # nats by which holding must fit a period better than not holding
 
@@ -20,7 +21,7 @@ def effects(context: Context) -> list[Effect]:
     found = [
         Effect(
             "measurement_delay",
-            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN, least=DELAY_LEAST),),
+            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=STATE_KNOWN, least=DELAY_LEAST),),
             {"r2": _late_states},
             "states are older than their stamps",
             is_arm=True,
@@ -33,7 +34,7 @@ def effects(context: Context) -> list[Effect]:
     found.append(
         Effect(
             "measurement_delay",
-            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=DELAY_KNOWN, least=DELAY_LEAST),),
+            (Parameter("delay", "s", -0.05, 0.05, 0.004, background=STATE_KNOWN, least=DELAY_LEAST),),
             {"r0": lambda c, j: stack(-_rate(c.drive, c.drive.law[:, j]))},
             "the controller acts on older states than it reports",
             "in the controller",
@@ -64,11 +65,13 @@ def _late_states(c: Context, j: int) -> np.ndarray:
 
 def delayed(d: Drive, values: np.ndarray, delay: float) -> np.ndarray:
     """values (n,) as they were `delay` s before; the first of each stretch before that."""
-    parts = []
-    for part in np.split(values, d.starts[1:]):
-        rows = np.arange(len(part))
-        parts.append(np.interp(rows - delay / d.period, rows, part))
-    return np.concatenate(parts)
+    whole, share = divmod(delay / d.period, 1.0)
+    ends, late = [*d.starts[1:], len(values)], np.empty_like(values)
+    for start, end in zip(d.starts, ends):
+        part = values[start:end]
+        padded = np.concatenate([np.full(int(whole) + 1, part[0]), part])[: len(part) + 1]
+        late[start:end] = (1 - share) * padded[1:] + share * padded[:-1]
+    return late
 
 
 def hold(d: Drive, held: np.ndarray) -> np.ndarray:
@@ -84,22 +87,23 @@ def find_held(d: Drive) -> tuple[np.ndarray, float]:
     spread = 1.4826 * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0)
     spread = np.maximum(spread, 1e-6)
     mean = np.median(residual, axis=0)
-    scaled, command = ((residual - mean) / spread).tolist(), d.commanded / spread
-    free = 0.5 * (np.square(np.array(scaled))).sum(axis=1)
+    scaled, command = (residual - mean) / spread, d.commanded / spread
+    free = 0.5 * np.square(scaled).sum(axis=1)
     held = np.zeros(len(residual), bool)
-    begins = set(d.starts.tolist())
-    # Only periods that holding could explain at all are looked at one by one.
     step = np.vstack([np.zeros(command.shape[1]), np.diff(command, axis=0)])
-    excess = free - 0.5 * np.square(np.array(scaled) + step).sum(axis=1)
+    excess = free - 0.5 * np.square(scaled + step).sum(axis=1)
     tellable = 0.5 * np.square(step).sum(axis=1) > 2 * SURE
-    last, table = 0, np.array(scaled)
-    for i in range(len(residual)):
-        if i not in begins and (excess[i] > SURE or (held[i - 1] and i > 0)):
-            change = command[last] - command[i]
-            if free[i] - 0.5 * np.square(table[i] - change).sum() > SURE:
-                held[i] = True
-                continue
-        last = i
+    begins = np.zeros(len(residual), bool)
+    begins[d.starts] = True
+    # Only periods that holding could explain at all are looked at one by one, and those after a held one.
+    for first in np.flatnonzero((excess > SURE) & ~begins).tolist():
+        if held[first] or held[first - 1]:
+            continue
+        for i in range(first, len(residual)):
+            change = command[first - 1] - command[i]
+            if (begins[i] and i > first) or free[i] - 0.5 * np.square(scaled[i] - change).sum() <= SURE:
+                break
+            held[i] = True
     seen = int(tellable.sum())
     return held, float(held[tellable].mean()) if seen > 100 else float(held.mean())
 
@@ -111,7 +115,7 @@ def _delay(delay: float) -> Effect:
         {"r1": lambda c, j: stack(delayed(c.drive, c.drive.commanded[:, j], delay) - c.drive.commanded[:, j])},
         "dead time between command and torque",
         f"{1e3 * delay:.3g} ms",
-        Shape("delay", "s", delay, _delay, linear=True, background=DELAY_KNOWN, least=DELAY_LEAST),
+        Shape("delay", "s", delay, _delay, linear=True, background=STEP_KNOWN),
         is_arm=True,
         absorbs="command_delay",
     )

@@ -4,9 +4,8 @@ where it does not."""
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
-from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
+from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, recurrence, stack
 from np_diagnosis.stages import Drive
 
 LAGS = tuple(1e-3 * 1.4**n for n in range(10))  # s: so fine that the best one leaves nothing to other effects
@@ -72,20 +71,31 @@ GAZ_OFFSET = "Gaz et al., RA-L 2019"
 
 def first_order(d: Drive, values: np.ndarray, lag: float) -> np.ndarray:
     """values (n,) through a first-order lag of `lag` s, from rest at the beginning of each stretch."""
-    share = 1 - np.exp(-d.period / lag)
-    parts = []
-    for part in np.split(values, d.starts[1:]):
-        parts.append(lfilter([share], [1, share - 1], part, zi=[(1 - share) * part[0]])[0])
-    return np.concatenate(parts)
+    kept = np.exp(-d.period / lag)
+    decay, inflow = np.full(len(values), kept), (1 - kept) * values
+    decay[d.starts], inflow[d.starts] = 0.0, values[d.starts]
+    return recurrence(decay, inflow)
 
 
 def rate_limited(d: Drive, values: np.ndarray, rate: float) -> np.ndarray:
     """values (n,) followed at no more than `rate` a second."""
-    step, last, begins = rate * d.period, 0.0, set(d.starts.tolist())
-    limited = np.empty_like(values)
-    for i, value in enumerate(values.tolist()):
-        last = value if i in begins else min(max(value, last - step), last + step)
-        limited[i] = last
+    step, limited = rate * d.period, values.copy()
+    jumps = np.abs(np.diff(values, prepend=values[:1])) > step
+    jumps[d.starts] = False
+    ends = np.append(d.starts[1:], len(values))
+    follows = 0  # row up to which the values have been followed
+    for first in np.flatnonzero(jumps).tolist():
+        if first < follows:
+            continue
+        end = int(ends[np.searchsorted(ends, first, side="right")])
+        last = limited[first - 1]
+        for i in range(first, end):
+            value = values[i]
+            last = min(max(value, last - step), last + step)
+            limited[i] = last
+            follows = i + 1
+            if last == value:
+                break
     return limited
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
-from np_diagnosis.effects.friction import dahl
+from np_diagnosis.effects.friction import sliding
 
-HYSTERESIS_STROKES = (1e-4, 3e-4, 1e-3, 3e-3)  # rad of the joint over which the loop saturates
+HYSTERESIS_STROKES = (1e-4, 2e-4, 4e-4, 1e-3)  # rad of twist over which the loop saturates
 PLAY_TORQUE = 0.05  # Nm at which the side of the play is sure
 
 
@@ -33,11 +33,15 @@ def effects(context: Context) -> list[Effect]:
 
 
 def _hysteresis(stroke: float) -> Effect:
+    def columns(c: Context, j: int) -> np.ndarray:
+        # K (twist + width z) = tau: z winds up with the twist, and takes up part of the torque.
+        return -stack(c.samples.filter([sliding(np.diff(w[:, j], prepend=w[:1, j]), stroke) for w in c.transmission.wound]))
+
     return Effect(
         "transmission_hysteresis",
         (Parameter("width", "rad", 0.0, 0.05, 3e-4),),
-        {"r3": lambda c, j: stack(c.samples.filtered(j, lambda q, v: dahl(q, stroke)))},
-        "Bouc-Wen: a twist that depends on the way that the joint came",
+        {"r3": columns},
+        "Bouc-Wen on the twist (Wen, J. Eng. Mech. 1976; n = 1): dz = du - |du| z / stroke",
         f"{1e3 * stroke:.3g} mrad",
         Shape("stroke", "rad", stroke, _hysteresis),
     )

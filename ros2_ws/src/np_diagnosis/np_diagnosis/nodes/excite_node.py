@@ -50,6 +50,7 @@ class Exciter(Participant):
         node.create_subscription(JointState, "joint_states", self._receive_state, qos.subscriber(lockstep))
         node.create_subscription(DiagnosticArray, "diagnostics", self._receive_diagnostics, qos.RECORDER)
         self._state: tuple[int, np.ndarray] | None = None
+        self._states = 0  # heard
         self._heard = time.monotonic()
         self._plan: list[Segment] = []
         self._starts: list[int] = []
@@ -67,6 +68,10 @@ class Exciter(Participant):
         for publisher in (self._trajectory, self._gains):
             self._wait(lambda: publisher.get_subscription_count() > 0, _READY_TIMEOUT,
                        f"a controller that listens to {publisher.topic_name}")
+        # Lockstep repeats its first state until we tick. What went with the one we have may have been sent before the
+        # recorder listened; the one after the next was certainly sent after.
+        heard = self._states
+        self._wait(lambda: self._states >= heard + 2, _READY_TIMEOUT, "joint_states, again")
 
     def run(self, only: Sequence[str] = ()) -> list[str]:
         """Send the named experiments, from where the arm is; the segments sent.
@@ -86,6 +91,7 @@ class Exciter(Participant):
     def _receive_state(self, message: JointState) -> None:
         position, _, _ = joint_state_arrays(message, STATE_NAMES)
         self._state = stamp_nanoseconds(message.header.stamp), position[:len(JOINT_NAMES)]
+        self._states += 1
         self._heard = time.monotonic()
         self._advance()
 

@@ -1,0 +1,158 @@
+"""Which experiment would settle an ambiguity, and how probably."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm_generator import Truth, record
+from hypothesis import given, settings, strategies as st
+
+from np_diagnosis.arm_model import panda
+from np_diagnosis.context import make_context
+from np_diagnosis.design import make_design
+from np_diagnosis.diagnosis import diagnose
+from np_diagnosis.excitation import experiment, suite
+from np_diagnosis.page import render
+from np_diagnosis.planning import planned_cells, planned_log
+from np_diagnosis.power import (
+    EXPERIMENTS,
+    NONE,
+    Ambiguity,
+    _Belief,
+    _evidence,
+    _factors,
+    ambiguity,
+    next_experiment,
+    open_question,
+    powers,
+)
+from np_diagnosis.refit import second_opinion
+from np_diagnosis.report import make_report
+from np_diagnosis.search import Search
+
+
+def at(joint, value):
+    array = np.zeros(7)
+    array[joint - 1] = value
+    return array
+
+
+def belief(ids, mean, spread):
+    return _Belief(np.array(ids), np.array(mean, float), np.diag(np.square(spread)).astype(float), {})
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 2**31))
+def test_evidence_is_the_density_of_the_data(seed):
+    """Against the multivariate normal written out over the data themselves."""
+    rng = np.random.default_rng(seed)
+    columns, ids = rng.normal(size=(12, 3)), np.array([4, 7, 9])
+    data = rng.normal(size=12)
+    densities = []
+    for b in (belief([4, 9], rng.normal(size=2), [0.5, 2.0]), belief([7], rng.normal(size=1), [1.5])):
+        mine = columns[:, np.searchsorted(ids, b.ids)]
+        covariance = np.eye(12) + mine @ b.covariance @ mine.T
+        away = data - mine @ b.mean
+        full = -0.5 * (away @ np.linalg.solve(covariance, away) + np.linalg.slogdet(covariance)[1])
+        densities.append((full, _evidence(columns.T @ columns, (columns.T @ data)[None], ids, b)[0]))
+    (full, own), (full_other, own_other) = densities
+    assert own - own_other == pytest.approx(full - full_other, abs=1e-8)
+
+
+def test_the_expected_factor_of_two_known_predictions_is_half_their_distance_squared():
+    normal = np.array([[9.0, 0.0], [0.0, 4.0]])
+    one, other = belief([0], [1.0], [1e-6]), belief([1], [2.0], [1e-6])
+    factors = _factors(normal, np.array([0, 1]), one, other, 0)
+    assert factors.mean() == pytest.approx(0.5 * (9 * 1 + 4 * 4), rel=0.15)
+
+
+def test_the_same_prediction_is_never_told_apart():
+    normal = np.full((2, 2), 25.0)  # the same column twice
+    factors = _factors(normal, np.array([0, 1]), belief([0], [1.0], [0.1]), belief([1], [1.0], [0.1]), 0)
+    assert np.abs(factors).max() < 1e-6
+
+
+def test_a_planned_recording_is_the_motion_and_has_no_gap():
+    like = record(Truth(), duration=4.0)
+    segment = experiment("triangle_fast")
+    log = planned_log(segment, panda(), like)
+    q, dq, _ = segment.trajectory.sample_with_acceleration(1.0)
+    row = round(1.0 / 0.002)
+    assert np.allclose(log.position[row], q) and np.allclose(log.velocity[row], dq)
+    context = make_context([log], panda())
+    left = context.samples.torque - context.prediction.total
+    assert (np.abs(left).mean(axis=0) < 0.1 * np.abs(context.samples.torque).mean(axis=0) + 0.02).all()
+
+
+@pytest.fixture(scope="module")
+def payload_search():
+    log = record(Truth(payload=0.3), duration=20.0)
+    return Search(make_design(make_context([log], panda())))
+
+
+def test_planned_cells_have_the_columns_of_the_recording(payload_search):
+    design = payload_search.design
+    member = next(n for n, c in enumerate(design.candidates) if c.effect.id == "payload")
+    cells = planned_cells(design, ["long_second", "dwell"], [member], [1, 3])
+    assert {c.joint for c in cells} == {1, 3} and all(c.test.shape[0] == 2 for c in cells)
+    r2 = next(c for c in cells if c.stage == "r2" and c.joint == 1)
+    column = int(np.flatnonzero(r2.ids == design.candidates[member].ids[0])[0])
+    assert r2.test[0, column, column] > 0  # a payload weighs on joint 2 in that posture
+    assert (np.array([c.whiten for c in cells if c.stage == "r2"])
+            == np.array([c.whiten for c in design.cells if c.stage == "r2" and c.joint in (1, 3)])).all()
+
+
+def test_longer_motions_say_more_and_a_posture_tells_payload_from_offsets(payload_search):
+    design = payload_search.design
+    number = {(c.effect.key, c.joint): n for n, c in enumerate(design.candidates)}
+    payload = payload_search.structure((number["payload", None],))
+    offset = payload_search.structure((number["torque_offset[unseen by the sensor]", 1],))
+    question = Ambiguity((payload, offset), (("payload",), ("torque_offset",)), (1,), "arm")
+    (row,) = powers(payload_search, question, ["reference", "long_reference", "microstrokes"])
+    short, long, still = row
+    assert long.nats > short.nats > still.nats
+    assert all(0 <= p.probability <= 1 for p in row)
+
+
+def test_what_are_the_same_forces_no_experiment_can_tell():
+    log = record(Truth(coulomb_positive=at(1, 0.5), coulomb_negative=at(1, 0.1)))
+    diagnosis = diagnose([log])
+    member = diagnosis.chosen.members[0]
+    question = ambiguity(diagnosis.search, diagnosis.chosen, member, ())
+    assert question is not None and any(" + ".join(names) == "coulomb_friction + torque_offset"
+                                        for names in question.names)
+    (row,) = powers(diagnosis.search, question, EXPERIMENTS)
+    assert max(p.probability for p in row) < 0.1
+    answer = {"name": NONE, "separates": [" + ".join(n) for n in question.names], "component": question.component,
+              "expected_sigma": 0.0, "probability": 0.0, "cannot_separate": ["coulomb_friction + torque_offset"],
+              "ranked": []}
+    report = make_report(diagnosis, [log], 0.0, experiment=answer)
+    assert NONE in render(report, diagnosis)
+
+
+def test_an_ambiguity_is_answered_with_a_command_and_its_odds():
+    log = record(Truth(coulomb_positive=at(4, 0.2), coulomb_negative=at(4, 0.2)))
+    diagnosis = diagnose([log])
+    (finding,) = [f for f in diagnosis.findings if f.is_chosen]
+    # As if the recording had left it open whether it is viscous.
+    open_ = replace(diagnosis, findings=(replace(finding, equivalent_to=("viscous_friction",)),))
+    question = open_question(open_)
+    answer = next_experiment(open_, question)
+    forward = second_opinion(open_, question[1].structures[1:])
+    report = make_report(open_, [log], 0.0, experiment=answer, forward=forward)
+    page = render(report, open_)
+    assert [s["effects"] for s in report["forward"]["structures"]][:2] == [
+        ["coulomb_friction at panda_joint4"], ["viscous_friction at panda_joint4"]]
+    assert "Second opinion" in page and "Rival" in page
+    assert answer["component"] == "panda_joint4"
+    assert answer["separates"][:2] == ["coulomb_friction", "viscous_friction"]
+    assert answer["probability"] > 0.9 and answer["expected_sigma"] > 3
+    assert f"--only {answer['name']}" in answer["command"] and f"--only {answer['name']}" in page
+    assert suite([answer["name"]])  # excite knows it
+
+
+def test_without_an_ambiguity_there_is_no_experiment():
+    diagnosis = diagnose([record(Truth(payload=0.5))])
+    (finding,) = [f for f in diagnosis.findings if f.is_chosen]
+    sure = replace(diagnosis, findings=(replace(finding, probability=1.0, equivalent_to=()),))
+    assert open_question(sure) is None and next_experiment(sure, None) is None
