@@ -14,6 +14,7 @@ from np_description.domains import CARD
 from np_description.panda import NOMINAL, TCP_FRAME
 from np_description.scene import load_model
 
+INERTIA_ERROR = 0.03  # standard deviation of a link's inertia about its centre of mass: CAD without cables and glue
 UNLIMITED_TORQUE = 100.0  # Nm, the scale of a joint whose model states no limit
 UNLIMITED_SPEED = 10.0  # rad/s, likewise
 

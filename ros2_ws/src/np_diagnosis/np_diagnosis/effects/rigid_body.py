@@ -6,10 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis import rigid
+from np_diagnosis.arm_model import INERTIA_ERROR
 from np_diagnosis.effects.base import Context, Effect, Parameter, stack
 
 
-INERTIA_KNOWN = 0.1  # share up to which a link's inertia is what any arm has: three times its prior
+SURE = 3.5  # standard deviations of what the links of any arm are off by together
 
 
 def effects(context: Context) -> list[Effect]:
@@ -36,6 +37,13 @@ def effects(context: Context) -> list[Effect]:
         ),
         _tilt(context),
     ]
+    # A joint feels the errors of all links that it turns: one link's can be told from those of the others only
+    # where it is larger than they are together.
+    own = np.array([  # the first link turns about its own axis only
+        axis @ inertia @ axis if p < 0 else np.trace(inertia)
+        for axis, inertia, p in zip(arm.axis, rigid.centred_inertia(arm), arm.parent)
+    ])
+    known = SURE * INERTIA_ERROR * np.linalg.norm(own) / np.maximum(own, 1e-9)
     for i in range(len(arm)):
         moments = tuple(Parameter(f"moment_{axis}", "kg m", -0.15, 0.15, 0.05) for axis in "xyz")
         table = link_columns[i]
@@ -53,7 +61,7 @@ def effects(context: Context) -> list[Effect]:
         found.append(
             Effect(
                 "link_inertia",
-                (Parameter("scale", "1", -0.9, 3.0, 0.5, least=INERTIA_KNOWN),),
+                (Parameter("scale", "1", -0.9, 3.0, 0.5, least=min(known[i], 2.0)),),
                 {"r2": lambda c, j, i=i: stack(c.prediction.inertia[:, j, i])},
                 "inverse dynamics are linear in the inertia about the centre of mass",
                 f"link {i + 1}",
