@@ -11,7 +11,7 @@ import numpy as np
 
 from np_diagnosis.arm_model import INERTIA_ERROR
 from np_diagnosis.effects import Context, Parameter
-from np_diagnosis.rigid import felt_inertia
+from np_diagnosis.rigid import carried, felt_inertia
 from np_diagnosis.stages import slides
 
 REVERSAL = "r2 at reversal"
@@ -36,7 +36,7 @@ def parameters(context: Context, stage: str, joint: int) -> tuple[Parameter, ...
     if stage == "r2":
         late = _DELAYED["r2"] if context.drive is not None else _LOOSE
         whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
-        links = (Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in _carried(context, joint))
+        links = (Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in carried(context.arm, joint))
         return (late, whole, *links)
     if stage == "r3":
         return (Parameter("zero", "rad", -0.1, 0.1, 0.01), Parameter("yield", "rad/Nm", -1e-4, 1e-4, GEAR_YIELD))
@@ -49,7 +49,7 @@ def columns(context: Context, stage: str, joint: int) -> np.ndarray:
     if stage == "r2":
         # A joint turns what is beyond it: each link's inertia may be off by itself. (One factor for all of them
         # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
-        links = c.prediction.inertia[:, joint, _carried(c, joint)]
+        links = c.prediction.inertia[:, joint, carried(c.arm, joint)]
         return np.column_stack([c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint], links])
     if stage == "r3":
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
@@ -68,15 +68,3 @@ def _attenuation(context: Context, joint: int) -> float:
     moved = context.samples.acceleration[slides(context.samples, joint), joint]
     noise = context.samples.shaking[joint] ** 2 / (np.mean(moved**2) if moved.size else 1.0)
     return float(felt * (ACCELERATION_ERROR + min(noise, 0.1)))
-
-
-def _carried(context: Context, joint: int) -> list[int]:
-    """Links that a joint turns."""
-    arm, found = context.arm, []
-    for link in range(len(arm)):
-        i = link
-        while i > joint:
-            i = int(arm.parent[i])
-        if i == joint:
-            found.append(link)
-    return found

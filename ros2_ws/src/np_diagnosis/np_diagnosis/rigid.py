@@ -82,6 +82,24 @@ def torque(arm: Arm, q, dq=None, ddq=None, gravity=None) -> np.ndarray:
     return np.ascontiguousarray((motion.axis * about).sum(axis=1).T)
 
 
+def carried(arm: Arm, joint: int) -> list[int]:
+    """Links that a joint turns."""
+    found = []
+    for link in range(len(arm)):
+        i = link
+        while i > joint:
+            i = int(arm.parent[i])
+        if i == joint:
+            found.append(link)
+    return found
+
+
+def own_sizes(arm: Arm) -> np.ndarray:
+    """Each link's own inertia (k,) kg m^2 as a number: its trace; of the first link, that about its axis."""
+    return np.array([axis @ inertia @ axis if p < 0 else np.trace(inertia)
+                     for axis, inertia, p in zip(arm.axis, centred_inertia(arm), arm.parent)])
+
+
 def felt_inertia(arm: Arm, q) -> np.ndarray:
     """Inertia (k,) kg m^2 that each drive feels at q (k,): diagonal of the mass matrix, rotors included."""
     count = len(arm)

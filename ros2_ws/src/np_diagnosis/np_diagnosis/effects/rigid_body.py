@@ -6,11 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis import rigid
-from np_diagnosis.arm_model import INERTIA_ERROR
+from np_diagnosis.arm_model import INERTIA_ERROR, SURE
 from np_diagnosis.effects.base import Context, Effect, Parameter, stack
 
 
-SURE = 3.5  # standard deviations of what the links of any arm are off by together
 
 
 def effects(context: Context) -> list[Effect]:
@@ -39,10 +38,7 @@ def effects(context: Context) -> list[Effect]:
     ]
     # A joint feels the errors of all links that it turns: one link's can be told from those of the others only
     # where it is larger than they are together.
-    own = np.array([  # the first link turns about its own axis only
-        axis @ inertia @ axis if p < 0 else np.trace(inertia)
-        for axis, inertia, p in zip(arm.axis, rigid.centred_inertia(arm), arm.parent)
-    ])
+    own = rigid.own_sizes(arm)
     known = SURE * INERTIA_ERROR * np.linalg.norm(own) / np.maximum(own, 1e-9)
     for i in range(len(arm)):
         moments = tuple(Parameter(f"moment_{axis}", "kg m", -0.15, 0.15, 0.05) for axis in "xyz")
