@@ -16,7 +16,7 @@ import numpy as np
 from np_diagnosis import nuisances
 from np_diagnosis.effects import Context, Effect, Parameter, all_effects
 from np_diagnosis.nuisances import REVERSAL
-from np_diagnosis.stages import STANDSTILL
+from np_diagnosis.stages import slides
 
 BLOCKS = 10  # at least
 BLOCK_DURATION = 3.0  # s, where there are more
@@ -198,7 +198,7 @@ class Stages:
         self._drive_columns: tuple[int, dict[int, np.ndarray]] = (-1, {})  # of the last joint asked for
         self._projected: dict[tuple[int, int], np.ndarray] = {}
         self.names = ["r2", REVERSAL]
-        self._slides = np.column_stack([_slides(context, j) for j in range(len(context.arm))])
+        self._slides = np.column_stack([slides(context.samples, j) for j in range(len(context.arm))])
         if context.drive is not None:
             self.names += ["r0", "r1"]
             self._is_smooth = _smooth(context)
@@ -270,13 +270,6 @@ class Stages:
 def rung(stage: str) -> str:
     """The rung of the ladder (r0 .. r3) that a stage is of."""
     return stage[:2]
-
-
-def _slides(context: Context, joint: int) -> np.ndarray:
-    """Rows (n,) of the samples whose whole filter window saw the joint slide in one direction."""
-    fastest = context.samples.filtered_extreme(joint, np.min)
-    slowest = context.samples.filtered_extreme(joint, np.max)
-    return (fastest > STANDSTILL) | (slowest < -STANDSTILL)
 
 
 def _smooth(context: Context) -> np.ndarray:

@@ -14,6 +14,7 @@ from np_diagnosis.search import Search, Structure, absorbed
 T95 = 2.0
 BOOTSTRAPS = 200
 ROUNDS = 5
+STEPS = 12  # each of which narrows a shape to .6 of what it was, or moves it
 MODEL = 0.01  # of a value, to which two discretisations of the same law agree
 
 
@@ -61,7 +62,7 @@ def estimate(
         found[shape.name] = Estimate(value, value - spread, value + spread, shape.unit)
     elif shape is not None:
         found.pop("share", None)
-        spread = max(spread, MODEL * abs(shape.value))
+        spread = max(float(np.hypot(spread, T95 * shape.background)), MODEL * abs(shape.value))
         found[shape.name] = Estimate(*(float(v) for v in (shape.value, shape.value - spread, shape.value + spread)), shape.unit)
     if effect.absorbs:
         extra = absorbed(design, ids, whole, effect)
@@ -111,7 +112,7 @@ def _settle(design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candi
         return best, best_cells, 0.0
     step = 0.25  # of the value
     trace = {effect.shape.value: level}
-    for _ in range(7):
+    for _ in range(STEPS):
         value = best.shape.value
         for other in (value * (1 - step), value * (1 + step)):
             trial = best.shape.rebuild(other)

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from np_diagnosis.design import Design
+from np_diagnosis.effects.timing import USUAL
 from np_diagnosis.fit import fit
 
-USUAL = 4.5e-4  # s, up to which a delay is what any loop has
 UNKNOWN = 3e-3  # s, prior of the delay before the recording is asked
 # s by which joints differ: drives hardly; motion by what the noise of velocity feigns, for it is in the command
 # through the damping gain, and in the acceleration.

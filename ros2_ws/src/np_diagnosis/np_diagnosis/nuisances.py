@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_diagnosis.arm_model import INERTIA_ERROR
 from np_diagnosis.effects import Context, Parameter
+from np_diagnosis.rigid import carried, felt_inertia
+from np_diagnosis.stages import slides
 
 REVERSAL = "r2 at reversal"
 
 DELAY = 2e-4  # s between command and torque that a loop has before its recording is asked (loop_delay.py)
-ACCELERATION_ERROR = 0.005  # noise in a measured acceleration makes what it multiplies look smaller
+ACCELERATION_ERROR = 0.001  # of what a filtered derivative says of a motion without noise
 GEAR_YIELD = 1e-5  # rad/Nm: no gear is stiffer than some 1e5 Nm/rad, and a rigid one is no worse a model of that
-INERTIA_ERROR = 0.03  # standard deviation of a link's inertia about its centre of mass: CAD without cables and glue
 
 _NONE: tuple[Parameter, ...] = ()
 _DELAYED = {
@@ -33,8 +35,8 @@ def parameters(context: Context, stage: str, joint: int) -> tuple[Parameter, ...
         return (_DELAYED["r1"],)
     if stage == "r2":
         late = _DELAYED["r2"] if context.drive is not None else _LOOSE
-        whole = Parameter("inertial torque", "1", -0.05, 0.05, ACCELERATION_ERROR)
-        links = (Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in _carried(context, joint))
+        whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
+        links = (Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in carried(context.arm, joint))
         return (late, whole, *links)
     if stage == "r3":
         return (Parameter("zero", "rad", -0.1, 0.1, 0.01), Parameter("yield", "rad/Nm", -1e-4, 1e-4, GEAR_YIELD))
@@ -45,11 +47,10 @@ def columns(context: Context, stage: str, joint: int) -> np.ndarray:
     """Columns (n, count) of the `parameters`."""
     c = context
     if stage == "r2":
-        whole = c.prediction.inertial[:, joint] + c.prediction.rotors[:, joint]
         # A joint turns what is beyond it: each link's inertia may be off by itself. (One factor for all of them
         # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
-        links = c.prediction.inertia[:, joint, _carried(c, joint)]
-        return np.column_stack([c.samples.torque_rate[:, joint], whole, links])
+        links = c.prediction.inertia[:, joint, carried(c.arm, joint)]
+        return np.column_stack([c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint], links])
     if stage == "r3":
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
     if stage == "r1":
@@ -60,13 +61,10 @@ def columns(context: Context, stage: str, joint: int) -> np.ndarray:
     return np.zeros((len(c.samples) if stage == REVERSAL else len(c.drive.time), 0))
 
 
-def _carried(context: Context, joint: int) -> list[int]:
-    """Links that a joint turns."""
-    arm, found = context.arm, []
-    for link in range(len(arm)):
-        i = link
-        while i > joint:
-            i = int(arm.parent[i])
-        if i == joint:
-            found.append(link)
-    return found
+def _attenuation(context: Context, joint: int) -> float:
+    """Inertia kg m^2 of a drive that the noise in a measured acceleration hides: the best prediction from a noisy
+    regressor is by the share of noise in it too small (Fuller, Measurement Error Models, 1987)."""
+    felt = felt_inertia(context.arm, np.median(context.samples.position, axis=0))[joint]
+    moved = context.samples.acceleration[slides(context.samples, joint), joint]
+    noise = context.samples.shaking[joint] ** 2 / (np.mean(moved**2) if moved.size else 1.0)
+    return float(felt * (ACCELERATION_ERROR + min(noise, 0.1)))

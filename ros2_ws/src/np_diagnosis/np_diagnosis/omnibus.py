@@ -14,7 +14,7 @@ import numpy as np
 from np_diagnosis.design import REVERSAL, Cell, Design, Stages, make_cell, rung
 from np_diagnosis.effects.base import Context, Parameter
 from np_diagnosis.fit import score
-from np_diagnosis.rigid import torque
+from np_diagnosis.rigid import felt_inertia
 from np_diagnosis.search import Search, held_out
 
 HARMONICS = 6
@@ -94,10 +94,8 @@ def _sensors(context: Context, cell: Cell) -> float:
     joint shakes with is no noise, though at the samples' rate it has no memory either. Else no bound."""
     if rung(cell.stage) != "r2" or context.drive is not None:
         return np.inf
-    j, middle = cell.joint, np.median(context.samples.position, axis=0)[None]
-    unit = np.eye(len(context.arm))[j][None]
-    still = np.zeros(3)
-    inertia = float(torque(context.arm, middle, 0 * middle, unit, still)[0, j] + context.arm.armature[j])
+    j = cell.joint
+    inertia = felt_inertia(context.arm, np.median(context.samples.position, axis=0))[j]
     return float(np.hypot(context.samples.noise[j], inertia * context.samples.shaking[j]))
 
 

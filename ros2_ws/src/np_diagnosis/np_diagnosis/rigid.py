@@ -82,6 +82,31 @@ def torque(arm: Arm, q, dq=None, ddq=None, gravity=None) -> np.ndarray:
     return np.ascontiguousarray((motion.axis * about).sum(axis=1).T)
 
 
+def carried(arm: Arm, joint: int) -> list[int]:
+    """Links that a joint turns."""
+    found = []
+    for link in range(len(arm)):
+        i = link
+        while i > joint:
+            i = int(arm.parent[i])
+        if i == joint:
+            found.append(link)
+    return found
+
+
+def own_sizes(arm: Arm) -> np.ndarray:
+    """Each link's own inertia (k,) kg m^2 as a number: its trace; of the first link, that about its axis."""
+    return np.array([axis @ inertia @ axis if p < 0 else np.trace(inertia)
+                     for axis, inertia, p in zip(arm.axis, centred_inertia(arm), arm.parent)])
+
+
+def felt_inertia(arm: Arm, q) -> np.ndarray:
+    """Inertia (k,) kg m^2 that each drive feels at q (k,): diagonal of the mass matrix, rotors included."""
+    count = len(arm)
+    still = np.tile(q, (count, 1))
+    return np.diag(torque(arm, still, np.zeros_like(still), np.eye(count), np.zeros(3))) + arm.armature
+
+
 def gravity_torque(arm: Arm, q, gravity=None) -> np.ndarray:
     """Torque (n, k) Nm that holds the arm; linear in gravity (3,) m/s^2."""
     return torque(arm, q, gravity=gravity)
@@ -135,11 +160,15 @@ def regressor(arm: Arm, motion: Motion, link: int) -> np.ndarray:
 def own_inertia(arm: Arm, motion: Motion) -> np.ndarray:
     """Torque (n, k, k) Nm of joint i that turns link j about its own centre of mass: what a share of that
     inertia would add."""
-    parts = []
-    for link, (m, h) in enumerate(zip(arm.mass, arm.moment)):
-        about = arm.inertia[link] - (h @ h * np.eye(3) - np.outer(h, h)) / max(m, 1e-9)
-        parts.append(regressor(arm, motion, link)[:, :, 4:] @ np.array([about[pair] for pair in PAIRS]))
+    parts = [regressor(arm, motion, link)[:, :, 4:] @ np.array([about[pair] for pair in PAIRS])
+             for link, about in enumerate(centred_inertia(arm))]
     return np.stack(parts, axis=2)
+
+
+def centred_inertia(arm: Arm) -> np.ndarray:
+    """Inertia (k, 3, 3) kg m^2 of each link about its own centre of mass."""
+    apart = [(h @ h * np.eye(3) - np.outer(h, h)) / max(m, 1e-9) for m, h in zip(arm.mass, arm.moment)]
+    return arm.inertia - np.array(apart)
 
 
 def _turn(arm: Arm, joint: int, angle: np.ndarray) -> np.ndarray:

@@ -160,6 +160,7 @@ def sample(logs: list[Log], commanded: bool = False) -> Samples:
 
 
 _SHORTEST = 1.0  # s
+_UNHELD = 1 / 6
 _HALF = round(4 * SMOOTHING / GRID)
 _OFFSETS = np.arange(-_HALF, _HALF + 1) * GRID
 _KERNEL = np.exp(-0.5 * (_OFFSETS / SMOOTHING) ** 2)
@@ -189,12 +190,25 @@ def _sample_one(log: Log, number: int, commanded: bool):
             np.full(kept.size, number),
             _filter(position, _KERNEL),
             _filter(velocity, _KERNEL),
-            _filter(velocity, _SLOPE),
+            _filter(_as_held(velocity, c.torque_time) if commanded else velocity, _SLOPE),
             _filter(torque, _KERNEL),
             _filter(torque, _SLOPE),
             (position, velocity),
             (number, grid),
         )
+
+
+def _as_held(velocity: np.ndarray, torque_time: np.ndarray) -> np.ndarray:
+    """Velocity (m, k) on the fine grid, smoothed as commands are that are interpolated between middles of periods T.
+
+    A command is held for its period, so that velocity runs in straight lines from stamp to stamp. At a frequency w
+    its derivative is then (w T)^2 / 24 too large, the interpolated command (w T)^2 / 8 too small: a sixth of the
+    second difference puts that right. It is .2 % of the inertia at 8 Hz, which would be called link_inertia.
+    """
+    smooth = velocity.copy()
+    bend = _UNHELD * (float(np.median(np.diff(torque_time))) / GRID) ** 2
+    smooth[1:-1] += bend * (velocity[2:] - 2 * velocity[1:-1] + velocity[:-2])
+    return smooth
 
 
 def _white(values: np.ndarray) -> np.ndarray:

@@ -27,6 +27,12 @@ def sign(velocity: np.ndarray) -> np.ndarray:
     return np.tanh(velocity / STICTION_SPEED)
 
 
+def slides(samples: Samples, joint: int) -> np.ndarray:
+    """Rows (n,) of the samples whose whole filter window saw the joint slide in one direction."""
+    slowest, fastest = (samples.filtered_extreme(joint, extreme) for extreme in (np.min, np.max))
+    return (slowest > STANDSTILL) | (fastest < -STANDSTILL)
+
+
 @dataclass(frozen=True, eq=False)
 class Prediction:
     """Nominal torques of samples, all (n, k) Nm.

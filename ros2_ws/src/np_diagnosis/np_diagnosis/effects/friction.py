@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from np_diagnosis import rigid
+from np_diagnosis.arm_model import INERTIA_ERROR, SURE, Arm
 from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, recurrence, stack
 from np_diagnosis.stages import sign
 
@@ -21,7 +24,6 @@ def effects(context: Context) -> list[Effect]:
     arm = context.arm
     coulomb = partial(_resisting, unit="Nm", upper=4.0, prior=0.3, nominal=arm.frictionloss)
     viscous = partial(_resisting, unit="Nms/rad", upper=8.0, prior=0.3, nominal=arm.damping)
-    rotor = partial(_resisting, unit="kg m^2", upper=1.0, prior=0.15, nominal=arm.armature)
     found = [
         Effect(
             "coulomb_friction",
@@ -63,12 +65,7 @@ def effects(context: Context) -> list[Effect]:
             {"r2": lambda c, j: stack(np.abs(c.prediction.load[:, j]) * c.prediction.direction[:, j])},
             "friction proportional to the load through the gear",
         ),
-        Effect(
-            "armature",
-            (rotor("inertia"),),
-            {"r2": lambda c, j: stack(c.samples.acceleration[:, j])},
-            "inertia of the rotor, reflected",
-        ),
+        *(_armature(arm, joint) for joint in range(len(arm))),
         Effect(
             "cable_torque",
             (Parameter("stiffness", "Nm/rad", 0.0, 3.0, 0.3), Parameter("offset", "Nm", -1.0, 1.0, 0.1)),
@@ -82,6 +79,20 @@ def effects(context: Context) -> list[Effect]:
     found += [_drift(f"warming up in {s:g} s", lambda u, total, s=s: 1 - np.exp(-u / s)) for s in WARM_UP]
     found += [_ripple(j, order) for j, orders in context.ripples.items() for order in orders]
     return found
+
+
+def _armature(arm: Arm, joint: int) -> Effect:
+    """A rotor is told from the links that the joint turns where it is larger than their errors together."""
+    links = rigid.own_sizes(arm)[rigid.carried(arm, joint)]
+    least = SURE * INERTIA_ERROR * float(np.linalg.norm(links))
+    change = _resisting("inertia", "kg m^2", 1.0, 0.15, arm.armature)
+    return Effect(
+        "armature",
+        (replace(change, least=least),),
+        {"r2": lambda c, j: stack(c.samples.acceleration[:, j])},
+        "inertia of the rotor, reflected",
+        only_joint=joint,
+    )
 
 
 def _resisting(name: str, unit: str, upper: float, prior: float, nominal: np.ndarray) -> Parameter:

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis import rigid
+from np_diagnosis.arm_model import INERTIA_ERROR, SURE
 from np_diagnosis.effects.base import Context, Effect, Parameter, stack
 
 
-INERTIA_KNOWN = 0.1  # share up to which a link's inertia is what any arm has: three times its prior
 
 
 def effects(context: Context) -> list[Effect]:
@@ -36,6 +36,10 @@ def effects(context: Context) -> list[Effect]:
         ),
         _tilt(context),
     ]
+    # A joint feels the errors of all links that it turns: one link's can be told from those of the others only
+    # where it is larger than they are together.
+    own = rigid.own_sizes(arm)
+    known = SURE * INERTIA_ERROR * np.linalg.norm(own) / np.maximum(own, 1e-9)
     for i in range(len(arm)):
         moments = tuple(Parameter(f"moment_{axis}", "kg m", -0.15, 0.15, 0.05) for axis in "xyz")
         table = link_columns[i]
@@ -53,7 +57,7 @@ def effects(context: Context) -> list[Effect]:
         found.append(
             Effect(
                 "link_inertia",
-                (Parameter("scale", "1", -0.9, 3.0, 0.5, least=INERTIA_KNOWN),),
+                (Parameter("scale", "1", -0.9, 3.0, 0.5, least=min(known[i], 2.0)),),
                 {"r2": lambda c, j, i=i: stack(c.prediction.inertia[:, j, i])},
                 "inverse dynamics are linear in the inertia about the centre of mass",
                 f"link {i + 1}",

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
-from np_diagnosis.effects.torque_loop import SHARE
+from np_diagnosis.effects.torque_loop import WHOLE
 from np_diagnosis.stages import Drive
 
-DELAYS = tuple(6e-4 * 1.25**n for n in range(17))  # s: so fine that the best one leaves nothing to other effects
+USUAL = 4.5e-4  # s, up to which a delay of commands is what any loop has
+DELAYS = tuple(1e-4 * 1.35**n for n in range(18))  # s beyond it: so fine that the best one leaves nothing to other effects
 DELAY_LEAST = 3e-4  # s beyond what the loop has, up to which states may be older than they say
 STEP_KNOWN = 2e-5  # s, to which a delay is known where commands are held for a period
 STATE_KNOWN = 1e-4  # s, to which filtered motion tells one
@@ -109,13 +110,20 @@ def find_held(d: Drive) -> tuple[np.ndarray, float]:
 
 
 def _delay(delay: float) -> Effect:
+    """What a loop is late by beyond the usual, which is a nuisance's: of the two together nothing counts twice."""
+
+    def columns(c: Context, j: int) -> np.ndarray:
+        d, values = c.drive, c.drive.commanded[:, j]
+        return stack(delayed(d, values, USUAL + delay) - delayed(d, values, USUAL))
+
     return Effect(
         "command_delay",
-        (SHARE,),
-        {"r1": lambda c, j: stack(delayed(c.drive, c.drive.commanded[:, j], delay) - c.drive.commanded[:, j])},
+        (WHOLE,),
+        {"r1": columns},
         "dead time between command and torque",
         f"{1e3 * delay:.3g} ms",
-        Shape("delay", "s", delay, _delay, linear=True, background=STEP_KNOWN),
+        # Not linear: what noise puts into the commands changes from period to period, and only the right delay meets it.
+        Shape("delay", "s", delay, _delay, background=STEP_KNOWN),
         is_arm=True,
         absorbs="command_delay",
     )
