@@ -1,6 +1,7 @@
 """Properties of filter, columns, sums, fits and schema."""
 
 import json
+from dataclasses import replace
 from importlib.resources import files
 from types import SimpleNamespace
 
@@ -13,13 +14,14 @@ from hypothesis import strategies as st
 import pinocchio as pin
 
 from np_control.dynamics import build_model
-from np_diagnosis import rigid
+from np_diagnosis import nuisances, rigid
 from np_diagnosis.arm_model import panda
 from np_diagnosis.context import make_context
 from np_diagnosis.design import Block, make_blocks, make_cell, make_design, rung
 from np_diagnosis.effects import Parameter, all_effects, catalogue
 from np_diagnosis.effects.sensing import find_quantum
 from np_diagnosis.fit import fit
+from np_diagnosis.loop_delay import USUAL, loop_delay, settle_delay
 from np_diagnosis.schema import validate
 from np_diagnosis.signals import Log, sample
 
@@ -89,6 +91,29 @@ def test_effects_are_those_of_the_catalogue_and_columns_match_parameters(clean):
             for joint in (0, 6) if effect.only_joint is None else (effect.only_joint,):
                 values = columns(clean, joint)
                 assert values.shape[1] == len(effect.parameters) and np.isfinite(values).all()
+
+
+def test_nuisances_have_a_column_each_and_turn_every_link_beyond_the_joint(clean):
+    for joint in range(7):
+        for stage in ("r0", "r1", "r2", nuisances.REVERSAL):
+            columns = nuisances.columns(clean, stage, joint)
+            assert columns.shape[1] == len(nuisances.parameters(clean, stage, joint))
+        names = [p.name for p in nuisances.parameters(clean, "r2", joint)]
+        assert names[2:] == [f"inertia of link {i + 1}" for i in range(joint, 7)]
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.floats(0.0, 1.5e-3), st.integers(0, 6))
+def test_the_delay_of_the_loop_is_found_though_one_drive_lags(clean, late, slow):
+    drive, rng = clean.drive, np.random.default_rng(0)
+    before = np.vstack([drive.commanded[:1], drive.commanded[:-1]])
+    share = np.full(7, late / drive.period)
+    share[slow] = 1.0
+    measured = (1 - share) * drive.commanded + share * before + 0.01 * rng.normal(size=before.shape)
+    design = make_design(replace(clean, drive=replace(drive, measured=measured)))
+    assert loop_delay(design) == pytest.approx(late, abs=2e-5)
+    own = [p for p in settle_delay(design).parameters if p.name == "motion_delay"]
+    assert {p.centre for p in own} == {pytest.approx(min(late, USUAL), abs=2e-5)}
 
 
 def test_the_payload_column_is_the_regressor_of_a_real_payload(clean):

@@ -8,8 +8,8 @@ import numpy as np
 
 from np_diagnosis.design import Candidate, Cell, Design, make_cell
 from np_diagnosis.effects import Effect
-from np_diagnosis.fit import fit
-from np_diagnosis.search import Search, Structure
+from np_diagnosis.fit import fit, places
+from np_diagnosis.search import Search, Structure, absorbed
 
 T95 = 2.0
 BOOTSTRAPS = 200
@@ -35,11 +35,17 @@ def estimate(
     candidate = design.candidates[member]
     joints, inside = next(g for g in search.groups(structure.members) if member in g[1])
     ids = search.ids(joints, inside)
-    cells = [cell for j in joints for cell in design.of(j)]
+    cells = [_narrow(cell, ids) for j in joints for cell in design.of(j)]
     effect, spread = candidate.effect, 0.0
     if effect.shape is not None and refined:
         effect, cells, spread = _settle(design, cells, ids, candidate)
-    whole, half = _interval(cells, ids, design, seed)
+    key = (joints, inside, seed)
+    if effect is not candidate.effect:
+        whole, half = _interval(cells, ids, design, seed)
+    else:  # of all members of the group that are as they were
+        if key not in search.intervals:
+            search.intervals[key] = _interval(cells, ids, design, seed)
+        whole, half = (values.copy() for values in search.intervals[key])
     at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
     known = np.array([p.background for p in effect.parameters])
     half[at] = np.maximum(np.hypot(half[at], T95 * known), MODEL * np.abs(whole[at]))
@@ -58,18 +64,10 @@ def estimate(
         spread = max(spread, MODEL * abs(shape.value))
         found[shape.name] = Estimate(*(float(v) for v in (shape.value, shape.value - spread, shape.value + spread)), shape.unit)
     if effect.absorbs:
-        extra = _absorbed(design, ids, whole, effect.absorbs)
+        extra = absorbed(design, ids, whole, effect)
         found = {name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra)
                  for name, e in found.items()}
     return effect, found
-
-
-def _absorbed(design: Design, ids: np.ndarray, whole: np.ndarray, name: str) -> float:
-    """What the nuisances of this name have taken of an effect, on average over the joints. A delay of commands is
-    all there is of it; states are late by what is beyond the delay of the commands."""
-    beside = [n for n, i in enumerate(ids) if design.parameters[i].name == name]
-    known = 0.0 if name == "command_delay" else design.parameters[ids[beside[0]]].centre
-    return float(np.mean(whole[beside])) - known
 
 
 def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -77,12 +75,19 @@ def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> 
     blocks = len(design.blocks)
     rng = np.random.default_rng(seed)
     weights = rng.multinomial(blocks, np.full(blocks, 1 / blocks), BOOTSTRAPS).astype(float)
-    whole = fit(cells, [c.total[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
-                design.parameters)
+    whole = _whole(cells, ids, design)
     drawn = fit(cells, [np.tensordot(weights, c.test, 1) for c in cells], [weights @ c.test_rows for c in cells],
                 ids, design.parameters)
     posterior = np.sqrt(np.diagonal(whole.covariance[0]))
     return whole.parameters[0], T95 * np.maximum(drawn.parameters.std(axis=0), posterior)
+
+
+def _narrow(cell: Cell, ids: np.ndarray) -> Cell:
+    """The cell with nothing but the columns of some parameters: the others cost more than all that is done here."""
+    own, _ = places(cell, ids)
+    order = np.append(own, len(cell.ids))
+    sums = {name: getattr(cell, name)[:, order[:, None], order] for name in ("test", "held", "plain")}
+    return replace(cell, ids=cell.ids[own], matrix=cell.matrix[:, own], **sums)
 
 
 def _settle(design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candidate):

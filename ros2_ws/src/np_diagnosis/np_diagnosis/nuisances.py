@@ -14,6 +14,7 @@ from np_diagnosis.effects import Context, Parameter
 REVERSAL = "r2 at reversal"
 
 DELAY = 2e-4  # s between command and torque that a loop has before its recording is asked (loop_delay.py)
+ACCELERATION_ERROR = 0.005  # noise in a measured acceleration makes what it multiplies look smaller
 GEAR_YIELD = 1e-5  # rad/Nm: no gear is stiffer than some 1e5 Nm/rad, and a rigid one is no worse a model of that
 INERTIA_ERROR = 0.03  # standard deviation of a link's inertia about its centre of mass: CAD without cables and glue
 
@@ -32,8 +33,9 @@ def parameters(context: Context, stage: str, joint: int) -> tuple[Parameter, ...
         return (_DELAYED["r1"],)
     if stage == "r2":
         late = _DELAYED["r2"] if context.drive is not None else _LOOSE
-        return (late, *(Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR)
-                        for i in _carried(context, joint)))
+        whole = Parameter("inertial torque", "1", -0.05, 0.05, ACCELERATION_ERROR)
+        links = (Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in _carried(context, joint))
+        return (late, whole, *links)
     if stage == "r3":
         return (Parameter("zero", "rad", -0.1, 0.1, 0.01), Parameter("yield", "rad/Nm", -1e-4, 1e-4, GEAR_YIELD))
     return _NONE
@@ -43,9 +45,11 @@ def columns(context: Context, stage: str, joint: int) -> np.ndarray:
     """Columns (n, count) of the `parameters`."""
     c = context
     if stage == "r2":
+        whole = c.prediction.inertial[:, joint] + c.prediction.rotors[:, joint]
         # A joint turns what is beyond it: each link's inertia may be off by itself. (One factor for all of them
         # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
-        return np.column_stack([c.samples.torque_rate[:, joint], c.prediction.inertia[:, joint, _carried(c, joint)]])
+        links = c.prediction.inertia[:, joint, _carried(c, joint)]
+        return np.column_stack([c.samples.torque_rate[:, joint], whole, links])
     if stage == "r3":
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
     if stage == "r1":

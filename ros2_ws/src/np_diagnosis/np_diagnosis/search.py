@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from np_diagnosis.design import Candidate, Cell, Design
+from np_diagnosis.effects import Effect
 from np_diagnosis.fit import Fit, Score, part, places, remaining, score
 
 WIDTH = 6  # structures that are grown further
@@ -40,10 +41,14 @@ class Structure:
 
 @dataclass(eq=False)
 class Search:
-    """All structures tried, best of each size; `chosen` is the simplest that no larger one beats clearly."""
+    """All structures tried, best of each size; `chosen` is the simplest that no larger one beats clearly.
+
+    intervals: (values, half widths) of the parameters of groups whose size was estimated.
+    """
 
     design: Design
     tried: dict[tuple[int, ...], Structure] = field(default_factory=dict)
+    intervals: dict[tuple, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     _groups: dict[tuple, tuple[Score, float]] = field(default_factory=dict)
     _reaches: dict[int, tuple[int, ...]] = field(default_factory=dict)
 
@@ -204,8 +209,9 @@ class Search:
         if not least.any():
             return False
         joints, inside = next(g for g in self.groups(structure.members) if member in g[1])
-        at = np.isin(self.ids(joints, inside), ids)
-        values = self.group(joints, inside)[0].fit.parameters[:, at].mean(axis=0)
+        group = self.ids(joints, inside)
+        found = self.group(joints, inside)[0].fit.parameters.mean(axis=0)
+        values = found[np.isin(group, ids)] + absorbed(self.design, group, found, self.design.candidates[member].effect)
         return bool((np.abs(values) <= least).all())
 
     def energies(self, members: tuple[int, ...]) -> list[float]:
@@ -248,6 +254,16 @@ class Search:
             if equals:
                 return self._pruned(max(equals, key=self.value))
         return chosen
+
+
+def absorbed(design: Design, ids: np.ndarray, values: np.ndarray, effect: Effect) -> float:
+    """What the nuisances that say the same have taken of an effect, on average over the joints: a delay of commands
+    is all there is of it; states are late by what is beyond the delay of the commands."""
+    beside = [n for n, i in enumerate(ids) if design.parameters[i].name == effect.absorbs]
+    if not beside:
+        return 0.0
+    known = 0.0 if effect.absorbs == "command_delay" else design.parameters[ids[beside[0]]].centre
+    return float(np.mean(values[beside])) - known
 
 
 def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:

@@ -9,9 +9,9 @@ from np_diagnosis.effects.torque_loop import SHARE
 from np_diagnosis.stages import Drive
 
 DELAYS = tuple(6e-4 * 1.25**n for n in range(17))  # s: so fine that the best one leaves nothing to other effects
-DELAY_LEAST = 2e-4  # s beyond what the loop has, up to which states may be older than they say
+DELAY_LEAST = 3e-4  # s beyond what the loop has, up to which states may be older than they say
 STEP_KNOWN = 2e-5  # s, to which a delay is known where commands are held for a period
-STATE_KNOWN = 5e-5  # s, to which filtered motion tells one
+STATE_KNOWN = 1e-4  # s, to which filtered motion tells one
 LEAST_HELD = 20  # periods
 SURE = 10.0  # nats by which holding must fit a period better than not holding
 
