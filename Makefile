@@ -15,10 +15,11 @@ CASES ?= 200
 SET ?= locked
 JOBS ?= $(shell nproc)
 ARGS ?=
-PYTEST_ARGS ?=
 
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
+ALONE := tests/unit tests/training tests/diagnosis tests/parity
+GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
 .PHONY: help setup demo test test-driver driver-report hardware bench blind evaluate train identify lock clean distclean
 
@@ -59,8 +60,14 @@ train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that
 identify: setup ## BAG="run1 run2" | none: a simulated arm; friction, damping, armature and what they explain
 	@$(ACTIVATE) exec python -m np_training.identify $(or $(BAG),--simulate) --seed $(SEED) $(ARGS)
 
-test: setup ## every test that needs no GPU
+# Graphs have the machine to themselves; what is one process runs two at a time.
+test: setup ## every test that needs no GPU; PYTEST_ARGS="tests/unit -k name": only these
+ifdef PYTEST_ARGS
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)
+else
+	@$(ACTIVATE) export OMP_NUM_THREADS=1; python -m pytest -n 2 --dist worksteal $(ALONE) || failed=1; \
+		python -m pytest $(GRAPHS) || failed=1; exit $${failed:-0}
+endif
 
 # What a robot's network protocol needs is installed only here: nobody else does.
 .venv/.hardware: requirements-hardware.txt .venv/.installed

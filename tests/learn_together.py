@@ -1,4 +1,4 @@
-"""One PPO update on rows of a file shared out over the processes of torchrun: LEARN_TOGETHER INPUT OUTPUT."""
+"""PPO updates, each on rows of a file shared out over the processes of torchrun: LEARN_TOGETHER INPUT OUTPUT."""
 
 import sys
 
@@ -22,7 +22,7 @@ def learn(batch: tuple[torch.Tensor, ...]) -> tuple[dict, dict, float]:
 
 if __name__ == "__main__":
     distributed.join("cpu")
-    rows = torch.load(sys.argv[1], weights_only=True)[distributed.rank()]
-    result = learn(rows)
-    torch.save(result, f"{sys.argv[2]}.{distributed.rank()}")
+    batches = torch.load(sys.argv[1], weights_only=True)
+    results = [learn(shared[distributed.rank()]) for shared in batches]
+    torch.save(results, f"{sys.argv[2]}.{distributed.rank()}")
     distributed.leave()

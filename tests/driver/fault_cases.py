@@ -5,16 +5,20 @@ robot itself.
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from backends import silent
+from commands import Make
 from moving_arm import RUNNING, MovingArm
 from np_franka.limits import FR3_LIMITS
 
 BOTH = ("topic", "onboard")
 ENDED = ("stopped", "fault")
+NEAR = 0.02  # rad from the soft wall
+PRESSED_NS = 500_000_000  # ns against it
+Inject = Callable[[MovingArm], None]
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,7 @@ class Case:
     controller: whether, in topic mode, the node joint_impedance commands, or the harness."""
 
     title: str
-    inject: Callable[[MovingArm], None]
+    inject: Inject
     controls: tuple[str, ...] = BOTH
     motion: str = "swing"
     controller: bool = True
@@ -121,6 +125,45 @@ def restore(arm: MovingArm) -> None:
 # Injections
 
 
+def asked(*requests: str, ends: bool = True, says: str = "", then: str = "") -> Inject:
+    """Asks the robot for these; ends: waits until driver or robot has stopped the arm; says: what the driver
+    must say of it; then: asked for after that."""
+
+    def inject(arm: MovingArm) -> None:
+        for request in requests:
+            arm.robot.request(request)
+        if ends:
+            arm.harness.wait_state(*ENDED)
+        assert says in arm.harness.message, arm.harness.message
+        if then:
+            arm.robot.request(then)
+
+    return inject
+
+
+def answered(bad: Callable[[MovingArm], tuple[Make, Sequence[str]]]) -> Inject:
+    """Answers every state with bad commands until the arm is stopped; bad: what makes them, and the reasons
+    one of which they must be refused for."""
+
+    def inject(arm: MovingArm) -> None:
+        arm.harness.answer, reasons = bad(arm)
+        arm.harness.wait_state("stopped")
+        assert any(map(arm.harness.refused, reasons)), arm.harness.status
+
+    return inject
+
+
+def not_a_number(arm: MovingArm) -> tuple[Make, Sequence[str]]:
+    bad = arm.harness.commands.bad
+    reason = "not_finite" if "not_finite" in bad else "finite"
+    return bad[reason], (reason,)
+
+
+def stale(arm: MovingArm) -> tuple[Make, Sequence[str]]:
+    old = arm.harness.commands.turn_fast(arm.harness.states[0])
+    return lambda _: old, ("order", "late")
+
+
 def kill_controller(arm: MovingArm) -> None:
     arm.harness.graph.kill("joint_impedance", signal.SIGKILL)
     arm.harness.wait_state("stopped")
@@ -153,47 +196,9 @@ def freeze(arm: MovingArm) -> None:
     arm.robot.thaw()
 
 
-def cut(arm: MovingArm) -> None:
-    arm.robot.request("strict")
-    arm.robot.request("mute")
-    arm.harness.wait_state(*ENDED)
-    arm.robot.request("unmute")
-
-
-def lose(cycles: int) -> Callable[[MovingArm], None]:
-    def inject(arm: MovingArm) -> None:
-        arm.robot.request("strict")
-        arm.robot.request(f"drop {cycles}")
-        if cycles >= 20:
-            arm.harness.wait_state(*ENDED)
-            assert "communication_constraints_violation" in arm.harness.message, arm.harness.message
-
-    return inject
-
-
-def reflex(arm: MovingArm) -> None:
-    arm.robot.request("reflex")
-    arm.harness.wait_state(*ENDED)
-
-
 def stop(arm: MovingArm) -> None:
     assert arm.harness.call("stop").success
     arm.harness.wait_state("stopped")
-
-
-def not_a_number(arm: MovingArm) -> None:
-    bad = arm.harness.commands.bad
-    reason = "not_finite" if "not_finite" in bad else "finite"
-    arm.harness.answer = bad[reason]
-    arm.harness.wait_state("stopped")
-    assert arm.harness.refused(reason)
-
-
-def stale(arm: MovingArm) -> None:
-    old = arm.harness.commands.turn_fast(arm.harness.states[0])
-    arm.harness.answer = lambda _: old
-    arm.harness.wait_state("stopped")
-    assert arm.harness.refused("order") + arm.harness.refused("late")
 
 
 def limit(arm: MovingArm) -> None:
@@ -201,8 +206,8 @@ def limit(arm: MovingArm) -> None:
     second.
     """
     harness, wall = arm.harness, FR3_LIMITS.wall_upper[6]
-    harness.wait(lambda: harness.states[-1].position[6] > wall - 0.02, "the soft wall")
-    later = harness.stamp + 500_000_000
+    harness.wait(lambda: harness.states[-1].position[6] > wall - NEAR, "the soft wall")
+    later = harness.stamp + PRESSED_NS
     harness.wait(lambda: harness.stamp > later, "half a second at the wall")
     harness.answer = silent
     harness.wait_state("stopped")
@@ -213,12 +218,13 @@ CASES = {
     "ended_targets": Case("policy killed: targets end", end_targets, motion="turn"),
     "killed_driver": Case("driver killed", kill_driver),
     "frozen_server": Case("robot frozen for longer than 1 s", freeze),
-    "network_cut": Case("network cut", cut),
-    "lost_15_cycles": Case("15 cycles lost", lose(15)),
-    "lost_20_cycles": Case("20 cycles lost, and 5 more", lose(25)),
-    "reflex": Case("collision reflex", reflex),
-    "not_a_number": Case("NaN in every command", not_a_number, motion="turn", controller=False),
-    "stale": Case("stale command, over and over", stale, motion="turn", controller=False),
+    "network_cut": Case("network cut", asked("strict", "mute", then="unmute")),
+    "lost_15_cycles": Case("15 cycles lost", asked("strict", "drop 15", ends=False)),
+    "lost_20_cycles": Case("20 cycles lost, and 5 more", asked(
+        "strict", "drop 25", says="communication_constraints_violation")),
+    "reflex": Case("collision reflex", asked("reflex", says="joint_reflex")),
+    "not_a_number": Case("NaN in every command", answered(not_a_number), motion="turn", controller=False),
+    "stale": Case("stale command, over and over", answered(stale), motion="turn", controller=False),
     "joint_limit": Case("joint limit at full speed", limit, motion="turn", controller=False),
     "stop": Case("~/stop in full motion", stop),
 }

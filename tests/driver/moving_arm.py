@@ -4,6 +4,7 @@ into.
 
 from __future__ import annotations
 
+import os
 import tempfile
 import time
 from contextlib import ExitStack, closing, nullcontext
@@ -18,7 +19,7 @@ from np_franka.limits import FR3_LIMITS
 from np_policy.retiming import ACCELERATION_LIMIT, retime
 from np_ros import qos
 from np_ros.messages import trajectory_message
-from simulated_robot import SLOW, SimulatedRobot, simulated_robot, urgent
+from simulated_robot import DRIVER_CORES, SLOW, SimulatedRobot, simulated_robot, urgent
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -66,7 +67,10 @@ class MovingArm:
         probe.advertise("joint_trajectory", JointTrajectory, qos.EVENT)
         probe.advertise("phase", String, qos.LATCHED)
         backend = BACKENDS["franka_driver" if self.control == "topic" else "franka_driver_onboard"]
-        return Harness(graph, probe, backend, "realtime", **self._parameters)
+        harness = Harness(graph, probe, backend, "realtime", **self._parameters)
+        if self._parameters["realtime_priority"]:
+            os.sched_setaffinity(graph.pid("franka_driver"), DRIVER_CORES)
+        return harness
 
     def start_controller(self) -> None:
         """The node that commands in topic mode."""
@@ -142,6 +146,20 @@ class MovingArm:
             return since is not None and state["time"] - since > 0.2
 
         self.harness.wait(is_at_rest, "rest")
+
+    def hold_anew(self) -> None:
+        """Stop and recover: the driver counts its cycles from here on."""
+        assert self.harness.call("stop").success
+        self.harness.wait_state("stopped")
+        self.rest()
+        self.recover()
+
+    def deafen(self) -> None:
+        """Listen to states no longer: reading 500 a second takes time from what is measured."""
+        node = self.harness.probe.node
+        for subscription in list(node.subscriptions):
+            if subscription.topic_name == "/joint_states":
+                node.destroy_subscription(subscription)
 
     def recover(self) -> str:
         """Recover as an operator and the episode node do; the state that this leads to."""

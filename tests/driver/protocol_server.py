@@ -5,11 +5,12 @@ franky-sim's server; added are what it does not simulate itself, and a record of
 Standard input takes one request a line and standard output gives one JSON object for each, `state` and
 whatever else was asked:
 
-    drop N      keep the next N states to itself, and hear nothing meanwhile mute, unmute  let nothing pass in
-    either direction strict, lenient  from now on give up after 20 cycles without a command, as the robot
-    does, or wait reflex      abort the motion as a collision does, until automatic error recovery trace PATH
-    write the last 100 s: rows of time s, q, dq, torque told (7 each), greatest change of torque between two
-                commands, whether the client commands
+    drop N           keep the next N states to itself, and hear nothing meanwhile
+    mute, unmute     let nothing pass in either direction
+    strict, lenient  from now on give up after 20 cycles without a command, as the robot does, or wait
+    reflex           abort the motion as a collision does, until automatic error recovery
+    trace PATH       write the last 100 s: rows of time s, q, dq, torque told (7 each), greatest change of
+                     torque between two commands, whether the client commands
 
 The first line out is {"hostname": ...}.
 """
@@ -18,17 +19,20 @@ from __future__ import annotations
 
 import json
 import queue
+import struct
 import sys
 import threading
+import time
+from collections import deque
 
 import numpy as np
-from franky_sim import SimulationServer
-from franky_sim.base_simulator import BaseRobot, RobotParameters
+from franky_sim import SimulationServer, mujoco_simulator
+from franky_sim.base_simulator import RobotParameters
 from franky_sim.franka_robot_protocol import (
     AutomaticErrorRecoveryCommand, MoveStatus, RobotCommand, RobotMode, UDPCommand)
 from franky_sim.franka_robot_server import ControlMode, FrankaRobotServer
-from franky_sim.franka_server import BaseCommand
-from franky_sim.mujoco_simulator import MujocoSimulator
+from franky_sim.franka_server import BaseCommand, ConnectCommand, ConnectStatus, FrankaServer, MessageHeader
+from simulated_fr3 import SimulatedFr3
 
 READY = (0.0, -0.785398, 0.0, -2.356194, 0.0, 1.570796, 0.785398)
 # The robot's own hold while nobody controls it. franky-sim's gains chatter for ever after a stop from speed.
@@ -36,34 +40,48 @@ HOLD_STIFFNESS = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # Nm/rad
 HOLD_DAMPING = (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)  # Nms/rad
 # joint_reflex and communication_constraints_violation among libfranka's 41 errors
 JOINT_REFLEX, COMMUNICATION = 6, 25
-PATIENCE = 20  # cycles without a command
+PATIENCE = 20  # cycles without a command: FCI documentation, "Network bandwidth, delay and jitter test"
 TRACED = 100_000  # cycles
+SERVED_EVERY = 4  # cycles from one look at requests, and at the hand, to the next
+COUNTED = 100  # cycles of which the robot tells the share that brought a command
 
 
 class Robot(FrankaRobotServer):
     """franky-sim's robot, which can also lose states and abort motions."""
 
+    library_version = property(lambda self: self.protocol)
     error: int | None = None  # what it aborted the motion for
     drop = 0  # states that are still to be lost
     is_mute = is_strict = False
     missed = 0  # cycles without a command, in a row
     cycles = 0
-    told = (0.0,) * 7  # the torque commanded, Nm
+    commanded = unanswered = 0  # cycles in which the client commands, and those of them without a command
     step = 0.0  # Nm, the greatest change from one command to the next, in this cycle
     trace = np.zeros((TRACED, 24))
 
     def process_commands(self):
+        self.heard = False
         if self.is_mute:
             self._post_process_commands()
-        else:
-            self.heard = False
+        elif self.is_served:
             super().process_commands()
-        self.missed = 0 if self.heard and not self.is_mute else self.missed + 1
+        else:
+            self._pre_process_commands()
+            self._process_udp_commands()
+            self._post_process_commands()
+        came = self.heard
+        self.missed = 0 if came else self.missed + 1
+        if self.is_commanded:
+            self.commanded += 1
+            self.unanswered += not came
+            self.came.append(came)
         if self.is_strict and self.is_commanded and self.missed >= PATIENCE:
             self.abort(COMMUNICATION)
 
     def start_motion(self, *motion):
         self.last, self.missed = np.zeros(7), 0
+        self.commanded = self.unanswered = 0
+        self.came = deque(COUNTED * [True], COUNTED)
         super().start_motion(*motion)
 
     def _handle_udp_command(self, data):
@@ -75,14 +93,21 @@ class Robot(FrankaRobotServer):
     def send_state(self):
         self.cycles += 1
         state = self.robot.inner_state
-        self.trace[self.cycles % TRACED] = (1e-3 * self.cycles, *state.q, *state.dq, *self.told, self.step,
-                                            self.is_commanded)
+        self.trace[self.cycles % TRACED] = (
+            1e-3 * self.cycles, *state.q, *state.dq, *self.robot.told, self.step, self.is_commanded)
         self.step = 0.0
         if self.drop or self.is_mute:
             self.drop = max(0, self.drop - 1)
             self._FrankaServer__message_id += 1  # the robot's time goes on
-        else:
+        elif self.is_served:
             super().send_state()
+        else:
+            FrankaServer.send_state(self)  # the arm's state, without the hand's
+
+    @property
+    def is_served(self):
+        """Whether requests and the hand have their turn in this cycle, besides commands and states."""
+        return self.cycles % SERVED_EVERY == 0
 
     @property
     def is_commanded(self):
@@ -99,31 +124,42 @@ class Robot(FrankaRobotServer):
 
     @property
     def robot_state(self):
-        state = super().robot_state
+        state = super().robot_state.replace(
+            control_command_success_rate=sum(self.came) / COUNTED if self.is_commanded else 0.0)
         if self.error is None:
             return state
         errors = tuple(i == self.error for i in range(41))
         return state.replace(robot_mode=RobotMode.kReflex, errors=errors, reflex_reason=errors)
 
 
-def control(self, torques, has_new_command=True):
-    """What the simulator's own does; the torque is noted."""
-    self.server.told = tuple(torques)
-    apply(self, torques, has_new_command)
-
-
-apply = BaseRobot.torque_control
-BaseRobot.torque_control = control
-
-
 class Server(SimulationServer):
-    """A simulation of one such robot."""
+    """A simulation of one such robot, which claims to speak this version of the protocol."""
+
+    def __init__(self, simulator, protocol: int):
+        super().__init__(simulator)
+        self._protocol = protocol
 
     def init(self):
         robot = Robot(self.sim.robots[0], self._hostname_candidates)
+        robot.protocol = self._protocol
         robot.init()
         self.robot_servers.append(robot)
         self.sim.start()
+
+
+def greet(self, server: Robot, command_type_struct: str = "I") -> None:
+    """What the robot does: a client that speaks another version is told which one it speaks itself."""
+    if self.version == server.library_version:
+        welcome(self, server, command_type_struct)
+        return
+    header = MessageHeader(self.command_type, self.command_id, 8).to_bytes(command_type_struct)
+    status = ConnectStatus.kIncompatibleLibraryVersion
+    layout = "<BH5x" if command_type_struct == "I" else "<HH4x"  # of the arm, of the hand
+    self.client_socket.sendall(header + struct.pack(layout, status, server.library_version))
+
+
+welcome = ConnectCommand.handle
+ConnectCommand.handle = greet
 
 
 def recover(self, server: Robot) -> None:
@@ -158,13 +194,29 @@ def answer(request: list[str], server: Server) -> dict:
     state = robot.robot.inner_state
     mode = RobotMode.kReflex if robot.error is not None else RobotMode.kMove if robot.current_motion_id \
         else RobotMode.kIdle
-    return {"time": 1e-3 * robot.cycles, "q": state.q, "dq": state.dq, "mode": mode.name}
+    return {"time": 1e-3 * robot.cycles, "q": state.q, "dq": state.dq, "mode": mode.name,
+            "commanded": robot.commanded, "unanswered": robot.unanswered}
+
+
+def run(server: Server, requests: queue.SimpleQueue[str], period: float) -> None:
+    """Cycles of `period` s of the machine's time, until the requests end. A late cycle makes those after it
+    late: the robot's clock falls behind rather than hurrying after the machine's."""
+    due = time.monotonic()
+    while True:
+        server.run_once(realtime=False)
+        if not requests.empty():
+            line = requests.get()
+            if not line:
+                return
+            print(json.dumps(answer(line.split(), server)), flush=True)
+        due = max(due + period, time.monotonic())
+        time.sleep(max(0.0, due - time.monotonic()))
 
 
 def main() -> None:
     """Serve until standard input ends. Arguments: mass kg of the hand that the robot believes in; how many ms
-    of the machine's time a cycle of 1 ms of the robot takes."""
-    mass, pace = map(float, sys.argv[1:])
+    of the machine's time a cycle of 1 ms of the robot takes; version of the protocol that it claims."""
+    mass, pace, protocol = map(float, sys.argv[1:])
     requests: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def listen():
@@ -172,19 +224,14 @@ def main() -> None:
             requests.put(line)
         requests.put("")
 
-    with MujocoSimulator() as simulator:
+    mujoco_simulator.FrankaMujocoRobot = SimulatedFr3
+    with mujoco_simulator.MujocoSimulator() as simulator:
         simulator.add_robot(initial_q=READY, initial_hand_width=0.0, kp=HOLD_STIFFNESS, kv=HOLD_DAMPING,
                             robot_parameters=RobotParameters(ee_mass=mass))
-        with Server(simulator) as server:
+        with Server(simulator, int(protocol)) as server:
             threading.Thread(target=listen, daemon=True).start()
             print(json.dumps({"hostname": server.sim.robots[0].hostname}), flush=True)
-            while True:
-                server.run_once(pace)
-                if not requests.empty():
-                    line = requests.get()
-                    if not line:
-                        return
-                    print(json.dumps(answer(line.split(), server)), flush=True)
+            run(server, requests, 1e-3 * pace)
 
 
 if __name__ == "__main__":

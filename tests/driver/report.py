@@ -1,9 +1,10 @@
-"""`make driver-report`: what the driver did, measured: faults, tracking, a card approach; JSON and a page of
-tables.
+"""`make driver-report`: what the driver did, measured: tracking, a card approach, the diagnosis suite,
+faults; JSON and a page of tables.
 
-The last line is one JSON object. Give the machine to it: for tracking and approach robot, driver and
+The last line is one JSON object. Give the machine to it: for tracking, approach and suite robot, driver and
 controller run at real-time priority where that is permitted, and what else runs shows in the figures. Faults
-need no quiet machine: for those the robot's clock goes at a third of the speed."""
+need no quiet machine: for those the robot's clock goes at a third of the speed. What an interrupted run has
+measured is kept, and the next run goes on from there."""
 
 from __future__ import annotations
 
@@ -12,6 +13,8 @@ import json
 import os
 import platform
 import sys
+import tempfile
+from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 
@@ -19,87 +22,148 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / "contract")]
 
 import fault_cases  # noqa: E402
-import motion_report  # noqa: E402
+import suite  # noqa: E402
 import tables  # noqa: E402
-from np_bringup.commands.common import Progress, interrupt_on_sigterm  # noqa: E402
+from approach import approach  # noqa: E402
+from moving_arm import MovingArm  # noqa: E402
+from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, origin  # noqa: E402
 from simulated_robot import missing  # noqa: E402
+from tracking import track  # noqa: E402
 
-PARTS = ("faults", "tracking", "approach")
+PARTS = ("tracking", "approach", "suite", "faults")
 CONTROLS = ("topic", "onboard")
+FAILURES = (RuntimeError, TimeoutError, AssertionError, OSError, KeyError)
+Job = tuple[str, str, Callable[[], dict]]  # part, what the progress bar says, what gives a row
 
 
-def jobs(parts: list[str], seconds: float, pace: float) -> list[tuple[str, str, object]]:
-    """(part, text, what gives a row) of everything to be measured."""
-    listed = []
-    if "faults" in parts:
-        listed += [
-            ("faults", f"{name} {control}", lambda n=name, c=control: fault_cases.measure(n, c))
-            for name, control in fault_cases.PAIRS
-        ]
-    for part, measure in (
-        ("tracking", lambda c: motion_report.track(c, seconds, pace)),
-        ("approach", lambda c: motion_report.approach(c, pace)),
-    ):
-        if part in parts:
-            listed += [(part, f"{part} {control}", lambda m=measure, c=control: m(c)) for control in CONTROLS]
-    return listed
+def diagnosed(control: str, only: list[str], pace: float) -> dict[str, object]:
+    """The excitation suite through the driver, and what `diagnose --quick` says of the recording."""
+    with tempfile.TemporaryDirectory() as folder:
+        with MovingArm(control, pace=pace, priority=pace == 1.0) as arm:
+            load = os.getloadavg()[0]
+            arm.deafen()
+            recorded = suite.record(arm, Path(folder), only)
+        found = suite.diagnose(recorded["bag"], Path(folder))
+    return {
+        "control": control,
+        "load_before": round(load, 2),
+        "experiments": len(recorded["segments"]),
+        "messages": recorded["messages"],
+        "lost": recorded["lost"],
+        "verdict": found["verdict"],
+        "diagnose_s": found["runtime_s"],
+    }
+
+
+def jobs(parts: list[str], seconds: float, pace: float, only: list[str]) -> list[Job]:
+    """Everything to be measured."""
+    measured: list[Job] = [
+        (part, f"{part} {control}", lambda m=measure, c=control: m(c))
+        for part, measure, controls in (
+            ("tracking", lambda c: track(c, seconds, pace), CONTROLS),
+            ("approach", lambda c: approach(c, pace), CONTROLS),
+            ("suite", lambda c: diagnosed(c, only, pace), CONTROLS[:1]),
+        )
+        for control in controls
+    ]
+    measured += [
+        ("faults", f"{name} {control}", lambda n=name, c=control: fault_cases.measure(n, c))
+        for name, control in fault_cases.PAIRS
+    ]
+    return [job for job in measured if job[0] in parts]
+
+
+class Journal:
+    """The rows of a run by the text of their job, on disk after each, so that an interrupted run goes on; of
+    another day, revision or options they are dropped."""
+
+    def __init__(self, path: Path, run: dict):
+        self._path, self._run = path, run
+        self.rows: dict[str, dict] = {}
+        if path.exists():
+            kept = json.loads(path.read_text())
+            self.rows = kept["rows"] if kept["run"] == run else {}
+
+    def add(self, text: str, row: dict) -> None:
+        """Keep a row."""
+        self.rows[text] = row
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._path.write_text(json.dumps({"run": self._run, "rows": self.rows}))
+
+    def close(self) -> None:
+        """The run is complete: the next begins anew."""
+        self._path.unlink(missing_ok=True)
+
+
+def measure(listed: list[Job], journal: Journal, write: Callable[[str, list[dict]], None]) -> list[str]:
+    """Do the jobs that the journal has no row of; `write` is given the rows of a part after each. What went
+    wrong, a line each."""
+    errors = []
+    progress = Progress(len(listed), "driver")
+    for number, (part, text, job) in enumerate(listed):
+        progress.show(number, text)
+        if text not in journal.rows:
+            try:
+                journal.add(text, job())
+            except FAILURES as error:
+                errors.append(f"{text}: {type(error).__name__}: {error}")
+                print(errors[-1], file=sys.stderr)
+        if rows := [journal.rows[t] for p, t, _ in listed if p == part and t in journal.rows]:
+            write(part, rows)
+    progress.show(len(listed), "done")
+    return errors
+
+
+def machine() -> str:
+    """Whose figures these are."""
+    is_virtual = "hypervisor" in Path("/proc/cpuinfo").read_text()
+    return f"{os.cpu_count()} cores{' of a shared virtual machine' if is_virtual else ''}, {platform.machine()}"
+
+
+def parse() -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0, help="length of the tracking in each mode")
+    parser.add_argument("--pace", type=float, default=1.0, help="ms that a cycle of the robot takes in "
+                        "tracking, approach and suite: more on a busy machine")
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--only", nargs="+", default=[], metavar="EXPERIMENT", help="of the suite, not all")
+    parser.add_argument("--out", type=Path, default=Path("docs/results"))
+    parser.add_argument("--page", type=Path, default=Path("docs/driver_results.md"))
+    parser.add_argument("--journal", type=Path, default=Path("runs/driver_report.json"))
+    options = parser.parse_args()
+    if reason := missing():
+        parser.error(reason)
+    return options
 
 
 def main() -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0, help="length of the tracking in each mode")
-    parser.add_argument(
-        "--pace",
-        type=float,
-        default=1.0,
-        help="ms of a cycle of the robot in tracking and approach: more on a busy machine",
-    )
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
-    parser.add_argument("--out", type=Path, default=Path("docs/results"))
-    parser.add_argument("--page", type=Path, default=Path("docs/driver_results.md"))
-    options = parser.parse_args()
+    options = parse()
     interrupt_on_sigterm()
-    if reason := missing():
-        parser.error(reason)
-    origin = {
+    about = {
         "date": date.today().isoformat(),
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+        "machine": machine(),
         "pace": options.pace,
     }
-    rows: dict[str, list[dict]] = {part: [] for part in options.parts}
-    errors = []
-    listed = jobs(options.parts, options.seconds, options.pace)
-    progress = Progress(len(listed), "driver")
+    revision = origin()["revision"].removesuffix("-dirty")  # the report itself changes the tree
+    run = {**about, "seconds": options.seconds, "only": options.only, "revision": revision}
+    journal = Journal(options.journal, run)
     options.out.mkdir(parents=True, exist_ok=True)
-    for number, (part, text, measure) in enumerate(listed):
-        progress.show(number, text)
-        try:
-            rows[part].append(measure())
-        except (RuntimeError, TimeoutError, AssertionError, OSError, KeyError) as error:
-            errors.append(f"{text}: {type(error).__name__}: {error}")
-            print(errors[-1], file=sys.stderr)
-            continue
-        # After every row: what has been measured is not lost with what is still to come.
-        content = json.dumps({**origin, "rows": rows[part]}, indent=1)
-        (options.out / f"driver_{part}.json").write_text(content + "\n")
+
+    def write(part: str, rows: list[dict]) -> None:
+        (options.out / f"driver_{part}.json").write_text(json.dumps({**about, "rows": rows}, indent=1) + "\n")
         options.page.write_text(tables.page(options.out, PARTS))
-    progress.show(len(listed))
-    over = [
-        f"{row['fault']} ({row['control']}): {text}"
-        for row in rows.get("faults", [])
-        for text in row["over_limit"]
-    ]
-    print(
-        json.dumps(
-            {
-                "faults": len(rows.get("faults", [])),
-                "over_limit": over,
-                "errors": errors,
-                **{part: rows[part] for part in ("tracking", "approach") if part in rows},
-            }
-        )
-    )
+
+    try:
+        errors = measure(jobs(options.parts, options.seconds, options.pace, options.only), journal, write)
+    except KeyboardInterrupt:
+        print(f"interrupted; what was measured is kept in {options.journal}", file=sys.stderr)
+        return INTERRUPTED
+    over = [f"{text}: {limit}" for text, row in journal.rows.items() for limit in row.get("over_limit", ())]
+    print(json.dumps({"over_limit": over, "errors": errors, "rows": journal.rows}))
+    if not errors:
+        journal.close()
     return 1 if errors or over else 0
 
 

@@ -18,12 +18,16 @@ TIMEOUT = 60.0  # s
 SLOW = 3.0  # ms a cycle of 1 ms of the robot takes, where speed is not what is looked at
 # Of first-in-first-out scheduling, where permitted.
 ROBOT_PRIORITY, DRIVER_PRIORITY, TEST_PRIORITY = 60, 50, 40
+# Robot and driver take turns, so that the kernel would keep both on one core: they would fill it, and from
+# real-time tasks that fill a core the kernel takes it for 50 ms a second. A real robot has its own.
+ROBOT_CORES, *_ = CORES = [{core} for core in sorted(os.sched_getaffinity(0))]
+DRIVER_CORES = CORES[-1]
 OF_ROS = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME")
 
 
 def missing() -> str:
     """Why the driver cannot be tested here; empty if it can."""
-    if importlib.util.find_spec("pylibfranka") is None:
+    if not all(map(importlib.util.find_spec, ("pylibfranka", "panda_py"))):
         return "the hardware extra is not installed (make test-driver installs it)"
     if not SIMULATOR.exists():
         return f"no protocol simulator at {SIMULATOR} (make test-driver installs it)"
@@ -35,15 +39,17 @@ class SimulatedRobot:
 
     hand_mass: kg, of the end effector that its settings name. pace: ms that a cycle takes. The robot's clock
     paces whoever talks to it and counts for every deadline, so that a slow robot leaves a busy machine time
-    and changes nothing else. """
+    and changes nothing else. protocol: version that it claims to speak; it speaks 10. """
 
-    def __init__(self, hand_mass: float = 0.73, pace: float = SLOW):
+    def __init__(self, hand_mass: float = 0.73, pace: float = SLOW, protocol: int = 10):
         environment = {key: value for key, value in os.environ.items() if key not in OF_ROS}
         self.process = subprocess.Popen(
-            [str(SIMULATOR), str(Path(__file__).with_name("protocol_server.py")), str(hand_mass), str(pace)],
+            [str(SIMULATOR), str(Path(__file__).with_name("protocol_server.py")),
+             *map(str, (hand_mass, pace, protocol))],
             env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         if os.sched_getscheduler(0) == os.SCHED_FIFO:
             os.sched_setscheduler(self.process.pid, os.SCHED_FIFO, os.sched_param(ROBOT_PRIORITY))
+            os.sched_setaffinity(self.process.pid, ROBOT_CORES)
         self._buffer = b""
         self.hostname = self._read()["hostname"]
 

@@ -3,6 +3,7 @@
 import time
 from dataclasses import replace
 from datetime import timedelta
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from np_description.panda import JOINT_NAMES
 from np_franka.checklist import Checklist
 from np_franka.limits import CYCLE_NS, FR3_LIMITS, Collision
 from np_franka.onboard import Onboard
+from np_franka.robots import ROBOTS
 
 
 @pytest.fixture
@@ -23,11 +25,14 @@ def start(start_robot):
     from np_franka.arm import Arm
     from np_franka.driver import Driver
 
+    collision = Collision()
+
     drivers = []
 
     def started(onboard=None, **changes):
         _, parameters = start_robot()
-        arm = Arm(parameters["hostname"], FR3_LIMITS, Collision(), enforce_realtime=False)
+        arm = Arm(partial(ROBOTS["fr3"].open, parameters["hostname"], enforce_realtime=False),
+                  collision.torques(FR3_LIMITS), collision.wrench())
         usual = Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
         checklist = replace(usual, **changes)
         drivers.append(Driver(arm, FR3_LIMITS, checklist, onboard))

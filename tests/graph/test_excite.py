@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from graph_tools import Graph
 from np_bringup.bag import Recording
+from np_bringup.nodes.participant import GraphError
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
 from np_diagnosis.commands.excite import make_graph
 from np_diagnosis.excitation import LOW_DAMPING, suite
-from np_diagnosis.nodes.excite_node import ExciteError, Exciter
+from np_diagnosis.nodes.excite_node import Exciter
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_ros.messages import gains_array, joint_state_arrays, trajectory_arrays
 
@@ -21,15 +22,17 @@ def record(folder, mode, only=SHORT):
         graph.start(nodes)
         with Exciter(graph, lockstep=mode == "lockstep") as exciter:
             exciter.wait_until_ready({node.name for node in nodes})
-            segments = exciter.run(only)
+            try:
+                segments = exciter.run(only)
+            except GraphError as error:
+                # Where the machine is too busy for 500 Hz, stopping the arm and saying so is right.
+                if mode == "realtime" and "silence: no command" in str(error):
+                    pytest.xfail(f"too busy a machine for real time: {error}")
+                raise
             return segments, exciter.stop_recording()
 
 
-# On a machine that is too busy for 500 Hz the watchdog stops the arm, and the suite says so: right, and no failure.
-BUSY = pytest.mark.xfail(raises=ExciteError, reason="too busy a machine for real time: the watchdog stopped the arm")
-
-
-@pytest.mark.parametrize("mode", ["lockstep", pytest.param("realtime", marks=BUSY)])
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_an_experiment_is_followed_and_recorded(tmp_path, mode):
     segments, result = record(tmp_path, mode)
     assert segments == SHORT
@@ -92,6 +95,6 @@ def test_a_backend_that_stops_ends_the_experiment_with_the_reason(tmp_path, grap
     graph.start(nodes)
     with Exciter(graph, lockstep=True, on_segment=lambda *_: probe.call("sim_bridge/stop")) as exciter:
         exciter.wait_until_ready({node.name for node in nodes})
-        with pytest.raises(ExciteError, match="stop"):
+        with pytest.raises(GraphError, match="stop"):
             exciter.run(SHORT)
         assert exciter.stop_recording()["messages"] > 0

@@ -55,6 +55,27 @@ def test_entities_made_while_spinning_are_served(spun):
     assert numbers == list(range(50))
 
 
+def test_polling_runs_what_has_come_and_leaves_the_rest(spun):
+    node, spinner = spun
+    numbers, ticks = [], []
+    node.create_subscription(Int64, "numbers", lambda message: numbers.append(message.data), LOCKSTEP)
+    publisher = node.create_publisher(Int64, "numbers", LOCKSTEP)
+    spin_until(node, spinner, publisher.get_subscription_count)
+    node.create_timer(0.001, lambda: ticks.append(None))
+    spin_until(node, spinner, lambda: ticks)  # whoever polls knows the timer, too
+    for number in range(5):
+        publisher.publish(Int64(data=number))
+    ticks.clear()
+    start = node.get_clock().now().nanoseconds
+    while len(numbers) < 5:
+        assert node.get_clock().now().nanoseconds - start < TIMEOUT * 1e9, f"only {numbers} came"
+        spinner.poll()
+    assert numbers == list(range(5))
+    if spinner.is_fast:
+        assert not ticks
+    spin_until(node, spinner, lambda: ticks)
+
+
 def test_destroyed_entities_are_left_alone(spun):
     node, spinner = spun
     first, second = [], []

@@ -3,8 +3,15 @@
 import json
 import signal
 
+import numpy as np
+from graph_tools import TIMEOUT
 from np_bringup.contract import END_PHASES, split_phase
+from np_description.camera import CAMERA
+from np_description.scene import CAMERA_NAME
 from np_ros import qos
+from np_ros.messages import camera_info_message, keypoints_message
+from rclpy.duration import Duration
+from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import String
 
 
@@ -32,3 +39,22 @@ def test_an_episode_in_real_time(graph, probe, untrained, tmp_path):
     result = json.loads((tmp_path / "round_trip.json").read_text())
     assert result["periods"] > 100 and 0 < result["p50_ms"] <= result["p99_ms"] <= result["max_ms"]
     assert 0 <= result["missed"] <= 1 and result["keypoint_rate"] > 0
+
+
+def test_frames_without_keypoints_are_counted(graph, probe, tmp_path):
+    graph.run("np_bringup", "round_trip", {"out": str(tmp_path / "round_trip.json")})
+    infos = probe.advertise("camera/camera_info", CameraInfo, qos.RECORDER)
+    answers = probe.advertise("keypoints", PointCloud2, qos.RECORDER)
+    probe.wait_until(lambda: probe.matched("camera/camera_info") and probe.matched("keypoints"))
+    assert probe.call("round_trip/start").success
+    for frame in range(53):
+        stamp = 33_000_000 * frame
+        infos.publish(camera_info_message(stamp, CAMERA_NAME, CAMERA))
+        if frame % 10 != 5:
+            answers.publish(keypoints_message(stamp, CAMERA_NAME, np.ones((8, 3))))
+    for publisher in (infos, answers):
+        assert publisher.wait_for_all_acked(Duration(seconds=TIMEOUT))
+    assert graph.kill("round_trip", signal.SIGINT) == 0
+    result = json.loads((tmp_path / "round_trip.json").read_text())
+    assert result["frames"] == 50 and result["frames_dropped"] == 5
+    assert 0 < result["frame_p50_ms"] <= result["frame_p99_ms"]

@@ -87,3 +87,27 @@ def test_one_bag_for_each_start_and_stop(graph, probe, recorder):
             assert recording.start == (start + 5) * PERIOD and recording.counts["joint_states"] == 100
             digests.append(recording.digest())
     assert digests[0] != digests[1]
+
+
+def test_a_stop_is_answered_while_the_arm_goes_on_sending(probe, recorder):
+    recorder(record_at_start=False)
+    assert probe.call("recorder/start").success
+    sent = []
+
+    def send():
+        sent.append(len(sent) * PERIOD)
+        probe.publish(
+            "joint_states", joint_state_message(sent[-1], STATE_NAMES, *np.zeros((3, 9))), qos.RECORDER
+        )
+
+    origin = pose_message(0, "panda_link0", np.zeros(3), np.array([1.0, 0, 0, 0]))
+    probe.publish("goal_pose", origin, qos.LATCHED)
+    timer = probe.node.create_timer(0.002, send)
+    probe.wait_until(lambda: len(sent) > 100, what="a hundred states")
+    before = len(sent)
+    answer = probe.call("recorder/stop")
+    timer.cancel()
+    assert answer.success
+    with Recording(json.loads(answer.message)["bag"]) as recording:
+        # The first may come before the goal; of what is sent after the stop a second's worth at most is waited for.
+        assert before - 1 <= recording.counts["joint_states"] <= before + 1500

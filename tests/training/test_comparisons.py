@@ -169,7 +169,7 @@ def test_progress_names_what_is_going_on(domain, capsys):
         "stage": STAGES + 1,
         "success": 0.5,
         "practice": 0.2,
-        "success_practice": 0.9,
+        "success_roll": 0.9,
         "lost": 0.1,
         "length": 30.0,
         "end_distance": 0.012,
@@ -186,7 +186,7 @@ def test_progress_names_what_is_going_on(domain, capsys):
         "250.0 k/s",
         "randomised",
         "success 0.500",
-        "practice 0.20: 0.90",
+        "practice 0.20: roll 0.90",
         "1.5 min left",
     ):
         assert part in text

@@ -155,6 +155,11 @@ def test_figures_of_perfect_and_useless_detections():
         and wrong["visible"]["within"] == 0
         and wrong["calibration_error"] == 1
     )
+    assert perfect["found"] == [1.0, int(visible.sum())] and perfect["doubted"]["not_found"] is None
+    assert wrong["doubted"] == {"not_seen": [0.0, int((~visible).sum())], "not_found": [0.0, 400]}
+    knowing = summarise(truth + [3.0, 4.0], np.where(visible, 0.9, 0.1), truth, visible, present)
+    assert knowing["doubted"]["not_seen"][0] == 1 and knowing["found"][0] == 1
+    assert knowing["doubted"]["not_found"][0] == pytest.approx((~visible).mean(), abs=1e-4)
 
 
 def test_training_writes_weights_and_continues_where_it_stopped(tmp_path, capsys):

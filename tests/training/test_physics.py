@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from np_description.domains import BUMP
+from np_description.domains import BUMP, WALL
 from np_description.panda import NOMINAL
 from np_policy.action import Target
 from np_training.physics import ARM, CONTROLLERS, BatchedPhysics, PhysicsConfig
@@ -58,3 +58,20 @@ def test_a_target_takes_the_place_of_the_one_before_it_and_keeps_that_for_the_de
         ]
     )
     np.testing.assert_allclose(physics.command.numpy(), expected.numpy())
+
+
+@pytest.mark.parametrize("domain", [BUMP, WALL], ids=lambda d: d.name)
+def test_objects_rest_on_obstacles_as_deep_as_they_were_sunk(domain):
+    physics = BatchedPhysics(domain, WORLDS, "cpu")
+    everyone, (obstacle,) = torch.arange(WORLDS), domain.obstacles
+    top, half = obstacle.centre[2] + obstacle.half_size[2], domain.half_size[2]
+    for sunk in (torch.tensor([0.0, 0.3, 0.6, 0.9]) * top, torch.zeros(WORLDS)):
+        qpos = physics.qpos.clone()
+        qpos[:, 9:16] = torch.tensor([*obstacle.centre[:2], 0.0, 1.0, 0.0, 0.0, 0.0])
+        qpos[:, ARM] = torch.tensor(NOMINAL.ready)
+        qpos[:, 11] = top - sunk + half + 0.002
+        physics.place(everyone, qpos, sunk)
+        physics.hold(everyone, qpos[:, ARM])
+        for _ in range(3):
+            physics.advance()
+        assert torch.allclose(physics.qpos[:, 11], top - sunk + half, atol=1e-3)

@@ -23,7 +23,6 @@ from np_training.environment import Environment, EnvironmentConfig, pre_contact_
 from np_training.evaluate import evaluate
 from np_training.networks import ActorCritic, PreContactPolicy
 from np_training.physics import BatchedPhysics, PhysicsConfig
-from np_training.practice import sample_practice
 from np_training.randomisation import PAPER
 from np_training.rewards import Measures, RewardConfig, reward_terms
 from np_training.tasks import quarter_tips, sample_tasks
@@ -118,15 +117,50 @@ def test_most_contacts_of_an_untrained_policy_can_be_reached(domain):
     assert feasible[side].float().mean() > (0.8 if domain is BUMP else 0.25)
 
 
-def test_practice_on_the_bump_rests_on_it_and_turns_little():
+def top_of(domain):
+    return max(box.centre[2] + box.half_size[2] for box in domain.obstacles)
+
+
+@pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)
+def test_tasks_of_every_kind_rest_beside_or_on_obstacles_and_come_in_their_shares(domain):
+    names = practice.kinds(domain)
+    shares = tuple(torch.softmax(torch.arange(float(len(names))), 0).tolist())
+    tasks = practice.draw_tasks(domain, shares, 4000, torch.Generator().manual_seed(7))
+    counts = torch.bincount(tasks.kind, minlength=len(names)) / 4000
+    assert torch.allclose(counts, torch.tensor(shares), atol=1e-3)
+    half_size = torch.tensor(domain.half_size)
+    for poses in (tasks.starts, tasks.goals):
+        turned = matrix_from_quaternion(poses.quaternion).abs() @ half_size  # half the box around the object
+        bottom = poses.position[:, 2] - turned[:, 2]
+        for box in domain.obstacles:
+            apart = (poses.position - torch.tensor(box.centre))[:, :2].abs() - torch.tensor(box.half_size)[:2] - turned[:, :2]
+            surface = torch.where((apart > -1e-6).any(-1), 0.0, top_of(domain) - tasks.sunk)
+            assert torch.allclose(bottom, surface, atol=1e-6)
+        if not domain.obstacles:
+            assert torch.allclose(bottom, torch.zeros(()), atol=1e-6)
+
+
+def test_a_kind_says_how_far_obstacles_are_lowered():
+    for domain in (BUMP, WALL):
+        names = practice.kinds(domain)
+        tasks = practice.draw_tasks(domain, (1 / len(names),) * len(names), 3000, torch.Generator().manual_seed(8))
+        for number, kind in enumerate(names):
+            share = tasks.sunk[tasks.kind == number] / top_of(domain)
+            assert (share >= kind.lowered[0] - 1e-6).all() and (share <= kind.lowered[1] + 1e-6).all()
+        assert [kind.lowered for kind in names if kind.name.startswith("low")] == [(.75, 1), (.5, .75), (.25, .5), (0, .25)]
+
+
+def test_practice_on_the_bump_turns_little_and_its_own_tasks_turn_much():
     generator = torch.Generator().manual_seed(7)
-    starts, goals = sample_practice(BUMP, 4000, generator)
-    assert (quarter_tips(starts, goals) <= 1).all() and (quarter_tips(starts, goals) == 1).float().mean() > 0.5
-    for poses in (starts, goals):
-        on_bump = poses.position[:, 1].abs() < 0.02
-        assert torch.allclose(poses.position[:, 2], torch.where(on_bump, 0.075, 0.045), atol=1e-5)
-    far_starts, far_goals = sample_tasks(BUMP, 3000, generator)
-    assert torch.bincount(quarter_tips(far_starts, far_goals), minlength=3).min() > 300
+    for number, kind in enumerate(practice.kinds(BUMP)):
+        shares = tuple(float(k == number) for k in range(len(practice.kinds(BUMP))))
+        tasks = practice.draw_tasks(BUMP, shares, 3000, generator)
+        tips = torch.bincount(quarter_tips(tasks.starts, tasks.goals), minlength=3) / 3000
+        if kind.name == "own":
+            assert tips.min() > 0.1
+        else:
+            assert tips[2] == 0 and (tips[1] == {"roll": 1, "turn": tips[1]}.get(kind.name, 0))
+            assert kind.name != "turn" or 0.4 < tips[1] < 0.5  # axes 1 and 2 of 3, two of three turns
 
 
 def test_a_cube_rolls_the_way_it_moves(monkeypatch):
@@ -138,13 +172,18 @@ def test_a_cube_rolls_the_way_it_moves(monkeypatch):
     assert torch.allclose(now, torch.stack([0 * towards, towards, 0 * towards], -1), atol=1e-5)
 
 
-def test_practice_at_the_wall_lifts_straight_or_stays_on_top():
-    starts, goals = sample_practice(WALL, 2000, torch.Generator().manual_seed(9))
-    lift = starts.position[:, 2] < 0.1
-    assert 0.5 < lift.float().mean() < 0.8
-    assert torch.allclose(starts.position[lift, 0], goals.position[lift, 0])
-    assert (goals.position[lift, 2] > 0.05 + practice.LIFT[0] - 1e-6).all()
-    assert torch.allclose(starts.position[~lift, 2], torch.tensor(0.15)) and torch.allclose(goals.position[~lift, 2], torch.tensor(0.15))
+def test_practice_is_drawn_where_success_varies_and_ends_with_success():
+    own = curriculum.Curriculum(100, curriculum.CurriculumConfig(practice=0.75, explore=0.3), practices=3)
+    assert own.shares == pytest.approx((0.25, 0.25, 0.25, 0.25)) and own.explore == 0.3
+    for _ in range(30):
+        for number, success in enumerate((0.0, 0.5, 1.0)):
+            own.practise(number, success, 50)
+    assert sum(own.shares) == pytest.approx(1) and own.shares[0] == pytest.approx(0.25)
+    assert own.shares[2] > 5 * own.shares[1] and own.shares[1] == pytest.approx(own.shares[3], rel=0.01)
+    own.advance(0.3, 1000)
+    assert own.shares[0] == pytest.approx(1 - 0.75 / 2) and own.explore == pytest.approx(0.15)
+    own.advance(0.7, 1000)
+    assert own.shares == (1, 0, 0, 0) and own.explore == 0
 
 
 def test_a_contact_inside_the_table_is_refused():
@@ -195,10 +234,10 @@ def test_finishing_pays_more_than_hovering_at_the_tolerance():
 
 @given(st.lists(st.tuples(st.floats(0, 0.5), st.floats(0, np.pi), st.floats(0, 0.5)), min_size=2, max_size=6))
 def test_a_way_back_to_where_it_began_earns_nothing(stations):
-    config, no, soft = RewardConfig(), torch.tensor([False]), torch.full((1, 7), 10.0)
+    config, no, soft = RewardConfig(far=500.0), torch.tensor([False]), torch.full((1, 7), 10.0)
     measures = [Measures(*(torch.tensor([x], dtype=torch.float64) for x in s)) for s in (*stations, stations[0])]
     terms = [reward_terms(config, a, b, no, no, soft) for a, b in zip(measures, measures[1:])]
-    for name in ("progress", "turn", "reach"):
+    for name in ("progress", "far", "turn", "reach"):
         assert abs(float(sum(t[name] for t in terms))) < 1e-9
 
 

@@ -40,7 +40,7 @@ def test_plans_are_free_within_limits_and_arrive(domain):
         np.testing.assert_array_equal(motion.positions[0], NOMINAL.ready)
         assert not motion.velocities[[0, -1]].any()
         times = np.arange(0, motion.duration, 0.004)
-        states = [motion.at(t) for t in times]
+        states = [motion.sample(t) for t in times]
         for time, (joints, velocity) in zip(times, states):
             assert (joints > NOMINAL.position_lower).all() and (joints < NOMINAL.position_upper).all()
             assert (np.abs(velocity) <= FAST.velocity * NOMINAL.velocity_limit * 1.02).all()
@@ -63,7 +63,7 @@ def test_contact_comes_slowly():
     plan = plan_approach(CollisionModel(CARD), NOMINAL.ready, touching_pose(CARD, objekt, rng), 0.0, objekt, seed=1,
                          config=FAST)
     times = np.arange(plan.contact_start, plan.trajectory.duration, 0.01)
-    points = np.array([forward_kinematics(plan.trajectory.at(t)[0])[0] for t in times])
+    points = np.array([forward_kinematics(plan.trajectory.sample(t)[0])[0] for t in times])
     assert np.linalg.norm(np.diff(points, axis=0), axis=1).max() / 0.01 < 1.1 * FAST.contact_speed
 
 
@@ -187,8 +187,8 @@ def test_retiming_needs_a_path_and_keeps_limits():
     for _ in range(10):
         corners = NOMINAL.ready + np.cumsum(rng.uniform(-0.4, 0.4, (rng.integers(2, 6), 7)), axis=0)
         motion = retime(round_corners(corners, lambda joints: True), NOMINAL.velocity_limit / 2, ACCELERATION_LIMIT / 5)
-        velocity = np.array([motion.at(t)[1] for t in np.arange(0, motion.duration, 0.002)])
+        velocity = np.array([motion.sample(t)[1] for t in np.arange(0, motion.duration, 0.002)])
         assert (np.abs(velocity) <= NOMINAL.velocity_limit / 2 * 1.02).all()
         assert (np.abs(np.diff(velocity, axis=0)) / 0.002 <= ACCELERATION_LIMIT / 5 * 2).all()
-        np.testing.assert_allclose(motion.at(0.0)[0], corners[0], atol=1e-12)
-        np.testing.assert_allclose(motion.at(motion.duration)[0], corners[-1], atol=1e-12)
+        np.testing.assert_allclose(motion.sample(0.0)[0], corners[0], atol=1e-12)
+        np.testing.assert_allclose(motion.sample(motion.duration)[0], corners[-1], atol=1e-12)

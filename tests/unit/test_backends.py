@@ -16,6 +16,8 @@ def test_the_driver_takes_the_place_of_the_bridge():
     assert set(simulated) - set(real) == {"sim_bridge"}
     assert set(real) - set(simulated) == {"franka_driver", "realsense_camera"}
     assert real["franka_driver"].parameters["hostname"] == "robot"
+    assert real["franka_driver"].parameters["robot"] == "fr3"
+    assert named({**REAL, "robot": "panda"})["franka_driver"].parameters["robot"] == "panda"
     assert real["realsense_camera"].parameters["calibration"] == "camera.yaml"
     for nodes, backend in ((simulated, "sim_bridge"), (real, "franka_driver")):
         assert nodes["episode"].parameters["backend"] == backend
@@ -36,6 +38,7 @@ def test_a_recorder_does_not_wait_for_what_only_a_simulation_knows():
 @pytest.mark.parametrize("changes, text", [
     ({"backend": "other"}, "backend: expected one of"), ({"mode": "lockstep"}, "mode: expected realtime"),
     ({"keypoints": "truth"}, "keypoints: expected camera"), ({"hostname": ""}, "hostname: expected one"),
+    ({"robot": "ur5"}, "robot: expected one of fr3, panda"),
     ({"calibration": ""}, "calibration: expected one"), ({"control": "other"}, "control: expected one of"),
     ({"control": "onboard", "controller": "osc"}, "no other law runs in the driver"),
 ])

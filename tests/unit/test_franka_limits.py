@@ -1,8 +1,13 @@
 """The limits that the hardware driver runs with; no hardware extra needed."""
 
+import sys
+
 import numpy as np
+import pytest
 from np_control.safety import LIMITS
+from np_franka.client import ArmError
 from np_franka.limits import CYCLE_NS, FR3_LIMITS, Collision
+from np_franka.robots import ROBOTS
 
 
 def test_guards_at_the_robots_rate_keep_the_deadlines_of_the_contract():
@@ -25,3 +30,20 @@ def test_collision_thresholds_are_below_what_the_joints_can_give():
     assert (collision.torques(FR3_LIMITS) < FR3_LIMITS.torque).all()
     assert collision.wrench().tolist() == [collision.force] * 3 + [collision.moment] * 3
     assert np.allclose(Collision(torque=0.5).torques(FR3_LIMITS), FR3_LIMITS.torque / 2)
+
+
+def test_the_name_of_the_robot_chooses_its_limits():
+    assert ROBOTS["fr3"].limits is FR3_LIMITS
+    panda = ROBOTS["panda"].limits
+    for name in ("position_lower", "position_upper", "velocity", "torque"):
+        assert (getattr(panda, name) == getattr(LIMITS, name)).all()
+    assert panda.period_ns == CYCLE_NS
+    assert (panda.position_upper > FR3_LIMITS.position_upper).any()
+
+
+@pytest.mark.parametrize("robot", list(ROBOTS))
+def test_a_client_that_is_not_installed_is_named(robot, monkeypatch):
+    monkeypatch.setitem(sys.modules, ROBOTS[robot].package, None)
+    monkeypatch.delitem(sys.modules, ROBOTS[robot].module, raising=False)
+    with pytest.raises(ArmError, match=f"robot:={robot}: expected the package {ROBOTS[robot].package}"):
+        ROBOTS[robot].load()

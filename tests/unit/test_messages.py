@@ -44,6 +44,14 @@ def test_joint_state_round_trip(stamp, values):
     np.testing.assert_array_equal(messages.joint_state_arrays(message, STATE_NAMES), values)
 
 
+@given(st.lists(st.tuples(stamps, vectors(3, 7)), min_size=1, max_size=4))
+def test_a_message_filled_again_is_the_message_made_anew(contents):
+    writer = messages.JointStateWriter(JOINT_NAMES)
+    for stamp, values in contents:
+        again = serialize_message(writer.fill(stamp, *values))
+        assert again == serialize_message(messages.joint_state_message(stamp, JOINT_NAMES, *values))
+
+
 def joint_state(**changes):
     message = messages.joint_state_message(5, JOINT_NAMES, *np.ones((3, 7)))
     for name, value in changes.items():

@@ -89,3 +89,14 @@ class Events(RuleBasedStateMachine):
 
 Events.TestCase.settings = settings(max_examples=60, stateful_step_count=30)
 TestWatchdog = Events.TestCase
+
+
+def test_a_hold_keeps_its_words_as_long_as_it_lasts():
+    """A backend tells every new cause at once: words that changed would cost it a message a period."""
+    dog = Watchdog(LIMITS)
+    dog.start()
+    dog.command(0)
+    last = LIMITS.silence_ns // LIMITS.period_ns
+    told = {(dog.poll(n * LIMITS.period_ns), dog.cause) for n in range(LIMITS.missed_periods + 1, last)}
+    assert told == {(State.HOLDING, "missed: no command for more than 6 ms")}
+    assert dog.poll(LIMITS.silence_ns) is State.STOPPED and dog.cause == "silence: no command for 200 ms"

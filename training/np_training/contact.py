@@ -91,29 +91,34 @@ def hand_rotation(action: torch.Tensor, normal: torch.Tensor) -> torch.Tensor:
             @ matrix_from_vector(torch.stack([about_x, about_y, zero], -1)))
 
 
-def reach(domain: Domain, position: torch.Tensor, rotation: torch.Tensor, width: torch.Tensor, objects: Poses) -> Contacts:
-    """Contacts at given hand poses, with a joint solution from the ready posture, and whether it is feasible."""
+def reach(domain: Domain, position: torch.Tensor, rotation: torch.Tensor, width: torch.Tensor, objects: Poses,
+          sunk: torch.Tensor | float = 0.0) -> Contacts:
+    """Contacts at given hand poses, with a joint solution from the ready posture, and whether it is feasible. sunk (n,) m:
+    how deep the obstacles are."""
     ready = torch.tensor(NOMINAL.ready, dtype=position.dtype, device=position.device).expand(len(position), 7)
     q = solve_ik(ready, position, rotation, iterations=IK_ITERATIONS)
     distance, angle = pose_distance(q, position, rotation)
     reached = (distance < 1e-3) & (angle < 1e-2)
-    free = gripper_clearance(domain, q, width, objects) > 0
+    free = gripper_clearance(domain, q, width, objects, sunk) > 0
     return Contacts(position, rotation, width, q, reached & free)
 
 
-def resolve(domain: Domain, action: torch.Tensor, objects: Poses) -> Contacts:
-    """The contacts that actions (n, 9) choose on objects at the poses given."""
-    return reach(domain, *contact_pose(domain, action, objects), objects)
+def resolve(domain: Domain, action: torch.Tensor, objects: Poses, sunk: torch.Tensor | float = 0.0) -> Contacts:
+    """The contacts that actions (n, 9) choose on objects at the poses given, with obstacles sunk (n,) m."""
+    return reach(domain, *contact_pose(domain, action, objects), objects, sunk)
 
 
-def gripper_clearance(domain: Domain, q: torch.Tensor, width: torch.Tensor, objects: Poses) -> torch.Tensor:
-    """Least distance (n,) m of hand and fingers to table, obstacles and object; negative in collision.
+def gripper_clearance(domain: Domain, q: torch.Tensor, width: torch.Tensor, objects: Poses,
+                      sunk: torch.Tensor | float = 0.0) -> torch.Tensor:
+    """Least distance (n,) m of hand and fingers to table, obstacles sunk (n,) m, and object; negative in collision.
 
     Capsules are sampled along their axes, which is exact for the table and within 1 mm for boxes of these sizes.
     """
     centres, radii = gripper_spheres(*forward_kinematics(q), width)
     least = (centres[..., 2] - radii).amin(-1)
-    boxes = [(torch.tensor(b.half_size), torch.tensor(b.centre), None) for b in domain.obstacles]
+    down = torch.zeros(len(q), 1, 3).to(centres)
+    down[:, 0, 2] = sunk
+    boxes = [(torch.tensor(b.half_size), torch.tensor(b.centre).to(centres) - down, None) for b in domain.obstacles]
     boxes.append((torch.tensor(domain.half_size), objects.position[:, None], matrix_from_quaternion(objects.quaternion)))
     for half_size, position, turn in boxes:
         local = centres - position.to(centres)

@@ -1,7 +1,6 @@
 """The curriculum: residual limits tighten as success rises, then domain randomisation begins (paper).
 
-Ours beside it: a share of the episodes is practice (`practice.sample_practice`), until the domain's own tasks
-succeed.
+Ours beside it: a share of the episodes is practice (`practice.kinds`), until the domain's own tasks succeed.
 """
 
 from __future__ import annotations
@@ -18,7 +17,8 @@ class CurriculumConfig:
     """residual: start with loose limits (paper), else at zeta* from the first step (the paper's "fixed
     zeta*"); advance_at: success that tightens the limits (paper); randomise_at: success at the tightest
     limits that switches domain randomisation on; practice, explore: share of practice and of contacts chosen
-    at random at no success, falling to none at a success of `practised_at`."""
+    at random at no success, falling to none at a success of `practised_at`; least_weight: of a kind of
+    practice that always or never succeeds, where one that does every other time has .25 more."""
 
     residual: bool = True
     advance_at: float = 0.8
@@ -26,6 +26,7 @@ class CurriculumConfig:
     practice: float = 0.0
     explore: float = 0.0
     practised_at: float = 0.6
+    least_weight: float = 0.03
 
 
 def stage_limits(stage: int) -> ResidualLimits:
@@ -41,10 +42,12 @@ def stage_limits(stage: int) -> ResidualLimits:
 
 class Curriculum:
     """stage 0 to STAGES: `stage_limits`; STAGES + 1: randomised too. success: running mean over about
-    `window` episodes, which also have to end within a stage before it is left."""
+    `window` episodes, which also have to end within a stage before it is left. practised: the same for each
+    kind of practice."""
 
-    def __init__(self, window: int, config: CurriculumConfig = CurriculumConfig()) -> None:
+    def __init__(self, window: int, config: CurriculumConfig = CurriculumConfig(), practices: int = 0) -> None:
         self.config, self.window = config, window
+        self.practised = [0.0] * practices
         self.stage = 0 if config.residual else STAGES
         self.success, self.episodes = 0.0, 0
 
@@ -54,10 +57,26 @@ class Curriculum:
         return self.stage > STAGES
 
     @property
-    def help(self) -> dict[str, float]:
-        """Shares of practice and of exploring contacts now."""
-        left = max(0.0, 1 - self.success / self.config.practised_at)
-        return {"practice": self.config.practice * left, "explore": self.config.explore * left}
+    def _left(self) -> float:
+        return max(0.0, 1 - self.success / self.config.practised_at)
+
+    @property
+    def explore(self) -> float:
+        """Share of exploring contacts now."""
+        return self.config.explore * self._left
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """Share of each kind of task now, the domain's own first: of practice most where success varies
+        most, since an episode that ends as all others do teaches nothing."""
+        practice = self.config.practice * self._left if self.practised else 0.0
+        weights = [p * (1 - p) + self.config.least_weight for p in self.practised]
+        return (1 - practice, *(practice * weight / sum(weights) for weight in weights))
+
+    def practise(self, number: int, success: float, episodes: int) -> None:
+        """Count episodes that ended of practice `number`, `success` their share of successes."""
+        weight = min(episodes * max(len(self.practised), 1) / self.window, 1.0)
+        self.practised[number] += weight * (success - self.practised[number])
 
     def advance(self, success: float, episodes: int) -> bool:
         """Count episodes that ended, `success` their share of successes; whether a new stage begins."""

@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from np_bringup.pages import style
 from np_training.curriculum import STAGES
 
 WINDOW = 10  # iterations that a success has to last
-_STYLE = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "np",
-}
 
 Rows = list[dict[str, float]]
 
@@ -46,7 +36,7 @@ def reached(rows: Rows, success: float) -> dict[str, float] | None:
 
 def draw_curves(rows: Rows) -> Figure:
     """Success, stage, reward terms, episodes, contacts, optimisation and speed against policy steps."""
-    with matplotlib.rc_context(_STYLE):
+    with style():
         figure = Figure(figsize=(11, 9.5), layout="constrained")
         axes = figure.subplots(3, 2, sharex=True).flat
         for ax, draw in zip(axes, (_success, _rewards, _ends, _contacts, _optimisation, _speed)):
@@ -58,7 +48,7 @@ def draw_curves(rows: Rows) -> Figure:
 
 def draw_comparison(runs: dict[str, Rows]) -> Figure:
     """Success and curriculum stage of several runs against policy steps and wall time."""
-    with matplotlib.rc_context(_STYLE):
+    with style():
         figure = Figure(figsize=(11, 5.5), layout="constrained")
         axes = figure.subplots(2, 2, sharex="col", sharey="row")
         for number, (name, rows) in enumerate(runs.items()):
@@ -74,16 +64,8 @@ def draw_comparison(runs: dict[str, Rows]) -> Figure:
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure in the format of the file's ending."""
-    with matplotlib.rc_context(_STYLE):
+    with style():
         figure.savefig(path, dpi=110)
-
-
-def svg(figure: Figure) -> str:
-    """A figure as SVG text for a page."""
-    text = io.StringIO()
-    with matplotlib.rc_context(_STYLE):
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()[text.getvalue().index("<svg") :]
 
 
 def _lines(ax: Axes, rows: Rows, names: dict[str, str], scale: float = 1.0) -> None:

@@ -20,10 +20,10 @@ from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training import contact
 from np_training.joint_range import JointRange
 from np_training.physics import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics, PhysicsConfig
-from np_training.practice import sample_practice
+from np_training.practice import Tasks, draw_tasks
 from np_training.randomisation import NOMINAL_CONDITIONS, Conditions
 from np_training.rewards import Measures, RewardConfig, reward_terms
-from np_training.tasks import Poses, quarter_tips, sample_tasks
+from np_training.tasks import Poses, quarter_tips
 
 PRE_STATE_SIZE = 18
 PRIVILEGED_SIZE = 18 + 6 + 3 + 2
@@ -31,15 +31,15 @@ PRIVILEGED_SIZE = 18 + 6 + 3 + 2
 
 @dataclass(frozen=True)
 class EnvironmentConfig:
-    """worlds; limit: steps an episode; hold: steps within tolerance that count as success; seed; practice: share of tasks
-    easier than the domain's (`practice`); explore: share of contacts at any point of the object, which the pre-contact
+    """worlds; limit: steps an episode; hold: steps within tolerance that count as success; seed; shares: of
+    each kind of task (`practice.kinds`), the domain's own first; explore: share of contacts at any point of the object, which the pre-contact
     policy did not choose."""
 
     worlds: int = 24576
     limit: int = 100
     hold: int = 1
     seed: int = 0
-    practice: float = 0.0
+    shares: tuple[float, ...] = (1.0,)
     explore: float = 0.0
     reward: RewardConfig = RewardConfig()
     physics: PhysicsConfig = PhysicsConfig()
@@ -48,15 +48,13 @@ class EnvironmentConfig:
 
 @dataclass
 class Starts:
-    """A pool of episode starts: task, pre-contact state and action with its log-probability, contact."""
+    """A pool of episode starts: tasks, pre-contact state and action with its log-probability, contact."""
 
-    objects: Poses
-    goals: Poses
+    tasks: Tasks
     state: torch.Tensor
     action: torch.Tensor
     log_probability: torch.Tensor
     contacts: contact.Contacts
-    practice: torch.Tensor
     next: int = 0
     usable: torch.Tensor = field(init=False)
 
@@ -103,7 +101,7 @@ class Environment:
         self.age = torch.zeros(n, dtype=torch.long, device=device)
         self.held = torch.zeros(n, dtype=torch.long, device=device)
         self.total = torch.zeros(n, device=device)
-        self.practice = torch.zeros(n, dtype=torch.bool, device=device)
+        self.kind = torch.zeros(n, dtype=torch.long, device=device)  # of task: index into practice.kinds
         self.tips = torch.zeros(n, dtype=torch.long, device=device)  # quarter turns from the start's upper face to the goal's
         # What the pre-contact policy saw and did for the episode of each world, and how probable it was.
         self.pre_state = torch.zeros(n, PRE_STATE_SIZE, device=device)
@@ -160,18 +158,11 @@ class Environment:
 
     def draw_starts(self, pre_policy, count: int) -> Starts:
         """A pool of `count` tasks with the contacts that `pre_policy.act(state, explore)` -> (action, log p) chooses."""
-        objects, goals = sample_tasks(self.domain, count, self.generator)
-        easy = round(self.config.practice * count)
-        if easy:
-            for mine, drawn in zip((objects, goals), sample_practice(self.domain, easy, self.generator)):
-                mine.position[:easy], mine.quaternion[:easy] = drawn.position, drawn.quaternion
-        practice = torch.arange(count, device=self.device) < easy
-        order = torch.randperm(count, generator=self.generator, device=self.device)
-        objects, goals, practice = objects[order], goals[order], practice[order]
-        state = pre_contact_state(objects, goals)
+        tasks = draw_tasks(self.domain, self.config.shares, count, self.generator)
+        state = pre_contact_state(tasks.starts, tasks.goals)
         action, log_probability = pre_policy.act(state, self.config.explore)
-        contacts = contact.resolve(self.domain, action, objects)
-        return Starts(objects, goals, state, action, log_probability, contacts, practice)
+        contacts = contact.resolve(self.domain, action, tasks.starts, tasks.sunk)
+        return Starts(tasks, state, action, log_probability, contacts)
 
     def reset(self, where: torch.Tensor) -> None:
         """Begin new episodes in the worlds `where` (n,), from the pool of starts."""
@@ -179,7 +170,8 @@ class Environment:
         if n == 0:
             return
         starts, c = self.starts, self.config.conditions
-        row = starts.take(n)
+        row, tasks = starts.take(n), starts.tasks
+        objects, goals, sunk = tasks.starts[row], tasks.goals[row], tasks.sunk[row]
         q = starts.contacts.q[row]
         if c.start_position or c.start_rotation:
             # The approach of the real robot, and the student, miss the teacher's pose by a little.
@@ -187,21 +179,20 @@ class Environment:
             shift[:, 2] = shift[:, 2].abs()
             turn = matrix_from_vector(c.start_rotation * self._normal(n, 3))
             missed = solve_ik(q, starts.contacts.position[row] + shift, turn @ starts.contacts.rotation[row])
-            free = contact.gripper_clearance(self.domain, missed, starts.contacts.width[row], starts.objects[row]) > 0
+            free = contact.gripper_clearance(self.domain, missed, starts.contacts.width[row], objects, sunk) > 0
             q = torch.where(free[:, None], missed, q)
         width = starts.contacts.width[row][:, None].expand(n, 2)
-        self.physics.place(where, torch.cat([q, width, starts.objects.position[row], starts.objects.quaternion[row]], -1))
+        self.physics.place(where, torch.cat([q, width, objects.position, objects.quaternion], -1), sunk)
         self.physics.fingers[where] = width
         self.physics.hold(where, q)
-        for mine, drawn in ((self.goals.position, starts.goals.position), (self.goals.quaternion, starts.goals.quaternion)):
-            mine[where] = drawn[row]
-        self.goal_corners[where] = box_keypoints(self.half_size, self.goals.position[where], self.goals.quaternion[where])
+        self.goals.position[where], self.goals.quaternion[where] = goals.position, goals.quaternion
+        self.goal_corners[where] = box_keypoints(self.half_size, goals.position, goals.quaternion)
         self.last_action[where] = 0
         self.age[where] = 0
         self.held[where] = 0
         self.total[where] = 0
-        self.practice[where] = starts.practice[row]
-        self.tips[where] = quarter_tips(starts.objects[row], starts.goals[row])
+        self.kind[where] = tasks.kind[row]
+        self.tips[where] = quarter_tips(objects, goals)
         self.pre_state[where], self.pre_action[where] = starts.state[row], starts.action[row]
         self.pre_log_probability[where] = starts.log_probability[row]
         self._draw_conditions(where)

@@ -17,6 +17,7 @@ from np_training.breakdown import groups_of_tasks
 from np_training.distill import student_input
 from np_training.environment import Environment, Starts, pre_contact_state
 from np_training.networks import ActorCritic
+from np_training.practice import Tasks
 from np_training.randomisation import Conditions
 from np_training.tasks import Poses, sample_tasks
 
@@ -141,5 +142,5 @@ def _start(
             contacts = contact.reach(env.domain, *pose, objects)
     everyone = dataclasses.replace(contacts, feasible=torch.ones_like(contacts.feasible))
     none = torch.zeros(len(state), device=env.device)
-    env.starts = Starts(objects, goals, state, action, none, everyone, none > 0)
+    env.starts = Starts(Tasks(objects, goals, none.long(), none), state, action, none, everyone)
     return contacts.feasible

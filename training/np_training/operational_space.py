@@ -5,6 +5,8 @@ A kernel in a file of its own because Warp compiles by file: loops over 7 x 7 ma
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
@@ -83,27 +85,14 @@ def rotation_vector(turn: wp.quat):
 
 
 @wp.func
-def cholesky7(a: mat7):
-    """Lower factor of a positive definite matrix."""
-    for j in range(7):
+def cholesky(a: Any, size: int):
+    """Lower factor of a positive definite matrix (size, size)."""
+    for j in range(size):
         for k in range(j):
-            for i in range(j, 7):
+            for i in range(j, size):
                 a[i, j] = a[i, j] - a[i, k] * a[j, k]
         pivot = wp.sqrt(wp.max(a[j, j], 1.0e-9))
-        for i in range(j, 7):
-            a[i, j] = a[i, j] / pivot
-    return a
-
-
-@wp.func
-def cholesky6(a: mat6):
-    """Lower factor of a positive definite matrix."""
-    for j in range(6):
-        for k in range(j):
-            for i in range(j, 6):
-                a[i, j] = a[i, j] - a[i, k] * a[j, k]
-        pivot = wp.sqrt(wp.max(a[j, j], 1.0e-9))
-        for i in range(j, 6):
+        for i in range(j, size):
             a[i, j] = a[i, j] / pivot
     return a
 
@@ -193,7 +182,7 @@ def operational_space_kernel(
         inner[j] = total
 
     # mobility = M^-1 J', one column a direction; then J mobility.
-    lower = cholesky7(inertia)
+    lower = cholesky(inertia, 7)
     mobility = mat67()  # transposed
     for k in range(6):
         column = vec7()
@@ -225,7 +214,7 @@ def operational_space_kernel(
         for j in range(7):
             moved = moved + mobility[k, j] * inner[j]
         force[k] = force[k] - moved
-    root = cholesky6(product)
+    root = cholesky(product, 6)
     for k in range(6):
         rest = force[k]
         for l in range(k):

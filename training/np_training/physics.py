@@ -146,6 +146,9 @@ class BatchedPhysics:
         self.object_body = model.body(OBJECT).id
         self._nominal = model.geom_friction.copy(), model.body_mass.copy(), model.body_inertia.copy()
         self._surroundings = {"table", *(box.name for box in domain.obstacles)}
+        # Where fixed geoms are in the world is worked out once, when the data are made: it may be moved there.
+        self._geom_position = wp.to_torch(d.geom_xpos)
+        self._obstacles = {model.geom(box.name).id: box.centre[2] for box in domain.obstacles}
         self._graph = None
 
     @property
@@ -209,12 +212,14 @@ class BatchedPhysics:
                 )
             mjw.step(self.model, d)
 
-    def place(self, where: torch.Tensor, qpos: torch.Tensor) -> None:
-        """Put the worlds `where` (n,) at rest at qpos (n, 16)."""
+    def place(self, where: torch.Tensor, qpos: torch.Tensor, sunk: torch.Tensor | float = 0.0) -> None:
+        """Put the worlds `where` (n,) at rest at qpos (n, 16), with the obstacles sunk (n,) m below where they are."""
         self.qpos[where] = qpos
         self.qvel[where] = 0
         for array in self._stale:  # of the state before: solver warm start and Coriolis terms
             array[where] = 0
+        for geom, height in self._obstacles.items():
+            self._geom_position[where, geom, 2] = height - sunk
 
     def randomise(
         self, where: torch.Tensor, table: torch.Tensor, finger: torch.Tensor, mass: torch.Tensor

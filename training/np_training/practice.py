@@ -1,13 +1,15 @@
-"""Practice: tasks easier than the domain's own, each a piece of what these take.
+"""Practice: kinds of task easier than the domain's own, each a piece or a milder form of what these take.
 
-On the bump: rolling the cube once to the place next to where it lies, and turning it a little anywhere. Before the wall:
-lifting the box part of the way up, and moving it on top. Nothing else is changed: the domain's own tasks are learned in the
-same episodes' company, and alone once they succeed (`curriculum.Curriculum.practice`).
+On the bump: rolling the cube once to the place next to where it lies, turning it a little anywhere, and sliding it across
+without a turn while the bump is lower than it is. Before the wall: moving the box on top, and bringing it up while the wall
+is lower. A lowered obstacle is the same one, sunk into the table; goals on it sink with it. How often each kind is drawn
+follows from how well it succeeds (`curriculum.Curriculum.shares`).
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from math import pi
 
 import torch
@@ -16,24 +18,95 @@ from np_description.domains import Domain
 from np_description.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
 from np_training.tasks import Poses, draw_apart, from_any, sample_poses, sample_tasks, uniform
 
-ROLLS, LIFTS = 0.6, 0.6  # share of tasks
 SQUARE = 0.35  # rad: how far a cube that is to roll is turned from the bump's direction
-ASIDE = 0.04  # m: how far a roll or a lift ends to the side of where it begins
-LIFT = (0.03, 0.11)  # m
+ASIDE = 0.04  # m: how far a roll ends to the side of where it begins
+
+Draw = Callable[[Domain, int, torch.Generator], tuple[Poses, Poses]]
 
 
-def sample_practice(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
-    """(count,) starts and goals of practice tasks; the domain's own where it has no practice."""
+@dataclass(frozen=True)
+class Kind:
+    """draw(domain, count, generator): starts and goals (count,); lowered: range of the share of its height by which every
+    obstacle, and what rests on it, is sunk."""
+
+    name: str
+    draw: Draw
+    lowered: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Tasks:
+    """starts, goals (n,); kind (n,): index into `kinds(domain)`; sunk (n,) m: how deep the obstacles are."""
+
+    starts: Poses
+    goals: Poses
+    kind: torch.Tensor
+    sunk: torch.Tensor
+
+
+def kinds(domain: Domain) -> tuple[Kind, ...]:
+    """The kinds of task of a domain: its own first, then its practice, if any."""
+    own = Kind("own", sample_tasks)
     if domain.start.quarter_turns:
-        return draw_apart(_rolls_and_turns, domain, count, generator)
-    if domain.tolerance_angle is None:
-        return draw_apart(_lifts_and_moves, domain, count, generator)
-    return sample_tasks(domain, count, generator)
+        return own, Kind("roll", _rolls), Kind("turn", _turns), *_lower("low", _slides)
+    if domain.obstacles:
+        return own, Kind("top", _moves), *_lower("low", sample_tasks)
+    return (own,)
 
 
-def _rolls_and_turns(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
-    roll = torch.rand(count, generator=generator, device=generator.device) < ROLLS
-    return _choose(roll, _rolls(domain, count, generator), _turns(domain, count, generator))
+def draw_tasks(domain: Domain, shares: tuple[float, ...], count: int, generator: torch.Generator) -> Tasks:
+    """(count,) tasks in random order, of which each of `kinds(domain)` has its share."""
+    ends = [round(sum(shares[: k + 1]) * count) for k in range(len(shares) - 1)]
+    parts = [_draw_kind(domain, number, kind, end - begin, generator)
+             for number, (kind, begin, end) in enumerate(zip(kinds(domain), (0, *ends), (*ends, count)))]
+    order = torch.randperm(count, generator=generator, device=generator.device)
+
+    def joined(values: list[torch.Tensor]) -> torch.Tensor:
+        return torch.cat(values)[order]
+
+    starts, goals = (Poses(joined([p.position for p in poses]), joined([p.quaternion for p in poses]))
+                     for poses in ([p.starts for p in parts], [p.goals for p in parts]))
+    return Tasks(starts, goals, joined([p.kind for p in parts]), joined([p.sunk for p in parts]))
+
+
+def _draw_kind(domain: Domain, number: int, kind: Kind, count: int, generator: torch.Generator) -> Tasks:
+    starts, goals = draw_apart(kind.draw, domain, count, generator)
+    share = uniform(count, kind.lowered, generator)
+    top = max((box.centre[2] + box.half_size[2] for box in domain.obstacles), default=0.0)
+    starts, goals = (_lowered(domain, poses, share) for poses in (starts, goals))
+    return Tasks(starts, goals, torch.full((count,), number, device=generator.device), top * share)
+
+
+def _lowered(domain: Domain, poses: Poses, share: torch.Tensor) -> Poses:
+    """The poses with the surfaces that they rest on lowered by a share (n,) of their height."""
+    surface = poses.position[:, 2] - _extent(domain, poses.quaternion)
+    position = poses.position.clone()
+    position[:, 2] -= share * surface
+    return Poses(position, poses.quaternion)
+
+
+def _extent(domain: Domain, quaternion: torch.Tensor) -> torch.Tensor:
+    """Height (n,) m of the object's centre over what it rests on."""
+    half_size = torch.tensor(domain.half_size, device=quaternion.device)
+    return (matrix_from_quaternion(quaternion)[:, 2].abs() * half_size).sum(-1)
+
+
+def _lower(name: str, draw: Draw) -> list[Kind]:
+    """Kinds from nearly flat to nearly whole."""
+    return [Kind(f"{name}{4 - k}", draw, ((k - 1) / 4, k / 4)) for k in (4, 3, 2, 1)]
+
+
+def _slides(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
+    """From the start to any region, with the same face up and any yaw."""
+    starts = sample_poses(domain, domain.start, count, generator)
+    goals = from_any(domain, (domain.start, *domain.goals), count, generator)
+    turned = quaternion_multiply(yaw_quaternion(uniform(count, (-pi, pi), generator)), starts.quaternion)
+    return starts, _resting(domain, Poses(goals.position, turned), goals.quaternion)
+
+
+def _moves(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
+    """From a goal to a goal."""
+    return tuple(from_any(domain, domain.goals, count, generator) for _ in range(2))
 
 
 def _rolls(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
@@ -57,7 +130,7 @@ def _rolls(domain: Domain, count: int, generator: torch.Generator) -> tuple[Pose
     square = quaternion_multiply(yaw_quaternion(-yaw), starts.quaternion)
     rolled = quaternion_multiply(yaw_quaternion(yaw + uniform(count, (-SQUARE, SQUARE), generator)),
                                  quaternion_multiply(turn, square))
-    return starts, _resting(domain, Poses(goals, rolled), position[target, rows][:, 2], starts.quaternion)
+    return starts, _resting(domain, Poses(goals, rolled), quaternion[target, rows])
 
 
 def _yaw_to_square(rotation: torch.Tensor) -> torch.Tensor:
@@ -79,30 +152,11 @@ def _turns(domain: Domain, count: int, generator: torch.Generator) -> tuple[Pose
     turn.scatter_(1, axis[:, None], torch.sin(half)[:, None])
     yaw = yaw_quaternion(uniform(count, (-pi / 4, pi / 4), generator))
     turned = quaternion_multiply(yaw, quaternion_multiply(starts.quaternion, turn))
-    return starts, _resting(domain, Poses(goals.position, turned), goals.position[:, 2], goals.quaternion)
+    return starts, _resting(domain, Poses(goals.position, turned), goals.quaternion)
 
 
-def _resting(domain: Domain, poses: Poses, height: torch.Tensor, before: torch.Tensor) -> Poses:
-    """The poses with their centres as high over the surface as their orientation takes, `height` (n,) m being that of
-    orientation `before` (n, 4)."""
-    half_size = torch.tensor(domain.half_size, device=height.device)
-    now, then = ((matrix_from_quaternion(q)[:, 2].abs() * half_size).sum(-1) for q in (poses.quaternion, before))
+def _resting(domain: Domain, poses: Poses, before: torch.Tensor) -> Poses:
+    """The poses, which came with orientation `before` (n, 4), as high over their surfaces as their orientation takes."""
     position = poses.position.clone()
-    position[:, 2] = height + now - then
+    position[:, 2] += _extent(domain, poses.quaternion) - _extent(domain, before)
     return Poses(position, poses.quaternion)
-
-
-def _lifts_and_moves(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
-    """Up from the start by part of the way, or from a goal to a goal."""
-    lift = torch.rand(count, generator=generator, device=generator.device) < LIFTS
-    starts = sample_poses(domain, domain.start, count, generator)
-    move = torch.stack([torch.zeros(count, device=generator.device), uniform(count, (-ASIDE, ASIDE), generator),
-                        uniform(count, LIFT, generator)], -1)
-    moves = tuple(from_any(domain, domain.goals, count, generator) for _ in range(2))
-    return _choose(lift, (starts, Poses(starts.position + move, starts.quaternion)), moves)
-
-
-def _choose(where: torch.Tensor, first: tuple[Poses, Poses], second: tuple[Poses, Poses]) -> tuple[Poses, Poses]:
-    """Rows of the first tasks where `where` (n,), of the second elsewhere."""
-    return tuple(Poses(torch.where(where[:, None], a.position, b.position),
-                       torch.where(where[:, None], a.quaternion, b.quaternion)) for a, b in zip(first, second))

@@ -38,7 +38,12 @@ def describe(row: dict[str, float], left: float) -> str:
         for name, value in row.items()
         if name.startswith(("success_tips", "success_goal"))
     )
-    practice = f"practice {row['practice']:.2f}: {row['success_practice']:.2f}" if row.get("practice") else ""
+    practised = " ".join(
+        f"{name[8:]} {value:.2f}"
+        for name, value in row.items()
+        if name.startswith("success_") and not name.startswith(("success_tips", "success_goal", "success_mean"))
+    )
+    practice = f"practice {row['practice']:.2f}: {practised}" if row.get("practice") else ""
     stage = "randomised" if row["stage"] > STAGES else f"stage {row['stage']:2d}/{STAGES}"
     trouble = f"{row['overflowed']:.0f} worlds over capacity" if row.get("overflowed") else ""
     parts = [

@@ -14,9 +14,8 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-import jinja2
-
-from np_training.curves import draw_curves, reached, svg
+from np_bringup.pages import page, svg
+from np_training.curves import draw_curves, reached
 from np_training.log import read_log
 
 PHYSICS_STEPS = 20  # a policy step, where the configuration does not say
@@ -83,17 +82,9 @@ def read_run(path: Path) -> Run:
 
 def write_report(run: Run, path: Path) -> None:
     """Write the report of a run."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     videos = [(file.stem, base64.b64encode(file.read_bytes()).decode()) for file in run.videos]
-    text = environment.get_template("report.html.j2").render(
-        run=run, curves=svg(draw_curves(run.rows)), videos=videos, config=json.dumps(run.config, indent=1)
-    )
+    config = json.dumps(run.config, indent=1)
+    text = page("np_training", run=run, curves=svg(draw_curves(run.rows)), videos=videos, config=config)
     path.write_text(text, encoding="utf-8")
 
 

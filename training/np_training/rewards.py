@@ -2,9 +2,10 @@
 
 The constants are the paper's: C1 .02, C2 1000, C3 .03, C4 -100. The published text gives the constants but not how the
 distance term is spread over time; paid every step, 1 / (C1 + d) makes hovering beside the goal worth more than
-finishing. Here it is a potential, paid as a difference, so that only progress pays and the optimum is to finish. Two
-potentials of ours stand beside it, which leave that optimum where it is: the angle to the goal, because the mean distance
-of the corners hardly depends on it while it is large, and the hand's distance from the object.
+finishing. Here it is a potential, paid as a difference, so that only progress pays and the optimum is to finish. Three
+potentials of ours stand beside it, which leave that optimum where it is: the distance itself, because its inverse is flat
+far from the goal; the angle to the goal, because the mean distance of the corners hardly depends on it while it is
+large; and the hand's distance from the object.
 """
 
 from __future__ import annotations
@@ -20,13 +21,14 @@ from np_policy.action import normalised_stiffness
 @dataclass(frozen=True)
 class RewardConfig:
     """distance (C1, m), success (C2), gains (C3, a joint), failure (C4: lost object, no collision-free contact); weights of
-    the potentials: progress, turn (for half a turn), reach (for .1 m); scale: of the sum, for the value network's sake."""
+    the potentials: progress, far (for 1 m), turn (for half a turn), reach (for .1 m); scale: of the sum, for the value network's sake."""
 
     distance: float = 0.02
     success: float = 1000.0
     gains: float = 0.03
     failure: float = -100.0
     progress: float = 10.0
+    far: float = 0.0
     turn: float = 150.0
     reach: float = 10.0
     scale: float = 0.02
@@ -45,6 +47,7 @@ class Measures:
 def potentials(config: RewardConfig, measures: Measures) -> dict[str, torch.Tensor]:
     """The potential (n,) of each measure; higher is nearer."""
     return {"progress": config.progress / (config.distance + measures.distance),
+            "far": -config.far * measures.distance,
             "turn": -config.turn * measures.angle / pi,
             "reach": -config.reach * measures.hand / 0.1}
 

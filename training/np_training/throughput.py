@@ -109,7 +109,7 @@ def rest(environment: Environment) -> None:
     )
     qpos = physics.qpos.clone()
     qpos[:, ARM] = torch.tensor(NOMINAL.ready, dtype=qpos.dtype, device=qpos.device)
-    starts = environment.starts.objects
+    starts = environment.starts.tasks.starts
     rows = everyone % len(starts.position)
     qpos[:, OBJECT_POSITION] = starts.position[rows]
     qpos[:, OBJECT_POSITION.stop :] = starts.quaternion[rows]

@@ -35,7 +35,8 @@ from np_training.trainer import TrainConfig, Trainer
 
 CHECKPOINT = "checkpoint.pt"
 LIMITS = {"card": 100, "bump": 150, "wall": 100}  # steps an episode
-PRACTICE = {"card": 0.0, "bump": 0.6, "wall": 0.6}  # share of practice at the beginning
+PRACTICE = {"card": 0.0, "bump": 0.75, "wall": 0.75}  # share of practice at the beginning
+FAR = {"card": 0.0, "bump": 500.0, "wall": 1000.0}  # weight of the distance's own potential, for 1 m
 EXPLORE = {"card": 0.0, "bump": 0.3, "wall": 0.3}  # share of contacts chosen at random at the beginning
 
 
@@ -93,6 +94,13 @@ def parse() -> argparse.Namespace:
     parser.add_argument(
         "--practice", type=float, help=f"share of easier tasks at the beginning; default: {PRACTICE}"
     )
+    parser.add_argument("--far", type=float, help=f"weight of the distance's own potential; default: {FAR}")
+    parser.add_argument(
+        "--stiffness",
+        type=float,
+        default=0.0,
+        help="stiffness that an untrained policy commands, -1 to 1 of its range",
+    )
     parser.add_argument(
         "--turn", type=float, default=RewardConfig.turn, help="weight of the angle's potential"
     )
@@ -102,7 +110,7 @@ def parse() -> argparse.Namespace:
     except ValueError as error:
         parser.error(str(error))
     arguments.out = arguments.out or Path("runs") / arguments.domain
-    for name, defaults in (("limit", LIMITS), ("practice", PRACTICE), ("explore", EXPLORE)):
+    for name, defaults in (("limit", LIMITS), ("practice", PRACTICE), ("explore", EXPLORE), ("far", FAR)):
         if getattr(arguments, name) is None:
             setattr(arguments, name, defaults[arguments.domain])
     return arguments
@@ -117,7 +125,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
             worlds=arguments.worlds,
             seed=arguments.seed,
             limit=arguments.limit,
-            reward=RewardConfig(turn=arguments.turn),
+            reward=RewardConfig(turn=arguments.turn, far=arguments.far),
             physics=PhysicsConfig(
                 contacts=arguments.contacts,
                 constraints=arguments.constraints,
@@ -132,6 +140,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
     config = TrainConfig(
         rollout=arguments.rollout,
         start=arguments.start,
+        stiffness=arguments.stiffness,
         curriculum=curriculum,
         adaptive_joint_range=arguments.adaptive_joint_range,
     )

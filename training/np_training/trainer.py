@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 
+from np_policy.action import STIFFNESS
 from np_training import distributed
 from np_training.breakdown import groups
 from np_training.curriculum import Curriculum, CurriculumConfig, stage_limits
@@ -16,6 +18,7 @@ from np_training.environment import Environment
 from np_training.fixed_contact import FixedContact
 from np_training.joint_range import JointRange
 from np_training.networks import ActorCritic, sample
+from np_training.practice import kinds
 from np_training.ppo import Learner, PPOConfig, advantages
 from np_training.randomisation import NOMINAL_CONDITIONS, PAPER
 
@@ -24,12 +27,14 @@ from np_training.randomisation import NOMINAL_CONDITIONS, PAPER
 class TrainConfig:
     """rollout: steps between updates; hold: steps at the goal that count as success once randomised;
     pre_least: episodes without which the pre-contact policy is left as it is; start: contact where the
-    pre-contact policy chooses, else see `fixed_contact`; adaptive_joint_range: see `joint_range`."""
+    pre-contact policy chooses, else see `fixed_contact`; stiffness: that an untrained policy commands, -1 to
+    1 of its range; adaptive_joint_range: see `joint_range`."""
 
     rollout: int = 12
     hold: int = 3
     pre_least: int = 64
     start: str = "contact"
+    stiffness: float = 0.0
     adaptive_joint_range: bool = False
     curriculum: CurriculumConfig = CurriculumConfig()
 
@@ -47,6 +52,8 @@ class Trainer:
         self.environment, self.config, self.ppo = environment, config, ppo
         torch.manual_seed(environment.config.seed)
         self.networks = ActorCritic().to(environment.device)
+        with torch.no_grad():
+            self.networks.post.net[-1].bias[STIFFNESS] = math.atanh(config.stiffness)
         self.post = Learner(self.networks.post, self.networks.post_value, ppo)
         self.pre = Learner(
             self.networks.pre, self.networks.pre_value, dataclasses.replace(ppo, epochs=4, minibatches=4)
@@ -55,7 +62,9 @@ class Trainer:
         self.chooser = self.networks.pre if config.start == "contact" else FixedContact(config.start)
         if config.adaptive_joint_range:
             environment.joint_range = JointRange(environment.device)
-        self.curriculum = Curriculum(distributed.size() * environment.config.worlds, config.curriculum)
+        self.kinds = [kind.name for kind in kinds(environment.domain)]
+        window = distributed.size() * environment.config.worlds
+        self.curriculum = Curriculum(window, config.curriculum, len(self.kinds) - 1)
         self._seed()
         self._apply_stage()
         environment.starts = environment.draw_starts(self.chooser, 2 * environment.config.worlds)
@@ -90,7 +99,9 @@ class Trainer:
     def iterate(self) -> dict[str, float]:
         """One rollout, one update of both policies; returns a row of the log, over all processes."""
         env, nets, worlds = self.environment, self.networks, self.environment.config.worlds
-        env.config = dataclasses.replace(env.config, **self.curriculum.help)
+        env.config = dataclasses.replace(
+            env.config, shares=self.curriculum.shares, explore=self.curriculum.explore
+        )
         env.starts = env.draw_starts(self.chooser, worlds)
         data: dict[str, list[torch.Tensor]] = {
             k: [] for k in ("state", "critic", "action", "logp", "value", "reward", "done")
@@ -139,7 +150,8 @@ class Trainer:
     def _count(self, out: dict) -> dict[str, torch.Tensor]:
         """Sums over the worlds of what a step gave; those of ended episodes leave practice out."""
         env = self.environment
-        done, success = out["done"] & ~env.practice, out["success"] & ~env.practice
+        own = env.kind == 0
+        done, success = out["done"] & own, out["success"] & own
         counts = {"done": done.sum(), "success": success.sum(), "broken": out["broken"].sum()}
         counts |= {name: (out[name] & done).sum() for name in ("lost", "timeout")}
         counts |= {
@@ -152,8 +164,9 @@ class Trainer:
             )
         }
         counts |= {
-            "done_practice": (out["done"] & env.practice).sum(),
-            "success_practice": (out["success"] & env.practice).sum(),
+            f"{name}_{kind}": (out[name] & (env.kind == number)).sum()
+            for number, kind in enumerate(self.kinds[1:], 1)
+            for name in ("done", "success")
         }
         for name, mask in groups(env.domain, env.tips, env.goals.position).items():
             counts |= {f"done_{name}": (done & mask).sum(), f"success_{name}": (success & mask).sum()}
@@ -176,7 +189,9 @@ class Trainer:
         means |= {name: value / steps for name, value in sums.items() if name.startswith("reward_")}
         self.iteration += 1
         self.steps += steps
-        stage = self.curriculum.stage
+        stage, shares = self.curriculum.stage, self.curriculum.shares
+        for number, kind in enumerate(self.kinds[1:]):
+            self.curriculum.practise(number, means[f"success_{kind}"], int(sums[f"done_{kind}"]))
         if self.curriculum.advance(means["success"], int(sums["done"])):
             self._apply_stage()
         if self.environment.joint_range is not None:
@@ -189,7 +204,7 @@ class Trainer:
             "stage": stage,
             "episodes": int(sums["done"]),
             "success_mean": self.curriculum.success,
-            "practice": self.environment.config.practice,
+            "practice": 1 - shares[0],
             "broken": sums["broken"],
             "overflowed": sums["overflowed"],
             "pre_feasible": sums["pre_feasible"] / sums["drawn"],
@@ -245,6 +260,7 @@ class Trainer:
             "seconds": self.seconds,
             "stage": self.curriculum.stage,
             "success": self.curriculum.success,
+            "practised": self.curriculum.practised,
             "setting": self.setting,
             "joint_range": self.environment.joint_range.share if self.environment.joint_range else 1.0,
         }
@@ -257,6 +273,8 @@ class Trainer:
         self.iteration, self.steps = state["iteration"], state["steps"]
         self.seconds = state.get("seconds", 0.0)
         self.curriculum.stage, self.curriculum.success = state["stage"], state.get("success", 0.0)
+        if len(state.get("practised", [])) == len(self.curriculum.practised):
+            self.curriculum.practised = list(state["practised"])
         if self.environment.joint_range is not None:
             self.environment.joint_range.share = state.get("joint_range", 1.0)
         self._apply_stage()

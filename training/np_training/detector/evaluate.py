@@ -1,12 +1,12 @@
 """Judge a released detector on images it has not seen, drawn by the renderers of the deployed camera.
 
-    python -m np_training.detector.evaluate --domain card --images 500
+    python -m np_training.detector.evaluate --domain card --images 5000
 
 Three sets: `nominal`, the scene as the bridge draws it, by OpenGL; `shifted`, by OpenGL, with table patterns
 never used in training, other lights and colours, and the camera within 2 cm and 2 degrees of its place;
 `ray_caster`, the nominal scene by MuJoCo Warp's ray caster, one ray a pixel. Writes
-docs/results/detector_DOMAIN.json and a picture of the best, median and worst detections beside it; prints the
-JSON. Without OpenGL only the last set is judged.
+docs/results/detector_DOMAIN.json, a picture of the best, median and worst detections beside it, and a plot of
+how far scores hold; prints the JSON. Without OpenGL only the last set is judged.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +21,17 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import torch
+from matplotlib.figure import Figure
 
+from np_bringup.figures import detector_figures
+from np_bringup.pages import style
 from np_description.camera import CAMERA
 from np_description.domains import DOMAINS, Domain, find_domain
 from np_description.scene import build_scene
 from np_perception.detector import KeypointDetector
 from np_sim_bridge.renderer import egl_works, make_renderer
 from np_training.detector.metrics import summarise
+from np_training.detector.network import RELIABLE
 from np_training.detector.render import (
     NOMINAL_LOOK,
     Looks,
@@ -154,21 +157,24 @@ def judge(detector: KeypointDetector, images: Iterator[HeldOut], total: int, nam
     return summarise(*map(np.array, zip(*rows))), pictures
 
 
-def time_detection(detector: KeypointDetector, image: np.ndarray, runs: int = 50) -> float:
-    """Median milliseconds of one detection."""
-    times = []
-    for _ in range(runs):
-        began = time.perf_counter()
-        detector.detect(image)
-        times.append(time.perf_counter() - began)
-    return round(1e3 * float(np.median(times)), 2)
+def draw_reliability(sets: dict[str, dict], path: Path) -> None:
+    """What share of keypoints is within RELIABLE px of the truth, against the score that says so."""
+    with style():
+        figure = Figure(figsize=(5.2, 4.4), layout="constrained")
+        axes = figure.add_subplot()
+        axes.plot([0, 1], [0, 1], color="0.6", lw=1, ls="--")
+        for name, figures in sets.items():
+            score, held, count = np.array(figures["reliability"]).T
+            (line,) = axes.plot(score, held, lw=1, label=f"{name}: {figures['calibration_error']:.3f}")
+            axes.scatter(score, held, s=4 + 12 * np.log10(count), color=line.get_color())
+        axes.set(xlabel="score", ylabel=f"share within {RELIABLE:g} px", xlim=(0, 1.02), ylim=(0, 1.02))
+        axes.legend(title="expected calibration error", frameon=False)
+        figure.savefig(path, dpi=110)
 
 
 def draw(pictures: list, path: Path, columns: int = 5) -> None:
     """A sheet of the best, median and worst images: rings are true corners (white seen, black hidden), dots
     detections."""
-    from matplotlib.figure import Figure
-
     pictures = sorted(pictures, key=lambda p: p[0])
     middle = max(0, len(pictures) // 2 - columns // 2)
     rows = {
@@ -211,9 +217,7 @@ def evaluate(domain: Domain, folder: str | Path, images: int, seed: int, picture
         if pictures is not None and shown and name in ("shifted", "ray_caster") and not (
                 name == "ray_caster" and "shifted" in sets):
             draw(shown, pictures)
-    result["milliseconds"] = time_detection(
-        detector, np.full((CAMERA.height, CAMERA.width, 3), 128, np.uint8)
-    )
+    result["detection"] = detector_figures(domain, str(folder))
     return result
 
 
@@ -224,7 +228,7 @@ def main() -> None:
     )
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--weights", default="", help="folder of weights; default: the released ones")
-    parser.add_argument("--images", type=int, default=500, help="of each set")
+    parser.add_argument("--images", type=int, default=5000, help="of each set")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("docs/results"))
     options = parser.parse_args()
@@ -234,6 +238,7 @@ def main() -> None:
     result = evaluate(
         find_domain(options.domain), options.weights, options.images, options.seed, stem.with_suffix(".png")
     )
+    draw_reliability(result["sets"], stem.with_name(f"{stem.name}_reliability.png"))
     stem.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
     print(json.dumps(result))
 

@@ -8,6 +8,7 @@ import numpy as np
 from np_training.detector.network import RELIABLE
 
 BINS = 10
+SURE = 0.5  # score from which a keypoint counts as found
 
 
 def summarise(pixels, scores, truth, visible, present) -> dict:
@@ -15,14 +16,28 @@ def summarise(pixels, scores, truth, visible, present) -> dict:
 
     visible (n, 8): the corner is seen; present (n, 8): it counts at all (inside an image that shows the
     object). Errors in px; `calibration_error` is the expected calibration error of the scores; `reliability`
-    has, for each tenth of the score, [mean score, share within RELIABLE px, count].
+    has, for each tenth of the score, [mean score, share within RELIABLE px, count]. `doubted` are the shares of
+    corners with a score below SURE: of those not seen (hidden or absent), and of those not found (farther off
+    than RELIABLE px, or absent); `found`: of corners seen, the share with a score of SURE or more.
     """
     pixels, scores, truth = (np.asarray(a, dtype=float) for a in (pixels, scores, truth))
     visible, present = np.asarray(visible, bool), np.asarray(present, bool)
     error = np.linalg.norm(pixels - truth, axis=-1)
     reliable = (error <= RELIABLE) & present
-    return {"images": len(pixels), "visible": percentiles(error[visible & present]),
-            "hidden": percentiles(error[~visible & present]), **calibration(scores.ravel(), reliable.ravel())}
+    seen, doubt = visible & present, scores < SURE
+    return {
+        "images": len(pixels),
+        "visible": percentiles(error[seen]),
+        "hidden": percentiles(error[~visible & present]),
+        "found": share(~doubt[seen]),
+        "doubted": {"not_seen": share(doubt[~seen]), "not_found": share(doubt[~reliable])},
+        **calibration(scores.ravel(), reliable.ravel()),
+    }
+
+
+def share(values: np.ndarray) -> list | None:
+    """[share of True, count] of values (n,); None where there are none."""
+    return [round(float(values.mean()), 4), int(values.size)] if values.size else None
 
 
 def percentiles(error: np.ndarray) -> dict:

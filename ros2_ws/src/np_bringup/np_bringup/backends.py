@@ -10,6 +10,7 @@ SIMULATED, REAL = "sim_bridge", "franka_driver"
 BACKENDS = (SIMULATED, REAL)
 CAMERAS = ("realsense", "none")
 CONTROLS = ("topic", "onboard")
+ROBOTS = ("fr3", "panda")
 NO_CAMERA = "none"  # in place of a calibration: the driver then asks for none
 DRIVER_PRIORITY, CONTROLLER_PRIORITY = 80, 79  # of first-in-first-out scheduling, on a real robot
 
@@ -19,6 +20,7 @@ ARGUMENTS = (
         SIMULATED,
         "sim_bridge: simulated robot and camera; franka_driver: real ones, mode realtime.",
     ),
+    LaunchArgument("robot", "fr3", "franka_driver: fr3, or panda for the original one."),
     LaunchArgument("hostname", "", "franka_driver: address of the robot."),
     LaunchArgument(
         "control",
@@ -40,6 +42,7 @@ def check(given: Mapping[str, str]) -> None:
     """Raises ValueError for arguments that do not go together."""
     for name, allowed in (
         ("backend", BACKENDS),
+        ("robot", ROBOTS),
         ("control", CONTROLS),
         ("camera", CAMERAS),
         ("realtime", ("enforce", "ignore")),
@@ -77,6 +80,7 @@ def real_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
             "np_franka",
             REAL,
             parameters={
+                "robot": given["robot"],
                 "hostname": given["hostname"],
                 "control": given["control"],
                 "calibration": given["calibration"],

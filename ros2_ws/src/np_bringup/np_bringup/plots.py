@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import io
-
-import matplotlib
 import numpy as np
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from np_description.domains import Domain
@@ -16,6 +12,7 @@ from np_description.panda import NOMINAL
 from np_bringup.contract import split_phase
 from np_bringup.episode import EpisodeData, Series
 from np_bringup.evaluation import Result
+from np_bringup.pages import style, svg
 
 WIDTH = 9.6
 PHASE_COLOURS = {
@@ -27,21 +24,11 @@ PHASE_COLOURS = {
     "failed": "#f3c6c6",
     "fault": "#e9a3a3",
 }
-_STYLE = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "np",
-    "font.family": "sans-serif",
-}
 
 
 def progress_plot(episode: EpisodeData) -> str:
     """Distance and angle to the goal over time, with the tolerances."""
-    with matplotlib.rc_context(_STYLE):
+    with style():
         figure, (top, bottom) = _figure(2, 3.6, episode)
         _line(top, episode.distance, 100, "#1f5fa8")
         top.axhline(100 * episode.domain.tolerance_position, color="#2f8f3a", ls="--", lw=1)
@@ -52,12 +39,12 @@ def progress_plot(episode: EpisodeData) -> str:
         bottom.set_ylabel("angle (deg)")
         for axes in (top, bottom):
             axes.set_ylim(bottom=0)
-        return _svg(figure)
+        return svg(figure)
 
 
 def torque_plot(episode: EpisodeData) -> str:
     """Commanded torque of each joint as a share of its limit."""
-    with matplotlib.rc_context(_STYLE):
+    with style():
         figure, axes = _figure(1, 2.8, episode)
         for joint in range(7):
             axes[0].plot(
@@ -71,12 +58,12 @@ def torque_plot(episode: EpisodeData) -> str:
         axes[0].set_ylabel("torque (% of limit)")
         axes[0].set_ylim(-115, 115)
         figure.legend(fontsize=7, loc="outside right center", frameon=False)
-        return _svg(figure)
+        return svg(figure)
 
 
 def tracking_plot(episode: EpisodeData) -> str:
     """How far each joint is from its target."""
-    with matplotlib.rc_context(_STYLE):
+    with style():
         figure, axes = _figure(1, 2.4, episode)
         common, i, j = np.intersect1d(episode.position.time, episode.target.time, return_indices=True)
         error = np.degrees(episode.target.values[j] - episode.position.values[i])
@@ -84,12 +71,12 @@ def tracking_plot(episode: EpisodeData) -> str:
             axes[0].plot(common, error[:, joint], lw=0.8, label=f"joint {joint + 1}")
         axes[0].set_ylabel("target - measured (deg)")
         figure.legend(fontsize=7, loc="outside right center", frameon=False)
-        return _svg(figure)
+        return svg(figure)
 
 
 def keypoint_plot(episode: EpisodeData) -> str:
     """Detected keypoints against the projected truth, and their scores."""
-    with matplotlib.rc_context(_STYLE):
+    with style():
         figure, (top, bottom) = _figure(2, 3.2, episode)
         if len(episode.keypoint_error):
             error = Series(episode.keypoint_error.time, np.median(episode.keypoint_error.values, axis=1))
@@ -104,12 +91,12 @@ def keypoint_plot(episode: EpisodeData) -> str:
         top.set_ylim(0, max(5.0, min(40.0, top.get_ylim()[1])))
         bottom.set_ylabel("least score")
         bottom.set_ylim(0, 1.05)
-        return _svg(figure)
+        return svg(figure)
 
 
 def path_plot(episode: EpisodeData) -> str:
     """The object from above: start, path and goal; x points up, as the robot sees it."""
-    with matplotlib.rc_context(_STYLE):
+    with style():
         figure = Figure(figsize=(3.6, 3.6), layout="constrained")
         axes = figure.add_subplot()
         positions, quaternions = episode.object_position.values, episode.object_quaternion.values
@@ -137,13 +124,13 @@ def path_plot(episode: EpisodeData) -> str:
         axes.set_xlabel("y (m)")
         axes.set_ylabel("x (m)")
         axes.legend(fontsize=7, frameon=False)
-        return _svg(figure)
+        return svg(figure)
 
 
 def results_plot(results: list[Result], domain: Domain) -> str:
     """Where the object ended against the tolerance, and how long the episodes took, of an evaluation."""
     whole = [result for result in results if result.distance is not None]
-    with matplotlib.rc_context(_STYLE):
+    with style():
         figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
         ends, times = figure.subplots(1, 2)
         for success, colour, label in ((True, "#2f8f3a", "success"), (False, "#a8461f", "failure")):
@@ -157,7 +144,7 @@ def results_plot(results: list[Result], domain: Domain) -> str:
         ends.legend(frameon=False)
         times.hist([result.duration for result in whole], bins=20, color="#1f5fa8")
         times.set(xlabel="simulated time (s)", ylabel="episodes", xlim=(0, None))
-        return _svg(figure)
+        return svg(figure)
 
 
 def _figure(rows: int, height: float, episode: EpisodeData):
@@ -198,10 +185,3 @@ def _convex_order(points: np.ndarray) -> np.ndarray:
     import cv2
 
     return cv2.convexHull(points.astype(np.float32), returnPoints=False)[:, 0]
-
-
-def _svg(figure: Figure) -> str:
-    buffer = io.StringIO()
-    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]

@@ -7,7 +7,6 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-import jinja2
 import numpy as np
 
 from np_description.panda import NOMINAL
@@ -17,6 +16,7 @@ from np_bringup.bag import Recording
 from np_bringup.contract import split_phase
 from np_bringup.episode import EpisodeData, images, load_episode
 from np_bringup.intervals import wilson_interval
+from np_bringup.pages import page
 from np_bringup.video import write_video
 
 
@@ -101,14 +101,13 @@ def write_report(path: str | Path, sections: list[Section], title: str = "Card e
     """Write the report of `sections` to `path`."""
     successes = sum(section.episode.outcome.success for section in sections)
     low, high = wilson_interval(successes, len(sections))
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("np_bringup", "data"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    text = environment.get_template("report.html.j2").render(
-        title=title, sections=sections, successes=successes, low=low, high=high, colours=plots.PHASE_COLOURS
+    text = page(
+        "np_bringup",
+        title=title,
+        sections=sections,
+        successes=successes,
+        low=low,
+        high=high,
+        colours=plots.PHASE_COLOURS,
     )
     Path(path).write_text(text, encoding="utf-8")

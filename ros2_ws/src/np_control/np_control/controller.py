@@ -249,14 +249,13 @@ class Controller:
             self._gains = slew_gains(self.limits, self._gains, self._gains_target, self.limits.period)
             if np.array_equal(self._gains, self._gains_target):
                 self._gains = self._gains_target
-        feedforward = self._dynamics.coriolis(state.q, state.dq)
         if self._target is not None and self.config.cartesian is not None:
             torque = operational_space_torque(
                 state.q, state.dq, self._target.position, self._target.rotation, self._position,
-                self.config.cartesian, self._dynamics.mass_matrix(state.q), feedforward)
+                self.config.cartesian, self._dynamics.mass_matrix(state.q),
+                self._dynamics.coriolis(state.q, state.dq))
             return torque, velocity
         stiffness, ratio = self._gains
-        if acceleration.any():
-            feedforward = feedforward + self._dynamics.mass_matrix(state.q) @ acceleration
+        feedforward = self._dynamics.feedforward(state.q, state.dq, acceleration)
         target = lead(self._position, velocity, stiffness, ratio)
         return impedance_torque(state.q, state.dq, target, stiffness, ratio, feedforward), velocity

@@ -57,6 +57,10 @@ class Dynamics:
         upper = np.triu(pin.crba(self._model, self._data, q))  # Pinocchio guarantees the upper half only
         return upper + np.triu(upper, 1).T
 
+    def feedforward(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """Torque (7,) Nm for the acceleration ddq (7,) rad/s^2, without gravity: M(q) ddq + C(q, dq) dq."""
+        return pin.rnea(self._weightless, self._weightless_data, q, dq, ddq).copy()
+
     def inverse_dynamics(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torque (7,) Nm for the acceleration ddq (7,) rad/s^2, gravity included, friction not."""
         return pin.rnea(self._model, self._data, q, dq, ddq).copy()

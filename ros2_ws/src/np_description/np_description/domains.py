@@ -85,9 +85,9 @@ CARD = Domain(
 BUMP = Domain(
     name="bump", half_size=(0.045, 0.045, 0.045), density=200.0,
     obstacles=(Box("bump", (0.50, 0.0, 0.015), (0.15, 0.06, 0.015)),),
-    start=Region(x=(0.42, 0.58), y=(-0.165, -0.12), quarter_turns=True),
+    start=Region(x=(0.42, 0.58), y=(-0.17, -0.125), quarter_turns=True),
     goals=(Region(x=(0.42, 0.58), y=(-0.015, 0.015), surface=0.03, quarter_turns=True),
-           Region(x=(0.42, 0.58), y=(0.12, 0.165), quarter_turns=True)))
+           Region(x=(0.42, 0.58), y=(0.125, 0.17), quarter_turns=True)))
 
 WALL = Domain(
     name="wall", half_size=(0.025, 0.025, 0.05), density=150.0,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import jinja2
-
+from np_bringup.pages import page
 from np_diagnosis import plots
 from np_diagnosis.diagnosis import Diagnosis
 from np_diagnosis.gap import REGIMES
@@ -11,14 +10,8 @@ from np_diagnosis.gap import REGIMES
 
 def render(report: dict, diagnosis: Diagnosis) -> str:
     """The page as text, with its pictures in it."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("np_diagnosis", "data"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html.j2").render(
+    return page(
+        "np_diagnosis",
         report=report,
         blocks=len(diagnosis.design.blocks),
         findings=diagnosis.findings if report["verdict"] != "no_gap" else (),

@@ -2,35 +2,22 @@
 
 from __future__ import annotations
 
-import io
-
-import matplotlib
 import numpy as np
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from np_bringup.pages import style, svg
 from np_diagnosis.diagnosis import Diagnosis
 from np_diagnosis.signals import DECIMATION, GRID
 
 WIDTH = 9.6
 RATE = 1 / (GRID * DECIMATION)  # samples a second
 BEFORE, AFTER, FLOOR = "#b0b7c3", "#1f5fa8", "#2f8f3a"
-_STYLE = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "np",
-    "font.family": "sans-serif",
-}
 
 
 def gap_plot(diagnosis: Diagnosis) -> str:
     """Held-out gap of each joint before and after, with its floor."""
     gap, joints = diagnosis.gap, diagnosis.context.arm.joints
-    with matplotlib.rc_context(_STYLE):
+    with style():
         figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
         axes = figure.add_subplot()
         place = np.arange(len(joints))
@@ -41,7 +28,7 @@ def gap_plot(diagnosis: Diagnosis) -> str:
         axes.set_ylabel("torque gap (Nm)")
         axes.grid(False, axis="x")
         figure.legend(fontsize=8, loc="outside upper right", ncols=3, frameon=False)
-        return _svg(figure)
+        return svg(figure)
 
 
 def residual_plot(diagnosis: Diagnosis) -> str:
@@ -56,7 +43,7 @@ def velocity_plot(diagnosis: Diagnosis) -> str:
 
 def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: float) -> str:
     samples = diagnosis.context.samples
-    with matplotlib.rc_context(_STYLE):
+    with style():
         figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
         columns = (len(diagnosis.context.arm) + 2) // 2
         panels = figure.subplots(2, columns).ravel()
@@ -80,11 +67,4 @@ def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: fl
             ("effects added, held out", AFTER, 0.4),
         ):
             panels[-1].text(0.1, height, text, color=colour, weight="bold", transform=panels[-1].transAxes)
-        return _svg(figure)
-
-
-def _svg(figure: Figure) -> str:
-    buffer = io.StringIO()
-    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
+        return svg(figure)

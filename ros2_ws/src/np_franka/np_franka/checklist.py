@@ -15,7 +15,7 @@ from np_description.panda import NOMINAL
 
 READY_MODE = "Idle"
 NO_CALIBRATION = "none"
-MASS_TOLERANCE = 0.1  # kg
+MASS_TOLERANCE = 0.1  # kg: less than any other tool differs, more than rounding in Desk
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ import numpy as np
 
 from np_control.controller import Answer
 from np_control.safety import Applied, Refusal, SafetyFilter, SafetyLimits, State
-from np_franka.arm import MILLISECOND, Arm, ArmError, Reading
+from np_franka.arm import Arm
 from np_franka.checklist import Checklist
+from np_franka.client import MILLISECOND, ArmError, Reading
 from np_franka.limits import CYCLE_NS
 from np_franka.onboard import Onboard
 from np_franka.timing import CycleTimes
@@ -52,7 +53,7 @@ class Driver:
         self._time = 0
         self._sent = np.zeros(7)
         self._read_at: float | None = None
-        self.times = CycleTimes()  # since the arm was taken under control last
+        self.times = CycleTimes()  # since the arm was taken under control or recovered last
 
     @property
     def state(self) -> State:
@@ -115,6 +116,7 @@ class Driver:
             self.onboard.release()
         if self.filter.watchdog.may_move or self.arm.is_controlled:
             self.filter.recover(self._reading.q)  # the first is a refusal
+            self.times.clear()
             return
         if not self.arm.is_connected:
             self._connect(now)

@@ -14,9 +14,11 @@ import subprocess
 import sys
 
 from np_description.panda import FINGER_MAX
+from np_franka.client import mismatch
+from np_franka.robots import ROBOTS
 
 READ_PERIOD = 0.02  # s between two measurements
-SPEED = 0.1  # m/s between the fingers, the hand's nominal speed
+SPEED = 0.1  # m/s between the fingers: 50 mm/s a finger, Franka Hand product manual
 START_TIMEOUT = 15.0  # s
 END_TIMEOUT = 3.0  # s
 
@@ -26,15 +28,16 @@ class GripperError(OSError):
 
 
 class Gripper:
-    """The hand of the robot at `hostname`. opening: of each finger, m; error: what went wrong last, or empty.
+    """The hand of the robot (a name of ROBOTS) at `hostname`. opening: of each finger, m; error: what went
+    wrong last, or empty.
 
     Raises GripperError where there is none.
     """
 
-    def __init__(self, hostname: str):
+    def __init__(self, robot: str, hostname: str):
         self.opening, self.error = 0.0, ""
         self._buffer = b""
-        self._process = subprocess.Popen([sys.executable, "-m", "np_franka.gripper", hostname],
+        self._process = subprocess.Popen([sys.executable, "-m", "np_franka.gripper", robot, hostname],
                                          stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         os.set_blocking(self._process.stdout.fileno(), False)
         answered, _, _ = select.select([self._process.stdout], [], [], START_TIMEOUT)
@@ -82,11 +85,10 @@ def _say(**fields: object) -> None:
     sys.stdout.flush()
 
 
-def _serve(hostname: str) -> None:
-    import pylibfranka as franka
-
+def _serve(robot: str, hostname: str) -> None:
+    client = ROBOTS[robot].load()
     try:
-        hand = franka.Gripper(hostname)
+        hand = client.Gripper(hostname)
         wishes = b""
         while True:
             while select.select([sys.stdin], [], [], READ_PERIOD)[0]:
@@ -101,10 +103,10 @@ def _serve(hostname: str) -> None:
                 _say(opening=hand.read_once().width / 2)
     except BrokenPipeError:
         pass  # nobody listens any more
-    except (RuntimeError, franka.FrankaException) as error:
-        _say(error=str(error))
+    except client.ERRORS as error:
+        _say(error=str(mismatch(robot, client.PACKAGE, hostname, error) or error))
 
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal; the driver ends this process
-    _serve(sys.argv[1])
+    _serve(*sys.argv[1:])

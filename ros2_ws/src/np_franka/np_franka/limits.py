@@ -1,4 +1,4 @@
-"""Limits of the FR3 as this project uses it, and the collision thresholds it is given."""
+"""Limits of the robots as this project uses them, and the collision thresholds they are given."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from np_control.safety import LIMITS, SafetyLimits
 
 CYCLE_NS = 1_000_000  # the robot's control cycle, 1 kHz
 
-# FR3 datasheet (robot and interface specifications), rad. The policies were trained on the Panda's range.
+# rad, "Limits for Franka Research 3" of the FCI documentation (control parameters specifications).
 _FR3_LOWER = np.array([-2.7437, -1.7837, -2.9007, -3.0421, -2.8065, 0.5445, -3.0159])
 _FR3_UPPER = np.array([2.7437, 1.7837, 2.9007, -0.1518, 2.8065, 4.5169, 3.0159])
 
@@ -21,6 +21,9 @@ def cycle_limits(limits: SafetyLimits, **changes) -> SafetyLimits:
     return replace(limits, period_ns=CYCLE_NS, late_periods=periods * limits.late_periods,
                    missed_periods=periods * limits.missed_periods, **changes)
 
+
+PANDA_LIMITS = cycle_limits(LIMITS)
+"""Of the original Panda, on which the policies were trained: `np_description.panda` names the source."""
 
 FR3_LIMITS = cycle_limits(LIMITS, position_lower=np.maximum(LIMITS.position_lower, _FR3_LOWER),
                           position_upper=np.minimum(LIMITS.position_upper, _FR3_UPPER))

@@ -12,6 +12,7 @@ from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS
 from np_description.rotations import matrix_from_vector, namespace
 
 SIZE = 20
+STIFFNESS = slice(6, 13)  # of the action
 
 
 @dataclass(frozen=True)

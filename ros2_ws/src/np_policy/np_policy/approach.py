@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from np_control.kinematics import forward_kinematics, pose_distance, solve_ik
+from np_control.trajectory import Trajectory
 from np_description.domains import Pose
 from np_description.rotations import matrix_from_quaternion
 from np_description.scene import OBJECT
 from np_policy.collision import CollisionModel, Touch
 from np_policy.planning import Budget, PlanningError, find_path
-from np_policy.retiming import ACCELERATION_LIMIT, Trajectory, join, retime, round_corners
+from np_policy.retiming import ACCELERATION_LIMIT, join, retime, round_corners
 
 
 class UnreachableError(PlanningError):

@@ -8,42 +8,16 @@ form of Pham and Pham, 2018); curvature may use up half of each acceleration lim
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from np_control.trajectory import Trajectory
 from np_policy.planning import densify
 
 ACCELERATION_LIMIT = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
 """rad/s^2, the manufacturer's limits for the Panda (Franka Control Interface documentation)."""
 _STEP = 0.01  # rad, between samples of the path
 _ROUNDINGS = 6  # attempts to keep a rounded corner free of collisions
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """times (n,) s from 0, increasing; positions (n, 7) rad; velocities (n, 7) rad/s, zero at both ends."""
-
-    times: np.ndarray
-    positions: np.ndarray
-    velocities: np.ndarray
-
-    @property
-    def duration(self) -> float:
-        """s"""
-        return float(self.times[-1])
-
-    def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Position (7,) rad and velocity (7,) rad/s at `time` s by cubic Hermite interpolation; at rest outside."""
-        time = min(max(time, 0.0), self.duration)
-        i = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2))
-        h = self.times[i + 1] - self.times[i]
-        s = (time - self.times[i]) / h
-        (p, q), (v, w) = self.positions[i:i + 2], self.velocities[i:i + 2]
-        position = (2 * s**3 - 3 * s**2 + 1) * p + (s**3 - 2 * s**2 + s) * h * v \
-            + (3 * s**2 - 2 * s**3) * q + (s**3 - s**2) * h * w
-        velocity = (6 * s**2 - 6 * s) * (p - q) / h + (3 * s**2 - 4 * s + 1) * v + (3 * s**2 - 2 * s) * w
-        return position, velocity
 
 
 def round_corners(waypoints, is_free: Callable[[np.ndarray], bool]) -> np.ndarray:

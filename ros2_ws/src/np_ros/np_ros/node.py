@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -38,7 +39,15 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fas
     rclpy's executor. `spin`: a loop of the node's own in place of the spinner's, calling its `spin_once`.
     """
     node = spinner = None
+
+    def interrupted(number: int, frame: object) -> None:
+        # rclpy's own handler came first and shut the context down, which ends the spin between two callbacks.
+        # An exception here would cut one short, and lose the message that it had just taken.
+        if spinner is None:
+            raise KeyboardInterrupt
+
     try:
+        signal.signal(signal.SIGINT, interrupted)
         rclpy.init(args=args)
         try:
             node = make_node()
@@ -112,11 +121,13 @@ class Diagnostics:
         if problem:
             self._problem = key
 
-    def report(self, level: bytes, message: str) -> None:
-        """Set the level (DiagnosticStatus.OK, WARN, ERROR) and message; publish at once if they are new."""
+    def report(self, level: bytes, message: str, *, at_once: bool = True) -> None:
+        """Set the level (DiagnosticStatus.OK, WARN, ERROR) and message; publish at once if they are new,
+        unless they can wait for the next period."""
         if (level, message) != (self._level, self._message):
             self._level, self._message = level, message
-            self.publish()
+            if at_once:
+                self.publish()
 
     def publish(self) -> None:
         """Publish the status now."""

@@ -8,6 +8,7 @@ import os
 import platform
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from np_description.domains import find_domain
@@ -16,10 +17,12 @@ from np_bringup import figures
 from np_bringup.card import card_graph
 from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, running_graph
 from np_bringup.graph import NodeSpec
-from np_bringup.nodes.conductor_node import Conductor, GraphError
+from np_bringup.nodes.conductor_node import Conductor
+from np_bringup.nodes.participant import GraphError
 from np_bringup.supervisor import NodeDied, Supervisor
 
 DOMAIN = "card"
+FRAMES, FRAME_RATE = 500, 30
 
 
 def lockstep_factor(weights: str, keypoints: str, logs: Path) -> dict[str, object]:
@@ -37,9 +40,12 @@ def lockstep_factor(weights: str, keypoints: str, logs: Path) -> dict[str, objec
 
 def whole_graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str, object]:
     """The control loop in real time with every node at work: camera, detector, planner, policies."""
-    arguments = {"mode": "realtime", "weights": weights}
     observer = NodeSpec("np_bringup", "round_trip", parameters={"out": str(logs / "round_trip.json")})
-    specs = [*card_graph(arguments), observer]
+    return work_in_real_time([*card_graph({"mode": "realtime", "weights": weights}), observer], seconds, logs)
+
+
+def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict[str, object]:
+    """Episodes for so many seconds on a graph with a round_trip; what that says, episodes, stops by the guards."""
     episodes = stops = 0
     with Supervisor(logs) as supervisor:
         supervisor.start(specs)
@@ -55,6 +61,28 @@ def whole_graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str
                     conductor.recover()
                     stops += 1
     return {**json.loads((logs / "round_trip.json").read_text()), "episodes": episodes, "stops": stops}
+
+
+def played_frames(weights: str, frames: int, logs: Path) -> dict[str, object]:
+    """The images of a recorded episode, again and again at their own 30 Hz, through the detector of a graph at
+    work in real time, whose policies see true keypoints; until so many have been played."""
+    recording = {"keypoints": "camera", "weights": weights, "bag": str(logs / "images"), "record_at_start": "false"}
+    with running_graph(recording, logs / "record") as conductor:
+        bag = conductor.start_recording()
+        conductor.run_episode()
+        conductor.stop_recording()
+    image, info, keypoints = (
+        (name, f"played/{name}") for name in ("camera/image_raw", "camera/camera_info", "keypoints")
+    )
+    detector = {"mode": "realtime", "weights": weights}
+    player = {"source": bag, "repeat": True}
+    specs = [
+        *card_graph({"mode": "realtime", "keypoints": "truth", "weights": weights}),
+        replace(NodeSpec("np_bringup", "camera_player", "", player, (image, info)), nice=10),
+        replace(NodeSpec("np_perception", "keypoint_detector", "", detector, (image, keypoints)), nice=10),
+        NodeSpec("np_bringup", "round_trip", "", {"out": str(logs / "round_trip.json")}, (info, keypoints)),
+    ]
+    return work_in_real_time(specs, frames / FRAME_RATE, logs)
 
 
 def echo_round_trip(seconds: float, logs: Path) -> dict[str, object]:
@@ -94,6 +122,7 @@ def main(arguments: list[str] | None = None) -> int:
         "lockstep": lambda: lockstep_factor(options.weights, "camera", logs / "lockstep"),
         "lockstep_without_camera": lambda: lockstep_factor(options.weights, "truth", logs / "truth"),
         "round_trip": lambda: whole_graph_round_trip(options.weights, options.seconds, logs / "realtime"),
+        "played_frames": lambda: played_frames(options.weights, FRAMES, logs / "frames"),
         "round_trip_peer_echo_alone": lambda: echo_round_trip(min(20.0, options.seconds), logs / "echo"),
     }
     result: dict[str, object] = {"machine": f"{platform.machine()}, {os.cpu_count()} cores"}

@@ -21,7 +21,7 @@ from np_bringup.commands.common import (
 )
 from np_bringup.episode import Outcome
 from np_bringup.intervals import wilson_interval
-from np_bringup.nodes.conductor_node import GraphError
+from np_bringup.nodes.participant import GraphError
 from np_bringup.report import make_section, write_report
 from np_bringup.supervisor import NodeDied
 

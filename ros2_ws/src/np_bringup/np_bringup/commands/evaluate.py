@@ -21,7 +21,7 @@ from np_bringup.commands.common import (
     running_graph,
 )
 from np_bringup.evaluation import Result, Results, breakdown, result_of, summary
-from np_bringup.nodes.conductor_node import GraphError
+from np_bringup.nodes.participant import GraphError
 from np_bringup.plots import results_plot
 from np_bringup.supervisor import NodeDied
 

@@ -1,43 +1,30 @@
 """The conductor: a node of the demo and the evaluation that resets, starts and follows episodes.
 
-It runs in the process of the command, next to the supervisor that owns the other nodes, and is the only one
-besides the recorder to hear the true object pose.
+It is the only one besides the recorder to hear the true object pose.
 """
 
 from __future__ import annotations
 
-import json
-import os
 import time
 from collections.abc import Callable, Sequence
 
-import rclpy
 from geometry_msgs.msg import PoseStamped
 from np_description.domains import Domain, Pose
 from np_description.panda import BASE_FRAME
 from np_ros import qos
 from np_ros.messages import pose_arrays, stamp_nanoseconds
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header, String
-from std_srvs.srv import Trigger
 
 from np_bringup.contract import END_PHASES, split_phase
 from np_bringup.episode import Outcome, score
 from np_bringup.graph import NodeSpec
-from np_bringup.nodes.links import Links
+from np_bringup.nodes.participant import SERVICE_TIMEOUT, GraphError, Participant
 from np_bringup.supervisor import Supervisor
 
-_SPIN = 0.05  # s
 _QUIET = 0.1  # s
-_SERVICE_TIMEOUT = 60.0  # s of wall time
 
 
-class GraphError(RuntimeError):
-    """The graph did not do what an episode needs; the text says what was asked and what came."""
-
-
-class Conductor:
+class Conductor(Participant):
     """Runs episodes on the graph of a supervisor, whose robot the node `backend` owns.
 
     on_phase(phase, reason, s of simulated time since the reset) is told every change, on_tick(s) every
@@ -54,21 +41,10 @@ class Conductor:
         on_phase: Callable[[str, str, float], None] = lambda *_: None,
         on_tick: Callable[[float], None] = lambda _: None,
     ):
-        self._supervisor, self._domain, self._lockstep = supervisor, domain, lockstep
+        super().__init__(supervisor, "conductor")
+        self._domain, self._lockstep = domain, lockstep
         self._backend = backend
         self._on_phase, self._on_tick = on_phase, on_tick
-        os.environ.update(supervisor.environment)
-        self._context = rclpy.Context()
-        rclpy.init(
-            context=self._context,
-            domain_id=supervisor.domain_id,
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-        self._node = rclpy.create_node("conductor", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._links = Links(self._node)
-        self._clients: dict[str, object] = {}
         self._phases: list[tuple[str, str]] = []
         self._poses: list[tuple[int, Pose]] = []
         self._goal: tuple[int, Pose] | None = None
@@ -79,23 +55,11 @@ class Conductor:
         node.create_subscription(PoseStamped, "object_pose", self._receive_pose, stream)
         node.create_subscription(Header, "tick", self._receive_tick, stream)
 
-    def __enter__(self) -> Conductor:
-        return self
-
-    def __exit__(self, *exception) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._executor.shutdown(timeout_sec=0)
-        self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
-
     def listen(self, seconds: float) -> None:
         """Let so much wall time pass. Raises NodeDied."""
         deadline = time.monotonic() + seconds
         self._wait(
-            lambda: time.monotonic() > deadline, 2 * seconds + _SERVICE_TIMEOUT, "the end of a measurement"
+            lambda: time.monotonic() > deadline, 2 * seconds + SERVICE_TIMEOUT, "the end of a measurement"
         )
 
     def wait_until_ready(
@@ -120,7 +84,7 @@ class Conductor:
             lambda: self._links.are_complete(names), timeout, "every publisher to find its subscribers"
         )
 
-    def start_recording(self, timeout: float = _SERVICE_TIMEOUT) -> str:
+    def start_recording(self, timeout: float = SERVICE_TIMEOUT) -> str:
         """Open the next bag; its path. Raises GraphError with the recorder's reason."""
         deadline = time.monotonic() + timeout
         while not (answer := self.call("recorder/start")).success:
@@ -128,13 +92,6 @@ class Conductor:
                 raise GraphError(f"recorder/start: expected success, got: {answer.message}")
             self._spin_once()
         return answer.message
-
-    def stop_recording(self) -> dict:
-        """Close the bag; what the recorder says about it."""
-        answer = self.call("recorder/stop")
-        if not answer.success:
-            raise GraphError(f"recorder/stop: expected success, got: {answer.message}")
-        return json.loads(answer.message)
 
     def run_episode(self, timeout: float = 600.0, until: float = float("inf")) -> Outcome:
         """Reset, start, and follow one episode to its end; how it ended by the truth.
@@ -146,7 +103,7 @@ class Conductor:
         self._succeed(f"{self._backend}/reset")
         self._wait(
             lambda: self._goal is not None and self._goal[0] > before,
-            _SERVICE_TIMEOUT,
+            SERVICE_TIMEOUT,
             "goal_pose after the reset",
         )
         began, goal = self._goal
@@ -156,14 +113,14 @@ class Conductor:
         self._wait(lambda: self._has_ended or time.monotonic() > until, timeout, "the end of the episode")
         if not self._has_ended:
             self.call("episode/stop")  # refused where the end came in between
-            self._wait(lambda: self._has_ended, _SERVICE_TIMEOUT, "the end of the episode")
-        self._wait(lambda: self._poses, _SERVICE_TIMEOUT, "object_pose")
+            self._wait(lambda: self._has_ended, SERVICE_TIMEOUT, "the end of the episode")
+        self._wait(lambda: self._poses, SERVICE_TIMEOUT, "object_pose")
         self._hear_out()
         declared, reason = self._phases[-1]
         ended, pose = self._poses[-1]
         return score(self._domain, declared, reason, pose, goal, (ended - began) / 1e9)
 
-    def recover(self, timeout: float = _SERVICE_TIMEOUT) -> None:
+    def recover(self, timeout: float = SERVICE_TIMEOUT) -> None:
         """Make a backend that has stopped follow commands again, once the arm rests. Raises GraphError."""
         deadline = time.monotonic() + timeout
         while not (answer := self.call(f"{self._backend}/recover")).success:
@@ -200,33 +157,3 @@ class Conductor:
     @property
     def _elapsed(self) -> float:
         return (self._now - self._goal[0]) / 1e9 if self._goal else 0.0
-
-    def _client(self, service: str):
-        if service not in self._clients:
-            self._clients[service] = self._node.create_client(Trigger, service)
-        return self._clients[service]
-
-    def call(self, service: str) -> Trigger.Response:
-        """The response of a Trigger service. Raises TimeoutError or NodeDied."""
-        client = self._client(service)
-        self._wait(client.service_is_ready, _SERVICE_TIMEOUT, f"the service {service}")
-        future = client.call_async(Trigger.Request())
-        self._wait(future.done, _SERVICE_TIMEOUT, f"an answer of {service}")
-        return future.result()
-
-    def _succeed(self, service: str) -> None:
-        answer = self.call(service)
-        if not answer.success:
-            raise GraphError(f"{service}: expected success, got: {answer.message}")
-
-    def _wait(self, condition: Callable[[], object], timeout: float, what: str) -> None:
-        def spun() -> bool:
-            if condition():
-                return True
-            self._spin_once()
-            return bool(condition())
-
-        self._supervisor.wait(spun, timeout, what)
-
-    def _spin_once(self) -> None:
-        self._executor.spin_once(_SPIN)

@@ -2,43 +2,31 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 
-import rclpy
 from np_ros import qos
-from rclpy.signals import SignalHandlerOptions
 
 from np_bringup.bag import Message
 from np_bringup.cdr import padding_filter
 from np_bringup.contract import BY_NAME
-from np_bringup.nodes.links import Links
+from np_bringup.nodes.participant import Participant
 from np_bringup.nodes.recorder_node import message_class
 from np_bringup.replay import Comparison, Script, Step
 from np_bringup.supervisor import Supervisor
-from np_ros.spin import Spinner
 
 _EVENTS = ("gripper_command", "pre_contact_pose", "joint_trajectory")
 
 
-class Player:
+class Player(Participant):
     """Plays a script to the nodes of a supervisor and compares what they answer.
 
     patience: s of wall time in which an answer must come.
     """
 
     def __init__(self, supervisor: Supervisor, script: Script, patience: float = 60.0):
-        self._supervisor, self._patience = supervisor, patience
+        super().__init__(supervisor, "player")
+        self._patience = patience
         self.comparison = Comparison(script.live)
-        os.environ.update(supervisor.environment)
-        self._context = rclpy.Context()
-        rclpy.init(
-            context=self._context,
-            domain_id=supervisor.domain_id,
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-        self._node = rclpy.create_node("player", context=self._context)
-        self.links = Links(self._node)
         self._publishers = {
             name: self._node.create_publisher(
                 message_class(BY_NAME[name].type),
@@ -56,24 +44,11 @@ class Player:
                 qos.EVENT if name in _EVENTS else qos.LOCKSTEP,
                 raw=True,
             )
-        self._spinner = Spinner(self._node)
-
-    def __enter__(self) -> Player:
-        return self
-
-    def __exit__(self, *exception) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._spinner.close()
-        self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
 
     def wait_until_ready(self, names: set[str], timeout: float = 120.0) -> None:
         """Until the nodes are up and matched, among each other and with the player."""
         self._wait(
-            lambda: self.links.are_complete(names),
+            lambda: self._links.are_complete(names),
             timeout,
             f"the nodes {', '.join(sorted(names))}, all matched",
         )
@@ -109,12 +84,3 @@ class Player:
     def _receiver(self, name: str):
         clean = padding_filter(BY_NAME[name].type)
         return lambda data: self._received[name].append(clean(data))
-
-    def _wait(self, condition, timeout: float, what: str) -> None:
-        def spun() -> bool:
-            if condition():
-                return True
-            self._spinner.spin_once(0.05)
-            return bool(condition())
-
-        self._supervisor.wait(spun, timeout, what)

@@ -16,7 +16,8 @@ from std_srvs.srv import Trigger
 from np_bringup.contract import BY_NAME, TOPICS, Topic
 from np_bringup.recorder import BagWriter, Sequencer
 
-_QUIET = 0.05  # s without a message after which everything sent before is taken to be here
+_QUIET = 0.05  # s without a message sent before a stop after which all of these are taken to be here
+_PATIENCE = 1.0  # s after which a stop waits no longer, whatever another host's clock says of its messages
 
 
 class Recorder(Node):
@@ -110,14 +111,17 @@ class Recorder(Node):
         }
 
     def _take_what_is_under_way(self) -> None:
-        asked, quiet_since = time.time_ns(), time.monotonic()
-        while time.monotonic() - quiet_since < _QUIET:
+        """Take what was sent before now. In real time the arm goes on sending: that does not hold up the end."""
+        asked, begun = time.time_ns(), time.monotonic()
+        heard = begun
+        while min(time.monotonic() - heard - _QUIET, time.monotonic() - begun - _PATIENCE) < 0:
             for subscription in self._subscriptions_by_topic.values():
                 while (
                     taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)
                 ) is not None:
                     subscription.callback(*taken)
-                    asked, quiet_since = time.time_ns(), time.monotonic()
+                    if taken[1]["source_timestamp"] <= asked:
+                        heard = time.monotonic()
             time.sleep(_QUIET / 10)
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

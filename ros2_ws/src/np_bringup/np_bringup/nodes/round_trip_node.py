@@ -1,5 +1,5 @@
-"""Measures the control loop from outside: from a state's publication to the arrival of the command that
-answers it.
+"""Measures the loops of a graph from outside: from a state's publication to the arrival of the command that
+answers it, and from an image's to that of its keypoints.
 
 Times are those the middleware stamps on messages: a state's at its publication, a command's at its arrival
 here, which is when it arrives at the backend too. What this node does later with a message does not count.
@@ -14,16 +14,19 @@ import numpy as np
 from np_ros import qos
 from np_ros.node import Diagnostics, parameter, run
 from rclpy.node import Node
-from sensor_msgs.msg import JointState, PointCloud2
+from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
 from np_bringup.cdr import header_stamp
 
 
 class RoundTrip(Node):
-    """Collects from `~/start` until it is ended, then writes JSON: periods, p50, p99, max in ms, missed.
+    """Collects from `~/start` until it is ended, then writes JSON: periods, p50, p99, max in ms, missed; of the
+    camera: frames, frame_rate, those without keypoints (frames_dropped), and from image to keypoints
+    frame_p50_ms, frame_p99_ms.
 
-    missed: share of the states that were not answered within the deadline, or not at all.
+    missed: share of the states that were not answered within the deadline, or not at all. An image is known by
+    its camera_info, which goes before it.
     """
 
     def __init__(self):
@@ -37,13 +40,15 @@ class RoundTrip(Node):
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_subscription(JointState, "joint_states", self._on_state, qos.RECORDER, raw=True)
         self.create_subscription(JointState, "effort_command", self._on_command, qos.RECORDER, raw=True)
+        self.create_subscription(CameraInfo, "camera/camera_info", self._on_frame, qos.RECORDER, raw=True)
         self.create_subscription(PointCloud2, "keypoints", self._on_keypoints, qos.RECORDER, raw=True)
 
     def _forget(self) -> None:
         self._sent: dict[int, int] = {}
         self._arrived: dict[int, int] = {}
         self._numbers: list[int] = []
-        self._keypoints = 0
+        self._frames: dict[int, int] = {}
+        self._seen: dict[int, int] = {}
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()
@@ -62,10 +67,31 @@ class RoundTrip(Node):
         self._arrived.setdefault(header_stamp(data), info["received_timestamp"])
         self._numbers.append(info["publication_sequence_number"])
 
-    def _on_keypoints(self, data: bytes) -> None:
-        self._keypoints += 1
+    def _on_frame(self, data: bytes, info: dict) -> None:
+        self._frames.setdefault(header_stamp(data), info["source_timestamp"])
+
+    def _on_keypoints(self, data: bytes, info: dict) -> None:
+        self._seen.setdefault(header_stamp(data), info["received_timestamp"])
 
     def _result(self) -> dict[str, object]:
+        return self._control() | self._camera()
+
+    def _camera(self) -> dict[str, object]:
+        stamps = sorted(self._frames)[:-3]  # the last ones may still be on their way
+        if len(stamps) < 2:
+            return {"frames": len(stamps), "frames_dropped": 0}
+        took = [(self._seen[s] - self._frames[s]) * 1e-6 for s in stamps if s in self._seen]
+        p50, p99 = np.percentile(took, (50, 99)) if took else (np.inf, np.inf)
+        elapsed = (self._frames[stamps[-1]] - self._frames[stamps[0]]) * 1e-9
+        return {
+            "frames": len(stamps),
+            "frame_rate": round((len(stamps) - 1) / elapsed, 1),
+            "frames_dropped": len(stamps) - len(took),
+            "frame_p50_ms": round(float(p50), 1),
+            "frame_p99_ms": round(float(p99), 1),
+        }
+
+    def _control(self) -> dict[str, object]:
         stamps = sorted(self._sent)[:-10]  # the last ones may still be on their way
         if not stamps or not self._arrived:
             return {"periods": len(stamps), "answered": 0}
@@ -90,7 +116,7 @@ class RoundTrip(Node):
             "late": late,
             "unanswered": unanswered,
             "state_rate": round(len(stamps) / elapsed, 1),
-            "keypoint_rate": round(self._keypoints / elapsed, 1),
+            "keypoint_rate": round(len(self._seen) / elapsed, 1),
             "seconds": round(elapsed, 1),
         }
 

@@ -26,7 +26,7 @@ from np_control.safety import LIMITS, Refusal
 from np_control.trajectory import Trajectory
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_ros import qos
-from np_ros.messages import BadMessage, joint_state_arrays, joint_state_message, stamp_nanoseconds
+from np_ros.messages import BadMessage, JointStateWriter, joint_state_arrays, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter
 from np_ros.spin import request_realtime
 
@@ -73,6 +73,7 @@ class ControllerNode(Node):
         self.diagnostics.values["mode"] = mode
         if priority and not request_realtime(priority):
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
+        self._writer = JointStateWriter(JOINT_NAMES)
         self._command = self.create_publisher(JointState, "effort_command", qos.publisher(lockstep))
         self.create_subscription(JointState, "joint_states", self._on_state, qos.subscriber(lockstep))
         inputs.subscribe(self, self, LIMITS, lockstep=lockstep)
@@ -133,8 +134,8 @@ class ControllerNode(Node):
             self._seconds.append(time.time() - self._sent * 1e-9)
 
     def _publish(self, answer: Answer) -> None:
-        self._command.publish(joint_state_message(
-            answer.stamp, JOINT_NAMES, answer.position, answer.velocity, answer.torque))
+        self._command.publish(self._writer.fill(
+            answer.stamp, answer.position, answer.velocity, answer.torque))
 
     # Trajectories and targets
 

@@ -57,8 +57,8 @@ def check_command(limits: SafetyLimits, stamp: int, names: Sequence[str], positi
 
 def _check_range(limits: SafetyLimits, reason: Reason, unit: str, values: np.ndarray, lower: np.ndarray,
                  upper: np.ndarray) -> None:
-    outside = np.flatnonzero((values < lower) | (values > upper))
-    if outside.size:
-        i = outside[0]
+    outside = (values < lower) | (values > upper)
+    if outside.any():
+        i = int(outside.argmax())
         raise Refusal(reason, f"{limits.joints[i]}: expected {lower[i]} to {upper[i]} {unit}, "
                               f"got {values[i]}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
@@ -99,7 +100,7 @@ class SafetyFilter:
         fault, and the torque then fades to zero or brakes.
         """
         self._dq = np.array(dq, dtype=float)
-        if not (np.isfinite(q).all() and np.isfinite(dq).all()):
+        if not (isfinite(q @ q) and isfinite(dq @ dq)):
             self.watchdog.fault("measured state is not finite")
             self._dq = np.full(len(self.limits.joints), np.inf)
             self._torque = self._faded()
@@ -150,10 +151,14 @@ class SafetyFilter:
 
     def _check_state(self, q: np.ndarray, dq: np.ndarray) -> None:
         limits = self.limits
-        for i in np.flatnonzero(np.abs(dq) > limits.velocity):
+        too_fast = np.abs(dq) > limits.velocity
+        outside = (q < limits.position_lower) | (q > limits.position_upper)
+        if not (too_fast | outside).any():
+            return
+        for i in np.flatnonzero(too_fast):
             self.watchdog.fault(f"{limits.joints[i]}: {dq[i]:.2f} rad/s is over the limit of "
                                 f"{limits.velocity[i]:.2f}")
-        for i in np.flatnonzero((q < limits.position_lower) | (q > limits.position_upper)):
+        for i in np.flatnonzero(outside):
             self.watchdog.fault(f"{limits.joints[i]}: {q[i]:.3f} rad is outside "
                                 f"{limits.position_lower[i]} to {limits.position_upper[i]}")
 

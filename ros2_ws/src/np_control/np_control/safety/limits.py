@@ -16,6 +16,7 @@ from np_control.safety.refusals import Reason, Refusal, check_finite
 from np_description.panda import NOMINAL, PandaModel
 
 _GAIN_SPAN = np.stack([STIFFNESS_MAX - STIFFNESS_MIN, np.full(7, DAMPING_RATIO_MAX - DAMPING_RATIO_MIN)])
+_SIDES = np.array([[-1.0], [1.0]])  # lower and upper
 PERIOD_NS = 2_000_000  # the control period, 500 Hz
 
 
@@ -82,6 +83,11 @@ class SafetyLimits:
         return self.speed_fraction * self.velocity
 
     @cached_property
+    def walls(self) -> np.ndarray:
+        """Positions (2, 7) rad of the soft walls, lower and upper."""
+        return np.stack([self.wall_lower, self.wall_upper])
+
+    @cached_property
     def wall_lower(self) -> np.ndarray:
         """Position (7,) rad of the lower soft wall."""
         return self.position_lower + self.wall_margin
@@ -105,15 +111,14 @@ class SafetyLimits:
 LIMITS = SafetyLimits.of(NOMINAL)
 
 
-def velocity_bounds(limits: SafetyLimits, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest velocity (7,) rad/s allowed at q (7,) rad.
+def velocity_bounds(limits: SafetyLimits, q: np.ndarray) -> np.ndarray:
+    """Least and greatest velocity (2, 7) rad/s allowed at q (7,) rad.
 
     Far from the walls these are the speed limits; towards a wall they shrink in proportion to the distance,
     so that the approach is exponential; behind the wall they point back out.
     """
     # The pull back from far outside the range is no faster than cruising either.
-    return (_bounded(limits.wall_rate * (limits.wall_lower - q), limits.cruise),
-            _bounded(limits.wall_rate * (limits.wall_upper - q), limits.cruise))
+    return _bounded(limits.wall_rate * (limits.walls - q), limits.cruise)
 
 
 def torque_bounds(limits: SafetyLimits, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -123,15 +128,15 @@ def torque_bounds(limits: SafetyLimits, q: np.ndarray, dq: np.ndarray) -> tuple[
     joint reaches the bound (v = tau^2 / (2 rate inertia)); close to the bound it fades linearly, and beyond
     it turns into braking.
     """
-    slowest, fastest = velocity_bounds(limits, q)
-    lower, upper = -_torque_towards(limits, dq - slowest), _torque_towards(limits, fastest - dq)
+    room = _SIDES * (velocity_bounds(limits, q) - dq)
+    lower, upper = _SIDES * _torque_towards(limits, room)
     # Braking is owed even where it is hard to take back.
     lower = np.where(upper < 0, np.minimum(lower, upper), lower)
     return lower, np.maximum(lower, upper)
 
 
 def _torque_towards(limits: SafetyLimits, room: np.ndarray) -> np.ndarray:
-    """Greatest torque (7,) Nm towards a velocity bound `room` (7,) rad/s away (negative: exceeded)."""
+    """Greatest torque (2, 7) Nm towards velocity bounds `room` (2, 7) rad/s away (negative: exceeded)."""
     retractable = np.sqrt(limits.retraction * np.maximum(room, 0.0))
     return _bounded(np.minimum(limits.speed_slope * room, retractable), limits.torque)
 
@@ -160,6 +165,8 @@ def limit_torque(limits: SafetyLimits, torque: np.ndarray, previous: np.ndarray,
     guarded = np.minimum(np.maximum(lawful, lower), upper)
     step = limits.torque_rate * limits.period
     slewed = np.minimum(np.maximum(guarded, previous - step), previous + step)
+    if (slewed == torque).all():
+        return slewed, []
     stages = (("torque", torque, lawful), ("wall_or_speed", lawful, guarded),
               ("torque_rate", guarded, slewed))
     return slewed, [name for name, before, after in stages if (before != after).any()]

@@ -10,10 +10,11 @@ from pathlib import Path
 
 from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_bringup.graph import NodeSpec
+from np_bringup.nodes.participant import GraphError
 from np_bringup.supervisor import NodeDied, Supervisor
 
 from np_diagnosis.excitation import FURTHER, NAMES, suite
-from np_diagnosis.nodes.excite_node import ExciteError, Exciter
+from np_diagnosis.nodes.excite_node import Exciter
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -85,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; the bag is complete up to here", file=sys.stderr)
         return INTERRUPTED
-    except (ExciteError, NodeDied, TimeoutError, LookupError) as error:
+    except (GraphError, NodeDied, TimeoutError, LookupError) as error:
         print(f"excite: {error}", file=sys.stderr)
         return 1
     return 0

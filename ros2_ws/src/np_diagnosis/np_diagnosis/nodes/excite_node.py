@@ -6,22 +6,16 @@ with gains for each segment. The controller follows, the backend guards, the rec
 
 from __future__ import annotations
 
-import json
-import os
 import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
-from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from np_bringup.nodes.links import Links
+from np_bringup.nodes.participant import GraphError, Participant
 from np_bringup.supervisor import Supervisor
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
@@ -30,7 +24,6 @@ from np_ros.messages import gains_message, header_message, joint_state_arrays, s
     trajectory_message
 from np_diagnosis.excitation import TICK_NS, Segment, end_of, schedule, suite
 
-_SPIN = 0.05  # s
 _READY_TIMEOUT = 120.0  # s of wall time
 GAINS_AHEAD = TICK_NS  # ns by which gains go before their trajectory in real time
 SILENCE = 20.0  # s of wall time without a state
@@ -38,11 +31,7 @@ SILENCE = 20.0  # s of wall time without a state
 PASSING = ("refused_late", "refused_order", "refused_future")
 
 
-class ExciteError(RuntimeError):
-    """The experiment cannot go on; the text says what was expected and what came."""
-
-
-class Exciter:
+class Exciter(Participant):
     """Runs a plan on the graph of a supervisor, which watches the processes that it has started.
 
     lockstep: whether time waits for our ticks. on_segment(name, number, count) is told each start.
@@ -50,15 +39,9 @@ class Exciter:
 
     def __init__(self, supervisor: Supervisor, *, lockstep: bool,
                  on_segment: Callable[[str, int, int], None] = lambda *_: None):
-        self._supervisor, self._lockstep, self._on_segment = supervisor, lockstep, on_segment
-        os.environ.update(supervisor.environment)
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=supervisor.domain_id,
-                   signal_handler_options=SignalHandlerOptions.NO)
-        node = self._node = rclpy.create_node("excite", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(node)
-        self._links = Links(node)
+        super().__init__(supervisor, "excite")
+        self._lockstep, self._on_segment = lockstep, on_segment
+        node = self._node
         stream = qos.publisher(lockstep)
         self._tick = node.create_publisher(Header, "tick", stream)
         self._gains = node.create_publisher(Float64MultiArray, "target_gains", stream)
@@ -67,6 +50,7 @@ class Exciter:
         node.create_subscription(JointState, "joint_states", self._receive_state, qos.subscriber(lockstep))
         node.create_subscription(DiagnosticArray, "diagnostics", self._receive_diagnostics, qos.RECORDER)
         self._state: tuple[int, np.ndarray] | None = None
+        self._states = 0  # heard
         self._heard = time.monotonic()
         self._plan: list[Segment] = []
         self._starts: list[int] = []
@@ -77,18 +61,6 @@ class Exciter:
         self._problem = ""
         self._refused: dict[tuple[str, str], int] = {}
 
-    def __enter__(self) -> Exciter:
-        return self
-
-    def __exit__(self, *exception) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._executor.shutdown(timeout_sec=0)
-        self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
-
     def wait_until_ready(self, names: set[str]) -> None:
         """Until the named nodes are up and everyone is matched. Raises NodeDied or TimeoutError."""
         self._wait(lambda: self._links.are_complete(names) and self._state is not None, _READY_TIMEOUT,
@@ -96,11 +68,15 @@ class Exciter:
         for publisher in (self._trajectory, self._gains):
             self._wait(lambda: publisher.get_subscription_count() > 0, _READY_TIMEOUT,
                        f"a controller that listens to {publisher.topic_name}")
+        # Lockstep repeats its first state until we tick. What went with the one we have may have been sent before the
+        # recorder listened; the one after the next was certainly sent after.
+        heard = self._states
+        self._wait(lambda: self._states >= heard + 2, _READY_TIMEOUT, "joint_states, again")
 
     def run(self, only: Sequence[str] = ()) -> list[str]:
         """Send the named experiments, from where the arm is; the segments sent.
 
-        Raises ExciteError where the backend stops, a trajectory is refused or the states cease; NodeDied.
+        Raises GraphError where the backend stops, a trajectory is refused or the states cease; NodeDied.
         """
         stamp, position = self._state
         self._plan = suite(only, start=position)
@@ -108,24 +84,14 @@ class Exciter:
         self._starts, self._end = schedule(self._plan, begin), end_of(self._plan, begin)
         self._heard = time.monotonic()
         self._advance()
-        self._wait(lambda: self._state[0] >= self._end, float("inf"), "the end of the experiment")
+        self._follow(lambda: self._state[0] >= self._end, "the end of the experiment")
         self._say_phase("idle")
         return [segment.name for segment in self._plan]
-
-    def stop_recording(self) -> dict:
-        """Close the recorder's bag; what it says about it. Raises ExciteError."""
-        client = self._node.create_client(Trigger, "recorder/stop")
-        self._wait(client.service_is_ready, _READY_TIMEOUT, "the service recorder/stop", alive=False)
-        future = client.call_async(Trigger.Request())
-        self._wait(future.done, _READY_TIMEOUT, "an answer of recorder/stop", alive=False)
-        answer = future.result()
-        if not answer.success:
-            raise ExciteError(f"recorder/stop: expected success, got: {answer.message}")
-        return json.loads(answer.message)
 
     def _receive_state(self, message: JointState) -> None:
         position, _, _ = joint_state_arrays(message, STATE_NAMES)
         self._state = stamp_nanoseconds(message.header.stamp), position[:len(JOINT_NAMES)]
+        self._states += 1
         self._heard = time.monotonic()
         self._advance()
 
@@ -138,8 +104,9 @@ class Exciter:
             self._send_gains_ahead(stamp)
         if self._sent < len(self._plan) and stamp >= self._starts[self._sent]:
             self._send_segment(stamp, position)
-        if stamp % TICK_NS == 0 and (stamp != self._ticked or self._lockstep):
-            self._ticked = stamp
+        # In real time a busy machine misses states, also those of a tick: then the next one is it.
+        if stamp % TICK_NS == 0 if self._lockstep else stamp // TICK_NS > self._ticked:
+            self._ticked = stamp // TICK_NS
             self._tick.publish(header_message(stamp, self._label))
 
     def _send_gains_ahead(self, stamp: int) -> None:
@@ -154,8 +121,8 @@ class Exciter:
         error = np.abs(position - segment.positions[0])
         if (error > LIMITS.start_tolerance).any():
             i = int(error.argmax())
-            raise ExciteError(f"{segment.name}: expected {JOINT_NAMES[i]} at "
-                              f"{segment.positions[0][i]:.3f} rad, found it {error[i]:.3f} rad from there")
+            raise GraphError(f"{segment.name}: expected {JOINT_NAMES[i]} at "
+                             f"{segment.positions[0][i]:.3f} rad, found it {error[i]:.3f} rad from there")
         self._say_phase(f"excite: {segment.name}")
         if self._lockstep:
             self._gains.publish(gains_message(segment.gains))
@@ -181,17 +148,14 @@ class Exciter:
                         last = next((v.value for v in status.values if v.key == "last_refusal"), "")
                         self._problem = f"{status.name}: {pair.key} {pair.value} {last}".rstrip()
 
-    def _wait(self, condition: Callable[[], bool], timeout: float, what: str, alive: bool = True) -> None:
-        """Spin until the condition holds. alive: the arm must be well and its states must keep coming."""
-        def spun() -> bool:
-            if condition():
-                return True
-            self._executor.spin_once(_SPIN)
-            if alive and self._end is not None:
-                if self._problem:
-                    raise ExciteError(f"expected an arm that follows, got: {self._problem}")
-                if time.monotonic() - self._heard > SILENCE:
-                    raise ExciteError(f"expected joint_states, none came for {SILENCE:g} s")
-            return bool(condition())
+    def _follow(self, condition: Callable[[], bool], what: str) -> None:
+        """Spin until the condition holds: the arm must be well, and its states must keep coming."""
 
-        self._supervisor.wait(spun, timeout, what)
+        def well() -> bool:
+            if self._problem:
+                raise GraphError(f"expected an arm that follows, got: {self._problem}")
+            if time.monotonic() - self._heard > SILENCE:
+                raise GraphError(f"expected joint_states, none came for {SILENCE:g} s")
+            return condition()
+
+        self._wait(well, float("inf"), what)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable
+from itertools import count
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -23,18 +24,20 @@ from np_control.trajectory import Trajectory
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_franka.driver import Cycle
 from np_franka.gripper import Gripper
-from np_franka.limits import FR3_LIMITS
 from np_franka.nodes.settings import declare
 from np_franka.onboard import Onboard
 from np_ros import qos
-from np_ros.messages import BadMessage, joint_state_message, stamp_nanoseconds
+from np_ros.messages import BadMessage, JointStateWriter, stamp_nanoseconds
 from np_ros.node import Diagnostics, run
 from np_ros.spin import Spinner, request_realtime
 
 PERIOD = LIMITS.period_ns
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
 STATISTICS_EVERY = 1.0  # s
+SERVED_EVERY = 4  # cycles from one look at timers and services to the next: a stop takes effect within 5 ms
 IDLE_WAIT = 0.05  # s that is waited for messages while there is no robot to pace the loop
+PASSING = (State.MOVING, State.HOLDING)
+TOLD_EVERY = 100_000_000  # ns between two changes from one of them to the other that are told at once
 LEVELS = {State.HOLDING: DiagnosticStatus.WARN, State.STOPPED: DiagnosticStatus.ERROR,
           State.FAULT: DiagnosticStatus.ERROR}
 
@@ -45,23 +48,26 @@ class FrankaDriver(Node):
     def __init__(self):
         super().__init__("franka_driver")
         settings, self._driver = declare(self)
-        self._gripper = Gripper(settings.hostname) if settings.has_gripper else None
+        self._gripper = Gripper(settings.robot, settings.hostname) if settings.has_gripper else None
         self._published = -1  # number of the period published last
         self._reported: tuple[State, str] | None = None
+        self._told = 0  # stamp ns at which a state was published at once
         self.diagnostics = Diagnostics(self)
-        self.diagnostics.values.update(mode="realtime", hostname=settings.hostname, control=settings.control,
-                                       calibration=settings.calibration)
+        self.diagnostics.values.update(
+            mode="realtime", robot=settings.robot, hostname=settings.hostname, control=settings.control,
+            calibration=settings.calibration)
         stream = qos.publisher(lockstep=False)
         self._joint_states = self.create_publisher(JointState, "joint_states", stream)
         self._motor_states = self.create_publisher(JointState, "motor_states", stream)
         self._applied = self.create_publisher(JointState, "applied_command", stream)
+        self._whole, self._arm = JointStateWriter(STATE_NAMES), JointStateWriter(JOINT_NAMES)
         self._effort = None
         if self._driver.onboard is None:
             self.create_subscription(JointState, "effort_command", self._on_command,
                                      qos.subscriber(lockstep=False))
         else:  # what the controller on board answers is published where another's would be, for recordings
             self._effort = self.create_publisher(JointState, "effort_command", stream)
-            inputs.subscribe(self, self, FR3_LIMITS, lockstep=False)
+            inputs.subscribe(self, self, self._driver.filter.limits, lockstep=False)
         self.create_subscription(Float64, "gripper_command", self._on_gripper, qos.EVENT)
         self.create_service(Trigger, "~/stop", self._service(self._stop))
         self.create_service(Trigger, "~/recover", self._service(self._recover))
@@ -98,18 +104,17 @@ class FrankaDriver(Node):
         reading, applied = cycle.reading, cycle.applied
         fingers = np.full(2, 0.0 if self._gripper is None else self._gripper.opening)
         unknown = np.zeros(2)  # the hand tells neither speed nor force
-        self._joint_states.publish(joint_state_message(
-            stamp, STATE_NAMES, np.append(reading.q, fingers), np.append(reading.dq, unknown),
+        self._joint_states.publish(self._whole.fill(
+            stamp, np.append(reading.q, fingers), np.append(reading.dq, unknown),
             np.append(reading.torque, unknown)))
-        self._motor_states.publish(joint_state_message(
-            stamp, JOINT_NAMES, reading.theta, reading.dtheta, reading.commanded))
+        if reading.theta is not None:
+            self._motor_states.publish(self._arm.fill(
+                stamp, reading.theta, reading.dtheta, reading.commanded))
         if self._effort is not None and cycle.answer is not None:
             answer = cycle.answer
-            self._effort.publish(joint_state_message(
-                stamp, JOINT_NAMES, answer.position, answer.velocity, answer.torque))
+            self._effort.publish(self._arm.fill(stamp, answer.position, answer.velocity, answer.torque))
         if stamp % APPLIED_EVERY == 0:
-            self._applied.publish(joint_state_message(
-                stamp, JOINT_NAMES, applied.position, applied.velocity, applied.torque))
+            self._applied.publish(self._arm.fill(stamp, applied.position, applied.velocity, applied.torque))
             if self._gripper is not None:
                 self._gripper.poll()
                 self.diagnostics.values["gripper_error"] = self._gripper.error
@@ -194,12 +199,17 @@ class FrankaDriver(Node):
     # Diagnostics
 
     def _report(self) -> None:
-        """Tell the state, and what it means: published at once when it changes."""
+        """Tell the state, and what it means: at once when it changes, but for moving and holding in turn, ten
+        times a second: where commands come late all the time, telling it would make more late."""
         state, cause = self._driver.state, self._driver.filter.watchdog.cause
-        if (state, cause) != self._reported:
-            self._reported = state, cause
-            self.diagnostics.values.update(state=str(state), last_error=self._driver.error)
-            self.diagnostics.report(LEVELS.get(state, DiagnosticStatus.OK), f"{state}: {cause}")
+        if (state, cause) == self._reported:
+            return
+        is_passing = state in PASSING and self._reported is not None and self._reported[0] in PASSING
+        at_once = not is_passing or self._driver.stamp >= self._told + TOLD_EVERY
+        self._reported, self._told = (state, cause), self._driver.stamp if at_once else self._told
+        self.diagnostics.values.update(state=str(state), last_error=self._driver.error)
+        level = LEVELS.get(state, DiagnosticStatus.OK)
+        self.diagnostics.report(level, f"{state}: {cause}", at_once=at_once)
 
     def _on_statistics(self) -> None:
         values = self.diagnostics.values
@@ -224,9 +234,14 @@ class FrankaDriver(Node):
 
 
 def spin(node: FrankaDriver, spinner: Spinner) -> None:
-    """The robot's cycle, and what has come meanwhile, in turn."""
-    while True:
-        spinner.spin_once(node.cycle())
+    """The robot's cycle and the messages that have come meanwhile, in turn; timers and services every few
+    cycles."""
+    for number in count():
+        wait = node.cycle()
+        if wait or number % SERVED_EVERY == 0:
+            spinner.spin_once(wait)
+        else:
+            spinner.poll()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,0 +1,111 @@
+"""What the driver asks of a client of the robot's protocol, whichever package it comes from. No ROS."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from typing import Protocol
+
+import numpy as np
+
+from np_franka.checklist import Facts
+
+MILLISECOND = 1_000_000  # ns
+ROBOT_OF_PROTOCOL = {3: "panda", 4: "panda", 5: "panda", **dict.fromkeys(range(6, 11), "fr3")}
+"""Which robot speaks which version of the research interface: Franka's compatibility matrix."""
+_VERSIONS = re.compile(r"server version: (\d+), library version: (\d+)")
+
+
+class ArmError(OSError):
+    """What the robot refused or reported, or how the connection broke, in one line."""
+
+
+class Lost(ArmError):
+    """The connection is gone."""
+
+
+class Aborted(ArmError):
+    """The robot ended the motion; states still come."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """One state of the robot.
+
+    time: ns on the robot's clock, whole milliseconds. q (7,) rad, dq (7,) rad/s: joint side; torque (7,) Nm:
+    measured at the joints, without gravity; theta (7,) rad, dtheta (7,) rad/s: motor side, None where the
+    client does not tell; commanded (7,) Nm: the torque that the drives were told, without gravity. mode,
+    errors: the robot's own words, errors empty if it has none. success_rate: share of the last 100 commands
+    that came in time, 0..1.
+    """
+
+    time: int
+    q: np.ndarray
+    dq: np.ndarray
+    torque: np.ndarray
+    theta: np.ndarray | None
+    dtheta: np.ndarray | None
+    commanded: np.ndarray
+    mode: str
+    errors: str
+    success_rate: float
+
+
+class Client(Protocol):
+    """A connection to one robot, made by the constructor. Every method raises ArmError.
+
+    Python's interpreter lock is kept while a state is waited for, so that one thread does all: the robot's
+    next state paces it.
+    """
+
+    def set_collision_behavior(self, torques: np.ndarray, wrench: np.ndarray) -> None:
+        """Stop at external torques (7,) Nm of the joints, or at a wrench (6,) N, Nm at the hand."""
+
+    def facts(self) -> Facts:
+        """What the robot says of itself, by the next state, while it is not controlled."""
+
+    def start(self) -> None:
+        """Begin to take torques."""
+
+    def read(self) -> Reading:
+        """Wait for the next state."""
+
+    def write(self, torque: np.ndarray, last: bool) -> None:
+        """Answer the state just read with torque (7,) Nm, without gravity; the last one ends the motion."""
+
+    def clear_errors(self) -> None:
+        """Let the robot recover from its reflexes; it does not move."""
+
+    def close(self) -> None:
+        """Leave the robot, which then holds itself; never raises."""
+
+
+def translated(method: Callable) -> Callable:
+    """A method of a client that raises what its `translate` makes of its package's `errors`."""
+
+    @wraps(method)
+    def call(self, *arguments, **named):
+        try:
+            return method(self, *arguments, **named)
+        except self.errors as error:
+            raise self.translate(error) from error
+
+    return call
+
+
+def mismatch(robot: str, package: str, hostname: str, error: Exception) -> ArmError | None:
+    """The refusal of a robot that speaks another version than the package chosen by `robot`, which names
+    both; None where `error` is something else."""
+    if hasattr(error, "server_version"):  # panda_py's own
+        server, library = error.server_version, error.library_version
+    elif found := _VERSIONS.search(str(error)):  # libfranka's words
+        server, library = map(int, found.groups())
+    else:
+        return None
+    spoken = ROBOT_OF_PROTOCOL.get(server, "")
+    advice = f"set robot:={spoken}" if spoken not in ("", robot) else f"install the {package} of its version"
+    kind = f"of robot:={spoken}" if spoken else "unknown"
+    return ArmError(f"robot:={robot}: {package} speaks version {library} of the protocol, the robot at "
+                    f"{hostname} version {server} ({kind}): {advice}")

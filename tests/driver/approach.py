@@ -1,0 +1,96 @@
+"""The approach of a card episode through the driver: keypoints of a card at rest, real weights, RRT*."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from measured import Measurement, overheard
+from moving_arm import MovingArm
+from np_control.kinematics import forward_kinematics
+from np_description.camera import CAMERA
+from np_description.domains import find_domain, sample_task
+from np_description.keypoints import box_keypoints
+from np_description.panda import BASE_FRAME, JOINT_NAMES
+from np_description.rotations import quaternion_from_matrix, rotation_angle
+from np_description.scene import CAMERA_NAME
+from np_ros import qos
+from np_ros.messages import keypoints_message, pose_arrays, pose_message, trajectory_arrays
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+DOMAIN = find_domain("card")
+SHOWN_EVERY = 0.03  # s between two sets of keypoints, as from a detector
+
+
+class Episode:
+    """The nodes `episode`, `pre_contact` and `approach` beside an arm, and a card that they are shown."""
+
+    def __init__(self, arm: MovingArm, seed: int):
+        self._arm, self._probe = arm, arm.harness.probe
+        self._start, self._goal = sample_task(DOMAIN, np.random.default_rng(seed))
+        probe = self._probe
+        self.phases = probe.collect("phase", String, qos.LATCHED)
+        self.plans = probe.collect("joint_trajectory", JointTrajectory, qos.EVENT)
+        self.poses = probe.collect("pre_contact_pose", PoseStamped, qos.EVENT)
+        probe.advertise("keypoints", PointCloud2)
+        probe.advertise("goal_pose", PoseStamped, qos.LATCHED)
+        graph = arm.harness.graph
+        probe.wait_until_ready({
+            graph.run("np_policy", name, {"mode": "realtime", **more})
+            for name, more in (
+                ("pre_contact", {}), ("approach", {"seed": seed}), ("episode", {"backend": "franka_driver"}))
+        })
+
+    def run(self, now: Callable[[], int]) -> None:
+        """Start, and show the card until the phase `post`; now: stamp ns of what is shown. RuntimeError where
+        the episode comes to another end."""
+        probe = self._probe
+        goal = pose_message(now(), BASE_FRAME, self._goal.position, self._goal.quaternion)
+        probe.publish("goal_pose", goal, qos.LATCHED)
+        answer = probe.node.create_client(Trigger, "episode/start").call_async(Trigger.Request())
+        corners, _ = CAMERA.project(
+            box_keypoints(np.asarray(DOMAIN.half_size), self._start.position, self._start.quaternion))
+        seen = np.column_stack([corners, np.ones(len(corners))])
+
+        def is_over() -> bool:
+            probe.publish("keypoints", keypoints_message(now(), CAMERA_NAME, seen))
+            probe.idle_for(SHOWN_EVERY)
+            said = [message.data for message in self.phases]
+            if ended := [text for text in said if text.startswith(("failed", "fault"))]:
+                raise RuntimeError(f"the approach ended with {ended[0]}")
+            return any(text.startswith("post") for text in said)
+
+        self._arm.harness.wait(is_over, "the end of the approach")
+        assert answer.done() and answer.result().success, answer
+
+    def result(self) -> dict[str, object]:
+        """Where the arm has come to, against the end of the plan and the pose that was asked for."""
+        _, planned, _ = trajectory_arrays(self.plans[-1], JOINT_NAMES)
+        position, quaternion = pose_arrays(self.poses[-1], BASE_FRAME)
+        q = np.array(self._arm.robot.request("state")["q"])
+        at, rotation = forward_kinematics(q)
+        angle = rotation_angle(quaternion, quaternion_from_matrix(rotation))
+        duration = self.plans[-1].points[-1].time_from_start
+        return {
+            "phases": [message.data for message in self.phases],
+            "plan_s": round(duration.sec + duration.nanosec * 1e-9, 2),
+            "plan_points": len(planned),
+            "end_joint_error_rad": round(float(np.abs(planned[-1] - q).max()), 5),
+            "end_hand_error_mm": round(float(1e3 * np.linalg.norm(at - position)), 2),
+            "end_hand_error_deg": round(float(np.degrees(angle)), 2),
+        }
+
+
+def approach(control: str, pace: float = 1.0, seed: int = 0) -> dict[str, object]:
+    """Phases pre and approach of a card episode; the figures."""
+    with MovingArm(control, pace=pace, priority=pace == 1.0) as arm:
+        episode = Episode(arm, seed)
+        measurement = Measurement(arm)
+        with overheard(arm) as raw:
+            episode.run(measurement.now)
+            arm.rest()
+        return {"control": control, **episode.result(), **measurement.row(raw)}
