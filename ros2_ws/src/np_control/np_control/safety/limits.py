@@ -155,7 +155,8 @@ def clamp_torque(limits: SafetyLimits, torque: np.ndarray) -> np.ndarray:
 
 def limit_torque(limits: SafetyLimits, torque: np.ndarray, previous: np.ndarray, q: np.ndarray,
                  dq: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Torque (..., 7) Nm that may be applied now, and the names of the guards that changed it, of one arm or many.
+    """Torque (..., 7) Nm that may be applied now, and the names of the guards that changed it, of one arm or
+    many.
 
     torque: wanted; previous: applied one period ago, within the limits; q rad, dq rad/s: measured, finite.
     Walls and speed come first, then the torque limit, then the rate, which therefore always holds: a faster
