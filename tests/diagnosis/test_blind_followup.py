@@ -1,4 +1,5 @@
-"""The second recording of the blind test: made where it is asked for, of the same arm, and judged strictly."""
+"""The second recording of the blind test: made where it is asked for, of the same arm, and judged
+strictly."""
 
 import json
 
@@ -19,7 +20,11 @@ TRUTH = {"effect": "coulomb_friction", "component": "panda_joint7"}
 
 def report(verdict="ambiguous", experiment="sinusoid_7", effects=(TRUTH,), command=True):
     wanted = {"name": experiment, **({"command": "excite"} if command else {})}
-    return {"verdict": verdict, "next_experiment": wanted, "effects": [{**e, "is_added": True} for e in effects]}
+    return {
+        "verdict": verdict,
+        "next_experiment": wanted,
+        "effects": [{**e, "is_added": True} for e in effects],
+    }
 
 
 def put(folder, content):
@@ -27,12 +32,15 @@ def put(folder, content):
     (folder / "report.json").write_text(json.dumps(content))
 
 
-@pytest.mark.parametrize("content, name", [
-    (report(), "sinusoid_7"),
-    (report("identified"), None),
-    (report(experiment="none of them can", command=False), None),
-    ({"verdict": "ambiguous", "next_experiment": None}, None),
-])
+@pytest.mark.parametrize(
+    "content, name",
+    [
+        (report(), "sinusoid_7"),
+        (report("identified"), None),
+        (report(experiment="none of them can", command=False), None),
+        ({"verdict": "ambiguous", "next_experiment": None}, None),
+    ],
+)
 def test_only_an_open_question_with_an_experiment_gets_one(tmp_path, content, name):
     put(tmp_path, content)
     assert suggested(tmp_path) == name
@@ -75,16 +83,19 @@ def test_an_experiment_that_nobody_knows_is_no_answer(tmp_path):
     assert is_settled({"kind": "single", "faults": [TRUTH]}, tmp_path) is False
 
 
-@pytest.mark.parametrize("kind, verdict, effects, settled", [
-    ("single", "identified", [TRUTH], True),
-    ("single", "ambiguous", [TRUTH], False),
-    ("single", "identified", [{**TRUTH, "effect": "viscous_friction"}], False),
-    ("single", "identified", [TRUTH, {"effect": "payload", "component": "arm"}], False),
-    ("null", "no_gap", [], True),
-    ("null", "identified", [TRUTH], False),
-    ("stranger", "unexplained", [TRUTH], True),
-    ("stranger", "identified", [TRUTH], False),
-])
+@pytest.mark.parametrize(
+    "kind, verdict, effects, settled",
+    [
+        ("single", "identified", [TRUTH], True),
+        ("single", "ambiguous", [TRUTH], False),
+        ("single", "identified", [{**TRUTH, "effect": "viscous_friction"}], False),
+        ("single", "identified", [TRUTH, {"effect": "payload", "component": "arm"}], False),
+        ("null", "no_gap", [], True),
+        ("null", "identified", [TRUTH], False),
+        ("stranger", "unexplained", [TRUTH], True),
+        ("stranger", "identified", [TRUTH], False),
+    ],
+)
 def test_settled_means_sure_and_right(tmp_path, kind, verdict, effects, settled):
     put(tmp_path / "next", report(verdict, effects=effects))
     (tmp_path / "next" / "error.txt").write_text("")

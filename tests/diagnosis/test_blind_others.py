@@ -16,10 +16,12 @@ from np_diagnosis.blind.sealed import make_key
 from np_diagnosis.blind.tables import figures_table
 from np_diagnosis.commands import blind
 
-FAKE = "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); " \
-       "[((out / n).mkdir(parents=True), (out / n / 'patch.yaml').write_text('effects: []')) " \
-       "for n in ('none', 'paper', 'sysid_3', 'sysid_6')]; " \
-       "print('{\"none\": {\"wall_s\": 0.5}, \"paper\": {\"wall_s\": 7.0}}')"
+FAKE = (
+    "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); "
+    "[((out / n).mkdir(parents=True), (out / n / 'patch.yaml').write_text('effects: []')) "
+    "for n in ('none', 'paper', 'sysid_3', 'sysid_6')]; "
+    'print(\'{"none": {"wall_s": 0.5}, "paper": {"wall_s": 7.0}}\')'
+)
 
 
 def entry(effect, component, **values):
@@ -27,25 +29,40 @@ def entry(effect, component, **values):
 
 
 def test_what_is_changed_beyond_its_limit_is_named_largest_first():
-    report = others.as_report([
-        entry("coulomb_friction", "panda_joint2", level=0.12),  # twice the limit of 0.06
-        entry("armature", "panda_joint7", inertia=-0.08),  # ten times
-        entry("viscous_friction", "panda_joint1", coefficient=0.01),  # an eighth
-        entry("link_com", "panda_joint4", moment_x=0.03, moment_y=0.04, moment_z=0.0),  # five times
-    ])
+    report = others.as_report(
+        [
+            entry("coulomb_friction", "panda_joint2", level=0.12),  # twice the limit of 0.06
+            entry("armature", "panda_joint7", inertia=-0.08),  # ten times
+            entry("viscous_friction", "panda_joint1", coefficient=0.01),  # an eighth
+            entry("link_com", "panda_joint4", moment_x=0.03, moment_y=0.04, moment_z=0.0),  # five times
+        ]
+    )
     assert [(e["effect"], e["component"]) for e in report["effects"]] == [
-        ("armature", "panda_joint7"), ("link_com", "panda_joint4"), ("coulomb_friction", "panda_joint2")]
+        ("armature", "panda_joint7"),
+        ("link_com", "panda_joint4"),
+        ("coulomb_friction", "panda_joint2"),
+    ]
     assert report["where"][0] == {"module": "joint_dynamics", "component": "panda_joint7"}
     assert report["verdict"] == "identified" and others.as_report([])["verdict"] == "no_gap"
 
 
 def test_the_truth_as_a_patch_is_right():
-    case = next(c for c in draw_cases(40, 0, "development") if c.kind == "single" and c.faults[0].size > 3
-                and c.faults[0].effect in ("armature", "coulomb_friction", "viscous_friction"))
+    case = next(
+        c
+        for c in draw_cases(40, 0, "development")
+        if c.kind == "single"
+        and c.faults[0].size > 3
+        and c.faults[0].effect in ("armature", "coulomb_friction", "viscous_friction")
+    )
     fault, ((truth,),) = case.faults[0], make_physics([case])[1]
     patch = [entry(fault.effect, fault.component, **{name: value for name, (value, _) in truth.items()})]
-    known = {"case": 0, "kind": "single", "faults": [
-        {"effect": fault.effect, "component": fault.component, "size": fault.size, "parameters": {}}]}
+    known = {
+        "case": 0,
+        "kind": "single",
+        "faults": [
+            {"effect": fault.effect, "component": fault.component, "size": fault.size, "parameters": {}}
+        ],
+    }
     score = score_case(known, others.as_report(patch))
     assert score.module and score.joint and score.effect and not score.covered
 
@@ -62,7 +79,12 @@ def test_a_command_that_fails_leaves_the_reason(tmp_path):
 
 
 def test_a_command_that_takes_too_long_is_ended(tmp_path):
-    others.identify(tmp_path, tmp_path / "report", f"{sys.executable} -c 'import threading; threading.Event().wait()'", 0.5)
+    others.identify(
+        tmp_path,
+        tmp_path / "report",
+        f"{sys.executable} -c 'import threading; threading.Event().wait()'",
+        0.5,
+    )
     assert "no answer within 0.5 s" in (tmp_path / "report" / "baselines" / "error.txt").read_text()
 
 

@@ -29,11 +29,15 @@ def test_stretches_are_rows_of_the_recording(log, most):
         assert part.time[0] == 0.0 and part.duration == pytest.approx(STRETCH, abs=0.01)
         first = int(np.flatnonzero((log.position == part.position[0]).all(axis=1))[0])
         rows = slice(first, first + len(part.time))
-        assert np.array_equal(part.torque, log.torque[rows]) and np.allclose(part.time, log.time[rows] - log.time[first])
+        assert np.array_equal(part.torque, log.torque[rows]) and np.allclose(
+            part.time, log.time[rows] - log.time[first]
+        )
         assert np.allclose(part.torque_time - part.time, log.torque_time[rows] - log.time[rows])
         c, whole = part.commands, log.commands
         assert np.array_equal(c.rows, np.arange(len(part.time)))
-        assert np.array_equal(c.torque, whole.torque[rows]) and np.allclose(c.torque_time - part.time[c.rows], 0.001)
+        assert np.array_equal(c.torque, whole.torque[rows]) and np.allclose(
+            c.torque_time - part.time[c.rows], 0.001
+        )
 
 
 def test_a_short_recording_is_looked_at_whole(log):

@@ -1,7 +1,9 @@
-"""The closed loop in the simulator: shots that repeat what was recorded, and refits that find what was there."""
+"""The closed loop in the simulator: shots that repeat what was recorded, and refits that find what was
+there."""
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,13 +11,18 @@ from own_simulator import record
 
 from np_description.patch import Patch, PatchEffect
 from np_diagnosis import refit as refitting
+from np_diagnosis.arm_model import panda
 from np_diagnosis.estimates import Estimate
 from np_diagnosis.forward import SAMPLE, WARM, WINDOW, departures, rms, windows
 from np_diagnosis.refit import Part, disagree, refit
 
-TRUTH = Patch((PatchEffect("coulomb_friction", "panda_joint4", {"level": 0.4}),
-               PatchEffect("viscous_friction", "panda_joint4", {"coefficient": 0.3}),
-               PatchEffect("command_delay", "arm", {"delay": 0.002})))
+TRUTH = Patch(
+    (
+        PatchEffect("coulomb_friction", "panda_joint4", {"level": 0.4}),
+        PatchEffect("viscous_friction", "panda_joint4", {"coefficient": 0.3}),
+        PatchEffect("command_delay", "arm", {"delay": 0.002}),
+    )
+)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +39,7 @@ def test_windows_are_stretches_of_the_recording(log, recorded):
     assert len(recorded) >= 5
     assert recorded.position.shape[1:] == (round((WARM + WINDOW) / 0.002) + 1, 7)
     first = round(recorded.start[2] / 0.002)
-    assert np.array_equal(recorded.position[2], log.position[first:first + recorded.position.shape[1]])
+    assert np.array_equal(recorded.position[2], log.position[first : first + recorded.position.shape[1]])
     law = recorded.stiffness * (recorded.lead - recorded.position) - recorded.damping * recorded.velocity
     assert np.allclose(law + recorded.fed, recorded.commanded)
     assert np.diff(recorded.sampled).tolist() == [round(SAMPLE / 0.002)] * (len(recorded.sampled) - 1)
@@ -40,16 +47,26 @@ def test_windows_are_stretches_of_the_recording(log, recorded):
 
 def test_recordings_without_commands_or_too_short_have_none(log):
     assert windows([replace(log, commands=None)]) is None
-    few = replace(log.commands, **{name: getattr(log.commands, name)[:200] for name in (
-        "rows", "target", "target_velocity", "torque", "torque_time", "stiffness", "damping")})
+    few = replace(
+        log.commands,
+        **{
+            name: getattr(log.commands, name)[:200]
+            for name in ("rows", "target", "target_velocity", "torque", "torque_time", "stiffness", "damping")
+        },
+    )
     assert windows([replace(log, commands=few)]) is None
 
 
 def test_a_lost_command_ends_a_window(log):
     c = log.commands
     kept = np.arange(len(c.rows)) != 700
-    torn = replace(c, **{name: getattr(c, name)[kept] for name in (
-        "rows", "target", "target_velocity", "torque", "torque_time", "stiffness", "damping")})
+    torn = replace(
+        c,
+        **{
+            name: getattr(c, name)[kept]
+            for name in ("rows", "target", "target_velocity", "torque", "torque_time", "stiffness", "damping")
+        },
+    )
     spans = windows([replace(log, commands=torn)], every=0.5).start
     assert not ((spans < 700 * 0.002) & (spans + WARM + WINDOW > 700 * 0.002)).any()
 
@@ -67,21 +84,32 @@ def test_side_by_side_is_one_by_one(recorded):
 
 
 def test_late_and_biased_sensors_are_started_from_what_was_true():
-    patch = Patch((PatchEffect("measurement_delay", "arm", {"delay": 0.003}),
-                   PatchEffect("encoder_bias", "panda_joint4", {"bias": 0.01})))
+    patch = Patch(
+        (
+            PatchEffect("measurement_delay", "arm", {"delay": 0.003}),
+            PatchEffect("encoder_bias", "panda_joint4", {"bias": 0.01}),
+        )
+    )
     late = windows([record(["sinusoid_4"], patch)], every=1.0)
     nominal, true = rms(departures(late, [Patch(), patch]))
     assert true[3] < 0.05 * nominal[3]
 
 
 def part(effect, component, **values):
-    return Part(effect, component, {name: Estimate(v, v - w, v + w, "") for name, (v, w) in values.items()}, {})
+    return Part(
+        effect, component, {name: Estimate(v, v - w, v + w, "") for name, (v, w) in values.items()}, {}
+    )
 
 
 def test_a_refit_finds_the_parameters_from_a_poor_start(recorded):
-    done = refit(recorded, [part("coulomb_friction", "panda_joint4", level=(0.3, 0.05)),
-                            part("viscous_friction", "panda_joint4", coefficient=(0.5, 0.1)),
-                            part("command_delay", "arm", delay=(0.003, 5e-4))])
+    done = refit(
+        recorded,
+        [
+            part("coulomb_friction", "panda_joint4", level=(0.3, 0.05)),
+            part("viscous_friction", "panda_joint4", coefficient=(0.5, 0.1)),
+            part("command_delay", "arm", delay=(0.003, 5e-4)),
+        ],
+    )
     level, coefficient, delay = (next(iter(v.values())) for v in done.values)
     assert level.value == pytest.approx(0.4, abs=0.01)
     assert coefficient.value == pytest.approx(0.3, abs=0.02)
@@ -92,8 +120,13 @@ def test_a_refit_finds_the_parameters_from_a_poor_start(recorded):
 
 def test_the_delay_is_a_nuisance_of_every_fit(recorded):
     """What a late loop does is not taken for damping."""
-    done = refit(recorded, [part("coulomb_friction", "panda_joint4", level=(0.4, 0.02)),
-                            part("viscous_friction", "panda_joint4", coefficient=(0.3, 0.05))])
+    done = refit(
+        recorded,
+        [
+            part("coulomb_friction", "panda_joint4", level=(0.4, 0.02)),
+            part("viscous_friction", "panda_joint4", coefficient=(0.3, 0.05)),
+        ],
+    )
     assert set(done.values[0]) == {"level"} and set(done.values[1]) == {"coefficient"}
     assert done.values[1]["coefficient"].value == pytest.approx(0.3, abs=0.05)
 
@@ -107,7 +140,9 @@ def test_disagreement_is_beyond_both_intervals():
     one = Estimate(1.0, 0.9, 1.1, "Nm")
     assert disagree(one, Estimate(1.3, 1.2, 1.4, "Nm"))
     assert not disagree(one, Estimate(1.1, 1.0, 1.2, "Nm"))
-    assert not disagree(Estimate(1.0, 1.0, 1.0, "Nm"), Estimate(1.01, 1.01, 1.01, "Nm"))  # two simulators differ
+    assert not disagree(
+        Estimate(1.0, 1.0, 1.0, "Nm"), Estimate(1.01, 1.01, 1.01, "Nm")
+    )  # two simulators differ
 
 
 def test_a_row_of_the_report_says_where_the_two_disagree(recorded):
@@ -117,3 +152,15 @@ def test_a_row_of_the_report_says_where_the_two_disagree(recorded):
     assert row["parameters"][0]["disagree"] is True
     assert row["closed_loop_rad"]["forward"] < row["closed_loop_rad"]["torque_domain"]
     assert json.loads(json.dumps(row)) == row
+
+
+def test_a_structure_that_no_arm_can_have_is_reported_and_does_not_end_the_report(monkeypatch, log):
+    """Inertia below nothing: MuJoCo refuses to make such a link."""
+    impossible = Part("link_inertia", "panda_joint4", {"scale": Estimate(-1.5, -1.6, -1.4, "1")}, {})
+    monkeypatch.setattr(refitting, "parts_of", lambda *_: (impossible,))
+    monkeypatch.setattr(refitting, "windows", lambda logs: windows(logs, every=0.5))
+    diagnosis = SimpleNamespace(
+        context=SimpleNamespace(arm=panda(), logs=[log]), design=SimpleNamespace(parameters=())
+    )
+    (row,) = refitting.second_opinion(diagnosis)["structures"]
+    assert row["effects"] == ["link_inertia at panda_joint4"] and row["error"]

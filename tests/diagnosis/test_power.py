@@ -98,8 +98,10 @@ def test_planned_cells_have_the_columns_of_the_recording(payload_search):
     r2 = next(c for c in cells if c.stage == "r2" and c.joint == 1)
     column = int(np.flatnonzero(r2.ids == design.candidates[member].ids[0])[0])
     assert r2.test[0, column, column] > 0  # a payload weighs on joint 2 in that posture
-    assert (np.array([c.whiten for c in cells if c.stage == "r2"])
-            == np.array([c.whiten for c in design.cells if c.stage == "r2" and c.joint in (1, 3)])).all()
+    assert (
+        np.array([c.whiten for c in cells if c.stage == "r2"])
+        == np.array([c.whiten for c in design.cells if c.stage == "r2" and c.joint in (1, 3)])
+    ).all()
 
 
 def test_longer_motions_say_more_and_a_posture_tells_payload_from_offsets(payload_search):
@@ -119,13 +121,20 @@ def test_what_are_the_same_forces_no_experiment_can_tell():
     diagnosis = diagnose([log])
     member = diagnosis.chosen.members[0]
     question = ambiguity(diagnosis.search, diagnosis.chosen, member, ())
-    assert question is not None and any(" + ".join(names) == "coulomb_friction + torque_offset"
-                                        for names in question.names)
+    assert question is not None and any(
+        " + ".join(names) == "coulomb_friction + torque_offset" for names in question.names
+    )
     (row,) = powers(diagnosis.search, question, EXPERIMENTS)
     assert max(p.probability for p in row) < 0.1
-    answer = {"name": NONE, "separates": [" + ".join(n) for n in question.names], "component": question.component,
-              "expected_sigma": 0.0, "probability": 0.0, "cannot_separate": ["coulomb_friction + torque_offset"],
-              "ranked": []}
+    answer = {
+        "name": NONE,
+        "separates": [" + ".join(n) for n in question.names],
+        "component": question.component,
+        "expected_sigma": 0.0,
+        "probability": 0.0,
+        "cannot_separate": ["coulomb_friction + torque_offset"],
+        "ranked": [],
+    }
     report = make_report(diagnosis, [log], 0.0, experiment=answer)
     assert NONE in render(report, diagnosis)
 
@@ -142,7 +151,9 @@ def test_an_ambiguity_is_answered_with_a_command_and_its_odds():
     report = make_report(open_, [log], 0.0, experiment=answer, forward=forward)
     page = render(report, open_)
     assert [s["effects"] for s in report["forward"]["structures"]][:2] == [
-        ["coulomb_friction at panda_joint4"], ["viscous_friction at panda_joint4"]]
+        ["coulomb_friction at panda_joint4"],
+        ["viscous_friction at panda_joint4"],
+    ]
     assert "Second opinion" in page and "Rival" in page
     assert answer["component"] == "panda_joint4"
     assert answer["separates"][:2] == ["coulomb_friction", "viscous_friction"]

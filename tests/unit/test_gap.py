@@ -72,8 +72,12 @@ def test_a_drive_follows_no_faster_than_its_rate(commands, rate):
 
 @given(torques, st.floats(-0.3, 0.3), st.floats(-2, 2))
 def test_scale_and_offset_come_last(commands, scale, offset):
-    patch = Patch((PatchEffect("torque_scale", JOINT, {"scale": scale}),
-                   PatchEffect("torque_offset", JOINT, {"offset": offset})))
+    patch = Patch(
+        (
+            PatchEffect("torque_scale", JOINT, {"scale": scale}),
+            PatchEffect("torque_offset", JOINT, {"offset": offset}),
+        )
+    )
     given_ = driven(Gap(patch, PERIOD), commands)
     assert np.allclose(given_[:, at], (1 + scale) * commands[:, at] + offset)
 
@@ -92,8 +96,13 @@ def test_a_lost_packet_leaves_the_command_before_it_to_all_joints(share, seed):
 @given(angles, speeds, st.floats(-1, 1), st.floats(-1, 1))
 def test_what_is_uneven_about_friction_is_half_the_difference(q, dq, positive, negative):
     """With the mean, which the rigid-body model has, each direction gets its own level."""
-    patch = Patch((PatchEffect("asymmetric_coulomb_friction", JOINT,
-                               {"level_positive": positive, "level_negative": negative}),))
+    patch = Patch(
+        (
+            PatchEffect(
+                "asymmetric_coulomb_friction", JOINT, {"level_positive": positive, "level_negative": negative}
+            ),
+        )
+    )
     dq[at] = np.copysign(max(abs(dq[at]), 0.1), dq[at])
     mean = 0.5 * (positive + negative)
     direction = np.sign(dq[at])
@@ -103,7 +112,9 @@ def test_what_is_uneven_about_friction_is_half_the_difference(q, dq, positive, n
 
 @given(angles, speeds, st.floats(-1, 1), st.floats(-1, 1))
 def test_uneven_damping_likewise(q, dq, positive, negative):
-    extra = gap("asymmetric_viscous_friction", coefficient_positive=positive, coefficient_negative=negative).extra(q, dq)
+    extra = gap(
+        "asymmetric_viscous_friction", coefficient_positive=positive, coefficient_negative=negative
+    ).extra(q, dq)
     resisting = 0.5 * (positive + negative) * dq[at] - extra[at]
     assert resisting == pytest.approx((positive if dq[at] > 0 else negative) * dq[at], abs=1e-9)
 
@@ -119,15 +130,25 @@ def test_stribecks_torque_falls_with_speed(q, dq, breakaway, speed):
 def test_springs_and_ripple_follow_the_angle(q, stiffness, sine, cosine, order):
     still = np.zeros(7)
     assert gap("cable_torque", stiffness=stiffness).extra(q, still)[at] == pytest.approx(
-        -stiffness * (q[at] - NOMINAL.ready[at]), abs=1e-12)
+        -stiffness * (q[at] - NOMINAL.ready[at]), abs=1e-12
+    )
     assert gap("torque_ripple", sine=sine, cosine=cosine, order=order).extra(q, still)[at] == pytest.approx(
-        -sine * np.sin(order * q[at]) - cosine * np.cos(order * q[at]), abs=1e-9)
+        -sine * np.sin(order * q[at]) - cosine * np.cos(order * q[at]), abs=1e-9
+    )
 
 
-@given(st.floats(0.05, 1.0), st.floats(0.002, 0.05), st.lists(st.floats(-0.01, 0.01), min_size=2, max_size=60))
+@given(
+    st.floats(0.05, 1.0), st.floats(0.002, 0.05), st.lists(st.floats(-0.01, 0.01), min_size=2, max_size=60)
+)
 def test_friction_that_builds_up_follows_dahl(level, stroke, moves):
-    """dF/dx = (Fc - F sgn v) / x0, whose exact solution over a move is an exponential; it never gives energy."""
-    model, q, work, state = gap("presliding_friction", level=level, stroke=stroke), NOMINAL.ready.copy(), 0.0, 0.0
+    """dF/dx = (Fc - F sgn v) / x0, whose exact solution over a move is an exponential; it never gives
+    energy."""
+    model, q, work, state = (
+        gap("presliding_friction", level=level, stroke=stroke),
+        NOMINAL.ready.copy(),
+        0.0,
+        0.0,
+    )
     model.extra(q, np.zeros(7))
     for move in moves:
         q = q + move * (np.arange(7) == at)
@@ -154,7 +175,9 @@ def test_friction_drifts_over_its_duration_and_then_stays():
     nominal = NOMINAL.frictionloss[at] * np.tanh(0.4 / STICTION_SPEED) + NOMINAL.damping[at] * 0.4
     course = np.array([model.extra(NOMINAL.ready, dq)[at] for _ in range(1000)]) / nominal
     assert np.allclose(course[:500], 0.3 * np.arange(1, 501) / 500) and np.allclose(course[500:], 0.3)
-    begun = Gap(Patch((PatchEffect("thermal_drift", JOINT, {"change": -0.3, "duration": 1.0}),)), PERIOD, begin=0.5)
+    begun = Gap(
+        Patch((PatchEffect("thermal_drift", JOINT, {"change": -0.3, "duration": 1.0}),)), PERIOD, begin=0.5
+    )
     assert begun.extra(NOMINAL.ready, dq)[at] == pytest.approx(course[250] * nominal)
 
 
@@ -192,7 +215,9 @@ def test_old_states_are_old_by_the_delay(states, delay):
     model = gap("measurement_delay", "arm", delay=delay)
     seen = np.array([model.sense(q, 2 * q, np.zeros(7))[:2] for q in states])
     rows = np.arange(len(states))
-    expected = np.column_stack([np.interp(np.clip(rows - delay / PERIOD, 0, None), rows, column) for column in states.T])
+    expected = np.column_stack(
+        [np.interp(np.clip(rows - delay / PERIOD, 0, None), rows, column) for column in states.T]
+    )
     assert np.allclose(seen[:, 0], expected, atol=1e-9) and np.allclose(seen[:, 1], 2 * expected, atol=1e-9)
 
 
@@ -209,19 +234,32 @@ def test_encoders_read_in_steps_and_torque_sensors_are_off(q, dq, step, gain, of
 def test_what_a_backend_cannot_carry_is_named_and_does_nothing(effect):
     model = gap(effect, **{PARAMETERS[effect][0]: 0.01})
     assert model.ignored == (effect,)
-    assert np.array_equal(model.drive(np.ones(7)), np.ones(7)) and not model.extra(NOMINAL.ready, np.ones(7)).any()
+    assert (
+        np.array_equal(model.drive(np.ones(7)), np.ones(7))
+        and not model.extra(NOMINAL.ready, np.ones(7)).any()
+    )
 
 
 @settings(deadline=None, max_examples=30)
-@given(st.lists(st.sampled_from([
-    PatchEffect("command_delay", "arm", {"delay": 0.0033}),
-    PatchEffect("measurement_delay", "arm", {"delay": 0.0021}),
-    PatchEffect("actuator_lag", "panda_joint1", {"time_constant": 0.004}),
-    PatchEffect("presliding_friction", JOINT, {"level": 0.3, "stroke": 0.01}),
-    PatchEffect("payload", "arm", {"mass": 0.4}),
-    PatchEffect("load_dependent_friction", "panda_joint4", {"coefficient": 0.05}),
-    PatchEffect("torque_rate_limit", "panda_joint2", {"limit": 80.0}),
-    PatchEffect("packet_loss", "arm", {"share": 0.2})]), min_size=2, max_size=3), st.integers(0, 100))
+@given(
+    st.lists(
+        st.sampled_from(
+            [
+                PatchEffect("command_delay", "arm", {"delay": 0.0033}),
+                PatchEffect("measurement_delay", "arm", {"delay": 0.0021}),
+                PatchEffect("actuator_lag", "panda_joint1", {"time_constant": 0.004}),
+                PatchEffect("presliding_friction", JOINT, {"level": 0.3, "stroke": 0.01}),
+                PatchEffect("payload", "arm", {"mass": 0.4}),
+                PatchEffect("load_dependent_friction", "panda_joint4", {"coefficient": 0.05}),
+                PatchEffect("torque_rate_limit", "panda_joint2", {"limit": 80.0}),
+                PatchEffect("packet_loss", "arm", {"share": 0.2}),
+            ]
+        ),
+        min_size=2,
+        max_size=3,
+    ),
+    st.integers(0, 100),
+)
 def test_side_by_side_is_one_by_one(effects, seed):
     rng = np.random.default_rng(seed)
     patches = [Patch((effect,)) for effect in effects]
@@ -230,8 +268,12 @@ def test_side_by_side_is_one_by_one(effects, seed):
         command, q, dq = (scale * rng.normal(size=(len(patches), 7)) for scale in (5.0, 0.2, 0.5))
         lost = [e for e in effects if e.effect == "packet_loss"]
         if not lost:
-            assert np.allclose(together.drive(command), [one.drive(row) for one, row in zip(alone, command)], atol=1e-12)
-        assert np.allclose(together.extra(q, dq), [one.extra(*row) for one, row in zip(alone, zip(q, dq))], atol=1e-12)
+            assert np.allclose(
+                together.drive(command), [one.drive(row) for one, row in zip(alone, command)], atol=1e-12
+            )
+        assert np.allclose(
+            together.extra(q, dq), [one.extra(*row) for one, row in zip(alone, zip(q, dq))], atol=1e-12
+        )
         seen = zip(*(one.sense(*row) for one, row in zip(alone, zip(q, dq, command))))
         for wide, rows in zip(together.sense(q, dq, command), seen):
             assert np.allclose(wide, rows, atol=1e-12)

@@ -33,17 +33,26 @@ def test_what_is_written_is_read(tmp_path_factory, found):
 ENTRY = {"effect": "coulomb_friction", "component": "panda_joint1", "parameters": {"level": 0.1}}
 
 
-@pytest.mark.parametrize("content, text", [
-    ("effects: 3", "expected a mapping with the list 'effects'"),
-    ("- 1", "expected a mapping with the list 'effects'"),
-    ("effects: [", "expected a patch.yaml, got"),
-    ([{**ENTRY, "effect": "magic"}], "entry 0: expected an effect of the arm"),
-    ([ENTRY, {**ENTRY, "component": "elbow"}], "entry 1: expected 'arm' or a joint as component, got 'elbow'"),
-    ([{**ENTRY, "parameters": {"size": 1.0}}], "expected finite numbers for level; got size"),
-    ([{**ENTRY, "parameters": {"level": float("nan")}}], "expected finite numbers for level; got level: nan"),
-    ([{**ENTRY, "parameters": {"level": "much"}}], "got level: 'much'"),
-    ([{"effect": "payload"}], "entry 0: expected effect, component and parameters"),
-])
+@pytest.mark.parametrize(
+    "content, text",
+    [
+        ("effects: 3", "expected a mapping with the list 'effects'"),
+        ("- 1", "expected a mapping with the list 'effects'"),
+        ("effects: [", "expected a patch.yaml, got"),
+        ([{**ENTRY, "effect": "magic"}], "entry 0: expected an effect of the arm"),
+        (
+            [ENTRY, {**ENTRY, "component": "elbow"}],
+            "entry 1: expected 'arm' or a joint as component, got 'elbow'",
+        ),
+        ([{**ENTRY, "parameters": {"size": 1.0}}], "expected finite numbers for level; got size"),
+        (
+            [{**ENTRY, "parameters": {"level": float("nan")}}],
+            "expected finite numbers for level; got level: nan",
+        ),
+        ([{**ENTRY, "parameters": {"level": "much"}}], "got level: 'much'"),
+        ([{"effect": "payload"}], "entry 0: expected effect, component and parameters"),
+    ],
+)
 def test_a_file_that_is_wrong_says_where(tmp_path, content, text):
     path = tmp_path / "patch.yaml"
     path.write_text(content if isinstance(content, str) else yaml.safe_dump({"effects": content}))
@@ -62,9 +71,11 @@ def one(effect, component="panda_joint3", **parameters):
 
 @given(st.floats(-0.1, 2.0), joints)
 def test_friction_damping_and_rotors_are_added_in_their_joint(change, joint):
-    for effect, parameter, field in (("coulomb_friction", "level", "frictionloss"),
-                                     ("viscous_friction", "coefficient", "damping"),
-                                     ("armature", "inertia", "armature")):
+    for effect, parameter, field in (
+        ("coulomb_friction", "level", "frictionloss"),
+        ("viscous_friction", "coefficient", "damping"),
+        ("armature", "inertia", "armature"),
+    ):
         arm = one(effect, joint, **{parameter: change}).panda()
         added = getattr(arm, field) - getattr(NOMINAL, field)
         least = -getattr(NOMINAL, field)[NOMINAL.joints.index(joint)]  # there is no less than none
@@ -79,8 +90,13 @@ def test_the_mean_of_an_asymmetry_is_the_models_the_rest_is_not(positive, negati
 
 
 def test_effects_of_one_joint_add_up_and_what_sits_at_the_arm_is_everywhere():
-    patch = Patch((*one("coulomb_friction", level=0.1).effects, *one("coulomb_friction", level=0.2).effects,
-                   *one("command_delay", "arm", delay=0.003).effects))
+    patch = Patch(
+        (
+            *one("coulomb_friction", level=0.1).effects,
+            *one("coulomb_friction", level=0.2).effects,
+            *one("command_delay", "arm", delay=0.003).effects,
+        )
+    )
     assert np.allclose(patch.per_joint("coulomb_friction", "level"), 0.3 * (np.arange(7) == 2))
     assert np.allclose(patch.per_joint("command_delay", "delay"), 0.003)
     assert len(patch.of("coulomb_friction")) == 2 and patch.per_joint("payload", "mass").sum() == 0
@@ -110,7 +126,10 @@ def test_a_payload_is_a_point_mass_at_the_tool(mass):
     heavier, loaded, _, _ = energy_and_weight(one("payload", "arm", mass=mass).panda())
     jacobian = np.empty((3, model.nv))
     body = model.body("panda_hand").id
-    point = data.body("panda_hand").xpos + data.body("panda_hand").xmat.reshape(3, 3) @ NOMINAL.frames["hand_tcp"].position
+    point = (
+        data.body("panda_hand").xpos
+        + data.body("panda_hand").xmat.reshape(3, 3) @ NOMINAL.frames["hand_tcp"].position
+    )
     mujoco.mj_jac(model, data, jacobian, None, point, body)
     speed = jacobian[:, :7] @ np.linspace(0.3, -0.5, 7)
     assert heavier - energy == pytest.approx(0.5 * mass * speed @ speed, rel=1e-6)
@@ -135,6 +154,8 @@ def test_link_inertia_is_scaled_about_the_centre_of_mass(scale, joint):
 
 def test_nothing_changes_nothing():
     arm = Patch().panda()
-    assert all(np.array_equal(getattr(arm, name), getattr(NOMINAL, name))
-               for name in ("frictionloss", "damping", "armature"))
+    assert all(
+        np.array_equal(getattr(arm, name), getattr(NOMINAL, name))
+        for name in ("frictionloss", "damping", "armature")
+    )
     assert all(np.array_equal(body.com, NOMINAL.inertials[name].com) for name, body in arm.inertials.items())

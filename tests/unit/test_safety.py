@@ -53,6 +53,17 @@ def test_small_torque_at_rest_amid_the_range_passes_unchanged(torque, q):
     assert changed == []
 
 
+@pytest.mark.parametrize("arms", [1, 2, 5])
+def test_many_arms_are_guarded_as_one_is(arms):
+    """The blind test's generator moves them side by side; two of them are not the two sides of a bound."""
+    rng = np.random.default_rng(arms)
+    q = rng.uniform(NOMINAL.position_lower - 0.1, NOMINAL.position_upper + 0.1, (arms, 7))
+    dq, wanted, previous = (scale * rng.normal(size=(arms, 7)) for scale in (1.5, 60.0, 5.0))
+    together, _ = limit_torque(LIMITS, wanted, previous, q, dq)
+    for row, one in enumerate(together):
+        assert np.array_equal(one, limit_torque(LIMITS, wanted[row], previous[row], q[row], dq[row])[0])
+
+
 @given(positions, velocities)
 def test_bounds_are_ordered_and_point_away_from_walls(q, dq):
     slowest, fastest = velocity_bounds(LIMITS, q)

@@ -1,7 +1,9 @@
 """Effects of a patch.yaml that the batched simulator can carry: numbers of its rigid-body model.
 
-Friction, damping, rotors and link inertia are model fields (`Patch.panda`). The rest needs a drive or sensors with a
-memory, or a gravity that the arm does not compensate, which the captured graph does not have: it is refused by name.
+Friction, damping, rotors and link inertia are model fields (`Patch.panda`). The rest needs a drive or
+sensors with a
+memory, or a gravity that the arm does not compensate, which the captured graph does not have: it is refused
+by name.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ def check_carried(patch: Patch) -> None:
 
 
 def load_effects(path: str | Path | None) -> Patch:
-    """The patch in a file, the nominal arm for None. Raises ValueError for what is no patch or cannot be carried."""
+    """The patch in a file, the nominal arm for None. Raises ValueError for what is no patch or cannot be
+    carried."""
     patch = load_patch(path) if path else Patch()
     check_carried(patch)
     return patch

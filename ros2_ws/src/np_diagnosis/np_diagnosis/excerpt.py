@@ -1,4 +1,5 @@
-"""A part of each recording for a quick look: stretches of it, evenly spread, that are compared instead of all."""
+"""A part of each recording for a quick look: stretches of it, evenly spread, that are compared instead of
+all."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ SHORT = 45.0  # s in all, below which nothing is left out
 
 
 def excerpts(logs: Sequence[Log], most: float = SHORT) -> list[Log]:
-    """Stretches of the logs, as logs of their own, of about `most` s in all; the logs where they are no longer."""
+    """Stretches of the logs, as logs of their own, of about `most` s in all; the logs where they are no
+    longer."""
     total = sum(log.duration for log in logs)
     if total <= most:
         return list(logs)
@@ -40,8 +42,13 @@ def _cut(log: Log, begin: float, end: float) -> Log:
         parts["rows"], parts["torque_time"] = parts["rows"] - first, parts["torque_time"] - zero
         commands = replace(commands, **parts)
     return replace(
-        log, time=log.time[rows] - zero, position=log.position[rows], velocity=log.velocity[rows],
-        torque=log.torque[rows], torque_time=log.torque_time[rows] - zero, commands=commands,
+        log,
+        time=log.time[rows] - zero,
+        position=log.position[rows],
+        velocity=log.velocity[rows],
+        torque=log.torque[rows],
+        torque_time=log.torque_time[rows] - zero,
+        commands=commands,
         motor=None if log.motor is None else log.motor[rows],
         labels=tuple((at - begin, text) for at, text in log.labels if begin <= at < end),
     )

@@ -137,7 +137,8 @@ NAMES = tuple(_SUITE)
 
 
 def _sweep(joint: int) -> _Experiment:
-    # Two sinusoids that beat: one joint's speed swells from nothing to 0.7 rad/s and back, stroke after stroke.
+    # Two sinusoids that beat: one joint's speed swells from nothing to 0.7 rad/s and back, stroke after
+    # stroke.
     amplitude = np.stack([_only(joint, 0.13 * SCALE[joint])] * 2)
     frequency = np.array([[0.425], [0.475]]) * np.ones((1, 7))
     return _Experiment(READY, 20.0, waves(20.0, amplitude, frequency, np.array([[np.pi / 2], [-np.pi / 2]])))
@@ -163,10 +164,12 @@ def experiment(name: str) -> Segment:
 
 
 def suite(only: Sequence[str] = (), start: np.ndarray = READY) -> list[Segment]:
-    """The plan of the named experiments (the suite, `NAMES`, if none is named) for an arm that rests at `start`
+    """The plan of the named experiments (the suite, `NAMES`, if none is named) for an arm that rests at
+    `start`
     (7,) rad.
 
-    Beside those of the suite there are `FURTHER` ones. A name may be that of a family: "sinusoid" stands for all
+    Beside those of the suite there are `FURTHER` ones. A name may be that of a family: "sinusoid" stands for
+    all
     seven. Transfers lie between experiments about
     different postures. Raises ValueError for a name that is not known.
     """

@@ -1,8 +1,10 @@
 """r4: the closed loop in the simulator, from recorded targets and gains, against the recorded motion.
 
-The torque domain says what the arm lacks; this says what that means for where it goes. The simulator is started
+The torque domain says what the arm lacks; this says what that means for where it goes. The simulator is
+started
 from recorded states again and again (multiple shooting), each time for a short while, under the impedance law
-with the recorded targets: nominal, or with a patch. What was fed forward is taken from the recording. All windows
+with the recorded targets: nominal, or with a patch. What was fed forward is taken from the recording. All
+windows
 and patches are stepped side by side (mujoco.batch).
 """
 
@@ -29,14 +31,22 @@ SETTLED = 0.1  # s of a shot that do not count: rest of the start
 WARM = 0.1  # s before it, in which drives and sensors with a memory are shown what was recorded
 SMOOTH = 9  # rows over which the speed at the start is averaged
 SAMPLE = 0.01  # s between the moments that are compared
-_BAD = [int(w) for w in (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
-                         mujoco.mjtWarning.mjWARN_BADQACC)]
+_BAD = [
+    int(w)
+    for w in (
+        mujoco.mjtWarning.mjWARN_BADQPOS,
+        mujoco.mjtWarning.mjWARN_BADQVEL,
+        mujoco.mjtWarning.mjWARN_BADQACC,
+    )
+]
 
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """W stretches of recordings, m rows each, one a control period: position rad, velocity rad/s, lead (target with
-    what it is ahead by) rad, stiffness, damping, fed forward Nm, commanded Nm: all (W, m, 7). start (W,) s since
+    """W stretches of recordings, m rows each, one a control period: position rad, velocity rad/s, lead
+    (target with
+    what it is ahead by) rad, stiffness, damping, fed forward Nm, commanded Nm: all (W, m, 7). start (W,) s
+    since
     the recording began. The first `warm` rows lie before the shot.
     """
 
@@ -83,8 +93,18 @@ def windows(logs: Sequence[Log], every: float = EVERY) -> Windows | None:
         for first in range(SMOOTH, len(c.rows) - rows - SMOOTH, max(1, round(every / period))):
             s = slice(first, first + rows)
             if c.rows[first + rows] - c.rows[first] == rows:
-                parts.append((log.time[c.rows[first]], q[s], dq[s], lead[s], c.stiffness[s], c.damping[s], fed[s],
-                              c.torque[s]))
+                parts.append(
+                    (
+                        log.time[c.rows[first]],
+                        q[s],
+                        dq[s],
+                        lead[s],
+                        c.stiffness[s],
+                        c.damping[s],
+                        fed[s],
+                        c.torque[s],
+                    )
+                )
     if not parts:
         return None
     return Windows(period, round(WARM / period), *(np.array(column) for column in zip(*parts)))
@@ -99,8 +119,10 @@ def departures(recorded: Windows, patches: Sequence[Patch]) -> np.ndarray:
     models = [panda_plant(patch.panda(), recorded.period).model for patch in patches]
     batch = Batch(models[0], count * number, int(os.environ.get("OMP_NUM_THREADS", "0")))
     batch.set_models([model for model in models for _ in range(count)])
-    w = {name: np.tile(getattr(recorded, name), (number, 1, 1))
-         for name in ("position", "velocity", "lead", "stiffness", "damping", "fed", "commanded")}
+    w = {
+        name: np.tile(getattr(recorded, name), (number, 1, 1))
+        for name in ("position", "velocity", "lead", "stiffness", "damping", "fed", "commanded")
+    }
     spread = [patch for patch in patches for _ in range(count)]
     gap = Gap(spread, recorded.period, begin=np.tile(recorded.start, number))
     true, speed = _true(w["position"] - gap.bias[:, None], w["velocity"], gap.late)
@@ -115,7 +137,9 @@ def departures(recorded: Windows, patches: Sequence[Patch]) -> np.ndarray:
         seen, seen_speed, _ = gap.sense(q, dq, np.zeros_like(q))
         if k in compared:
             found.append(seen - w["position"][:, k])
-        torque = w["stiffness"][:, k] * (w["lead"][:, k] - seen) - w["damping"][:, k] * seen_speed + w["fed"][:, k]
+        torque = (
+            w["stiffness"][:, k] * (w["lead"][:, k] - seen) - w["damping"][:, k] * seen_speed + w["fed"][:, k]
+        )
         batch.ctrl[:] = gap.drive(torque)
         batch.qfrc_applied[:] = gap.extra(q, dq)
         batch.step()
@@ -133,14 +157,19 @@ def rms(errors: np.ndarray) -> np.ndarray:
 
 
 def _true(position: np.ndarray, velocity: np.ndarray, late: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angles and speeds (S, m, 7) as they were, of recorded ones that are `late` (S, 7) periods old; the last ones
+    """Angles and speeds (S, m, 7) as they were, of recorded ones that are `late` (S, 7) periods old; the
+    last ones
     are held. Speeds are averaged: an encoder's noise at the start is no motion."""
     kernel = np.ones(SMOOTH) / SMOOTH
     padded = np.pad(velocity, ((0, 0), (SMOOTH // 2, SMOOTH // 2), (0, 0)), mode="edge")
-    smooth = np.stack([padded[:, k:k + velocity.shape[1]] for k in range(SMOOTH)]).transpose(1, 2, 3, 0) @ kernel
+    smooth = (
+        np.stack([padded[:, k : k + velocity.shape[1]] for k in range(SMOOTH)]).transpose(1, 2, 3, 0) @ kernel
+    )
     rows = np.arange(position.shape[1])[None, :, None] + late[:, None]
     below = np.minimum(np.floor(rows).astype(int), position.shape[1] - 1)
     above = np.minimum(below + 1, position.shape[1] - 1)
     share = rows - np.floor(rows)
-    return tuple((1 - share) * np.take_along_axis(v, below, 1) + share * np.take_along_axis(v, above, 1)
-                 for v in (position, smooth))
+    return tuple(
+        (1 - share) * np.take_along_axis(v, below, 1) + share * np.take_along_axis(v, above, 1)
+        for v in (position, smooth)
+    )

@@ -1,9 +1,12 @@
 """The next experiment: which motion would split what a recording leaves open, and how probably.
 
-For an ambiguity there are the chosen structure and its rivals. An experiment's planned motion (`planning`) says
-what each would predict there, with the uncertainty of its parameters after what has been recorded, and the noise
+For an ambiguity there are the chosen structure and its rivals. An experiment's planned motion (`planning`)
+says
+what each would predict there, with the uncertainty of its parameters after what has been recorded, and the
+noise
 found. So the log Bayes factor that the experiment would give can be drawn in advance, with the one structure
-true or the other (expected information of a linear Gaussian design: Chaloner and Verdinelli, Stat. Sci. 1995).
+true or the other (expected information of a linear Gaussian design: Chaloner and Verdinelli, Stat. Sci.
+1995).
 """
 
 from __future__ import annotations
@@ -32,8 +35,20 @@ LEAST = 0.1  # probability below which no experiment is worth suggesting: the fo
 WORTH = 0.05  # of probability, for which a longer experiment is preferred
 NONE = "none of them can"
 
-EXPERIMENTS = ("triangle_slow", "triangle_medium", "triangle_fast", "microstrokes", "dwell", "second_dwell",
-               "third_dwell", "low_damping", "long_reference", "long_second", "long_third", "long_slow")
+EXPERIMENTS = (
+    "triangle_slow",
+    "triangle_medium",
+    "triangle_fast",
+    "microstrokes",
+    "dwell",
+    "second_dwell",
+    "third_dwell",
+    "low_damping",
+    "long_reference",
+    "long_second",
+    "long_third",
+    "long_slow",
+)
 """Tried for every joint; with them the joint's own sinusoid and sweep, and chirps of its half of the arm."""
 
 
@@ -50,8 +65,10 @@ class Ambiguity:
 
 @dataclass(frozen=True)
 class Power:
-    """What an experiment is expected to say. probability: of the true structure leading all it can be told from
-    by `DECISIVE` nats in the end; nats: expected log Bayes factor against the nearest one; sigma: the same as a
+    """What an experiment is expected to say. probability: of the true structure leading all it can be told
+    from
+    by `DECISIVE` nats in the end; nats: expected log Bayes factor against the nearest one; sigma: the same
+    as a
     distance in standard deviations, sqrt(2 nats)."""
 
     name: str
@@ -65,7 +82,9 @@ class Power:
         return float(np.sqrt(2 * max(self.nats, 0.0)))
 
 
-def ambiguity(search: Search, chosen: Structure, member: int, equivalent: Collection[str]) -> Ambiguity | None:
+def ambiguity(
+    search: Search, chosen: Structure, member: int, equivalent: Collection[str]
+) -> Ambiguity | None:
     """The chosen structure with those in which something else stands in a member's place: those named in
     `equivalent`, or where none is, what comes near. None where nothing does."""
     design, joints = search.design, search.design.context.arm.joints
@@ -92,7 +111,9 @@ def ambiguity(search: Search, chosen: Structure, member: int, equivalent: Collec
     if not ranked:
         return None
     structures = (chosen, *(s for _, s in ranked))
-    differing = {m for s in structures for m in s.members} - set.intersection(*(set(s.members) for s in structures))
+    differing = {m for s in structures for m in s.members} - set.intersection(
+        *(set(s.members) for s in structures)
+    )
     touched = sorted({j for m in differing for j in _reach(search, m)})
     return Ambiguity(structures, (mine, *(names for names, _ in ranked)), tuple(touched), place)
 
@@ -101,14 +122,23 @@ def candidates_for(joints: Sequence[int]) -> tuple[str, ...]:
     """Experiments worth planning for what shows in these joints, by number."""
     own = [f"{kind}_{j + 1}" for j in joints for kind in ("sinusoid", "sweep")] if len(joints) <= 2 else []
     halves = {"odd" if j % 2 == 0 else "even" for j in joints}
-    return (*EXPERIMENTS, *own, *(f"{kind}_{half}" for half in sorted(halves) for kind in ("chirp", "long_chirp")))
+    return (
+        *EXPERIMENTS,
+        *own,
+        *(f"{kind}_{half}" for half in sorted(halves) for kind in ("chirp", "long_chirp")),
+    )
 
 
-def powers(search: Search, open_question: Ambiguity, names: Sequence[str], seed: int = 0) -> list[list[Power]]:
+def powers(
+    search: Search, open_question: Ambiguity, names: Sequence[str], seed: int = 0
+) -> list[list[Power]]:
     """For each rival, what each experiment is expected to say of it against the chosen structure."""
     design, structures = search.design, open_question.structures
-    here = [m for m in sorted({m for s in structures for m in s.members})
-            if set(_reach(search, m)) & set(open_question.joints)]
+    here = [
+        m
+        for m in sorted({m for s in structures for m in s.members})
+        if set(_reach(search, m)) & set(open_question.joints)
+    ]
     cells = [c for c in design.cells if c.joint in open_question.joints]
     planned = planned_cells(design, names, here, open_question.joints)
     nuisance = np.concatenate([design.nuisances[j] for j in open_question.joints])
@@ -122,8 +152,9 @@ def powers(search: Search, open_question: Ambiguity, names: Sequence[str], seed:
         row = []
         for number, name in enumerate(names):
             normal = _normal(cells, planned, believed[0].variance, ids, number)
-            one, two = (_factors(normal, ids, *pair, seed)
-                        for pair in ((believed[0], other), (other, believed[0])))
+            one, two = (
+                _factors(normal, ids, *pair, seed) for pair in ((believed[0], other), (other, believed[0]))
+            )
             right = odds * np.mean(lead + one > DECISIVE) + (1 - odds) * np.mean(two - lead > DECISIVE)
             row.append(Power(name, duration[number], float(right), float(min(one.mean(), two.mean()))))
         table.append(row)
@@ -136,8 +167,15 @@ def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
     for finding in diagnosis.findings:
         if not finding.is_chosen or not (finding.equivalent_to or finding.probability < CERTAIN):
             continue
-        member = next((m for m in chosen.members if (c := search.design.candidates[m]).effect.id == finding.effect.id
-                       and c.at(joints) == finding.component), None)
+        member = next(
+            (
+                m
+                for m in chosen.members
+                if (c := search.design.candidates[m]).effect.id == finding.effect.id
+                and c.at(joints) == finding.component
+            ),
+            None,
+        )
         if member is None:
             continue
         likely = {f.effect.id for f in diagnosis.findings if not f.is_chosen and f.probability > 1 - CERTAIN}
@@ -147,7 +185,9 @@ def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
     return None
 
 
-def next_experiment(diagnosis: Diagnosis, question: tuple[Finding, Ambiguity] | None, seed: int = 0) -> dict | None:
+def next_experiment(
+    diagnosis: Diagnosis, question: tuple[Finding, Ambiguity] | None, seed: int = 0
+) -> dict | None:
     """What would settle a question, as the report says it; None where there is none.
 
     For another arm than the Panda, whose excitation this package does not plan: what the catalogue says.
@@ -162,8 +202,11 @@ def next_experiment(diagnosis: Diagnosis, question: tuple[Finding, Ambiguity] | 
 def _known(finding: Finding) -> dict:
     ids = {finding.effect.id, *finding.equivalent_to}
     split = next((text for members, text in equivalence_classes() if len(members & ids) > 1), None)
-    return {"name": split or finding.effect.entry["exciting_experiment"], "separates": sorted(ids),
-            "component": finding.component}
+    return {
+        "name": split or finding.effect.entry["exciting_experiment"],
+        "separates": sorted(ids),
+        "component": finding.component,
+    }
 
 
 def _answer(search: Search, question: Ambiguity, seed: int) -> dict:
@@ -171,17 +214,36 @@ def _answer(search: Search, question: Ambiguity, seed: int) -> dict:
     table = powers(search, question, names, seed)
     text = [" + ".join(parts) for parts in question.names]
     can = [max(p.probability for p in row) >= LEAST for row in table]
-    weights = np.array([np.exp(np.clip(search.value(s) - search.value(question.structures[0]), -KNOWN, 0.0))
-                        for s in question.structures[1:]]) * can
-    answer = {"separates": text, "component": question.component, "expected_sigma": 0.0, "probability": 0.0,
-              "cannot_separate": [t for t, c in zip(text[1:], can) if not c], "ranked": []}
+    weights = (
+        np.array(
+            [
+                np.exp(np.clip(search.value(s) - search.value(question.structures[0]), -KNOWN, 0.0))
+                for s in question.structures[1:]
+            ]
+        )
+        * can
+    )
+    answer = {
+        "separates": text,
+        "component": question.component,
+        "expected_sigma": 0.0,
+        "probability": 0.0,
+        "cannot_separate": [t for t, c in zip(text[1:], can) if not c],
+        "ranked": [],
+    }
     if not any(can):
         return {"name": NONE, **answer}
     weights = weights / weights.sum()
     columns = list(zip(*table))
-    ranked = [Power(column[0].name, column[0].duration,
-                    float(sum(w * p.probability for w, p in zip(weights, column))),
-                    min(p.nats for p, c in zip(column, can) if c)) for column in columns]
+    ranked = [
+        Power(
+            column[0].name,
+            column[0].duration,
+            float(sum(w * p.probability for w, p in zip(weights, column))),
+            min(p.nats for p, c in zip(column, can) if c),
+        )
+        for column in columns
+    ]
     top = max(p.probability for p in ranked)
     best = min((p for p in ranked if p.probability >= top - WORTH), key=lambda p: p.duration)
     ranked.sort(key=lambda p: -p.probability)
@@ -193,8 +255,15 @@ def _answer(search: Search, question: Ambiguity, seed: int) -> dict:
         "probability": round(best.probability, 3),
         "duration_s": round(best.duration, 1),
         "command": f"ros2 run np_diagnosis excite --only {best.name} --out BAG",
-        "ranked": [{"name": p.name, "duration_s": round(p.duration, 1), "probability": round(p.probability, 3),
-                    "expected_sigma": round(p.sigma, 2)} for p in ranked[:6]],
+        "ranked": [
+            {
+                "name": p.name,
+                "duration_s": round(p.duration, 1),
+                "probability": round(p.probability, 3),
+                "expected_sigma": round(p.sigma, 2),
+            }
+            for p in ranked[:6]
+        ],
     }
 
 
@@ -208,12 +277,23 @@ class _Belief:
     variance: dict[tuple[str, int], float]
 
     @classmethod
-    def of(cls, design: Design, cells: Sequence[Cell], nuisance: np.ndarray, members: Sequence[int]) -> _Belief:
+    def of(
+        cls, design: Design, cells: Sequence[Cell], nuisance: np.ndarray, members: Sequence[int]
+    ) -> _Belief:
         ids = np.concatenate([nuisance, *(design.candidates[m].ids for m in members)])
-        whole = fit(cells, [c.test.sum(axis=0)[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
-                    design.parameters)
-        return cls(ids, whole.parameters[0], whole.covariance[0],
-                   {(c.stage, c.joint): float(v[0]) for c, v in zip(cells, whole.variance)})
+        whole = fit(
+            cells,
+            [c.test.sum(axis=0)[None] for c in cells],
+            [c.test_rows.sum()[None] for c in cells],
+            ids,
+            design.parameters,
+        )
+        return cls(
+            ids,
+            whole.parameters[0],
+            whole.covariance[0],
+            {(c.stage, c.joint): float(v[0]) for c, v in zip(cells, whole.variance)},
+        )
 
 
 def _normal(cells, planned, variance, ids, number) -> np.ndarray:
@@ -244,8 +324,11 @@ def _evidence(normal: np.ndarray, moments: np.ndarray, ids: np.ndarray, belief: 
     posterior, n = precision + normal[np.ix_(at, at)], moments[:, at]
     pull = n + precision @ belief.mean
     shrunk = np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(precision)[1]
-    return 0.5 * ((pull * np.linalg.solve(posterior, pull.T).T).sum(axis=1) - belief.mean @ precision @ belief.mean
-                  - shrunk)
+    return 0.5 * (
+        (pull * np.linalg.solve(posterior, pull.T).T).sum(axis=1)
+        - belief.mean @ precision @ belief.mean
+        - shrunk
+    )
 
 
 def _fits(design: Design, member: int, other: int) -> bool:
@@ -258,7 +341,9 @@ def _sums(search: Search, chosen: Structure, member: int):
     """(members replaced, what stands for them) where a class of effects has a sum, as "a + b"."""
     design = search.design
     mine = design.candidates[member]
-    here = {design.candidates[m].effect.id: m for m in chosen.members if design.candidates[m].joint == mine.joint}
+    here = {
+        design.candidates[m].effect.id: m for m in chosen.members if design.candidates[m].joint == mine.joint
+    }
     by_id: dict[str, list[int]] = {}
     for n, c in enumerate(design.candidates):
         if c.joint == mine.joint:
@@ -274,7 +359,11 @@ def _sums(search: Search, chosen: Structure, member: int):
 
 def _same(design: Design, one: int, other: int) -> bool:
     a, b = design.candidates[one], design.candidates[other]
-    return one == other or (a.effect.id, a.joint, a.effect.component) == (b.effect.id, b.joint, b.effect.component)
+    return one == other or (a.effect.id, a.joint, a.effect.component) == (
+        b.effect.id,
+        b.joint,
+        b.effect.component,
+    )
 
 
 def _reach(search: Search, member: int) -> tuple[int, ...]:

@@ -1,10 +1,14 @@
 """A second opinion: the parameters of a structure refitted in the forward simulator.
 
 The torque domain needs accelerations and a model that is linear in what it looks for; the closed loop needs
-neither. Here the same effects are fitted to the motion itself, by Gauss-Newton on the departures of short shots
-(`forward`), with the delay of the loop as a nuisance of every fit. Sensitivities are finite differences, all of them
-and all windows side by side. Intervals are those of a robust (sandwich) covariance with windows as units: what
-neighbouring samples share is not counted twice. Half of the windows are fitted to, the other half says how far.
+neither. Here the same effects are fitted to the motion itself, by Gauss-Newton on the departures of short
+shots
+(`forward`), with the delay of the loop as a nuisance of every fit. Sensitivities are finite differences, all
+of them
+and all windows side by side. Intervals are those of a robust (sandwich) covariance with windows as units:
+what
+neighbouring samples share is not counted twice. Half of the windows are fitted to, the other half says how
+far.
 """
 
 from __future__ import annotations
@@ -52,7 +56,8 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """Parts with forward estimates (by number of the part, by name); rms (7,) rad over held-out windows: nominal,
+    """Parts with forward estimates (by number of the part, by name); rms (7,) rad over held-out windows:
+    nominal,
     with the torque domain's values, with the forward ones; windows fitted to and held out."""
 
     parts: tuple[Part, ...]
@@ -69,8 +74,11 @@ def parts_of(diagnosis: Diagnosis, structure: Structure | None = None, seed: int
     joints = diagnosis.context.arm.joints
     apart = {joints[j] for j in diagnosis.unexplained}
     if structure is None:
-        return tuple(Part(f.effect.id, f.component, f.parameters, f.effect.constants)
-                     for f in diagnosis.findings if f.is_chosen and f.component not in apart)
+        return tuple(
+            Part(f.effect.id, f.component, f.parameters, f.effect.constants)
+            for f in diagnosis.findings
+            if f.is_chosen and f.component not in apart
+        )
     found = []
     for m in structure.members:
         place = diagnosis.design.candidates[m].at(joints)
@@ -81,7 +89,8 @@ def parts_of(diagnosis: Diagnosis, structure: Structure | None = None, seed: int
 
 
 def refit(recorded: Windows, parts: Sequence[Part], delay: float = DELAY) -> Refit | None:
-    """The parts refitted together; None where the simulator carries none of them. delay: s that the loop has, about.
+    """The parts refitted together; None where the simulator carries none of them. delay: s that the loop
+    has, about.
 
     Raises FloatingPointError where the simulation diverges at the start.
     """
@@ -95,7 +104,9 @@ def refit(recorded: Windows, parts: Sequence[Part], delay: float = DELAY) -> Ref
         rest = rest[np.linspace(0, len(rest) - 1, MOST).astype(int)]
     names = [(n, name) for n, part in enumerate(parts) for name in part.parameters]
     x = np.array([parts[n].parameters[name].value for n, name in names])
-    half = np.array([0.5 * (parts[n].parameters[name].high - parts[n].parameters[name].low) for n, name in names])
+    half = np.array(
+        [0.5 * (parts[n].parameters[name].high - parts[n].parameters[name].low) for n, name in names]
+    )
     scale = np.maximum(half, LEAST_STEP * np.abs(x))
     has_delay = any(part.effect == "command_delay" for part in parts)
     if not has_delay:
@@ -116,8 +127,10 @@ def refit(recorded: Windows, parts: Sequence[Part], delay: float = DELAY) -> Ref
         slope = np.moveaxis(errors[1:] - errors[0], 0, -1) / spread[:, None]  # (W, samples, 7, p)
         normal = np.einsum("wsjp,wsjq->pq", slope, slope) + np.diag(prior)
         pull = np.einsum("wsjp,wsj->wp", slope, residual)
-        shift = np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(x)),
-                                -pull.sum(axis=0) - prior * (x - start) / scale)
+        shift = np.linalg.solve(
+            normal + 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(x)),
+            -pull.sum(axis=0) - prior * (x - start) / scale,
+        )
         x = x + scale * np.clip(shift, -LARGEST_SHIFT, LARGEST_SHIFT)
     inverse = np.linalg.inv(normal + 1e-12 * np.eye(len(x)))
     few = len(fitted) / max(len(fitted) - len(x), 1)
@@ -142,7 +155,8 @@ def _patch(parts: Sequence[Part], names: Sequence[tuple[int, str]], values: np.n
 
 
 def second_opinion(diagnosis: Diagnosis, rivals: Sequence[Structure] = (), seed: int = 0) -> dict | None:
-    """The chosen structure and its rivals refitted, as the report says it; None for another arm, recordings without
+    """The chosen structure and its rivals refitted, as the report says it; None for another arm, recordings
+    without
     commands, or where nothing is to be refitted."""
     if diagnosis.context.arm.joints != NOMINAL.joints:
         return None
@@ -155,7 +169,11 @@ def second_opinion(diagnosis: Diagnosis, rivals: Sequence[Structure] = (), seed:
         parts = parts_of(diagnosis, structure, seed)
         try:
             done = refit(recorded, parts, delay)
-        except (FloatingPointError, np.linalg.LinAlgError) as error:
+        except (
+            FloatingPointError,
+            np.linalg.LinAlgError,
+            ValueError,
+        ) as error:  # no such arm, or none that stands
             found.append({"effects": _titles(parts), "error": str(error)})
             continue
         if done is not None:
@@ -164,7 +182,8 @@ def second_opinion(diagnosis: Diagnosis, rivals: Sequence[Structure] = (), seed:
 
 
 def disagree(one: Estimate, other: Estimate) -> bool:
-    """Whether two estimates lie apart by more than both intervals together, and than two simulators differ."""
+    """Whether two estimates lie apart by more than both intervals together, and than two simulators
+    differ."""
     apart = abs(one.value - other.value)
     halves = 0.5 * np.hypot(one.high - one.low, other.high - other.low)
     return bool(apart > halves and apart > AGREE * max(abs(one.value), abs(other.value)))
@@ -179,13 +198,21 @@ def _row(done: Refit, left_out: Sequence[Part]) -> dict:
     for part, values in zip(done.parts, done.values):
         for name, forward in values.items():
             torque = part.parameters[name]
-            rows.append({
-                "effect": part.effect, "component": part.component, "parameter": name, "unit": forward.unit,
-                "torque_domain": {"value": torque.value, "ci95": [torque.low, torque.high]},
-                "forward": {"value": forward.value, "ci95": [forward.low, forward.high]},
-                "disagree": disagree(torque, forward),
-            })
-    overall = [float(np.sqrt(np.mean(np.square(values)))) for values in (done.nominal, done.torque_domain, done.forward)]
+            rows.append(
+                {
+                    "effect": part.effect,
+                    "component": part.component,
+                    "parameter": name,
+                    "unit": forward.unit,
+                    "torque_domain": {"value": torque.value, "ci95": [torque.low, torque.high]},
+                    "forward": {"value": forward.value, "ci95": [forward.low, forward.high]},
+                    "disagree": disagree(torque, forward),
+                }
+            )
+    overall = [
+        float(np.sqrt(np.mean(np.square(values))))
+        for values in (done.nominal, done.torque_domain, done.forward)
+    ]
     return {
         "effects": _titles(done.parts),
         "not_carried": _titles(left_out),

@@ -26,7 +26,8 @@ def make_report(
     diagnosis: Diagnosis, logs: Sequence[Log], runtime: float, shots: dict | None = None,
     experiment: dict | None = None, forward: dict | None = None,
 ) -> dict:
-    """The report as a JSON object; shots: of `closed_loop`; experiment: of `power.next_experiment`; forward: of
+    """The report as a JSON object; shots: of `closed_loop`; experiment: of `power.next_experiment`; forward:
+    of
     `refit.second_opinion`.
 
     Raises ValueError if it breaks the schema.

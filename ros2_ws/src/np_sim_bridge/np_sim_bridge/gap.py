@@ -1,6 +1,7 @@
 """The part of a patch that is no number of the rigid-body model: drive, sensors, friction of odd shape.
 
-Stepped once a physics step or control period, between the torque that was asked for and the joints. Effects of the
+Stepped once a physics step or control period, between the torque that was asked for and the joints. Effects
+of the
 controller (software) are not the backend's to carry: `ignored` names them.
 """
 
@@ -25,7 +26,8 @@ class Gap:
     """What a patch does to commands, joints and measurements: of one simulation, or of S side by side.
 
     patch: one, and every array below is (7,); or a sequence of S, and they are (S, 7). period: s of a control
-    period, in which `drive`, `extra` and `sense` are called once each; seed: of lost packets, the same ones in
+    period, in which `drive`, `extra` and `sense` are called once each; seed: of lost packets, the same ones
+    in
     all simulations; begin: s for which the arms had been moving, a number or (S,).
     """
 

@@ -112,24 +112,26 @@ LIMITS = SafetyLimits.of(NOMINAL)
 
 
 def velocity_bounds(limits: SafetyLimits, q: np.ndarray) -> np.ndarray:
-    """Least and greatest velocity (2, 7) rad/s allowed at q (7,) rad.
+    """Least and greatest velocity (2, ..., 7) rad/s allowed at q (..., 7) rad.
 
     Far from the walls these are the speed limits; towards a wall they shrink in proportion to the distance,
     so that the approach is exponential; behind the wall they point back out.
     """
     # The pull back from far outside the range is no faster than cruising either.
-    return _bounded(limits.wall_rate * (limits.walls - q), limits.cruise)
+    walls = limits.walls if q.ndim == 1 else limits.walls.reshape(2, *(1,) * (q.ndim - 1), q.shape[-1])
+    return _bounded(limits.wall_rate * (walls - q), limits.cruise)
 
 
 def torque_bounds(limits: SafetyLimits, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest torque (7,) Nm allowed at state q (7,) rad, dq (7,) rad/s.
+    """Least and greatest torque (..., 7) Nm allowed at state q (..., 7) rad, dq (..., 7) rad/s.
 
     Towards a velocity bound the torque may be no more than can be taken back, at the torque rate, before the
     joint reaches the bound (v = tau^2 / (2 rate inertia)); close to the bound it fades linearly, and beyond
     it turns into braking.
     """
-    room = _SIDES * (velocity_bounds(limits, q) - dq)
-    lower, upper = _SIDES * _torque_towards(limits, room)
+    sides = _SIDES if q.ndim == 1 else _SIDES.reshape(2, *(1,) * q.ndim)
+    room = sides * (velocity_bounds(limits, q) - dq)
+    lower, upper = sides * _torque_towards(limits, room)
     # Braking is owed even where it is hard to take back.
     lower = np.where(upper < 0, np.minimum(lower, upper), lower)
     return lower, np.maximum(lower, upper)
@@ -153,7 +155,8 @@ def clamp_torque(limits: SafetyLimits, torque: np.ndarray) -> np.ndarray:
 
 def limit_torque(limits: SafetyLimits, torque: np.ndarray, previous: np.ndarray, q: np.ndarray,
                  dq: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Torque (7,) Nm that may be applied now, and the names of the guards that changed it.
+    """Torque (..., 7) Nm that may be applied now, and the names of the guards that changed it, of one arm or
+    many.
 
     torque: wanted; previous: applied one period ago, within the limits; q rad, dq rad/s: measured, finite.
     Walls and speed come first, then the torque limit, then the rate, which therefore always holds: a faster

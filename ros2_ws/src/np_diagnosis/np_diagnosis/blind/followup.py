@@ -20,7 +20,8 @@ STREAM = 4  # of the case's seeds: noise of its own
 
 
 def suggested(folder: Path) -> str | None:
-    """The experiment that a report in `folder` asks for; None where it is sure, or says that none can help."""
+    """The experiment that a report in `folder` asks for; None where it is sure, or says that none can
+    help."""
     path = folder / "report.json"
     report = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     wanted = report.get("next_experiment") or {}
@@ -52,7 +53,8 @@ def follow_up(case: Case, bag: Path, folder: Path, ask: Callable[[Sequence[Path]
 
 
 def is_settled(entry: Mapping, folder: Path) -> bool | None:
-    """Whether the second answer is sure and right: `identified` with what the key says and nothing else, `no_gap`
+    """Whether the second answer is sure and right: `identified` with what the key says and nothing else,
+    `no_gap`
     of a clean arm, `unexplained` of a stranger. None where there was no second recording."""
     answer = folder / FOLDER
     if not (answer / "error.txt").exists():
@@ -63,4 +65,6 @@ def is_settled(entry: Mapping, folder: Path) -> bool | None:
     if entry["kind"] in ("null", "stranger"):
         return report["verdict"] == {"null": "no_gap", "stranger": "unexplained"}[entry["kind"]]
     named = {(e["effect"], e["component"]) for e in report["effects"] if e["is_added"]}
-    return report["verdict"] == "identified" and named == {(f["effect"], f["component"]) for f in entry["faults"]}
+    return report["verdict"] == "identified" and named == {
+        (f["effect"], f["component"]) for f in entry["faults"]
+    }

@@ -1,7 +1,9 @@
 """What others' identification makes of the same cases (np_diagnosis.baselines), scored by the same rules.
 
-A baseline fits a fixed list of parameters. To be asked the doctor's questions it is read as generously as can be: what
-it changes by at least the declared detection limit it names, the largest multiple first; nothing that large is
+A baseline fits a fixed list of parameters. To be asked the doctor's questions it is read as generously as
+can be: what
+it changes by at least the declared detection limit it names, the largest multiple first; nothing that large
+is
 `no_gap`; it never abstains and gives no intervals.
 """
 
@@ -30,8 +32,18 @@ from np_diagnosis.blind.scoring import Score, modules, score_case, score_gap, su
 
 NAMES = ("none", "paper", "sysid_3", "sysid_6")
 COMMAND = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.baselines --threads 1"
-KEYS = ("module_accuracy", "joint_accuracy", "effect_class_accuracy", "false_alarm", "abstain_out_of_catalogue",
-        "pairs_top3", "shrink_vs_oracle", "shrink_absolute", "harm", "errors")
+KEYS = (
+    "module_accuracy",
+    "joint_accuracy",
+    "effect_class_accuracy",
+    "false_alarm",
+    "abstain_out_of_catalogue",
+    "pairs_top3",
+    "shrink_vs_oracle",
+    "shrink_absolute",
+    "harm",
+    "errors",
+)
 _FOLDER = "baselines"
 
 
@@ -41,10 +53,17 @@ def identify(bag: Path, folder: Path, command: str, timeout: float) -> None:
     out.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     try:
-        done = subprocess.run([*shlex.split(command), str(bag.resolve()), "--out", str(out.resolve())],
-                              capture_output=True, text=True, timeout=timeout, preexec_fn=end_with_parent,
-                              env={**os.environ, "OMP_NUM_THREADS": "1"})
-        error = "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"
+        done = subprocess.run(
+            [*shlex.split(command), str(bag.resolve()), "--out", str(out.resolve())],
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            preexec_fn=end_with_parent,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+        )
+        error = (
+            "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"
+        )
         if not error:
             (out / "fits.json").write_text(done.stdout.splitlines()[-1])
     except subprocess.TimeoutExpired:
@@ -65,24 +84,39 @@ def as_report(patch: Sequence[Mapping]) -> dict:
     return {
         "verdict": "identified" if named else "no_gap",
         "where": [{"module": modules()[e["effect"]], "component": e["component"]} for _, e in named],
-        "effects": [{"effect": e["effect"], "component": e["component"], "probability": 1.0, "is_added": True,
-                     "parameters": {}} for _, e in named],
+        "effects": [
+            {
+                "effect": e["effect"],
+                "component": e["component"],
+                "probability": 1.0,
+                "is_added": True,
+                "parameters": {},
+            }
+            for _, e in named
+        ],
     }
 
 
-def score_others(key: Mapping, cases: Sequence[Case], folders: Sequence[Path], parts: Sequence[Sequence[Case]],
-                 pool: ProcessPoolExecutor) -> dict[str, dict]:
+def score_others(
+    key: Mapping,
+    cases: Sequence[Case],
+    folders: Sequence[Path],
+    parts: Sequence[Sequence[Case]],
+    pool: ProcessPoolExecutor,
+) -> dict[str, dict]:
     """Figures of every baseline on the cases, by its name; parts: the cases, shared among processes."""
-    read = {name: [_read(entry, folder, name) for entry, folder in zip(key["cases"], folders)] for name in NAMES}
+    read = {
+        name: [_read(entry, folder, name) for entry, folder in zip(key["cases"], folders)] for name in NAMES
+    }
     first, followed = 0, []
     for part in parts:  # all baselines at once: it is the number of steps that takes the time
-        patches = [patch for name in NAMES for _, patch in read[name][first:first + len(part)]]
+        patches = [patch for name in NAMES for _, patch in read[name][first : first + len(part)]]
         followed.append(pool.submit(heldout_gaps, list(part) * len(NAMES), patches))
         first += len(part)
     gaps: dict[str, list] = {name: [] for name in NAMES}
     for part, future in zip(parts, followed):
         for number, name in enumerate(NAMES):
-            gaps[name] += future.result()[number * len(part):(number + 1) * len(part)]
+            gaps[name] += future.result()[number * len(part) : (number + 1) * len(part)]
     figures = {}
     for name in NAMES:
         scores = [score for score, _ in read[name]]
@@ -91,7 +125,8 @@ def score_others(key: Mapping, cases: Sequence[Case], folders: Sequence[Path], p
         own = summary(scores)
         walls = [fits[name]["wall_s"] for f in folders if name in (fits := _fits(f))]
         figures[name] = {wanted: own[wanted] for wanted in KEYS} | {
-            "wall_s_a_case": round(float(np.median(walls)), 1) if walls else None}
+            "wall_s_a_case": round(float(np.median(walls)), 1) if walls else None
+        }
     seconds = [json.loads((f / _FOLDER / "seconds.json").read_text()) for f in folders]
     return figures | {"wall_s_a_case": round(float(np.median(seconds)), 1)}
 
