@@ -33,8 +33,9 @@ EVENT = _keep_last(10)
 LATCHED = _keep_last(1, latched=True)
 """What a late joiner must still get: goal_pose, goal_keypoints, phase, camera_info."""
 
-RECORDER = _keep_last(2000)
-"""The recorder's side of every stream: four seconds at 500 Hz, for a disk that stalls."""
+RECORDER = _keep_last(5000)
+"""The recorder's side of every stream: ten seconds at 500 Hz, for a disk that stalls. More than Fast DDS's
+`max_samples` of 5000 would never be acknowledged."""
 
 
 def publisher(lockstep: bool) -> QoSProfile:
