@@ -52,6 +52,7 @@ def test_pictures_become_keypoints_with_their_own_stamps(graph, listening, tmp_p
     graph.run(
         "np_perception", "keypoint_detector", {"weights": str(tmp_path / "weights"), "mode": "lockstep"}
     )
+    listening.wait_until_ready({"keypoint_detector"})  # or we might not hear its first answer
     graph.run(
         "np_bringup",
         "camera_player",
