@@ -128,7 +128,8 @@ class Spinner:
         now = time.monotonic()
         if rare or now >= self._next_events:
             self._next_events = now + _EVENT_PERIOD
-            self._executor.spin_once(0)
+            if self._node.context.ok():  # else a callback has just ended it
+                self._executor.spin_once(0)
 
     @staticmethod
     def _call(timer: Timer) -> None:
