@@ -97,6 +97,23 @@ def cholesky(a: Any, size: int):
     return a
 
 
+@wp.func
+def cholesky_solve(lower: Any, right: Any, size: int):
+    """x (size,) with L L' x = right, for a lower factor L (size, size)."""
+    for j in range(size):
+        rest = right[j]
+        for k in range(j):
+            rest = rest - lower[j, k] * right[k]
+        right[j] = rest / lower[j, j]
+    for back in range(size):
+        j = size - 1 - back
+        rest = right[j]
+        for k in range(j + 1, size):
+            rest = rest - lower[k, j] * right[k]
+        right[j] = rest / lower[j, j]
+    return right
+
+
 @wp.kernel
 def operational_space_kernel(
     substep: int,
@@ -187,16 +204,8 @@ def operational_space_kernel(
     for k in range(6):
         column = vec7()
         for j in range(7):
-            rest = jac[k, j]
-            for l in range(j):
-                rest = rest - lower[j, l] * column[l]
-            column[j] = rest / lower[j, j]
-        for back in range(7):
-            j = 6 - back
-            rest = column[j]
-            for l in range(j + 1, 7):
-                rest = rest - lower[l, j] * column[l]
-            column[j] = rest / lower[j, j]
+            column[j] = jac[k, j]
+        column = cholesky_solve(lower, column, 7)
         for j in range(7):
             mobility[k, j] = column[j]
     product = mat6()
@@ -214,18 +223,7 @@ def operational_space_kernel(
         for j in range(7):
             moved = moved + mobility[k, j] * inner[j]
         force[k] = force[k] - moved
-    root = cholesky(product, 6)
-    for k in range(6):
-        rest = force[k]
-        for l in range(k):
-            rest = rest - root[k, l] * force[l]
-        force[k] = rest / root[k, k]
-    for back in range(6):
-        k = 5 - back
-        rest = force[k]
-        for l in range(k + 1, 6):
-            rest = rest - root[l, k] * force[l]
-        force[k] = rest / root[k, k]
+    force = cholesky_solve(cholesky(product, 6), force, 6)
     for j in range(7):
         torque = inner[j] + bias[i, j] - gravity[i, j] + noise[i, j]
         for k in range(6):
