@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from np_description.camera import CAMERA, Camera
+from np_description.camera import CAMERA, Camera, Pinhole
 from np_description.panda import BASE_FRAME
 from np_description.rotations import matrix_from_quaternion, vector_from_matrix
 
@@ -34,18 +34,12 @@ class CalibrationError(ValueError):
 
 
 @dataclass(frozen=True)
-class Lens:
+class Lens(Pinhole):
     """Intrinsics of the images that a camera gives, before rectification.
 
-    width, height px; fx, fy, cx, cy px; distortion: k1 k2 p1 p2 k3 (Brown-Conrady, ROS's plumb_bob).
+    distortion: k1 k2 p1 p2 k3 (Brown-Conrady, ROS's plumb_bob).
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
@@ -59,11 +53,6 @@ class Lens:
                 "lens: expected a positive size and focal length and 5 coefficients of distortion, "
                 f"all finite, got {self}"
             )
-
-    @property
-    def matrix(self) -> np.ndarray:
-        """Intrinsic matrix K (3, 3)."""
-        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,8 @@ from np_description.rotations import namespace
 
 
 @dataclass(frozen=True)
-class Camera:
-    """An ideal pinhole camera fixed in the base frame.
-
-    width, height px; fx, fy, cx, cy px; position (3,) m and rotation (3, 3), optical frame to base frame.
-    """
+class Pinhole:
+    """Intrinsics: width, height px; fx, fy, cx, cy px."""
 
     width: int
     height: int
@@ -25,13 +22,22 @@ class Camera:
     fy: float
     cx: float
     cy: float
-    position: tuple[float, float, float]
-    rotation: tuple[tuple[float, float, float], ...]
 
     @property
     def matrix(self) -> np.ndarray:
         """Intrinsic matrix K (3, 3)."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
+
+
+@dataclass(frozen=True)
+class Camera(Pinhole):
+    """An ideal pinhole camera fixed in the base frame.
+
+    position (3,) m and rotation (3, 3), optical frame to base frame.
+    """
+
+    position: tuple[float, float, float]
+    rotation: tuple[tuple[float, float, float], ...]
 
     @property
     def fovy(self) -> float:
