@@ -35,7 +35,7 @@ scores: the probability that a corner is within {reliable:.0f} px of the truth. 
 | sha256 | `{name}.safetensors` {sha256} |
 
 Errors in px on {count} held-out images a set
-(`python -m np_training.detector.evaluate --domain {domain}`, seed {evaluation_seed}):
+(`python -m np_training.detector.evaluate --domain {domain} --images {count} --seed {evaluation_seed}`):
 
 | set | visible: median | 95 % | within {reliable:.0f} px | hidden: median | 95 % | within {reliable:.0f} px | calibration error |
 |---|---|---|---|---|---|---|---|
