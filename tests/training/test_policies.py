@@ -14,7 +14,7 @@ from np_control.impedance import torque
 from np_control.kinematics import forward_kinematics, pose_distance
 from np_description.domains import BUMP, CARD, DOMAINS, WALL
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_quaternion
+from np_description.rotations import matrix_from_quaternion, rotation_angle
 from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
 from np_training import contact, curriculum, ppo, practice, train
@@ -147,7 +147,7 @@ def test_a_kind_says_how_far_obstacles_are_lowered():
         for number, kind in enumerate(names):
             share = tasks.sunk[tasks.kind == number] / top_of(domain)
             assert (share >= kind.lowered[0] - 1e-6).all() and (share <= kind.lowered[1] + 1e-6).all()
-        assert [kind.lowered for kind in names if kind.name.startswith("low")] == [(.75, 1), (.5, .75), (.25, .5), (0, .25)]
+    assert [kind.lowered for kind in names if kind.name.startswith("low")] == [(.75, 1), (.5, .75), (.25, .5), (0, .25)]
 
 
 def test_practice_on_the_bump_turns_little_and_its_own_tasks_turn_much():
@@ -158,14 +158,24 @@ def test_practice_on_the_bump_turns_little_and_its_own_tasks_turn_much():
         tips = torch.bincount(quarter_tips(tasks.starts, tasks.goals), minlength=3) / 3000
         if kind.name == "own":
             assert tips.min() > 0.1
+        elif kind.name.startswith("turn"):
+            assert tips[2] == 0 and 0.4 < tips[1] < 0.5  # axes 1 and 2 of 3, two of three turns
         else:
-            assert tips[2] == 0 and (tips[1] == {"roll": 1, "turn": tips[1]}.get(kind.name, 0))
-            assert kind.name != "turn" or 0.4 < tips[1] < 0.5  # axes 1 and 2 of 3, two of three turns
+            assert tips[int(kind.name.startswith("roll"))] == 1
+
+
+@pytest.mark.parametrize("name", ["slide", "cross"])
+def test_the_grades_of_practice_turn_the_cube_further_and_further(name):
+    for grade, yaw in enumerate(practice.YAWS, 1):
+        shares = tuple(float(kind.name == f"{name}{grade}") for kind in practice.kinds(BUMP))
+        tasks = practice.draw_tasks(BUMP, shares, 1000, torch.Generator().manual_seed(9))
+        angle = rotation_angle(tasks.starts.quaternion, tasks.goals.quaternion)
+        assert 0.9 * yaw < angle.max() <= yaw + 1e-3
 
 
 def test_a_cube_rolls_the_way_it_moves(monkeypatch):
     monkeypatch.setattr(practice, "SQUARE", 0.0)
-    starts, goals = practice._rolls(BUMP, 500, torch.Generator().manual_seed(8))
+    starts, goals = practice._rolls(BUMP, 500, torch.Generator().manual_seed(8), yaw=0.0)
     towards = (goals.position - starts.position)[:, 1].sign()
     top = matrix_from_quaternion(starts.quaternion)[:, 2]  # the upward direction, in the object's frame
     now = (matrix_from_quaternion(goals.quaternion) @ top[..., None])[..., 0]

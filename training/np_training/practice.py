@@ -1,24 +1,28 @@
 """Practice: kinds of task easier than the domain's own, each a piece or a milder form of what these take.
 
-On the bump: rolling the cube once to the place next to where it lies, turning it a little anywhere, and sliding it across
-without a turn while the bump is lower than it is. Before the wall: moving the box on top, and bringing it up while the wall
-is lower. A lowered obstacle is the same one, sunk into the table; goals on it sink with it. How often each kind is drawn
-follows from how well it succeeds (`curriculum.Curriculum.shares`).
+On the bump, each in grades of yaw: rolling the cube once to the place next to where it lies; sliding it where there is hardly
+a bump; sliding it across one that is lower than it is; and one quarter turn about any axis, without the bump and with it.
+Before the wall: moving the box on top, and bringing it up while the wall is lower. A lowered obstacle is the same one, sunk
+into the table; goals on it sink with it. How often each kind is drawn follows from how well it succeeds
+(`curriculum.Curriculum.shares`), so that the grades are climbed as fast as they are learned.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from math import pi
 
 import torch
 
-from np_description.domains import Domain
+from np_description.domains import Domain, Region
 from np_description.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
 from np_training.tasks import Poses, draw_apart, from_any, sample_poses, sample_tasks, uniform
 
 SQUARE = 0.35  # rad: how far a cube that is to roll is turned from the bump's direction
+YAWS = (0.35, pi / 2, pi)  # rad: grades of how far a cube is turned about the vertical at most
+FLAT = (0.75, 1.0)  # share of the obstacles' height that is sunk where they are hardly felt
 ASIDE = 0.04  # m: how far a roll ends to the side of where it begins
 
 Draw = Callable[[Domain, int, torch.Generator], tuple[Poses, Poses]]
@@ -48,7 +52,12 @@ def kinds(domain: Domain) -> tuple[Kind, ...]:
     """The kinds of task of a domain: its own first, then its practice, if any."""
     own = Kind("own", sample_tasks)
     if domain.start.quarter_turns:
-        return own, Kind("roll", _rolls), Kind("turn", _turns), *_lower("low", _slides)
+        anywhere = (domain.start, *domain.goals)
+        graded = [kind for grade, yaw in enumerate(YAWS, 1) for kind in (
+            Kind(f"roll{grade}", partial(_rolls, yaw=yaw)),
+            Kind(f"slide{grade}", partial(_slides, regions=anywhere, yaw=yaw), FLAT),
+            Kind(f"cross{grade}", partial(_slides, regions=(domain.start,), yaw=yaw), (0.0, FLAT[0])))]
+        return own, *graded, Kind("turn1", _turns, FLAT), Kind("turn2", _turns)
     if domain.obstacles:
         return own, Kind("top", _moves), *_lower("low", sample_tasks)
     return (own,)
@@ -96,11 +105,12 @@ def _lower(name: str, draw: Draw) -> list[Kind]:
     return [Kind(f"{name}{4 - k}", draw, ((k - 1) / 4, k / 4)) for k in (4, 3, 2, 1)]
 
 
-def _slides(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
-    """From the start to any region, with the same face up and any yaw."""
-    starts = sample_poses(domain, domain.start, count, generator)
+def _slides(domain: Domain, count: int, generator: torch.Generator, regions: tuple[Region, ...],
+            yaw: float) -> tuple[Poses, Poses]:
+    """From one of `regions` to any, with the same face up, turned by up to `yaw`."""
+    starts = from_any(domain, regions, count, generator)
     goals = from_any(domain, (domain.start, *domain.goals), count, generator)
-    turned = quaternion_multiply(yaw_quaternion(uniform(count, (-pi, pi), generator)), starts.quaternion)
+    turned = quaternion_multiply(yaw_quaternion(uniform(count, (-yaw, yaw), generator)), starts.quaternion)
     return starts, _resting(domain, Poses(goals.position, turned), goals.quaternion)
 
 
@@ -109,8 +119,8 @@ def _moves(domain: Domain, count: int, generator: torch.Generator) -> tuple[Pose
     return tuple(from_any(domain, domain.goals, count, generator) for _ in range(2))
 
 
-def _rolls(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
-    """From a region to one beside it, over the edge on which a cube pushed there rolls; yaw changes by up to SQUARE."""
+def _rolls(domain: Domain, count: int, generator: torch.Generator, yaw: float) -> tuple[Poses, Poses]:
+    """From a region to one beside it, over the edge on which a cube pushed there rolls, and turned by up to `yaw`."""
     device = generator.device
     regions = sorted((domain.start, *domain.goals), key=lambda region: sum(region.y))
     beside = [(i, j) for i in range(len(regions)) for j in (i - 1, i + 1) if 0 <= j < len(regions)]
@@ -124,11 +134,11 @@ def _rolls(domain: Domain, count: int, generator: torch.Generator) -> tuple[Pose
     goals[:, 0] = (starts.position[:, 0] + uniform(count, (-ASIDE, ASIDE), generator)).clamp(*x)
     # Rolling towards +y turns about -x of a cube that stands square; yaw comes first here, so the axis is yawed with it.
     up = matrix_from_quaternion(starts.quaternion)
-    yaw = _yaw_to_square(up)
+    square_yaw = _yaw_to_square(up)
     turn = torch.zeros(count, 4, device=device)
     turn[:, 0], turn[:, 1] = torch.cos(torch.tensor(pi / 4)), -torch.sin(torch.tensor(pi / 4)) * (target - source)
-    square = quaternion_multiply(yaw_quaternion(-yaw), starts.quaternion)
-    rolled = quaternion_multiply(yaw_quaternion(yaw + uniform(count, (-SQUARE, SQUARE), generator)),
+    square = quaternion_multiply(yaw_quaternion(-square_yaw), starts.quaternion)
+    rolled = quaternion_multiply(yaw_quaternion(square_yaw + uniform(count, (-yaw, yaw), generator)),
                                  quaternion_multiply(turn, square))
     return starts, _resting(domain, Poses(goals, rolled), quaternion[target, rows])
 

@@ -75,10 +75,17 @@ class KeypointNetwork(nn.Module):
 
     def forward(self, image: Tensor) -> Keypoints:
         """Heatmaps, pixels and scores of a batch of images."""
-        x = self.stem(image - 0.5)
-        levels = [x]
+        return self.read(self.encode(image))
+
+    def encode(self, image: Tensor) -> list[Tensor]:
+        """Maps (n, width, h, w) at 1/2, 1/4, ... of the image."""
+        levels = [self.stem(image - 0.5)]
         for stage in self.down:
             levels.append(stage(levels[-1]))
+        return levels
+
+    def read(self, levels: list[Tensor]) -> Keypoints:
+        """Keypoints from the maps that `encode` gave."""
         x = levels[-1]
         for i in reversed(range(len(self.merge))):
             if i == 0:

@@ -2,46 +2,76 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
 from np_description.camera import CAMERA
 from np_description.domains import Domain
-from np_training.detector.augment import augment
+from np_training.detector.augment import Augmentation, augment
 from np_training.detector.render import SceneRenderer
 from np_training.detector.scenes import sample_states
+from np_training.detector.visited import mix_visited
 
 LEAST_AREA = 12.0  # px of the object: below it, where the corners are cannot be asked
 
 
-class Samples:
-    """Endless labelled images: (images (n, 3, 224, 224), pixels (n, 8, 2), visible (n, 8), present (n, 8)).
+@dataclass(frozen=True)
+class SampleConfig:
+    """visited: share of the states that come from recorded episodes, where there are any; pairs: whether every
+    rendering is augmented twice."""
+
+    visited: float = 0.6
+    pairs: bool = False
+    augmentation: Augmentation = Augmentation()
+
+
+class Batch(NamedTuple):
+    """images (n, 3, 224, 224); pixels (n, 8, 2) of the corners; visible, present (n, 8) bool; second: the same
+    renderings augmented anew, or None.
 
     A corner is present if it lies inside an image that shows something of the object: hidden ones are to be
     inferred.
     """
 
+    images: Tensor
+    pixels: Tensor
+    visible: Tensor
+    present: Tensor
+    second: Tensor | None = None
+
+
+class Samples:
+    """Endless labelled images of a domain; visited: states (m, 16) of recorded episodes."""
+
     def __init__(
-        self, domain: Domain, renderer: SceneRenderer, pool: int, generator: torch.Generator
+        self, domain: Domain, renderer: SceneRenderer, pool: int, generator: torch.Generator,
+        config: SampleConfig = SampleConfig(), visited: Tensor | None = None,
     ) -> None:
         self.domain, self.renderer, self.generator = domain, renderer, generator
+        self.config, self.visited = config, visited
         self.size, self._next = max(pool, renderer.worlds), pool
 
-    def draw(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def draw(self) -> Batch:
         """The next batch, of the renderer's size."""
         count = self.renderer.worlds
         if self._next + count > self.size:
-            self._states, self._next = sample_states(self.domain, self.size, self.generator), 0
+            self._states, self._next = self._draw_states(), 0
         states = self._states[self._next:self._next + count]
         self._next += count
         frames = self.renderer.render(states, self.generator)
-        images, pixels = augment(frames, self.generator)
-        return (
-            images,
-            pixels,
-            frames.visible,
-            inside_image(pixels) & (frames.object_area >= LEAST_AREA)[:, None],
-        )
+        images, pixels = augment(frames, self.generator, self.config.augmentation)
+        second = augment(frames, self.generator, self.config.augmentation)[0] if self.config.pairs else None
+        present = inside_image(pixels) & (frames.object_area >= LEAST_AREA)[:, None]
+        return Batch(images, pixels, frames.visible, present, second)
+
+    def _draw_states(self) -> Tensor:
+        states = sample_states(self.domain, self.size, self.generator)
+        if self.visited is None:
+            return states
+        return mix_visited(states, self.visited, self.config.visited, self.generator)
 
 
 def inside_image(pixels: Tensor) -> Tensor:

@@ -21,8 +21,12 @@ import torch
 from torch import Tensor
 
 from np_description.domains import DOMAINS, find_domain
+from np_training.detector.augment import Augmentation
+from np_training.detector.contrast import ContrastConfig
 from np_training.detector.network import RELIABLE
+from np_training.detector.samples import SampleConfig
 from np_training.detector.trainer import TrainConfig, Trainer
+from np_training.detector.visited import load_visited
 
 WARM_UP_STREAM = 999_979  # of random numbers
 
@@ -90,6 +94,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--batch", type=int, default=TrainConfig.batch)
     parser.add_argument("--rate", type=float, default=TrainConfig.rate)
     parser.add_argument("--pool", type=int, default=TrainConfig.pool)
+    parser.add_argument("--episodes", type=Path, help="recording of np_training.evaluate: most states come from it")
+    parser.add_argument("--no-contrast", action="store_true", help="without momentum contrast")
+    parser.add_argument("--keep-background", action="store_true", help="without replacing background and table")
     parser.add_argument("--held-out", type=int, default=TrainConfig.held_out)
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -99,10 +106,17 @@ def main(arguments: list[str] | None = None) -> None:
 
     torch.backends.cudnn.benchmark = True
     torch.set_float32_matmul_precision("high")
-    config = TrainConfig(batch=options.batch, rate=options.rate, pool=options.pool, held_out=options.held_out)
-    names = ("domain", "seed", "steps" if options.steps else "minutes", "batch", "rate", "pool")
-    command = " ".join(f"--{name} {getattr(options, name)}" for name in names)
-    trainer = Trainer(find_domain(options.domain), options.device, options.seed, config, command=command)
+    domain, kept = find_domain(options.domain), {"coloured": 0.0, "textured": 0.0}
+    augmentation = Augmentation(**kept if options.keep_background else {})
+    config = TrainConfig(batch=options.batch, rate=options.rate, pool=options.pool, held_out=options.held_out,
+                         contrast=None if options.no_contrast else ContrastConfig(),
+                         samples=SampleConfig(pairs=not options.no_contrast, augmentation=augmentation))
+    visited = load_visited(options.episodes, domain, options.device) if options.episodes else None
+    names = ("domain", "seed", "steps" if options.steps else "minutes", "batch", "rate", "pool", "episodes")
+    command = " ".join([*(f"--{name} {getattr(options, name)}" for name in names if getattr(options, name) is not None),
+                        *(f"--{name.replace('_', '-')}" for name in ("no_contrast", "keep_background")
+                          if getattr(options, name))])
+    trainer = Trainer(domain, options.device, options.seed, config, command=command, visited=visited)
     if (options.out / "checkpoint.pt").exists():
         trainer.load(options.out / "checkpoint.pt")
         say(f"continues from step {trainer.step}")

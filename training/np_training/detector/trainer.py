@@ -13,10 +13,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from np_description.domains import Domain
+from np_training.detector.contrast import ContrastConfig, MomentumContrast
 from np_training.detector.metrics import summarise
 from np_training.detector.network import RELIABLE, KeypointNetwork, NetworkConfig, heatmap_loss
 from np_training.detector.render import SceneRenderer
-from np_training.detector.samples import Samples
+from np_training.detector.samples import Batch, SampleConfig, Samples
 
 HELD_OUT_STREAM = 999_983  # of random numbers; training uses the number of its first step
 
@@ -26,7 +27,8 @@ class TrainConfig:
     """batch: images a step; rate: peak learning rate; warm_up: steps; sigma px of the target; score_weight of
     the score's loss; average: decay of the weights' moving average a step; pool: states drawn at once;
     held_out: images of the evaluation at the end; report, save: seconds between progress lines and between
-    checkpoints; reserve: seconds kept for the evaluation."""
+    checkpoints; reserve: seconds kept for the evaluation; contrast: momentum contrast beside the heatmaps, or
+    None; samples: the images."""
 
     batch: int = 256
     rate: float = 2e-3
@@ -39,61 +41,75 @@ class TrainConfig:
     report: float = 10.0
     save: float = 60.0
     reserve: float = 15.0
+    contrast: ContrastConfig | None = ContrastConfig()
+    samples: SampleConfig = SampleConfig(pairs=True)
 
 
 class Trainer:
     """The network, its optimiser and moving average, and what must survive an interruption."""
 
     def __init__(self, domain: Domain, device: str, seed: int, config: TrainConfig = TrainConfig(),
-                 network: NetworkConfig = NetworkConfig(), command: str = "") -> None:
+                 network: NetworkConfig = NetworkConfig(), command: str = "", visited: Tensor | None = None) -> None:
         torch.manual_seed(seed)
-        self.command = command
+        self.command, self.visited = command, visited
         self.domain, self.device, self.seed, self.config = domain, torch.device(device), seed, config
         self.renderer = SceneRenderer(domain, config.batch, device)
         self.network = KeypointNetwork(network).to(self.device, memory_format=torch.channels_last)
         self.average = KeypointNetwork(network).to(self.device, memory_format=torch.channels_last).eval()
         self.average.load_state_dict(self.network.state_dict())
-        self.optimiser = torch.optim.AdamW(
-            self.network.parameters(), lr=config.rate, weight_decay=1e-4, fused=True
-        )
+        self.contrast = MomentumContrast(self.network, config.contrast).to(self.device) if config.contrast else None
+        learning = [*self.network.parameters(), *(self.contrast.query.head.parameters() if self.contrast else ())]
+        self.optimiser = torch.optim.AdamW(learning, lr=config.rate, weight_decay=1e-4, fused=True)
         self.step, self.seconds = 0, 0.0
 
     def samples(self, stream: int) -> Samples:
         """Images of a random stream of their own."""
         generator = torch.Generator(device=self.device).manual_seed(self.seed * 1_000_003 + stream)
-        return Samples(self.domain, self.renderer, self.config.pool, generator)
+        return Samples(self.domain, self.renderer, self.config.pool, generator, self.config.samples, self.visited)
 
-    def update(self, batch: tuple[Tensor, Tensor, Tensor, Tensor], progress: float) -> dict[str, Tensor]:
+    def update(self, batch: Batch, progress: float) -> dict[str, Tensor]:
         """One gradient step, `progress` of the way; losses and errors as tensors on the device."""
-        images, truth, visible, mask = batch
+        images, truth, visible, mask, second = batch
         warm = min(1.0, (self.step + 1) / self.config.warm_up)
         cosine = 0.5 * (1 + math.cos(math.pi * progress))
         for group in self.optimiser.param_groups:
             group["lr"] = self.config.rate * warm * max(cosine, 0.01)
         self.network.train()
-        found = self.forward(self.network, images)
+        with self._precision():
+            levels = self.network.encode(images.contiguous(memory_format=torch.channels_last))
+            found = self.network.read(levels)
         error = (found.pixels.detach() - truth).norm(dim=-1)
         reliable = (error <= RELIABLE) & mask
         heat = (heatmap_loss(found.logits, truth, self.config.sigma) * mask).sum() / mask.sum().clamp(min=1)
         score = functional.binary_cross_entropy_with_logits(found.score_logits, reliable.float())
+        loss = heat + self.config.score_weight * score
+        told_apart = {}
+        if self.contrast:
+            with self._precision():
+                keys = self.contrast.keys(second.contiguous(memory_format=torch.channels_last))
+                contrast = self.contrast.loss(levels[-1], keys)
+            loss = loss + self.config.contrast.weight * contrast
+            told_apart = {"contrast": contrast.detach()}
         self.optimiser.zero_grad(set_to_none=True)
-        (heat + self.config.score_weight * score).backward()
+        loss.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 5.0)
         self.optimiser.step()
         self.step += 1
         self._follow()
         seen = visible & mask
         nothing = torch.full_like(error, torch.nan)
-        return {"heatmap": heat.detach(), "score": score.detach(),
+        return {"heatmap": heat.detach(), "score": score.detach(), **told_apart,
                 "visible_px": torch.where(seen, error, nothing).nanmedian(),
                 "hidden_px": torch.where(mask & ~visible, error, nothing).nanmedian(),
                 "within": (reliable & seen).sum() / seen.sum().clamp(min=1)}
 
     def forward(self, network: KeypointNetwork, images: Tensor):
         """The network's answer, in bfloat16 on a GPU."""
-        images = images.contiguous(memory_format=torch.channels_last)
-        with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.device.type == "cuda"):
-            return network(images)
+        with self._precision():
+            return network(images.contiguous(memory_format=torch.channels_last))
+
+    def _precision(self) -> torch.autocast:
+        return torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.device.type == "cuda")
 
     @torch.no_grad()
     def _follow(self) -> None:
@@ -109,7 +125,7 @@ class Trainer:
         """Figures of the averaged weights on images of another random stream."""
         samples, rows = self.samples(HELD_OUT_STREAM), []
         for _ in range(max(1, images // self.config.batch)):
-            batch, truth, visible, mask = samples.draw()
+            batch, truth, visible, mask, _ = samples.draw()
             found = self.forward(self.average, batch)
             rows.append(
                 [t.float().cpu() for t in (found.pixels, found.score_logits.sigmoid(), truth, visible, mask)]
@@ -127,6 +143,7 @@ class Trainer:
             "seconds": self.seconds,
             "domain": self.domain.name,
             "config": asdict(self.network.config),
+            "contrast": self.contrast.state_dict() if self.contrast else None,
         }
         torch.save(state, path.with_suffix(".part"))
         path.with_suffix(".part").replace(path)
@@ -134,13 +151,15 @@ class Trainer:
     def load(self, path: Path) -> None:
         """Continue from a checkpoint. Raises ValueError if it is of another domain or network."""
         state = torch.load(path, map_location=self.device, weights_only=True)
-        mine = {"domain": self.domain.name, "config": asdict(self.network.config)}
-        theirs = {key: state[key] for key in mine}
+        mine = {"domain": self.domain.name, "config": asdict(self.network.config), "contrast": bool(self.contrast)}
+        theirs = {key: state.get(key) for key in mine} | {"contrast": bool(state.get("contrast"))}
         if theirs != mine:
             raise ValueError(f"{path}: expected a checkpoint of {mine}, got {theirs}")
         self.network.load_state_dict(state["network"])
         self.average.load_state_dict(state["average"])
         self.optimiser.load_state_dict(state["optimiser"])
+        if self.contrast:
+            self.contrast.load_state_dict(state["contrast"])
         self.step, self.seconds = state["step"], state["seconds"]
 
     def record(self, **more) -> dict:
