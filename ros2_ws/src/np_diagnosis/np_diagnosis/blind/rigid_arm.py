@@ -35,6 +35,10 @@ class Inertials:
         return Inertials(*(np.concatenate([getattr(self, name), getattr(other, name)])
                            for name in ("mass", "com", "inertia", "gravity")))
 
+    def take(self, rows: list[int]) -> Inertials:
+        """These of the arms."""
+        return Inertials(self.mass[rows], self.com[rows], self.inertia[rows], self.gravity[rows])
+
     def add_point(self, arm: int, link: int, mass: float, at: np.ndarray) -> None:
         """Fix a point mass, kg, at (3,) m in the frame of a link."""
         total = self.mass[arm, link] + mass
