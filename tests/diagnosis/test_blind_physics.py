@@ -225,7 +225,7 @@ def test_a_twisted_gear_holds_the_torque_that_twists_it():
         plant.step(np.zeros((1, 7)))
     wound = stiffness * (plant.q - plant.theta)[0, 6]
     assert np.abs(plant.dq[0, 6]) < 1e-4 and wound > 0.02
-    assert wound == pytest.approx(50.0 * (physics.cable_centre - plant.q)[0, 6], rel=1e-3)
+    assert wound == pytest.approx(50.0 * (physics.cable_centre - plant.q)[0, 6], rel=0.01)
 
 
 def test_an_arm_that_runs_away_is_named_and_leaves_the_others():
