@@ -159,6 +159,7 @@ class Plant:
         self._arms = RigidArms(physics.inertials.stacked(nominal).stacked(nominal))
         self._nominal_rotor = NOMINAL.armature * np.eye(JOINTS)
         self._flexible = physics.flexible > 0
+        self._is_soft = bool(self._flexible.any())
         self._rotor = np.where(self._flexible, 0.0, physics.armature)[:, :, None] * np.eye(JOINTS)
         self._used = {item.name for item in fields(physics) if item.metadata and physics.uses(item.name)}
         self._follow = 1.0 - np.exp(-STEP / np.maximum(physics.lag, 1e-9))
@@ -175,6 +176,7 @@ class Plant:
         newest = np.ceil(ends - 1e-9) - 1
         self._ago = -newest.astype(int)
         self._share = np.clip((ends - newest) * SUBSTEPS, 0.0, 1.0)[:, :, None]
+        self._is_whole = (self._share == 1.0).all(axis=(1, 2))
         self._rows = np.arange(arms)
 
     def begin(self, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -210,10 +212,10 @@ class Plant:
             resisting = self._resisting(drive)
             net = drive - resisting
             against = self._velocity_torque + self._weight + self._link_torque()
-            self._load = self._through_gear(net, against) if self._flexible.any() else net
+            self._load = self._through_gear(net, against) if self._is_soft else net
             self.dq = self.dq + STEP * _times(self._inverse, self._load - against)
             self.q = self.q + STEP * self.dq
-            if self._flexible.any():
+            if self._is_soft:
                 self._move_rotors(net)
             else:
                 self.theta, self.omega = self.q, self.dq
@@ -233,11 +235,12 @@ class Plant:
     def _in_force(self, s: int) -> np.ndarray:
         """Commands (B, 7) that act in substep `s`, on average over it."""
         length, share = len(self._history), self._share[s]
-        newest = self._history[(self._number - self._ago[s]) % length, self._rows]
-        if (share == 1.0).all():
+        at = (self._number - self._ago[s]) % length
+        newest = self._history[at, self._rows]
+        if self._is_whole[s]:
             return newest
-        before = self._history[(self._number - self._ago[s] - 1) % length, self._rows]
-        return share * newest + (1.0 - share) * before
+        before = self._history[at - 1, self._rows]
+        return before + share * (newest - before)
 
     def _driven(self, command: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Torque (B, 7) of the drives, gravity compensation included."""
