@@ -1,5 +1,7 @@
 """The blind generator's physics against Pinocchio, MuJoCo, and what physics forbids."""
 
+import pickle
+
 import mujoco
 import numpy as np
 import pytest
@@ -12,14 +14,15 @@ from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.scene import load_model
 from np_diagnosis.blind.cases import Case, draw_cases, make_physics
-from np_diagnosis.blind.faults import EFFECTS, Fault, limits
+from np_diagnosis.blind.faults import EFFECTS, Fault, limits, soften
 from np_diagnosis.blind.friction import bouc_wen, lugre, prandtl
-from np_diagnosis.blind.loop import make_targets, run
+from np_diagnosis.blind.heldout import LOST, gaps, motions
+from np_diagnosis.blind.loop import Diverged, make_targets, run
 from np_diagnosis.blind.plant import PERIOD, Plant, nominal_physics, stack
 from np_diagnosis.blind.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
 from np_diagnosis.blind.scoring import modules
 from np_diagnosis.blind.strangers import STRANGERS
-from np_diagnosis.excitation import READY, suite
+from np_diagnosis.excitation import READY, SECOND, THIRD, suite
 
 postures = arrays(float, 7, elements=st.floats(-2.5, 2.5))
 speeds = arrays(float, 7, elements=st.floats(-2, 2))
@@ -188,6 +191,56 @@ def test_every_fault_moves_the_arm_or_its_sensors_and_none_breaks_the_loop():
         seen = sum(np.abs(getattr(record, part)[:, i] - getattr(record, part)[:, 0]).max() / unit
                    for part, unit in (("position", 1e-5), ("effort", 1e-2), ("motor_position", 1e-5)))
         assert seen > 1.0, name
+
+
+SOFT = ("backlash", "transmission_hysteresis", "joint_elasticity")
+
+
+@pytest.mark.parametrize("posture", [READY, SECOND, THIRD], ids=["ready", "second", "third"])
+def test_a_gear_at_any_joint_is_stable_in_every_posture(posture):
+    """The link of the wrist alone is 5e-3 kg m^2: on a gear of 1e5 Nm/rad it swings at 700 Hz."""
+    cases = [Case(0, "single", (Fault(effect, joint, limits()[effect].get("largest", 10.0)),), (5, 5))
+             for effect in SOFT for joint in range(7)]
+    physics, _ = make_physics(cases)
+    plant = Plant(physics, posture, [np.random.default_rng(0) for _ in cases])
+    plant.dq[:] = plant.omega[:] = 0.3
+    fastest = 0.0
+    for k in range(150):
+        plant.begin(plant.q, plant.dq)
+        plant.step(-60.0 * (plant.q - posture) - 6.0 * plant.dq)
+        fastest = max(fastest, float(np.abs(plant.dq).max()))
+    assert fastest < 3.0
+    assert np.abs(plant.dq).max() < 0.3 and np.abs(plant.theta - plant.q).max() < 2e-2
+
+
+def test_a_twisted_gear_holds_the_torque_that_twists_it():
+    stiffness = 5e3
+    physics = nominal_physics(1)
+    soften(physics, 0, 6, stiffness)
+    # A spring pulls on the link, friction holds the rotor.
+    physics.cable_stiffness[0, 6], physics.cable_centre[0, 6] = 50.0, READY[6] + 0.05
+    plant = Plant(physics, READY, [np.random.default_rng(0)])
+    for _ in range(1000):
+        plant.begin(plant.q, plant.dq)
+        plant.step(np.zeros((1, 7)))
+    wound = stiffness * (plant.q - plant.theta)[0, 6]
+    assert np.abs(plant.dq[0, 6]) < 1e-4 and wound > 0.02
+    assert wound == pytest.approx(50.0 * (physics.cable_centre - plant.q)[0, 6], rel=0.01)
+
+
+def test_an_arm_that_runs_away_is_named_and_leaves_the_others():
+    cases = draw_cases(3, 0, "development")
+    physics, _ = make_physics(cases)
+    physics.viscous_forward[1] = physics.viscous_backward[1] = -40.0
+    targets = make_targets(suite(["sinusoid_7"]))
+    with pytest.raises(Diverged) as caught:
+        run(physics, targets, [c.seed for c in cases])
+    error = pickle.loads(pickle.dumps(caught.value))
+    assert error.arms == (1,) and "arms (1,)" in str(error)
+    alone = run(physics.take([0, 2]), targets, None).position
+    moved = motions(physics, targets)
+    assert np.allclose(moved[:, [0, 2]], alone[targets.first:], atol=1e-9)
+    assert gaps(moved, targets.position[targets.first:, None])[1] == pytest.approx(LOST)
 
 
 def test_arms_do_not_depend_on_their_batch():

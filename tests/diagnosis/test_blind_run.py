@@ -2,17 +2,21 @@
 
 import json
 import os
+import shlex
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 from np_bringup.bag import Recording
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_diagnosis.blind.cases import draw_cases
+from np_diagnosis.blind import generate
+from np_diagnosis.blind.cases import draw_cases, make_physics
 from np_diagnosis.blind.generate import make_bags
 from np_diagnosis.blind.sealed import digest, make_key
+from np_diagnosis.commands import blind
 from np_diagnosis.excitation import suite
 
 ONLY = ["sinusoid_2", "sinusoid_4", "triangle_fast"]  # the doctor asks for ten blocks of motion
@@ -76,6 +80,27 @@ def test_the_command_scores_the_doctor(tmp_path):
     assert (tmp_path / "run" / "results.svg").exists()
     again = subprocess.run(command, capture_output=True, text=True)
     assert again.returncode == 0 and json.loads(again.stdout.splitlines()[-1])["harm"] == figures["harm"]
+
+
+def test_a_case_whose_arm_runs_away_is_published_as_an_error(tmp_path, monkeypatch):
+    def one_unstable(cases):
+        physics, truths = make_physics(cases)
+        for i, case in enumerate(cases):
+            if case.number == 1:
+                physics.viscous_forward[i] = physics.viscous_backward[i] = -40.0
+        return physics, truths
+
+    monkeypatch.setattr(generate, "make_physics", one_unstable)
+    monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
+    answer = '{"verdict": "no_gap", "effects": [], "where": []}'
+    doctor = ("import pathlib, sys; out = pathlib.Path(sys.argv[-1]); "
+              f"(out / 'report.json').write_text({answer!r}); (out / 'patch.yaml').write_text('effects: []')")
+    assert blind.main(["--cases", "3", "--set", "development", "--only", "sinusoid_7", "--out", str(tmp_path),
+                       "--doctor", shlex.join([sys.executable, "-c", doctor])]) == 0
+    results = json.loads((tmp_path / "results.json").read_text())
+    errors = [case["error"] for case in results["cases"]]
+    assert errors[0] == errors[2] == "" and errors[1].startswith("no recording: the arm ran away after")
+    assert results["figures"]["errors"] == 1 and 1 in results["failures"]
 
 
 def test_a_locked_key_that_was_not_sealed_is_refused(tmp_path):

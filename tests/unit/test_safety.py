@@ -1,5 +1,7 @@
 """Guards, command validation and the safety filter."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -260,3 +262,9 @@ def test_whatever_is_offered_the_applied_torque_is_lawful(offers, q):
         assert (np.abs(applied.torque) <= LIMITS.torque).all()
         assert (np.abs(applied.torque - previous) <= LIMITS.torque_rate * LIMITS.period + 1e-9).all()
         previous = applied.torque
+
+
+def test_a_refusal_survives_the_way_from_another_process():
+    refusal = pickle.loads(pickle.dumps(Refusal(Reason.NOT_FINITE, "torque: expected finite numbers")))
+    assert refusal.reason is Reason.NOT_FINITE
+    assert str(refusal) == "not_finite: torque: expected finite numbers"

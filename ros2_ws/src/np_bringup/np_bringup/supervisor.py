@@ -35,10 +35,14 @@ class NodeDied(RuntimeError):
     """A node ended by itself. `name` is the node's, `returncode` its process's."""
 
     def __init__(self, name: str, returncode: int, last_lines: Sequence[str]):
-        how = f"signal {signal.Signals(-returncode).name}" if returncode < 0 else f"status {returncode}"
-        tail = "".join(f"\n  {line}" for line in last_lines) or " (it printed nothing)"
-        super().__init__(f"node {name} ended with {how}; its last lines:{tail}")
+        super().__init__(name, returncode, last_lines)
         self.name, self.returncode = name, returncode
+
+    def __str__(self) -> str:
+        name, code, last_lines = self.args
+        how = f"signal {signal.Signals(-code).name}" if code < 0 else f"status {code}"
+        tail = "".join(f"\n  {line}" for line in last_lines) or " (it printed nothing)"
+        return f"node {name} ended with {how}; its last lines:{tail}"
 
 
 def installed_command(package: str, executable: str) -> list[str]:

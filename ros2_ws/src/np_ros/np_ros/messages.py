@@ -36,8 +36,11 @@ class BadMessage(ValueError):
     """
 
     def __init__(self, kind: str, text: str):
-        super().__init__(text)
+        super().__init__(kind, text)
         self.kind = kind
+
+    def __str__(self) -> str:
+        return self.args[1]
 
 
 def _finite(values: np.ndarray, what: str) -> np.ndarray:

@@ -36,8 +36,11 @@ class Refusal(ValueError):
     """A command that must not be carried out: `reason` says why, the text what was expected and what came."""
 
     def __init__(self, reason: Reason, text: str):
-        super().__init__(f"{reason}: {text}")
+        super().__init__(reason, text)  # args are what a copy in another process is made from
         self.reason = reason
+
+    def __str__(self) -> str:
+        return "{}: {}".format(*self.args)
 
 
 class Refusals:

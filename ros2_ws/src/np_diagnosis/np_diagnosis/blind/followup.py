@@ -11,7 +11,7 @@ import numpy as np
 
 from np_diagnosis.blind.bags import write_bag
 from np_diagnosis.blind.cases import Case, make_physics
-from np_diagnosis.blind.loop import make_targets, run
+from np_diagnosis.blind.loop import Diverged, make_targets, run
 from np_diagnosis.excitation import suite
 
 FOLDER = "next"
@@ -45,7 +45,11 @@ def follow_up(case: Case, bag: Path, folder: Path, ask: Callable[[Sequence[Path]
         (answer / "error.txt").write_text(str(error))
         return
     physics, _ = make_physics([case])
-    record = run(physics, targets, [(*case.seed, STREAM)])
+    try:
+        record = run(physics, targets, [(*case.seed, STREAM)])
+    except Diverged as error:
+        (answer / "error.txt").write_text(f"no second recording: the arm ran away after {error.time_s:.3f} s")
+        return
     begin = int(np.random.default_rng([*case.seed, 3]).integers(1, 1000)) * 1_000_000_000 + LATER
     write_bag(second, record, 0, targets, begin, {"origin": "np_diagnosis blind test", "case": case.number})
     (answer / "error.txt").write_text(ask([bag, second], answer))

@@ -19,7 +19,7 @@ import numpy as np
 
 from np_diagnosis.blind.bags import write_bag
 from np_diagnosis.blind.cases import SETS, Case, draw_cases, make_physics
-from np_diagnosis.blind.loop import make_targets, run
+from np_diagnosis.blind.loop import Diverged, make_targets, run
 from np_diagnosis.blind.processes import workers
 from np_diagnosis.blind.progress import Bar
 from np_diagnosis.blind.sealed import digest, make_key
@@ -39,16 +39,28 @@ def bag_path(out: Path, number: int) -> Path:
     return out / "bags" / f"case_{number:03d}"
 
 
-def make_bags(cases: Sequence[Case], only: Sequence[str], out: Path) -> list[int]:
-    """Move the arms of some cases through the suite and write their bags; the numbers of the cases."""
+def make_bags(cases: Sequence[Case], only: Sequence[str], out: Path) -> dict[int, str]:
+    """Move the arms of some cases through the suite and write their bags.
+
+    By the number of each case, what went wrong; "" where its bag is written. An arm that runs away has none,
+    and leaves the others as they are.
+    """
     targets = make_targets(suite(only))
-    physics, _ = make_physics(list(cases))
-    record = run(physics, targets, [case.seed for case in cases])
-    for i, case in enumerate(cases):
+    moving, errors = list(cases), {}
+    while moving:
+        try:
+            record = run(make_physics(moving)[0], targets, [case.seed for case in moving])
+            break
+        except Diverged as error:
+            errors |= {moving[i].number: f"no recording: the arm ran away after {error.time_s:.3f} s"
+                       for i in error.arms}
+            moving = [case for i, case in enumerate(moving) if i not in error.arms]
+    for i, case in enumerate(moving):
         begin = int(np.random.default_rng([*case.seed, 3]).integers(1, 1000)) * 1_000_000_000
         information = {"origin": "np_diagnosis blind test", "case": case.number}
         write_bag(bag_path(out, case.number), record, i, targets, begin, information)
-    return [case.number for case in cases]
+        errors[case.number] = ""
+    return errors
 
 
 def add_options(parser: argparse.ArgumentParser, which: str) -> None:
@@ -77,14 +89,15 @@ def main(arguments: list[str] | None = None) -> int:
     (options.out / "key.json").write_text(key)
     (options.out / "key.sha256").write_text(f"{digest(key)}  key.json\n")
     cases = draw_cases(options.cases, options.seed, options.which)
-    bar, done = Bar(len(cases), f"generate {options.which} {options.seed}"), 0
+    bar, errors = Bar(len(cases), f"generate {options.which} {options.seed}"), {}
     with workers(options.jobs) as pool:
         pending = [pool.submit(make_bags, batch, options.only, options.out)
                    for batch in batches(cases, options.jobs)]
         for future in as_completed(pending):
-            done += len(future.result())
-            bar.show(done)
-    print(json.dumps({"out": str(options.out), "cases": len(cases), "set": options.which,
+            errors |= future.result()
+            bar.show(len(errors))
+    lost = {number: error for number, error in sorted(errors.items()) if error}
+    print(json.dumps({"out": str(options.out), "cases": len(cases), "errors": lost, "set": options.which,
                       "seed": options.seed, "key_sha256": digest(key)}))
     return 0
 

@@ -10,12 +10,13 @@ import numpy as np
 from np_control.impedance import STIFFNESS_MAX
 
 from np_diagnosis.blind.cases import Case, make_physics
-from np_diagnosis.blind.loop import Targets, make_targets, run
+from np_diagnosis.blind.loop import Diverged, Targets, make_targets, run
 from np_diagnosis.blind.patched import patched_physics
 from np_diagnosis.blind.plant import Physics, stack
 from np_diagnosis.excitation import READY, SCALE, Segment
 from np_diagnosis.motions import Motion, visits, waves
 
+LOST = 1.0  # rad
 _SEED = 20261121
 _GAINS = np.stack([STIFFNESS_MAX, np.ones(7)])
 
@@ -32,8 +33,19 @@ def heldout_targets() -> Targets:
 
 
 def motions(physics: Physics, targets: Targets) -> np.ndarray:
-    """Measured positions (n, B, 7) rad of the arms, sensors without noise, from the first target on."""
-    return run(physics, targets, None).position[targets.first:]
+    """Measured positions (n, B, 7) rad of the arms, sensors without noise, from the first target on.
+
+    An arm that runs away, as a wrong patch may make it, is LOST rad off its targets.
+    """
+    position = np.tile(targets.position[targets.first:, None] + LOST, (1, len(physics), 1))
+    staying = list(range(len(physics)))
+    while staying:
+        try:
+            position[:, staying] = run(physics.take(staying), targets, None).position[targets.first:]
+            break
+        except Diverged as error:
+            staying = [arm for row, arm in enumerate(staying) if row not in error.arms]
+    return position
 
 
 def gaps(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -25,7 +25,19 @@ TORQUE_NOISE = 0.03  # Nm, white, and as much again that is correlated over COLO
 COLOUR = 0.08
 CHUNK = 500  # periods of noise drawn at a time
 HISTORY = 8  # periods over which a measurement may be late
+RUNAWAY = 20.0  # rad/s, ten times what the guards of any joint allow
 SETTLING = 1_000_000_000  # ns at rest before the plan
+
+
+class Diverged(RuntimeError):
+    """Arms that ran away. arms: their rows in the batch; time_s: of the run."""
+
+    def __init__(self, arms: tuple[int, ...], time_s: float):
+        super().__init__(arms, time_s)
+        self.arms, self.time_s = arms, time_s
+
+    def __str__(self) -> str:
+        return f"arms {self.arms} of the batch were faster than {RUNAWAY:g} rad/s after {self.time_s:.3f} s"
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +107,7 @@ def run(physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | Non
         progress: Callable[[int], None] = lambda _: None) -> Run:
     """Move the arms through the targets. seeds: of each arm's noise; None for sensors without any.
 
-    progress(row) is called now and then.
+    progress(row) is called now and then. Raises Diverged.
     """
     arms, count = len(physics), len(targets)
     roots = seeds if seeds is not None else [[i] for i in range(arms)]
@@ -108,6 +120,9 @@ def run(physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | Non
     torque = filtered = np.zeros((arms, JOINTS))
     for row in range(count):
         q, dq, effort, theta, omega = sensors.read(plant)
+        safe = np.abs(dq) < RUNAWAY  # not so where it is not a number
+        if not safe.all():
+            raise Diverged(tuple(np.flatnonzero(~safe.all(axis=1)).tolist()), plant.time)
         if row == 0:
             held = np.clip(q, LIMITS.position_lower, LIMITS.position_upper)
         target = held if row < targets.first else np.broadcast_to(targets.position[row], q.shape)

@@ -16,6 +16,7 @@ from np_description.rotations import matrix_from_quaternion
 
 JOINTS = 7
 GRAVITY = 9.81
+_UNIT = np.eye(3)
 _UPPER = np.triu(np.ones((JOINTS, JOINTS), dtype=bool))
 
 
@@ -34,6 +35,10 @@ class Inertials:
         """These arms, then the others."""
         return Inertials(*(np.concatenate([getattr(self, name), getattr(other, name)])
                            for name in ("mass", "com", "inertia", "gravity")))
+
+    def take(self, rows: list[int]) -> Inertials:
+        """These of the arms."""
+        return Inertials(self.mass[rows], self.com[rows], self.inertia[rows], self.gravity[rows])
 
     def add_point(self, arm: int, link: int, mass: float, at: np.ndarray) -> None:
         """Fix a point mass, kg, at (3,) m in the frame of a link."""
@@ -79,11 +84,11 @@ class RigidArms:
     def __init__(self, inertials: Inertials, panda: PandaModel = NOMINAL):
         self.inertials = inertials
         frames = [(matrix_from_quaternion(f.quaternion), f.position) for f in panda.joint_frames]
-        self._turns, self._shifts = zip(*frames)
+        self._turns, self._shifts = (np.array(part) for part in zip(*frames))
         # Rotation carries the second moment of mass, S = tr(I)/2 - I, by one product: (R s)(R s)^T.
         moment = 0.5 * np.trace(inertials.inertia, axis1=2, axis2=3)[..., None, None] * np.eye(3)
         self._moment = moment - inertials.inertia
-        self._gravity = -inertials.gravity.T[:, :, None]
+        self._gravity = np.repeat(-inertials.gravity.T[:, :, None], JOINTS, axis=2)
 
     def terms(self, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(mass matrix (B, 7, 7) without rotors, velocity torque (B, 7), torque against gravity (B, 7)).
@@ -91,57 +96,65 @@ class RigidArms:
         q (B, 7) rad, dq (B, 7) rad/s; kg m^2 and Nm.
         """
         rotations, origins = self._chain(q)
-        axis = _component_first(rotations[:, :, :, 2])
-        lever = _cross(origins, axis)
+        screw = np.empty((3, 2, *q.shape))  # of each joint: its axis, and the velocity that it gives the base's origin
+        screw[:, 0] = axis = _component_first(rotations[:, :, :, 2])
+        screw[:, 1] = lever = _cross(origins, axis)
         mass = self.inertials.mass
         com = origins + _component_first(np.matmul(rotations, self.inertials.com[..., None])[..., 0])
-        first = mass * com
-        # Second moment about the base's origin, and from it the inertia there.
-        second = np.matmul(np.matmul(rotations, self._moment), rotations.transpose(0, 1, 3, 2))
-        second = np.ascontiguousarray(second.transpose(2, 3, 0, 1)) + first[:, None] * com[None]
-        trace = second[0, 0] + second[1, 1] + second[2, 2]
+        # Mass, its first and second moments about the base's origin, in rows of one array.
+        moments = np.empty((13, *q.shape))
+        moments[0] = mass
+        first, second = moments[1:4], moments[4:].reshape(3, 3, *q.shape)
+        np.multiply(mass, com, out=first)
+        turned = np.matmul(np.matmul(rotations, self._moment), rotations.transpose(0, 1, 3, 2))
+        np.add(turned.transpose(2, 3, 0, 1), first[:, None] * com, out=second)
 
         # Mass matrix: the momentum that each joint gives to the links beyond it.
-        mass_sum, first_sum, second_sum = (_beyond(part) for part in (mass, first, second))
-        trace_sum = _beyond(trace)
-        turn = trace_sum * axis - _apply(second_sum, axis) + _cross(first_sum, lever)
-        push = mass_sum * lever - _cross(first_sum, axis)
-        matrix = np.einsum("xbi,xbk->bik", axis, turn) + np.einsum("xbi,xbk->bik", lever, push)
+        beyond = _beyond(moments)
+        first_sum = beyond[1:4]
+        wrench = _momentum(beyond[0], first_sum, beyond[4:].reshape(3, 3, *q.shape), screw[:, 0], screw[:, 1])
+        matrix = np.einsum("xsbi,xsbk->bik", screw, wrench)
         matrix = np.where(_UPPER, matrix, matrix.transpose(0, 2, 1))
 
         # Velocities and accelerations for standing targets (qdd = 0), and the forces that they take.
-        spin, sweep = np.cumsum(axis * dq, axis=2), np.cumsum(lever * dq, axis=2)
-        turning = np.cumsum(_cross(spin, axis) * dq, axis=2)
-        moving = np.cumsum((_cross(spin, lever) + _cross(sweep, axis)) * dq, axis=2)
-        angular = trace * spin - _apply(second, spin) + _cross(first, sweep)
-        linear = mass * sweep - _cross(first, spin)
-        torque = trace * turning - _apply(second, turning) + _cross(first, moving)
-        torque += _cross(spin, angular) + _cross(sweep, linear)
-        force = mass * moving - _cross(first, turning) + _cross(spin, linear)
-        velocity = (axis * _beyond(torque) + lever * _beyond(force)).sum(axis=0)
+        motion = np.empty((3, 2, 2, *q.shape))  # angular and linear; velocity and acceleration
+        np.cumsum(screw * dq, axis=3, out=motion[:, :, 0])
+        spin, sweep = motion[:, 0, 0], motion[:, 1, 0]
+        change = _cross(spin, screw)
+        change[:, 1] += _cross(sweep, axis)
+        np.cumsum(change * dq, axis=3, out=motion[:, :, 1])
+        momentum = _momentum(mass, first, second, motion[:, 0], motion[:, 1])
+        force = momentum[:, :, 1] + _cross(spin, momentum[:, :, 0])
+        force[:, 0] += _cross(sweep, momentum[:, 1, 0])
+        velocity = (screw * _beyond(force)).sum(axis=(0, 1))
 
-        held = np.empty_like(axis)
-        held[:] = self._gravity
-        weight = (axis * _cross(first_sum, held) + lever * (mass_sum * held)).sum(axis=0)
+        weight = (axis * _cross(first_sum, self._gravity) + lever * (beyond[0] * self._gravity)).sum(axis=0)
         return matrix, velocity, weight
 
     def _chain(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (B, 7, 3, 3) and origins (3, B, 7) of the links in the base frame."""
-        arms = len(q)
-        cosine, sine = np.cos(q), np.sin(q)
-        rotations, origins = np.empty((arms, JOINTS, 3, 3)), np.empty((3, arms, JOINTS))
-        rotation, origin = np.broadcast_to(np.eye(3), (arms, 3, 3)), np.zeros((arms, 3))
+        cosine, sine = np.cos(q)[:, :, None], np.sin(q)[:, :, None]
+        own = np.empty((*q.shape, 3, 3))  # of each link in the one before it
+        own[..., 0] = cosine * self._turns[:, :, 0] + sine * self._turns[:, :, 1]
+        own[..., 1] = cosine * self._turns[:, :, 1] - sine * self._turns[:, :, 0]
+        own[..., 2] = self._turns[:, :, 2]
+        rotations = np.empty((len(q), JOINTS + 1, 3, 3))
+        rotations[:, 0] = _UNIT
         for i in range(JOINTS):
-            flat = rotation.reshape(-1, 3)
-            origin = origin + (flat @ self._shifts[i]).reshape(arms, 3)
-            fixed = (flat @ self._turns[i]).reshape(arms, 3, 3)
-            c, s = cosine[:, i, None], sine[:, i, None]
-            rotation = np.empty_like(fixed)
-            rotation[:, :, 0] = c * fixed[:, :, 0] + s * fixed[:, :, 1]
-            rotation[:, :, 1] = c * fixed[:, :, 1] - s * fixed[:, :, 0]
-            rotation[:, :, 2] = fixed[:, :, 2]
-            rotations[:, i], origins[:, :, i] = rotation, origin.T
-        return rotations, origins
+            np.matmul(rotations[:, i], own[:, i], out=rotations[:, i + 1])
+        steps = np.matmul(rotations[:, :-1], self._shifts[:, :, None])[..., 0]
+        return rotations[:, 1:], np.cumsum(_component_first(steps), axis=2)
+
+
+def _momentum(mass: np.ndarray, first: np.ndarray, second: np.ndarray, angular: np.ndarray, linear: np.ndarray
+              ) -> np.ndarray:
+    """Momentum (3, 2, ...), angular then linear, about the base's origin, of bodies with these moments of mass
+    that move with `angular` (3, ...) rad/s and `linear` m/s of that origin."""
+    momentum = np.empty((3, 2, *angular.shape[1:]))
+    trace = second[0, 0] + second[1, 1] + second[2, 2]
+    momentum[:, 0] = trace * angular - _apply(second, angular) + _cross(first, linear)
+    momentum[:, 1] = mass * linear - _cross(first, angular)
+    return momentum
 
 
 def _beyond(values: np.ndarray) -> np.ndarray:
@@ -155,15 +168,16 @@ def _component_first(vectors: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    for x, y, z in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        np.multiply(a[y], b[z], out=product[x])
-        product[x] -= a[z] * b[y]
-    return product
+    """Cross product of (3, B, 7) with (3, ..., B, 7)."""
+    a = np.concatenate([a, a[:2]])
+    a = a.reshape(5, *(1,) * (b.ndim - a.ndim), *a.shape[1:])
+    b = np.concatenate([b, b[:2]])
+    return a[1:4] * b[2:5] - a[2:5] * b[1:4]
 
 
 def _apply(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Symmetric (3, 3, B, 7) on (3, B, 7)."""
+    """Symmetric (3, 3, B, 7) on (3, ..., B, 7)."""
+    matrix = matrix.reshape(3, 3, *(1,) * (vector.ndim - 3), *matrix.shape[2:])
     return matrix[0] * vector[0] + matrix[1] * vector[1] + matrix[2] * vector[2]
 
 

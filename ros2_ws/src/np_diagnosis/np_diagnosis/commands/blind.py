@@ -74,7 +74,7 @@ def diagnose(case: Case, out: Path, doctor: str, timeout: float, keep: bool, ide
     follow_up(case, bag, folder, ask)
     if identify:
         others.identify(bag, folder, identify, timeout)
-    (folder / "error.txt").write_text(error)
+    write_error(out, case.number, error)
     if not keep:
         shutil.rmtree(bag)
     return case.number
@@ -83,6 +83,13 @@ def diagnose(case: Case, out: Path, doctor: str, timeout: float, keep: bool, ide
 def report_path(out: Path, number: int) -> Path:
     """Folder of the doctor's answer to a case; it holds error.txt once the doctor has run."""
     return out / "reports" / f"case_{number:03d}"
+
+
+def write_error(out: Path, number: int, error: str) -> None:
+    """Put down that a case is done, and what went wrong."""
+    folder = report_path(out, number)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "error.txt").write_text(error)
 
 
 def run_doctor(options: argparse.Namespace, pool: ProcessPoolExecutor) -> None:
@@ -103,7 +110,12 @@ def run_doctor(options: argparse.Namespace, pool: ProcessPoolExecutor) -> None:
     done = len(answered)
     bar.show(done, "simulating")
     for future in as_completed(making):
-        asking |= {pool.submit(diagnose, cases[number], *asked) for number in future.result()}
+        for number, error in future.result().items():
+            if error:  # counted as wrong: no answer
+                write_error(options.out, number, error)
+                done += 1
+            else:
+                asking.add(pool.submit(diagnose, cases[number], *asked))
     for future in as_completed(asking):
         future.result()
         done += 1
@@ -174,7 +186,10 @@ def main(arguments: list[str] | None = None) -> int:
                "failures": [s.case for s in scores if s.is_failure]}
     (options.out / "results.json").write_text(json.dumps(results, indent=1) + "\n")
     (options.out / "results.md").write_text(figures_table(figures, scores) + "\n" + failures_table(scores))
-    plot(figures, scores, options.out / "results.svg")
+    try:
+        plot(figures, scores, options.out / "results.svg")
+    except ImportError as error:  # the figures are worth more than their picture
+        print(f"blind: no results.svg: {error}", file=sys.stderr)
     print(json.dumps({**figures, "results": str(options.out / "results.json")}))
     return 0
 
