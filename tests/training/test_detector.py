@@ -18,7 +18,9 @@ from np_description.panda import NOMINAL
 from np_description.scene import load_model
 from np_training.detector.augment import Augmentation, augment, reduce
 from np_training.detector.evaluate import cast_rays
+from np_training.detector.contrast import ContrastConfig, MomentumContrast
 from np_training.detector.metrics import summarise
+from np_training.detector.network import KeypointNetwork, NetworkConfig
 from np_training.detector.render import (
     NOMINAL_LOOK,
     OVERSAMPLING,
@@ -29,6 +31,7 @@ from np_training.detector.render import (
 )
 from np_training.detector.scenes import STATE_SIZE, sample_states
 from np_training.detector.train import main
+from np_training.detector.visited import load_visited, mix_visited
 
 torch.set_num_threads(1)
 WORLDS = 4
@@ -162,6 +165,54 @@ def test_figures_of_perfect_and_useless_detections():
     assert knowing["doubted"]["not_found"][0] == pytest.approx((~visible).mean(), abs=1e-4)
 
 
+def recorded(path, domain: str = "card"):
+    """Two episodes of four states, one of them over after two, and one that was never played."""
+    qpos = torch.cat([free_states()[:3, None].expand(3, 4, STATE_SIZE)]).transpose(0, 1).clone().numpy()
+    qpos[:, :, 9] += 0.001 * np.arange(4)[:, None]
+    np.savez(path, domain=domain, mode=np.array(["success", "timeout", "infeasible"]), length=np.array([1, 3, 0]),
+             goals=np.zeros((3, 7)), qpos=qpos, tips=np.zeros(3, int))
+    return qpos
+
+
+def test_visited_states_are_those_of_played_episodes_until_their_end(tmp_path):
+    qpos = recorded(tmp_path / "episodes.npz")
+    states = load_visited(tmp_path / "episodes.npz", CARD, "cpu")
+    expected = np.concatenate([qpos[:2, 0], qpos[:, 1]])
+    assert sorted(map(tuple, states.numpy())) == sorted(map(tuple, expected.astype(np.float32)))
+    mixed = mix_visited(torch.zeros(4000, STATE_SIZE), states, 0.6, generator())
+    taken = mixed[:, 12:].any(1)
+    assert taken.float().mean() == pytest.approx(0.6, abs=0.03)
+    nearest = torch.cdist(mixed[taken][:, 9:12], states[:, 9:12]).amin(1)
+    assert 0 < nearest.median() < 0.004
+    with pytest.raises(ValueError, match="expected episodes of card, got wall"):
+        recorded(tmp_path / "other.npz", "wall")
+        load_visited(tmp_path / "other.npz", CARD, "cpu")
+
+
+def test_momentum_contrast_learns_to_tell_images_apart_and_its_keys_follow():
+    torch.manual_seed(0)
+    network = KeypointNetwork(NetworkConfig(widths=(4, 8, 8), blocks=(1, 1)))
+    contrast = MomentumContrast(network, ContrastConfig(size=16, queue=64, momentum=0.9))
+    optimiser = torch.optim.Adam([*network.parameters(), *contrast.query.head.parameters()], lr=3e-3)
+    losses = []
+    for _ in range(80):
+        colours = torch.rand(16, 3, 1, 1)
+        first, second = ((colours + 0.05 * torch.randn(16, 3, 32, 32)).clamp(0, 1) for _ in range(2))
+        queued = contrast.queue.clone()
+        keys = contrast.keys(second)
+        loss = contrast.loss(network.encode(first)[-1], keys)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(loss.item())
+        assert (contrast.queue != queued).any(1).sum() == 16 and not keys.requires_grad
+    assert np.mean(losses[-10:]) < 0.7 * np.mean(losses[4:14])  # the queue is first of random keys, easily told apart
+    theirs = contrast.query.head[0].weight.detach()
+    before = (contrast.key.head[0].weight - theirs).norm()
+    contrast.keys(second)
+    assert (contrast.key.head[0].weight - theirs).norm() == pytest.approx(float(0.9 * before), rel=1e-3)
+
+
 def test_training_writes_weights_and_continues_where_it_stopped(tmp_path, capsys):
     arguments = [
         "--out",
@@ -175,6 +226,8 @@ def test_training_writes_weights_and_continues_where_it_stopped(tmp_path, capsys
         "--held-out",
         "4",
     ]
+    recorded(tmp_path / "episodes.npz")
+    arguments += ["--episodes", str(tmp_path / "episodes.npz")]
     main([*arguments, "--steps", "2"])
     main([*arguments, "--steps", "1"])
     figures = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -189,5 +242,8 @@ def test_training_writes_weights_and_continues_where_it_stopped(tmp_path, capsys
 
     _, record = load_weights(tmp_path / "keypoint_detector_card.safetensors")
     assert record["steps"] == 3 and record["images"] == 12 and record["held_out"] == figures
+    assert all(np.isfinite(float(row["contrast"])) for row in rows)
+    with pytest.raises(ValueError, match="expected a checkpoint of .*False.*got .*True"):
+        main([*arguments, "--no-contrast", "--steps", "1"])
     with pytest.raises(ValueError, match="expected a checkpoint of .*bump"):
-        main([*arguments, "--domain", "bump", "--steps", "1"])
+        main([*arguments[:-2], "--domain", "bump", "--steps", "1"])

@@ -26,6 +26,7 @@ from np_training.physics import BatchedPhysics, PhysicsConfig
 from np_training.randomisation import PAPER
 from np_training.rewards import Measures, RewardConfig, reward_terms
 from np_training.tasks import quarter_tips, sample_tasks
+from np_training.trainer import TrainConfig, Trainer
 
 WORLDS = 16
 
@@ -279,6 +280,15 @@ def test_training_runs_and_goes_on_where_it_stopped(tmp_path, monkeypatch, capsy
     fresh = ActorCritic()
     fresh.load_state_dict(state["networks"])
     assert state["iteration"] == 3
+
+
+def test_a_resumed_run_keeps_its_mean_success_and_so_its_practice(environment):
+    before = Trainer(environment, TrainConfig(rollout=1))
+    before.curriculum.advance(0.5, 3 * before.curriculum.window)
+    after = Trainer(environment, TrainConfig(rollout=1))
+    after.load_state_dict(before.state_dict())
+    after.curriculum.advance(0.0, after.curriculum.window // 4)
+    assert after.curriculum.success == pytest.approx(0.375)
 
 
 def test_student_output_and_pose_are_inverse():

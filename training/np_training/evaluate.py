@@ -5,8 +5,9 @@
 
 One JSON object a line and condition, printed and appended to --out. `twice` widens friction, mass and noise
 to twice the range that training draws from, all together, then one at a time, and names what breaks first.
-Domain, start, controller and time limit are the checkpoint's. --video N draws episodes, half of them failures
-where there are as many.
+Domain, start, controller and time limit are the checkpoint's. In place of one, --released DOMAIN plays the weights
+that the nodes load, contacts chosen by the student. --video N draws episodes, half of them failures where there are as
+many.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import torch
 from np_bringup.intervals import wilson_interval
 from np_description.domains import DOMAINS, find_domain
 from np_policy.networks import PreContactStudent
+from np_policy.policy import weights_file
 from np_policy.weights import load
 from np_training.effects import load_effects
 from np_training.environment import Environment, EnvironmentConfig
@@ -31,7 +33,9 @@ from np_training.networks import ActorCritic
 from np_training.physics import CONTROLLERS, PhysicsConfig
 from np_training.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
 from np_training.recording import save_recording
+from np_training.train import LIMITS
 
+SETTING = {"domain": "card", "start": "contact", "controller": "impedance", "limit": 100}
 CONDITIONS = {"nominal": NOMINAL_CONDITIONS, "paper": PAPER, "twice": TWICE}
 
 
@@ -120,11 +124,30 @@ def breaks_first(base: dict, alone: dict[str, dict]) -> str | None:
     return min(worse, key=worse.get) if worse else None
 
 
+def read_checkpoint(path: Path) -> tuple[ActorCritic, dict, int]:
+    """Networks of a training run, its setting, and its policy steps."""
+    state = torch.load(path, map_location="cpu", weights_only=True)
+    networks = ActorCritic()
+    networks.load_state_dict(state["networks"])
+    # Checkpoints of the first version did not say what they were trained with.
+    return networks, SETTING | state.get("setting", {}), state["steps"]
+
+
+def released_networks(domain: str) -> tuple[ActorCritic, dict, None]:
+    """Networks whose post-contact policy is the released one of a domain, and its setting; the others, which are not
+    released, are untrained. Raises WeightsError where the weights are missing."""
+    networks = ActorCritic()
+    load(networks.post, weights_file("post_contact", find_domain(domain)))
+    return networks, SETTING | {"domain": domain, "limit": LIMITS[domain]}, None
+
+
 def main() -> None:
     """Evaluate checkpoints; every line printed is one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--domain", choices=list(DOMAINS), help="default: the checkpoint's")
-    parser.add_argument("--checkpoint", type=Path, required=True)
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--checkpoint", type=Path)
+    source.add_argument("--released", choices=list(DOMAINS), help="the weights that the nodes load, of a domain")
     parser.add_argument(
         "--student", type=Path, help="weights that choose the contact from keypoints, in the teacher's place"
     )
@@ -155,14 +178,13 @@ def main() -> None:
         effects = load_effects(arguments.effects)
     except ValueError as error:
         parser.error(str(error))
-    state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
-    # Checkpoints of the first version did not say what they were trained with.
-    setting = {"domain": "card", "start": "contact", "controller": "impedance", "limit": 100} | state.get(
-        "setting", {}
+    networks, setting, steps = (
+        released_networks(arguments.released) if arguments.released else read_checkpoint(arguments.checkpoint)
     )
+    networks.to(arguments.device)
+    if arguments.released and not arguments.student:
+        arguments.student = weights_file("pre_contact", find_domain(arguments.released))
     setting |= {name: value for name in setting if (value := getattr(arguments, name)) is not None}
-    networks = ActorCritic().to(arguments.device)
-    networks.load_state_dict(state["networks"])
     student = load(PreContactStudent(), arguments.student).to(arguments.device) if arguments.student else None
     environment = Environment(
         find_domain(setting["domain"]),
@@ -192,7 +214,7 @@ def main() -> None:
                 **setting,
                 "effects": [f"{e.effect} at {e.component}" for e in effects.effects],
                 "seeds": arguments.seeds,
-                "steps": state["steps"],
+                "steps": steps,
                 **figures,
                 "wall_s": round(time.monotonic() - begin, 1),
             }

@@ -260,6 +260,7 @@ class Trainer:
             "seconds": self.seconds,
             "stage": self.curriculum.stage,
             "success": self.curriculum.success,
+            "episodes": self.curriculum.episodes,
             "practised": self.curriculum.practised,
             "setting": self.setting,
             "joint_range": self.environment.joint_range.share if self.environment.joint_range else 1.0,
@@ -273,6 +274,8 @@ class Trainer:
         self.iteration, self.steps = state["iteration"], state["steps"]
         self.seconds = state.get("seconds", 0.0)
         self.curriculum.stage, self.curriculum.success = state["stage"], state.get("success", 0.0)
+        # Without their number the mean would begin anew, with what a few first episodes came to.
+        self.curriculum.episodes = state.get("episodes", 0)
         if len(state.get("practised", [])) == len(self.curriculum.practised):
             self.curriculum.practised = list(state["practised"])
         if self.environment.joint_range is not None:

@@ -4,7 +4,9 @@
 
 Three sets: `nominal`, the scene as the bridge draws it, by OpenGL; `shifted`, by OpenGL, with table patterns
 never used in training, other lights and colours, and the camera within 2 cm and 2 degrees of its place;
-`ray_caster`, the nominal scene by MuJoCo Warp's ray caster, one ray a pixel. Writes
+`ray_caster`, the nominal scene by MuJoCo Warp's ray caster, one ray a pixel. With --episodes, three fifths of the
+states are ones that the released policies pass through
+(`np_training.evaluate --released DOMAIN --conditions paper --record FILE`). Writes
 docs/results/detector_DOMAIN.json, a picture of the best, median and worst detections beside it, and a plot of
 how far scores hold; prints the JSON. Without OpenGL only the last set is judged.
 """
@@ -41,8 +43,9 @@ from np_training.detector.render import (
     object_area,
     project_corners,
 )
-from np_training.detector.samples import LEAST_AREA, inside_image
+from np_training.detector.samples import LEAST_AREA, SampleConfig, inside_image
 from np_training.detector.scenes import sample_states
+from np_training.detector.visited import load_visited, mix_visited
 
 SHIFTED_LOOK = Randomisation(camera_position=0.02, camera_angle=0.035, any_table=0.0)
 PATTERNS = 8  # of tables in the shifted set
@@ -59,10 +62,13 @@ class HeldOut:
 
 
 def held_out_images(domain: Domain, count: int, seed: int, look: Randomisation, renderer: str,
-                    patterned: bool) -> Iterator[HeldOut]:
-    """So many labelled images from `renderer` (see np_sim_bridge.renderer)."""
+                    patterned: bool, visited: torch.Tensor | None = None) -> Iterator[HeldOut]:
+    """So many labelled images from `renderer` (see np_sim_bridge.renderer); visited: states (m, 16) of episodes, from
+    which most are taken."""
     generator = torch.Generator().manual_seed(seed)
     states = sample_states(domain, count, generator)
+    if visited is not None:
+        states = mix_visited(states, visited, SampleConfig.visited, generator)
     for part in states.split(-(-count // PATTERNS) if patterned else count):
         model = patterned_model(domain, generator) if patterned else build_scene(domain).compile()
         looks, camera = Looks(model, look, "cpu"), make_renderer(renderer, model)
@@ -199,8 +205,9 @@ def draw(pictures: list, path: Path, columns: int = 5) -> None:
     figure.savefig(path, dpi=70)
 
 
-def evaluate(domain: Domain, folder: str | Path, images: int, seed: int, pictures: Path | None) -> dict:
-    """The figures of the three sets; the sheet of the shifted one goes to `pictures`."""
+def evaluate(domain: Domain, folder: str | Path, images: int, seed: int, pictures: Path | None,
+             visited: torch.Tensor | None = None) -> dict:
+    """The figures of the three sets, `visited` states among them; the sheet of the shifted one goes to `pictures`."""
     detector = KeypointDetector(domain, folder)
     sets = {"ray_caster": (NOMINAL_LOOK, "warp", False)}
     if egl_works():
@@ -212,7 +219,8 @@ def evaluate(domain: Domain, folder: str | Path, images: int, seed: int, picture
         "sets": {},
     }
     for number, (name, (look, renderer, patterned)) in enumerate(sets.items()):
-        samples = held_out_images(domain, images, 7919 * (seed + 1) + number, look, renderer, patterned)
+        samples = held_out_images(domain, images, 7919 * (seed + 1) + number, look, renderer, patterned,
+                                  visited)
         result["sets"][name], shown = judge(detector, samples, images, name)
         if pictures is not None and shown and name in ("shifted", "ray_caster") and not (
                 name == "ray_caster" and "shifted" in sets):
@@ -230,14 +238,15 @@ def main() -> None:
     parser.add_argument("--weights", default="", help="folder of weights; default: the released ones")
     parser.add_argument("--images", type=int, default=5000, help="of each set")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--episodes", type=Path, help="recording of np_training.evaluate: most states come from it")
     parser.add_argument("--out", type=Path, default=Path("docs/results"))
     options = parser.parse_args()
     torch.set_num_threads(1)
     options.out.mkdir(parents=True, exist_ok=True)
     stem = options.out / f"detector_{options.domain}"
-    result = evaluate(
-        find_domain(options.domain), options.weights, options.images, options.seed, stem.with_suffix(".png")
-    )
+    domain = find_domain(options.domain)
+    visited = load_visited(options.episodes, domain, "cpu") if options.episodes else None
+    result = evaluate(domain, options.weights, options.images, options.seed, stem.with_suffix(".png"), visited)
     draw_reliability(result["sets"], stem.with_name(f"{stem.name}_reliability.png"))
     stem.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
     print(json.dumps(result))

@@ -17,9 +17,10 @@ import torch
 
 from np_description.domains import DOMAINS, find_domain
 from np_perception.detector import network_name
-from np_training.detector.evaluate import evaluate
+from np_training.detector.evaluate import draw_reliability, evaluate
 from np_training.detector.export import export, load_weights
 from np_training.detector.network import RELIABLE
+from np_training.detector.visited import load_visited
 
 CARD = """# Keypoint detector, {domain}
 
@@ -47,17 +48,19 @@ of its place.
 """
 
 
-def release(run: Path, domain_name: str, weights: Path, results: Path, images: int, seed: int) -> Path:
-    """Release the detector of a training run; the path of its model card."""
-    name = network_name(find_domain(domain_name))
+def release(run: Path, domain_name: str, weights: Path, results: Path, images: int, seed: int,
+            episodes: Path | None = None) -> Path:
+    """Release the detector of a training run; the path of its model card. episodes: see `evaluate`."""
+    domain = find_domain(domain_name)
+    name = network_name(domain)
+    visited = load_visited(episodes, domain, "cpu") if episodes else None
     weights.mkdir(parents=True, exist_ok=True)
     results.mkdir(parents=True, exist_ok=True)
     target = weights / f"{name}.safetensors"
     shutil.copyfile(run / target.name, target)
     export(target)
-    figures = evaluate(
-        find_domain(domain_name), weights, images, seed, results / f"detector_{domain_name}.png"
-    )
+    figures = evaluate(domain, weights, images, seed, results / f"detector_{domain_name}.png", visited)
+    draw_reliability(figures["sets"], results / f"detector_{domain_name}_reliability.png")
     (results / f"detector_{domain_name}.json").write_text(json.dumps(figures, indent=1) + "\n")
     card = target.with_suffix(".md")
     card.write_text(model_card(target, figures))
@@ -89,10 +92,11 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("docs/results"))
     parser.add_argument("--images", type=int, default=500, help="held out, of each set")
     parser.add_argument("--seed", type=int, default=1, help="of the held-out images")
+    parser.add_argument("--episodes", type=Path, help="recording from which most held-out states come")
     options = parser.parse_args()
     torch.set_num_threads(1)
     print(release(options.run, options.domain, options.weights, options.results, options.images,
-                  options.seed).read_text())
+                  options.seed, options.episodes).read_text())
 
 
 if __name__ == "__main__":
