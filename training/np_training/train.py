@@ -189,7 +189,7 @@ def write_config(trainer: Trainer, path: Path) -> None:
     path.write_text(
         json.dumps(
             {
-                "command": sys.argv,
+                "command": ["np_training.train", *sys.argv[1:]],  # the module, not where it lay
                 "setting": trainer.setting,
                 "processes": distributed.size(),
                 "device": torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU",
