@@ -16,7 +16,7 @@ import torch
 
 from np_control.kinematics import forward_kinematics, pose_distance, solve_ik
 from np_description.domains import Domain
-from np_description.panda import FINGER_MAX, NOMINAL
+from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion, matrix_from_vector
 from np_description.scene import FINGER_CAPSULES, HAND_CAPSULE
 from np_training.tasks import Poses
@@ -47,11 +47,12 @@ class Contacts:
 
 
 def contact_pose(domain: Domain, action: torch.Tensor, objects: Poses) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """T_E position (n, 3) m, rotation (n, 3, 3) and finger width (n,) m that actions (n, 9) choose on the objects."""
+    """T_E position (n, 3) m, rotation (n, 3, 3) and finger width (n,) m, up to what the domain allows, that actions
+    (n, 9) choose on the objects."""
     action = action.clamp(-1, 1)
     point, normal = surface_point(domain, action[:, 6:], objects)
     rotation = hand_rotation(action[:, :3], normal)
-    width = FINGER_MAX * (action[:, 3] + 1) / 2
+    width = domain.max_opening * (action[:, 3] + 1) / 2
     gripper_point = torch.stack([_TIP_HALF[0] * action[:, 4], (width + _TIP_CENTRE[1]) * action[:, 5],
                                  torch.full_like(width, TIP_DEPTH - _TCP[2])], -1)
     position = point - (rotation * gripper_point[:, None, :]).sum(-1)

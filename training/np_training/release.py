@@ -36,7 +36,7 @@ _CARD = """# {title}
 | command | `{command}` |
 | released | {date} |
 
-{figures}
+{note}{figures}
 """
 _FILES = (
     (
@@ -112,10 +112,10 @@ def check_releasable(setting: dict, evaluations: list[dict]) -> None:
 
 
 def release(
-    run: Run, state: dict, student: Path, weights: Path, results: Path, machine: str, command: str
+    run: Run, state: dict, student: Path, weights: Path, results: Path, machine: str, command: str, note: str = ""
 ) -> list[Path]:
     """Write weights with cards, and training_DOMAIN.{json,csv,png} into results; returns the weights'
-    files."""
+    files. note: what a user has to know of their behaviour."""
     # Checkpoints of the first version did not say what they were trained with.
     setting = {"domain": "card"} | state.get("setting", {})
     check_releasable(setting, run.evaluations)
@@ -145,6 +145,7 @@ def release(
                 machine=machine,
                 command=command,
                 date=today,
+                note=f"{note}\n\n" if note else "",
                 figures=figure_table(run.evaluations),
             )
         )
@@ -158,6 +159,7 @@ def release(
                 "seed": seed,
                 "machine": machine,
                 "date": today,
+                "note": note,
                 "policy_steps": state["steps"],
                 "physics_steps": state["steps"] * PHYSICS_STEPS,
                 "training_s": run.rows[-1]["elapsed"],
@@ -177,6 +179,7 @@ def main() -> None:
     parser.add_argument("run", type=Path)
     parser.add_argument("--student", type=Path, required=True)
     parser.add_argument("--command", help="how it was trained; default: what config.json says")
+    parser.add_argument("--note", default="", help="what a user has to know of its behaviour, for the cards")
     parser.add_argument("--machine", help="default: what config.json says")
     parser.add_argument("--weights", type=Path, default=Path("weights"))
     parser.add_argument("--results", type=Path, default=Path("docs/results"))
@@ -187,7 +190,8 @@ def main() -> None:
     command = arguments.command or shlex.join(
         ["python", "-m", "np_training.train", *run.config.get("command", [""])[1:]]
     )
-    files = release(run, state, arguments.student, arguments.weights, arguments.results, machine, command)
+    files = release(run, state, arguments.student, arguments.weights, arguments.results, machine, command,
+                    arguments.note)
     print(json.dumps({"files": [str(file) for file in files]}))
 
 

@@ -55,7 +55,8 @@ class Domain:
     half_size (3,) m; density kg/m^3; start, goals: regions (a goal region is drawn with equal odds);
     goal_yaw: range rad of the goal's yaw relative to the start's, or None where the goal's own region draws it;
     tolerance_position m, tolerance_angle rad or None for position only; workspace: x, y limits m outside of which the
-    object counts as lost; min_distance m: tasks nearer than this are drawn again.
+    object counts as lost; min_distance m: tasks nearer than this are drawn again; max_opening m: of one finger, beyond
+    which the object could be gripped, or an edge of it be jammed between the fingers: what is learned is to be done without.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Domain:
     workspace_x: tuple[float, float] = (0.30, 0.75)
     workspace_y: tuple[float, float] = (-0.35, 0.35)
     min_distance: float = 0.03
+    max_opening: float = 0.04
 
     @property
     def mass(self) -> float:
@@ -93,7 +95,8 @@ WALL = Domain(
     name="wall", half_size=(0.025, 0.025, 0.05), density=150.0,
     obstacles=(Box("wall", (0.64, 0.0, 0.05), (0.08, 0.20, 0.05)),),
     start=Region(x=(0.53, 0.53), y=(-0.15, 0.15), yaw=(0.0, 0.0)),
-    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0)),), tolerance_angle=None)
+    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0)),), tolerance_angle=None,
+    max_opening=0.005)
 
 DOMAINS = {domain.name: domain for domain in (CARD, BUMP, WALL)}
 
