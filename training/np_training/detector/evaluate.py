@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,6 +49,7 @@ from np_training.detector.visited import load_visited, mix_visited
 
 SHIFTED_LOOK = Randomisation(camera_position=0.02, camera_angle=0.035, any_table=0.0)
 PATTERNS = 8  # of tables in the shifted set
+SETS = "nominal", "shifted", "ray_caster"
 
 
 @dataclass(frozen=True)
@@ -206,8 +207,8 @@ def draw(pictures: list, path: Path, columns: int = 5) -> None:
 
 
 def evaluate(domain: Domain, folder: str | Path, images: int, seed: int, pictures: Path | None,
-             visited: torch.Tensor | None = None) -> dict:
-    """The figures of the three sets, `visited` states among them; the sheet of the shifted one goes to `pictures`."""
+             visited: torch.Tensor | None = None, only: Sequence[str] = SETS) -> dict:
+    """The figures of the sets, `visited` states among them; the sheet of the shifted one goes to `pictures`."""
     detector = KeypointDetector(domain, folder)
     sets = {"ray_caster": (NOMINAL_LOOK, "warp", False)}
     if egl_works():
@@ -219,6 +220,8 @@ def evaluate(domain: Domain, folder: str | Path, images: int, seed: int, picture
         "sets": {},
     }
     for number, (name, (look, renderer, patterned)) in enumerate(sets.items()):
+        if name not in only:
+            continue
         samples = held_out_images(domain, images, 7919 * (seed + 1) + number, look, renderer, patterned,
                                   visited)
         result["sets"][name], shown = judge(detector, samples, images, name)
@@ -237,6 +240,7 @@ def main() -> None:
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--weights", default="", help="folder of weights; default: the released ones")
     parser.add_argument("--images", type=int, default=5000, help="of each set")
+    parser.add_argument("--sets", nargs="+", choices=SETS, default=SETS)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--episodes", type=Path, help="recording of np_training.evaluate: most states come from it")
     parser.add_argument("--out", type=Path, default=Path("docs/results"))
@@ -246,7 +250,8 @@ def main() -> None:
     stem = options.out / f"detector_{options.domain}"
     domain = find_domain(options.domain)
     visited = load_visited(options.episodes, domain, "cpu") if options.episodes else None
-    result = evaluate(domain, options.weights, options.images, options.seed, stem.with_suffix(".png"), visited)
+    result = evaluate(domain, options.weights, options.images, options.seed, stem.with_suffix(".png"), visited,
+                      options.sets)
     draw_reliability(result["sets"], stem.with_name(f"{stem.name}_reliability.png"))
     stem.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
     print(json.dumps(result))
