@@ -78,7 +78,7 @@ class Harness:
 
     `answer(state)` gives the command for a state, or None for silence; change it at will. It is asked as
     often as the backend's kind of command is sent. `states` are all states received; `status`, `level`,
-    `message` the newest of the backend's diagnostics. """
+    `message` the newest of the backend's diagnostics, `said` the watchdog's state in each of them. """
 
     def __init__(self, graph, probe, backend: Backend, mode: str, **parameters):
         self.graph, self.probe, self.backend = graph, probe, backend
@@ -88,6 +88,7 @@ class Harness:
         self.status: dict[str, str] = {}
         self.level = b""
         self.message = ""
+        self.said: list[str] = []
         self.states = probe.collect("joint_states", JointState, callback=self._on_state)
         probe.collect("diagnostics", DiagnosticArray, qos.EVENT, callback=self._on_diagnostics)
         for topic, message_type in self.commands.sent.items():
@@ -108,6 +109,7 @@ class Harness:
             if status.name == f"/{self.backend.name}":
                 self.level, self.message = status.level, status.message
                 self.status = {pair.key: pair.value for pair in status.values}
+                self.said.append(self.status.get("state", ""))
 
     @property
     def stamp(self) -> int:

@@ -17,20 +17,29 @@ def test_states_come_without_answers_and_the_arm_holds(realtime_start):
 
 def test_a_silent_controller_leads_to_hold_and_then_to_rest(realtime_start):
     harness = realtime_start()
-    seen = []
     applied = harness.probe.collect("applied_command", JointState)
     first = harness.states[-1].position[6]
     harness.follow(harness.commands.turn, lambda: harness.states[-1].position[6] > first + 0.02,
                    "joint 7 to turn")
-    silent_since = harness.stamp
-    harness.wait(lambda: seen.append(harness.status.get("state")) or seen[-1] == "stopped", "the stop")
-    assert "holding" in seen and "silence" in harness.message
+    silent_since, before = harness.stamp, len(harness.said)
+    harness.wait_state("stopped")
+    assert "holding" in harness.said[before - 1:] and "silence" in harness.message
     assert harness.stamp >= silent_since + LIMITS.silence_ns - (LIMITS.late_periods + 1) * PERIOD
     harness.wait(lambda: max(map(abs, harness.states[-1].velocity[:7])) < LIMITS.rest_speed, "rest")
     harness.wait(lambda: max(map(abs, applied[-1].effort)) < 1.0, "torque to fade")
     assert harness.call("recover").success
     harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving",
                    "commands to be taken again")
+
+
+def test_one_command_and_then_silence_are_told_as_moving_holding_stopped(realtime_start):
+    harness = realtime_start()
+    harness.resume()  # which is told: nothing is left to be
+    before = len(harness.said)
+    harness.send(harness.commands.stay(harness.states[-1]))
+    harness.wait_state("stopped")
+    told = [state for state in harness.said[before:] if state != "ready"]
+    assert list(dict.fromkeys(told)) == ["moving", "holding", "stopped"]
 
 
 def test_images_come_at_their_own_rate(camera_start):

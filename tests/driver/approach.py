@@ -23,6 +23,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 DOMAIN = find_domain("card")
+START_TIMEOUT = 600.0  # s: the nodes start with what the running loop and others leave of the processors
 SHOWN_EVERY = 0.03  # s between two sets of keypoints, as from a detector
 
 
@@ -43,7 +44,7 @@ class Episode:
             graph.run("np_policy", name, {"mode": "realtime", **more})
             for name, more in (
                 ("pre_contact", {}), ("approach", {"seed": seed}), ("episode", {"backend": "franka_driver"}))
-        })
+        }, START_TIMEOUT)
 
     def run(self, now: Callable[[], int]) -> None:
         """Start, and show the card until the phase `post`; now: stamp ns of what is shown. RuntimeError where
@@ -51,6 +52,7 @@ class Episode:
         probe = self._probe
         goal = pose_message(now(), BASE_FRAME, self._goal.position, self._goal.quaternion)
         probe.publish("goal_pose", goal, qos.LATCHED)
+        self.phases.clear()  # holding the arm anew says `fault` and `idle` there itself
         answer = probe.node.create_client(Trigger, "episode/start").call_async(Trigger.Request())
         corners, _ = CAMERA.project(
             box_keypoints(np.asarray(DOMAIN.half_size), self._start.position, self._start.quaternion))
@@ -87,7 +89,7 @@ class Episode:
 
 def approach(control: str, pace: float = 1.0, seed: int = 0) -> dict[str, object]:
     """Phases pre and approach of a card episode; the figures."""
-    with MovingArm(control, pace=pace, priority=pace == 1.0) as arm:
+    with MovingArm(control, pace=pace, priority=True) as arm:
         episode = Episode(arm, seed)
         measurement = Measurement(arm)
         with overheard(arm) as raw:

@@ -61,7 +61,7 @@ class Row:
 def run(name: str, control: str) -> Row:
     """Inject one fault into a moving arm."""
     case = CASES[name]
-    with MovingArm(control, controller=case.controller) as arm:
+    with MovingArm(control, controller=case.controller, priority=True) as arm:
         getattr(arm, case.motion)()
         begin = arm.robot.request("state")["time"]
         case.inject(arm)

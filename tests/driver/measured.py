@@ -33,7 +33,7 @@ class Measurement:
         self._offset = clock_offset(arm)
         arm.deafen()
         arm.hold_anew()
-        self._before, self._robot = self._counts(), arm.robot.request("state")
+        self._before, self._robot = self._counts(), arm.robot.request("forget")
         graph = arm.harness.graph
         (hand,) = children(graph.pid("franka_driver"))
         self._shares = CpuShares(
@@ -63,6 +63,7 @@ class Measurement:
             "commands_per_1000": round(1e3 * accepted / said["cycles"]),
             "unanswered_per_1000": round(
                 1e3 * (robot["unanswered"] - self._robot["unanswered"]) / max(commanded, 1), 2),
+            "robot_pause_ms": round(1e3 * robot["pause"], 1),
             **following(arm.trace(), raw, self._offset),
             "shares": shares,
         }

@@ -27,6 +27,7 @@ SWING = np.array([0.9, 0.4, -0.7, 0.5, 0.8, 0.6, 1.2])  # rad, of the seven join
 FAST = 0.4  # share of its speed limit that a joint has when a fault is injected
 CONTROLLER_PRIORITY = 45
 POLL = 0.02  # s
+PAUSE = 0.9  # s without a state, after which libfranka may have given the robot up: it waits for 1 s
 RUNNING = ("ready", "moving")
 
 
@@ -53,6 +54,7 @@ class MovingArm:
         self.robot: SimulatedRobot
         self.robot, self._parameters = stack.enter_context(simulated_robot(pace=self._pace))
         self.harness = self.start_driver()
+        self._wait_for(*RUNNING)
         if self.has_controller:
             self.harness.commands = TARGETS  # which the controller follows
             for topic, message_type in TARGETS.sent.items():
@@ -182,11 +184,15 @@ class MovingArm:
 
     def _wait_for(self, *states: str) -> None:
         """Wait for one of these states. Where a busy machine has kept the controller from answering for so
-        long that the watchdog has rightly stopped the arm, recover and go on."""
+        long that the watchdog has rightly stopped the arm, or the robot itself, by its own account, from
+        telling its state for so long that it was given up, recover and go on."""
         harness = self.harness
 
         def is_reached() -> bool:
             if harness.status.get("state") == "stopped" and "silence" in harness.message:
+                self._recovers()
+            elif harness.status.get("state") == "fault" and self.robot.request("state")["pause"] > PAUSE:
+                self.robot.request("forget")
                 self._recovers()
             return harness.status.get("state") in states
 

@@ -8,22 +8,26 @@ whatever else was asked:
     drop N           keep the next N states to itself, and hear nothing meanwhile
     mute, unmute     let nothing pass in either direction
     strict, lenient  from now on give up after 20 cycles without a command, as the robot does, or wait
+    forget           begin anew to look for the longest pause between two cycles
     reflex           abort the motion as a collision does, until automatic error recovery
     trace PATH       write the last 100 s: rows of time s, q, dq, torque told (7 each), greatest change of
                      torque between two commands, whether the client commands
 
-The first line out is {"hostname": ...}.
+The first line out is {"hostname": ...}. The process keeps its memory, where that is permitted: a page that
+has to come back from a busy disk is a robot that says nothing for up to a second, which is what libfranka
+takes for a lost connection.
 """
 
 from __future__ import annotations
 
+import ctypes
 import json
-import queue
+import os
 import struct
 import sys
-import threading
 import time
 from collections import deque
+from collections.abc import Iterator
 
 import numpy as np
 from franky_sim import SimulationServer, mujoco_simulator
@@ -44,6 +48,7 @@ PATIENCE = 20  # cycles without a command: FCI documentation, "Network bandwidth
 TRACED = 100_000  # cycles
 SERVED_EVERY = 4  # cycles from one look at requests, and at the hand, to the next
 COUNTED = 100  # cycles of which the robot tells the share that brought a command
+LOCK_ALL = 1 | 2  # MCL_CURRENT and MCL_FUTURE of mlockall(2)
 
 
 class Robot(FrankaRobotServer):
@@ -57,6 +62,7 @@ class Robot(FrankaRobotServer):
     cycles = 0
     commanded = unanswered = 0  # cycles in which the client commands, and those of them without a command
     step = 0.0  # Nm, the greatest change from one command to the next, in this cycle
+    pause = 0.0  # s of the machine's time, the longest from one cycle to the next
     trace = np.zeros((TRACED, 24))
 
     def process_commands(self):
@@ -187,6 +193,8 @@ def answer(request: list[str], server: Server) -> dict:
         case ["trace", path]:
             rows = robot.trace[np.argsort(robot.trace[:, 0])]
             np.save(path, rows[rows[:, 0] > 0])
+        case ["forget"]:
+            robot.pause = 0.0
         case ["state"]:
             pass
         case _:
@@ -195,20 +203,41 @@ def answer(request: list[str], server: Server) -> dict:
     mode = RobotMode.kReflex if robot.error is not None else RobotMode.kMove if robot.current_motion_id \
         else RobotMode.kIdle
     return {"time": 1e-3 * robot.cycles, "q": state.q, "dq": state.dq, "mode": mode.name,
-            "commanded": robot.commanded, "unanswered": robot.unanswered}
+            "commanded": robot.commanded, "unanswered": robot.unanswered, "pause": robot.pause}
 
 
-def run(server: Server, requests: queue.SimpleQueue[str], period: float) -> None:
+def lines(descriptor: int) -> Iterator[str | None]:
+    """The lines that come, None where there is no whole one yet; ends with the input. Asked for between two
+    cycles: a thread that waits for them would keep the interpreter when it is out of its turn."""
+    os.set_blocking(descriptor, False)
+    buffer = b""
+    while True:
+        try:
+            received = os.read(descriptor, 65536)
+        except BlockingIOError:
+            yield None
+            continue
+        if not received:
+            return
+        *whole, buffer = (buffer + received).split(b"\n")
+        yield from (line.decode() for line in whole)
+
+
+def run(server: Server, requests: Iterator[str | None], period: float) -> None:
     """Cycles of `period` s of the machine's time, until the requests end. A late cycle makes those after it
     late: the robot's clock falls behind rather than hurrying after the machine's."""
-    due = time.monotonic()
+    robot, due, before = server.robot_servers[0], time.monotonic(), time.monotonic()
     while True:
         server.run_once(realtime=False)
-        if not requests.empty():
-            line = requests.get()
-            if not line:
+        now = time.monotonic()
+        robot.pause, before = max(robot.pause, now - before), now
+        if robot.is_served:
+            try:
+                line = next(requests)
+            except StopIteration:
                 return
-            print(json.dumps(answer(line.split(), server)), flush=True)
+            if line:
+                print(json.dumps(answer(line.split(), server)), flush=True)
         due = max(due + period, time.monotonic())
         time.sleep(max(0.0, due - time.monotonic()))
 
@@ -217,21 +246,14 @@ def main() -> None:
     """Serve until standard input ends. Arguments: mass kg of the hand that the robot believes in; how many ms
     of the machine's time a cycle of 1 ms of the robot takes; version of the protocol that it claims."""
     mass, pace, protocol = map(float, sys.argv[1:])
-    requests: queue.SimpleQueue[str] = queue.SimpleQueue()
-
-    def listen():
-        for line in sys.stdin:
-            requests.put(line)
-        requests.put("")
-
     mujoco_simulator.FrankaMujocoRobot = SimulatedFr3
     with mujoco_simulator.MujocoSimulator() as simulator:
         simulator.add_robot(initial_q=READY, initial_hand_width=0.0, kp=HOLD_STIFFNESS, kv=HOLD_DAMPING,
                             robot_parameters=RobotParameters(ee_mass=mass))
         with Server(simulator, int(protocol)) as server:
-            threading.Thread(target=listen, daemon=True).start()
+            ctypes.CDLL(None).mlockall(LOCK_ALL)
             print(json.dumps({"hostname": server.sim.robots[0].hostname}), flush=True)
-            run(server, requests, 1e-3 * pace)
+            run(server, lines(sys.stdin.fileno()), 1e-3 * pace)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """`make driver-report`: what the driver did, measured: tracking, a card approach, the diagnosis suite,
 faults; JSON and a page of tables.
 
-The last line is one JSON object. Give the machine to it: for tracking, approach and suite robot, driver and
-controller run at real-time priority where that is permitted, and what else runs shows in the figures. Faults
+The last line is one JSON object. Give the machine to it: robot, driver and controller run at real-time
+priority where that is permitted, but the recorder, the policies and the kernel have what is left. Faults
 need no quiet machine: for those the robot's clock goes at a third of the speed. What an interrupted run has
 measured is kept, and the next run goes on from there."""
 
@@ -39,7 +39,7 @@ Job = tuple[str, str, Callable[[], dict]]  # part, what the progress bar says, w
 def diagnosed(control: str, only: list[str], pace: float) -> dict[str, object]:
     """The excitation suite through the driver, and what `diagnose --quick` says of the recording."""
     with tempfile.TemporaryDirectory() as folder:
-        with MovingArm(control, pace=pace, priority=pace == 1.0) as arm:
+        with MovingArm(control, pace=pace, priority=True) as arm:
             load = os.getloadavg()[0]
             arm.deafen()
             recorded = suite.record(arm, Path(folder), only)

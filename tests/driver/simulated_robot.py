@@ -8,6 +8,7 @@ import os
 import select
 import signal
 import subprocess
+import tempfile
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -43,15 +44,18 @@ class SimulatedRobot:
 
     def __init__(self, hand_mass: float = 0.73, pace: float = SLOW, protocol: int = 10):
         environment = {key: value for key, value in os.environ.items() if key not in OF_ROS}
+        self._errors = tempfile.TemporaryFile()
         self.process = subprocess.Popen(
             [str(SIMULATOR), str(Path(__file__).with_name("protocol_server.py")),
              *map(str, (hand_mass, pace, protocol))],
-            env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-        if os.sched_getscheduler(0) == os.SCHED_FIFO:
-            os.sched_setscheduler(self.process.pid, os.SCHED_FIFO, os.sched_param(ROBOT_PRIORITY))
-            os.sched_setaffinity(self.process.pid, ROBOT_CORES)
+            env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors)
         self._buffer = b""
         self.hostname = self._read()["hostname"]
+        # A robot has a computer of its own: what else runs here is not to look like one that went away.
+        with suppress(OSError):
+            os.sched_setscheduler(self.process.pid, os.SCHED_FIFO, os.sched_param(ROBOT_PRIORITY))
+        if os.sched_getscheduler(0) == os.SCHED_FIFO:
+            os.sched_setaffinity(self.process.pid, ROBOT_CORES)
 
     def request(self, line: str) -> dict:
         """Send one request, and its answer."""
@@ -71,8 +75,8 @@ class SimulatedRobot:
         """End the process."""
         self.process.kill()  # it may be frozen
         self.process.wait()
-        self.process.stdin.close()
-        self.process.stdout.close()
+        for file in (self.process.stdin, self.process.stdout, self._errors):
+            file.close()
 
     def _read(self) -> dict:
         deadline = time.monotonic() + TIMEOUT
@@ -81,11 +85,17 @@ class SimulatedRobot:
             ready, _, _ = select.select([self.process.stdout], [], [], left)
             received = os.read(self.process.stdout.fileno(), 65536) if ready else b""
             if not received:
+                words = self._last_words()
                 self.close()
-                raise RuntimeError("the simulated robot " + ("ended" if ready else "said nothing"))
+                raise RuntimeError(f"the simulated robot {'ended' if ready else 'said nothing'}: {words}")
             self._buffer += received
         line, _, self._buffer = self._buffer.partition(b"\n")
         return json.loads(line)
+
+    def _last_words(self) -> str:
+        """The end of what it wrote to its standard error."""
+        self._errors.seek(0)
+        return self._errors.read()[-1000:].decode(errors="replace").strip()
 
 
 @contextmanager

@@ -20,9 +20,10 @@ TEXTS = {
 Two waves a joint, 0.1 to 0.4 Hz, gains of the controller itself (400 and 100 Nm/rad, damping ratio 1).
 The error is between the joint target of a state and the joints as the robot knows them at that state.
 Cycles are the driver's, from one state read to the next; lost are those that it missed, "no command"
-those in which the robot, by its own account, had none. Robot, driver and controller ran at real-time
-priority where that is permitted. A row of much stolen time, or of a load over 1, says how the watchdog
-stops an arm whose commands do not come, not how well it follows.
+those in which the robot, by its own account, had none. The robot's longest cycle is the simulator's own
+delay, which no robot has, and which the driver's cannot be shorter than. Robot, driver and controller ran
+at real-time priority where that is permitted; what else ran delays them all the same, and time that the
+host has stolen does so whoever comes first.
 """,
     "approach": """## The approach of a card episode
 
@@ -55,6 +56,7 @@ CYCLES = {
     "cycle_max_ms": "max, ms",
     "lost_cycles": "lost",
     "unanswered_per_1000": "no command, of 1,000",
+    "robot_pause_ms": "robot's longest cycle, ms",
 }
 COLUMNS: dict[str, dict[str, str]] = {
     "tracking": {

@@ -34,7 +34,7 @@ def waves(begin: np.ndarray, number: int, step: float = 0.05) -> tuple[np.ndarra
 
 def track(control: str, seconds: float, pace: float = 1.0) -> dict[str, object]:
     """Impedance tracking for so long of the robot's time; the figures."""
-    with MovingArm(control, pace=pace, priority=pace == 1.0) as arm:
+    with MovingArm(control, pace=pace, priority=True) as arm:
         probe = arm.harness.probe
         measurement = Measurement(arm)
         with overheard(arm) as raw:

@@ -121,13 +121,11 @@ class Diagnostics:
         if problem:
             self._problem = key
 
-    def report(self, level: bytes, message: str, *, at_once: bool = True) -> None:
-        """Set the level (DiagnosticStatus.OK, WARN, ERROR) and message; publish at once if they are new,
-        unless they can wait for the next period."""
+    def report(self, level: bytes, message: str) -> None:
+        """Set the level (DiagnosticStatus.OK, WARN, ERROR) and message; publish at once if they are new."""
         if (level, message) != (self._level, self._message):
             self._level, self._message = level, message
-            if at_once:
-                self.publish()
+            self.publish()
 
     def publish(self) -> None:
         """Publish the status now."""

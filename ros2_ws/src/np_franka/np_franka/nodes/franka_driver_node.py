@@ -26,6 +26,7 @@ from np_franka.driver import Cycle
 from np_franka.gripper import Gripper
 from np_franka.nodes.settings import declare
 from np_franka.onboard import Onboard
+from np_franka.telling import Telling
 from np_ros import qos
 from np_ros.messages import BadMessage, JointStateWriter, stamp_nanoseconds
 from np_ros.node import Diagnostics, run
@@ -36,8 +37,6 @@ APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
 STATISTICS_EVERY = 1.0  # s
 SERVED_EVERY = 4  # cycles from one look at timers and services to the next: a stop takes effect within 5 ms
 IDLE_WAIT = 0.05  # s that is waited for messages while there is no robot to pace the loop
-PASSING = (State.MOVING, State.HOLDING)
-TOLD_EVERY = 100_000_000  # ns between two changes from one of them to the other that are told at once
 LEVELS = {State.HOLDING: DiagnosticStatus.WARN, State.STOPPED: DiagnosticStatus.ERROR,
           State.FAULT: DiagnosticStatus.ERROR}
 
@@ -50,8 +49,7 @@ class FrankaDriver(Node):
         settings, self._driver = declare(self)
         self._gripper = Gripper(settings.robot, settings.hostname) if settings.has_gripper else None
         self._published = -1  # number of the period published last
-        self._reported: tuple[State, str] | None = None
-        self._told = 0  # stamp ns at which a state was published at once
+        self._telling = Telling()
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(
             mode="realtime", robot=settings.robot, hostname=settings.hostname, control=settings.control,
@@ -199,21 +197,17 @@ class FrankaDriver(Node):
     # Diagnostics
 
     def _report(self) -> None:
-        """Tell the state, and what it means: at once when it changes, but for moving and holding in turn, ten
-        times a second: where commands come late all the time, telling it would make more late."""
+        """Tell the state, and what it means, where that is due."""
         state, cause = self._driver.state, self._driver.filter.watchdog.cause
-        if (state, cause) == self._reported:
-            return
-        is_passing = state in PASSING and self._reported is not None and self._reported[0] in PASSING
-        at_once = not is_passing or self._driver.stamp >= self._told + TOLD_EVERY
-        self._reported, self._told = (state, cause), self._driver.stamp if at_once else self._told
-        self.diagnostics.values.update(state=str(state), last_error=self._driver.error)
-        level = LEVELS.get(state, DiagnosticStatus.OK)
-        self.diagnostics.report(level, f"{state}: {cause}", at_once=at_once)
+        if self._telling.is_due(self._driver.stamp, state, cause):
+            self.diagnostics.values.update(state=str(state), last_error=self._driver.error)
+            self.diagnostics.report(LEVELS.get(state, DiagnosticStatus.OK), f"{state}: {cause}")
 
     def _on_statistics(self) -> None:
         values = self.diagnostics.values
-        values.update(lost_cycles=self._driver.lost_cycles, commands=self._driver.commands)
+        # What breaks after a stop leaves the state as it is.
+        values.update(lost_cycles=self._driver.lost_cycles, commands=self._driver.commands,
+                      last_error=self._driver.error)
         values["clock_lag_ms"] = round((time.time_ns() - self._driver.stamp) * 1e-6, 1)
         times = self._driver.times  # since the arm was taken under control
         values.update(cycles=times.count, cycle_rate_hz=round(times.rate, 1))
