@@ -158,7 +158,7 @@ def make_design(context: Context) -> Design:
 
     stages = Stages(context)
     nuisance = [
-        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.names}
+        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.names if stage != REVERSAL}
         for joint in range(len(context.arm))
     ]
     candidates = []
@@ -172,10 +172,8 @@ def make_design(context: Context) -> Design:
     cells = []
     for joint in range(len(context.arm)):
         for stage in stages.names:
-            if stage == REVERSAL:  # the same columns in other rows
-                first, own = cells[-1], len(nuisance[joint]["r2"])
-                ids, columns = first.ids[own:], first.matrix[:, own:]
-                cells.append(make_cell(stages, stage, joint, ids, columns, blocks, parameters))
+            if stage == REVERSAL:  # the same columns in other rows, the same nuisances too
+                cells.append(make_cell(stages, stage, joint, cells[-1].ids, cells[-1].matrix, blocks, parameters))
                 continue
             matrix, ids = [nuisances.columns(context, stage, joint).T], [nuisance[joint][stage]]
             for candidate in candidates:
@@ -186,7 +184,7 @@ def make_design(context: Context) -> Design:
                         ids.append(candidate.ids)
             columns = np.concatenate(matrix).T  # each one contiguous
             cells.append(make_cell(stages, stage, joint, np.concatenate(ids), columns, blocks, parameters))
-    ids = tuple(np.concatenate([n[stage] for stage in stages.names]) for n in nuisance)
+    ids = tuple(np.concatenate(list(own.values())) for own in nuisance)
     return Design(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks, stages)
 
 
