@@ -193,8 +193,8 @@ class Stages:
 
     def __init__(self, context: Context):
         self.context = context
-        self._drive_columns: tuple[int, dict[int, np.ndarray]] = (-1, {})  # of the last joint asked for
-        self._projected: dict[tuple[int, int], np.ndarray] = {}
+        self._drive_columns: tuple[int, dict[int, tuple[Effect, np.ndarray]]] = (-1, {})  # of the last joint asked for
+        self._projected: dict[tuple[int, int], tuple[Effect, np.ndarray]] = {}
         self.names = ["r2", REVERSAL]
         self._slides = np.column_stack([slides(context.samples, j) for j in range(len(context.arm))])
         if context.drive is not None:
@@ -238,8 +238,9 @@ class Stages:
         key = (id(effect), joint)
         if key not in self._projected:
             values = self._of_drive(effect, joint)
-            self._projected[key] = -np.column_stack([self._projector @ column for column in values.T])
-        return self._projected[key]
+            projected = -np.column_stack([self._projector @ column for column in values.T])
+            self._projected[key] = effect, projected  # kept too, lest another effect gets its id
+        return self._projected[key][1]
 
     def _of_drive(self, effect: Effect, joint: int) -> np.ndarray:
         """Columns (n, parameters) in r1, kept while this joint is asked for."""
@@ -247,8 +248,8 @@ class Stages:
             self._drive_columns = joint, {}
         kept = self._drive_columns[1]
         if id(effect) not in kept:
-            kept[id(effect)] = effect.columns["r1"](self.context, joint)
-        return kept[id(effect)]
+            kept[id(effect)] = effect, effect.columns["r1"](self.context, joint)
+        return kept[id(effect)][1]
 
     def rows(self, stage: str, joint: int) -> np.ndarray:
         """Rows (n,) that count. A joint that stands is held by friction of any size up to its level: its
