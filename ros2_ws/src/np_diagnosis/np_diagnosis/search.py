@@ -65,12 +65,8 @@ class Search:
         return self.tried[members]
 
     def on(self, design: Design, changed: Collection[int]) -> Search:
-        """The same structures on a design whose cells of the joints `changed` are others."""
-        kept = {key: found for key, found in self._groups.items() if not set(key[0]) & set(changed)}
-        again = Search(design, _groups=kept)
-        for members in self.tried:
-            again.structure(members)
-        return again
+        """A search of a design whose cells of the joints `changed` are others, with what is known of the rest."""
+        return Search(design, _groups={k: v for k, v in self._groups.items() if not set(k[0]) & set(changed)})
 
     def groups(self, members: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
         """(joints, members) of each part that shares no parameter with the others."""

@@ -17,19 +17,25 @@ from np_diagnosis.search import Search, Structure
 
 
 def settle_shapes(search: Search, chosen: Structure) -> tuple[Search, Structure]:
-    """The search with the shapes of the chosen structure where the likelihood is greatest, and what it chooses."""
-    design, changed = search.design, set()
-    shaped = tuple(m for m in chosen.members if design.candidates[m].effect.shape is not None)
-    alone = search.structure(shaped)  # beside what takes up their misfit they would settle on keeping it
-    for m in shaped:
-        effect = settled(search, alone, m)
-        if effect is not design.candidates[m].effect:
-            changed |= set(search.reach(design.candidates[m]))
-            design = _replaced(design, m, effect)
+    """The search with the shapes of the chosen structure where the likelihood is greatest, and what it chooses.
+
+    The effect that says most alone comes first, and each beside those before it only: beside what takes up its
+    misfit it would settle on keeping that.
+    """
+    shaped = [m for m in chosen.members if search.design.candidates[m].effect.shape is not None]
+    shaped.sort(key=lambda m: -search.value(search.structure((m,))))
+    trial, changed = search, set()
+    for number, m in enumerate(shaped):
+        effect = settled(trial, trial.structure(tuple(shaped[: number + 1])), m)
+        if effect is not trial.design.candidates[m].effect:
+            reach = set(search.reach(search.design.candidates[m]))
+            trial = trial.on(_replaced(trial.design, m, effect), reach)
+            changed |= reach
     if not changed:
         return search, chosen
-    again = search.on(design, changed)
-    return again, again.pruned(again.structure(chosen.members))
+    for members in search.tried:
+        trial.structure(members)
+    return trial, trial.pruned(trial.structure(chosen.members))
 
 
 def _replaced(design: Design, member: int, effect: Effect) -> Design:
