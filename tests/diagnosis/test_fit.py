@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import pinocchio as pin
 
 from np_control.dynamics import build_model
+from np_description.patch import PARAMETERS
 from np_diagnosis import nuisances, rigid
 from np_diagnosis.arm_model import panda
 from np_diagnosis.context import make_context
@@ -230,6 +231,12 @@ def test_reversals_share_the_nuisances_of_sliding(design):
         slide, turn = (next(c for c in design.of(joint) if c.stage == s) for s in ("r2", nuisances.REVERSAL))
         assert np.array_equal(slide.ids, turn.ids)
         assert set(nuisances_of(design, joint)) <= set(turn.ids)
+
+
+def test_a_patch_may_hold_whatever_an_effect_is_given_by(clean):
+    for effect in all_effects(clean):
+        named = {p.name for p in effect.parameters} | set(effect.constants) | {s.name for s in [effect.shape] if s}
+        assert named - ({"share"} if effect.shape else set()) <= set(PARAMETERS[effect.id]), effect.key
 
 
 def nuisances_of(design, joint):
