@@ -158,7 +158,8 @@ def make_design(context: Context) -> Design:
 
     stages = Stages(context)
     nuisance = [
-        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.names if stage != REVERSAL}
+        {stage: new(nuisances.parameters(context, stage, joint))
+         for stage in stages.names if stage != REVERSAL}
         for joint in range(len(context.arm))
     ]
     candidates = []
@@ -173,7 +174,8 @@ def make_design(context: Context) -> Design:
     for joint in range(len(context.arm)):
         for stage in stages.names:
             if stage == REVERSAL:  # the same columns in other rows, the same nuisances too
-                cells.append(make_cell(stages, stage, joint, cells[-1].ids, cells[-1].matrix, blocks, parameters))
+                same = cells[-1]
+                cells.append(make_cell(stages, stage, joint, same.ids, same.matrix, blocks, parameters))
                 continue
             matrix, ids = [nuisances.columns(context, stage, joint).T], [nuisance[joint][stage]]
             for candidate in candidates:
@@ -193,7 +195,8 @@ class Stages:
 
     def __init__(self, context: Context):
         self.context = context
-        self._drive_columns: tuple[int, dict[int, tuple[Effect, np.ndarray]]] = (-1, {})  # of the last joint asked for
+        # Of the last joint asked for.
+        self._drive_columns: tuple[int, dict[int, tuple[Effect, np.ndarray]]] = (-1, {})
         self._projected: dict[tuple[int, int], tuple[Effect, np.ndarray]] = {}
         self.names = ["r2", REVERSAL]
         self._slides = np.column_stack([slides(context.samples, j) for j in range(len(context.arm))])

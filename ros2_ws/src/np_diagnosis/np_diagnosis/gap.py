@@ -19,8 +19,8 @@ LEAST_BLOCKS = 3  # in which a joint must move to be judged
 class Gap:
     """Joint by joint (k,) Nm: root mean square over time, summed over rungs, before and after, and the floor;
     moved (k,): joints that were excited enough. before, after, floor: their mean; shrink with interval.
-    nominal, residuals: cell number -> held out without any effect, and after. Both have what any arm has (nuisances)
-    taken out: no effect is praised for it, and no patch carries it."""
+    nominal, residuals: cell number -> held out without any effect, and after. Both have what any arm has
+    (nuisances) taken out: no effect is praised for it, and no patch carries it."""
 
     before_joint: np.ndarray
     after_joint: np.ndarray

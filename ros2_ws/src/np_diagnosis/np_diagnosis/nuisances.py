@@ -1,9 +1,9 @@
 """What every structure may use besides its effects: what any arm has, and no prediction can know.
 
 Random effects with a prior of their own, stage by stage of each joint: the delay between command and torque
-(r1) and between torque and motion (r2), an error of each link's inertia, how far a joint yields before it slides
-the other way, the zero of the motor's encoder and what even a stiff gear yields (r3). Rows at reversal have
-those of r2: whoever leaves them out there finds the links' errors in the rotors.
+(r1) and between torque and motion (r2), an error of each link's inertia, how far a joint yields before it
+slides the other way, the zero of the motor's encoder and what even a stiff gear yields (r3). Rows at reversal
+have those of r2: whoever leaves them out there finds the links' errors in the rotors.
 """
 
 from __future__ import annotations
@@ -54,9 +54,10 @@ def columns(context: Context, stage: str, joint: int) -> np.ndarray:
         # A joint turns what is beyond it: each link's inertia may be off by itself. (One factor for all of them
         # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
         links = c.prediction.inertia[:, joint, carried(c.arm, joint)]
-        # Late friction after a reversal resists an acceleration less than it should: it looks like inertia below nothing.
-        late = c.arm.frictionloss[joint] * c.samples.filtered(joint, lambda q, v: bent(q, BREAKAWAY) - sign(v))
-        return np.column_stack([c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint], late, links])
+        # After a reversal friction is late, and resists the acceleration less: it looks like less inertia.
+        late = c.samples.filtered(joint, lambda q, v: bent(q, BREAKAWAY) - sign(v)) * c.arm.frictionloss[joint]
+        motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]
+        return np.column_stack([*motion, late, links])
     if stage == "r3":
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
     if stage == "r1":
@@ -77,8 +78,10 @@ def _attenuation(context: Context, joint: int) -> float:
 
 
 def bent(position: np.ndarray, reach: float) -> np.ndarray:
-    """How far (m,), -1..1 of its reach rad, a bristle is bent that a joint drags along: the play operator's rest."""
-    smooth = np.convolve(np.pad(position, SMOOTH // 2, mode="edge"), np.full(SMOOTH, 1 / SMOOTH), mode="valid")
+    """How far (m,), -1..1 of its reach rad, a bristle is bent that a joint drags along: what the play operator
+    leaves."""
+    padded = np.pad(position, SMOOTH // 2, mode="edge")
+    smooth = np.convolve(padded, np.full(SMOOTH, 1 / SMOOTH), mode="valid")
     foot, feet = smooth[0], []
     for x in smooth.tolist():
         foot = min(max(foot, x - reach), x + reach)

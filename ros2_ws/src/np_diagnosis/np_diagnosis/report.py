@@ -199,7 +199,7 @@ def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | N
         table[name] = (
             {
                 side: float(np.sqrt((values[rows] ** 2).mean()))
-                for side, values in (("before", diagnosis.gap.nominal[n]), ("after", diagnosis.gap.residuals[n]))
+                for side, values in zip(("before", "after"), (diagnosis.gap.nominal[n], diagnosis.gap.residuals[n]))
             }
             if rows.any()
             else None

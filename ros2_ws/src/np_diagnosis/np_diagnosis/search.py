@@ -65,7 +65,7 @@ class Search:
         return self.tried[members]
 
     def on(self, design: Design, changed: Collection[int]) -> Search:
-        """A search of a design whose cells of the joints `changed` are others, with what is known of the rest."""
+        """A search of a design whose cells of the joints `changed` are others; of the rest it knows the same."""
         return Search(design, _groups={k: v for k, v in self._groups.items() if not set(k[0]) & set(changed)})
 
     def groups(self, members: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
@@ -244,7 +244,7 @@ class Search:
         return sum(len(self.design.candidates[m].ids) + 1 for m in structure.members)
 
     def pruned(self, chosen: Structure) -> Structure:
-        """The structure without members that the others make superfluous, and with simpler ones that do as well."""
+        """The structure without what is superfluous in it, and with simpler effects that do as well."""
         for m in chosen.members:
             rest = self.structure(tuple(n for n in chosen.members if n != m))
             if not self.beats(chosen, rest):

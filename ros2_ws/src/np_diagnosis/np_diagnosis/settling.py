@@ -1,9 +1,9 @@
-"""Shapes settled before the answer: what an effect's coarse variant leaves, no other effect shall be called for.
+"""Shapes settled before the answer: what a coarse variant leaves, no other effect shall be called for.
 
-The competition knows shapes (a stroke, a lag, a speed) on a grid. Between two of its values the nearest one leaves
-a residual of its own, and a second effect that takes it up predicts better, although nothing is there. So the shapes
-of the chosen effects are settled by likelihood, all structures are scored again with them, and what is superfluous
-then goes.
+The competition knows shapes (a stroke, a lag, a speed) on a grid. Between two of its values the nearest one
+leaves a residual of its own, and a second effect that takes it up predicts better, although nothing is there.
+So the shapes of the chosen effects are settled by likelihood, all structures are scored again with them, and
+what is superfluous then goes.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from np_diagnosis.search import Search, Structure
 
 
 def settle_shapes(search: Search, chosen: Structure) -> tuple[Search, Structure]:
-    """The search with the shapes of the chosen structure where the likelihood is greatest, and what it chooses.
+    """The search with the chosen structure's shapes where the likelihood is greatest, and what it chooses.
 
-    The effect that says most alone comes first, and each beside those before it only: beside what takes up its
-    misfit it would settle on keeping that.
+    The effect that says most alone comes first, and each beside those before it only: beside what takes up
+    its misfit it would settle on keeping that.
     """
     shaped = [m for m in chosen.members if search.design.candidates[m].effect.shape is not None]
     shaped.sort(key=lambda m: -search.value(search.structure((m,))))

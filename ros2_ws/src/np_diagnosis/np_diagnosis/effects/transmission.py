@@ -26,11 +26,16 @@ def effects(context: Context) -> list[Effect]:
         Effect(
             "backlash",
             (Parameter("half_play", "rad", 0.0, 0.05, 1e-3, background=PLAY_KNOWN),),
-            {"r3": lambda c, j: stack(np.tanh(c.transmission.load[:, j] / (PLAY_TORQUE * c.arm.torque_limit[j])))},
+            {"r3": lambda c, j: stack(_side(c, j))},
             "play operator: the motor leads by half the play, whichever side drives",
         ),
         *(_hysteresis(x) for x in HYSTERESIS_STROKES),
     ]
+
+
+def _side(c: Context, j: int) -> np.ndarray:
+    """Which side of the play the load (n,) is carried by, -1..1."""
+    return np.tanh(c.transmission.load[:, j] / (PLAY_TORQUE * c.arm.torque_limit[j]))
 
 
 def _hysteresis(stroke: float) -> Effect:
