@@ -19,23 +19,30 @@ from np_diagnosis.search import Search, Structure
 def settle_shapes(search: Search, chosen: Structure) -> tuple[Search, Structure]:
     """The search with the chosen structure's shapes where the likelihood is greatest, and what it chooses.
 
-    The effect that says most alone comes first, and each beside those before it only: beside what takes up
-    its misfit it would settle on keeping that.
+    The effect that says most alone, its shape settled, comes first, and each beside those before it only: beside
+    what takes up its misfit it would settle on keeping that.
     """
     shaped = [m for m in chosen.members if search.design.candidates[m].effect.shape is not None]
-    shaped.sort(key=lambda m: -search.value(search.structure((m,))))
-    trial, changed = search, set()
+    if len(shaped) > 1:
+        alone = {m: _settled(search, (), m) for m in shaped}
+        shaped.sort(key=lambda m: -alone[m].value(alone[m].structure((m,))))
+    trial = search
     for number, m in enumerate(shaped):
-        effect = settled(trial, trial.structure(tuple(shaped[: number + 1])), m)
-        if effect is not trial.design.candidates[m].effect:
-            reach = set(search.reach(search.design.candidates[m]))
-            trial = trial.on(_replaced(trial.design, m, effect), reach)
-            changed |= reach
-    if not changed:
+        trial = _settled(trial, tuple(shaped[:number]), m)
+    if trial is search:
         return search, chosen
     for members in search.tried:
         trial.structure(members)
     return trial, trial.pruned(trial.structure(chosen.members))
+
+
+def _settled(search: Search, beside: tuple[int, ...], member: int) -> Search:
+    """The search with the shape of one candidate settled beside these others; as it is where that is its own."""
+    effect = settled(search, search.structure((*beside, member)), member)
+    candidate = search.design.candidates[member]
+    if effect is candidate.effect:
+        return search
+    return search.on(_replaced(search.design, member, effect), search.reach(candidate))
 
 
 def _replaced(design: Design, member: int, effect: Effect) -> Design:
