@@ -30,7 +30,8 @@ def _zero():
 @dataclass(frozen=True, eq=False)
 class Truth:
     """What the real arm has besides the nominal one; (7,) or scalars, SI. waviness: Nm of sin(5 q), which no
-    catalogue knows; breakaway: rad over which friction builds up; noise: Nm, a fifth of it
+    catalogue knows; breakaway: rad over which friction builds up; slow: Nm more of it that takes a stroke, rad
+    (Dahl); noise: Nm, a fifth of it
     on the wrist; late: s by which torque is stamped late.
     """
 
@@ -42,6 +43,8 @@ class Truth:
     waviness: np.ndarray = _zero()
     payload: float = 0.0
     breakaway: float = 1e-4
+    slow: np.ndarray = _zero()
+    stroke: float = 0.005
     inertia_error: float = 0.0
     noise: float = 0.02
     late: float = 0.0
@@ -105,14 +108,16 @@ def record(truth: Truth = Truth(), duration: float = 24.0, seed: int = 0, name: 
     middle, speed, acceleration = at(time - PERIOD / 2 - truth.late)
     arm, nominal = _Rigid(truth), _Rigid()
     level = [NOMINAL.frictionloss + truth.coulomb_negative, NOMINAL.frictionloss + truth.coulomb_positive]
-    torque, bristle, last = np.empty_like(q), np.zeros(7), middle[0]
+    torque, bristle, bend, last = np.empty_like(q), np.zeros(7), np.zeros(7), middle[0]
     for i in range(len(time)):
         bristle = np.clip(
             bristle + np.maximum(*level) / truth.breakaway * (middle[i] - last), -level[0], level[1]
         )
+        moved = middle[i] - last
+        bend += (moved - np.abs(moved) * bend) / truth.stroke
         last = middle[i]
         rigid = arm.torque(middle[i], speed[i], acceleration[i]) - nominal.torque(middle[i], 0, 0)
-        torque[i] = rigid + bristle
+        torque[i] = rigid + bristle + truth.slow * bend
     torque += (NOMINAL.armature + truth.armature) * acceleration + (NOMINAL.damping + truth.viscous) * speed
     torque += truth.offset + truth.waviness * np.sin(5 * middle)
     commands = _commands(time, q, dq, torque)

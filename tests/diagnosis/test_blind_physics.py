@@ -12,17 +12,20 @@ from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
+from np_description.patch import Patch, PatchEffect
 from np_description.scene import load_model
 from np_diagnosis.blind.cases import Case, draw_cases, make_physics
 from np_diagnosis.blind.faults import EFFECTS, Fault, limits, soften
 from np_diagnosis.blind.friction import bouc_wen, lugre, prandtl
 from np_diagnosis.blind.heldout import LOST, gaps, motions
 from np_diagnosis.blind.loop import Diverged, make_targets, run
+from np_diagnosis.blind.patched import patched_physics
 from np_diagnosis.blind.plant import PERIOD, Plant, nominal_physics, stack
 from np_diagnosis.blind.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
 from np_diagnosis.blind.scoring import modules
 from np_diagnosis.blind.strangers import STRANGERS
 from np_diagnosis.excitation import READY, SECOND, THIRD, suite
+from np_sim_bridge.gap import Gap
 
 postures = arrays(float, 7, elements=st.floats(-2.5, 2.5))
 speeds = arrays(float, 7, elements=st.floats(-2, 2))
@@ -191,6 +194,20 @@ def test_every_fault_moves_the_arm_or_its_sensors_and_none_breaks_the_loop():
         seen = sum(np.abs(getattr(record, part)[:, i] - getattr(record, part)[:, 0]).max() / unit
                    for part, unit in (("position", 1e-5), ("effort", 1e-2), ("motor_position", 1e-5)))
         assert seen > 1.0, name
+
+
+def test_an_offset_pushes_the_way_that_patch_and_sim_bridge_say():
+    physics, ((truth,),) = make_physics([Case(0, "single", (Fault("torque_offset", 3, 12.0),), (5, 5))], False)
+    offset = truth["offset"][0]
+    plant = Plant(physics, READY, [np.random.default_rng(0)])
+    for _ in range(100):
+        plant.begin(plant.q, plant.dq)
+        plant.step(np.zeros((1, 7)))
+    bridge = Gap(Patch((PatchEffect("torque_offset", NOMINAL.joints[3], {"offset": offset}),)), PERIOD)
+    assert bridge.drive(np.zeros(7))[3] == offset
+    assert np.sign((plant.q - READY)[0, 3]) == np.sign(offset)
+    entry = {"effect": "torque_offset", "component": NOMINAL.joints[3], "parameters": {"offset": offset}}
+    assert np.array_equal(patched_physics([[entry]]).offset, physics.offset)
 
 
 SOFT = ("backlash", "transmission_hysteresis", "joint_elasticity")

@@ -10,6 +10,7 @@ from arm_generator import Truth, record
 from np_diagnosis.arm_model import load_arm, panda
 from np_diagnosis.contract import check
 from np_diagnosis.diagnosis import diagnose
+from np_diagnosis.effects.friction import PRESLIDING_STROKES
 from np_diagnosis.plant import Z1
 from np_diagnosis.reading import read
 from np_diagnosis.report import make_report
@@ -66,6 +67,16 @@ def test_a_payload_is_one_cause_and_not_seven():
     (found,) = chosen(diagnosis)
     assert found.effect.id == "payload"
     assert found.parameters["mass"].value == pytest.approx(0.3, abs=0.01)
+
+
+def test_a_stroke_between_two_of_the_grid_calls_for_no_other_effect():
+    grid = np.array(PRESLIDING_STROKES)
+    stroke = float(np.sqrt(grid[1] * grid[2]))
+    diagnosis, _ = examine(Truth(slow=at(1, 0.7), stroke=stroke))
+    (found,) = chosen(diagnosis)
+    assert (found.effect.id, found.component) == ("presliding_friction", "panda_joint1")
+    assert found.parameters["level"].value == pytest.approx(0.7, abs=0.02)
+    assert found.parameters["stroke"].value == pytest.approx(stroke, rel=0.1)
 
 
 def test_what_no_catalogue_knows_stays_unexplained():

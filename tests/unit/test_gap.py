@@ -129,8 +129,8 @@ def test_stribecks_torque_falls_with_speed(q, dq, breakaway, speed):
 @given(angles, st.floats(-3, 3), st.floats(-1, 1), st.floats(-1, 1), st.sampled_from([100.0, 160.0]))
 def test_springs_and_ripple_follow_the_angle(q, stiffness, sine, cosine, order):
     still = np.zeros(7)
-    assert gap("cable_torque", stiffness=stiffness).extra(q, still)[at] == pytest.approx(
-        -stiffness * (q[at] - NOMINAL.ready[at]), abs=1e-12
+    assert gap("cable_torque", stiffness=stiffness, offset=sine).extra(q, still)[at] == pytest.approx(
+        -stiffness * (q[at] - NOMINAL.ready[at]) - sine, abs=1e-12
     )
     assert gap("torque_ripple", sine=sine, cosine=cosine, order=order).extra(q, still)[at] == pytest.approx(
         -sine * np.sin(order * q[at]) - cosine * np.cos(order * q[at]), abs=1e-9

@@ -28,7 +28,7 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "load_dependent_friction": ("coefficient",),
     "presliding_friction": ("level", "stroke"),
     "armature": ("inertia",),
-    "cable_torque": ("stiffness",),
+    "cable_torque": ("stiffness", "offset"),
     "torque_ripple": ("sine", "cosine", "order"),
     "thermal_drift": ("change", "duration"),
     "backlash": ("half_play",),

@@ -158,7 +158,8 @@ def make_design(context: Context) -> Design:
 
     stages = Stages(context)
     nuisance = [
-        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.names}
+        {stage: new(nuisances.parameters(context, stage, joint))
+         for stage in stages.names if stage != REVERSAL}
         for joint in range(len(context.arm))
     ]
     candidates = []
@@ -172,10 +173,9 @@ def make_design(context: Context) -> Design:
     cells = []
     for joint in range(len(context.arm)):
         for stage in stages.names:
-            if stage == REVERSAL:  # the same columns in other rows
-                first, own = cells[-1], len(nuisance[joint]["r2"])
-                ids, columns = first.ids[own:], first.matrix[:, own:]
-                cells.append(make_cell(stages, stage, joint, ids, columns, blocks, parameters))
+            if stage == REVERSAL:  # the same columns in other rows, the same nuisances too
+                same = cells[-1]
+                cells.append(make_cell(stages, stage, joint, same.ids, same.matrix, blocks, parameters))
                 continue
             matrix, ids = [nuisances.columns(context, stage, joint).T], [nuisance[joint][stage]]
             for candidate in candidates:
@@ -186,7 +186,7 @@ def make_design(context: Context) -> Design:
                         ids.append(candidate.ids)
             columns = np.concatenate(matrix).T  # each one contiguous
             cells.append(make_cell(stages, stage, joint, np.concatenate(ids), columns, blocks, parameters))
-    ids = tuple(np.concatenate([n[stage] for stage in stages.names]) for n in nuisance)
+    ids = tuple(np.concatenate(list(own.values())) for own in nuisance)
     return Design(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks, stages)
 
 
@@ -195,8 +195,9 @@ class Stages:
 
     def __init__(self, context: Context):
         self.context = context
-        self._drive_columns: tuple[int, dict[int, np.ndarray]] = (-1, {})  # of the last joint asked for
-        self._projected: dict[tuple[int, int], np.ndarray] = {}
+        # Of the last joint asked for.
+        self._drive_columns: tuple[int, dict[int, tuple[Effect, np.ndarray]]] = (-1, {})
+        self._projected: dict[tuple[int, int], tuple[Effect, np.ndarray]] = {}
         self.names = ["r2", REVERSAL]
         self._slides = np.column_stack([slides(context.samples, j) for j in range(len(context.arm))])
         if context.drive is not None:
@@ -240,8 +241,9 @@ class Stages:
         key = (id(effect), joint)
         if key not in self._projected:
             values = self._of_drive(effect, joint)
-            self._projected[key] = -np.column_stack([self._projector @ column for column in values.T])
-        return self._projected[key]
+            projected = -np.column_stack([self._projector @ column for column in values.T])
+            self._projected[key] = effect, projected  # kept too, lest another effect gets its id
+        return self._projected[key][1]
 
     def _of_drive(self, effect: Effect, joint: int) -> np.ndarray:
         """Columns (n, parameters) in r1, kept while this joint is asked for."""
@@ -249,8 +251,8 @@ class Stages:
             self._drive_columns = joint, {}
         kept = self._drive_columns[1]
         if id(effect) not in kept:
-            kept[id(effect)] = effect.columns["r1"](self.context, joint)
-        return kept[id(effect)]
+            kept[id(effect)] = effect, effect.columns["r1"](self.context, joint)
+        return kept[id(effect)][1]
 
     def rows(self, stage: str, joint: int) -> np.ndarray:
         """Rows (n,) that count. A joint that stands is held by friction of any size up to its level: its

@@ -17,6 +17,7 @@ from np_diagnosis.loop_delay import settle_delay
 from np_diagnosis.omnibus import Rest, examine
 from np_diagnosis.ranking import alternatives, probabilities
 from np_diagnosis.search import Search, Structure
+from np_diagnosis.settling import settle_shapes
 from np_diagnosis.signals import Log
 
 CERTAIN = 0.8  # probability of an effect from which on it counts as identified
@@ -70,7 +71,8 @@ def diagnose(logs: list[Log], arm: Arm | None = None, seed: int = 0, quick: bool
     context = make_context(logs, arm or panda())
     design = settle_delay(make_design(context))
     search = Search(design)
-    chosen = search.run(*((1, 1) if quick else ()))
+    search, chosen = settle_shapes(search, search.run(*((1, 1) if quick else ())))
+    design = search.design
     rests = examine(search, chosen.members)
     unexplained = tuple(sorted({*_unexplained(rests, design), *_crowded(search, chosen)}))
     gap = measure(search, chosen, seed)

@@ -71,6 +71,17 @@ def estimate(
     return effect, found
 
 
+def settled(search: Search, structure: Structure, member: int) -> Effect:
+    """The effect of a member of a structure with its shape where the likelihood is greatest."""
+    design, candidate = search.design, search.design.candidates[member]
+    if candidate.effect.shape is None:
+        return candidate.effect
+    joints, inside = next(g for g in search.groups(structure.members) if member in g[1])
+    ids = search.ids(joints, inside)
+    cells = [_narrow(cell, ids) for j in joints for cell in design.of(j)]
+    return _settle(design, cells, ids, candidate)[0]
+
+
 def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """(values (p,), half widths (p,)): from all blocks; the wider of posterior and bootstrap of blocks."""
     blocks = len(design.blocks)
@@ -108,7 +119,7 @@ def _settle(design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candi
                 slope = (trail[-1][1] - trail[-2][1]) / (trail[-1][0] - trail[-2][0])
             step = -trail[-1][1] / min(slope, -0.3)
             best = best.shape.rebuild(best.shape.value * float(np.exp(np.clip(step, -1.0, 1.0))))
-            best_cells = _with(design, cells, candidate, best)
+            best_cells = with_effect(design, cells, candidate, best)
         return best, best_cells, 0.0
     step = 0.25  # of the value
     trace = {effect.shape.value: level}
@@ -116,7 +127,7 @@ def _settle(design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candi
         value = best.shape.value
         for other in (value * (1 - step), value * (1 + step)):
             trial = best.shape.rebuild(other)
-            changed = _with(design, cells, candidate, trial)
+            changed = with_effect(design, cells, candidate, trial)
             trace[other] = _likelihood(changed, ids, design)
             if trace[other] > level:
                 best, best_cells, level = trial, changed, trace[other]
@@ -149,7 +160,7 @@ def _likelihood(cells: list[Cell], ids: np.ndarray, design: Design) -> float:
     return float(sum(-0.5 * c.test_rows.sum() * np.log(v[0]) for c, v in zip(cells, whole.variance)))
 
 
-def _with(design: Design, cells: list[Cell], candidate: Candidate, effect: Effect) -> list[Cell]:
+def with_effect(design: Design, cells: list[Cell], candidate: Candidate, effect: Effect) -> list[Cell]:
     """The cells with the columns of another shape of the candidate's effect, whitened as before."""
     stages, changed = design.stages, []
     for cell in cells:

@@ -19,7 +19,8 @@ LEAST_BLOCKS = 3  # in which a joint must move to be judged
 class Gap:
     """Joint by joint (k,) Nm: root mean square over time, summed over rungs, before and after, and the floor;
     moved (k,): joints that were excited enough. before, after, floor: their mean; shrink with interval.
-    energy (cells,): mean square residual without any effect. residuals: cell number -> held out after."""
+    nominal, residuals: cell number -> held out without any effect, and after. Both have what any arm has
+    (nuisances) taken out: no effect is praised for it, and no patch carries it."""
 
     before_joint: np.ndarray
     after_joint: np.ndarray
@@ -28,6 +29,7 @@ class Gap:
     moved: np.ndarray
     shrink: float
     shrink_interval: tuple[float, float]
+    nominal: tuple[np.ndarray, ...]
     residuals: tuple[np.ndarray, ...]
 
     @property
@@ -59,9 +61,9 @@ def measure(search: Search, chosen: Structure, seed: int) -> Gap:
     """The gap of the chosen structure."""
     design = search.design
     cells, joints = design.cells, len(design.context.arm)
-    after = _residuals(search, chosen.members)
+    nominal, after = _residuals(search, ()), _residuals(search, chosen.members)
     floor, is_measured = _floor(design, joints)
-    before_block, after_block, rows = _by_block(cells, [c.residual for c in cells], after, len(design.blocks))
+    before_block, after_block, rows = _by_block(cells, nominal, after, len(design.blocks))
     moved = np.array(
         [any(c.joint == j and c.stage == "r2" and c.used.sum() >= LEAST_BLOCKS for c in cells) for j in range(joints)]
     )
@@ -83,6 +85,7 @@ def measure(search: Search, chosen: Structure, seed: int) -> Gap:
         moved,
         float(shrink),
         (float(max(-1.0, shrink - half)), float(min(1.0, shrink + half))),
+        tuple(nominal),
         tuple(after),
     )
 

@@ -53,7 +53,7 @@ def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: fl
                 continue
             axes = panels[cell.joint]
             x = np.arange(len(samples)) / RATE if over_time else samples.velocity[:, cell.joint]
-            for values, colour in ((cell.residual, BEFORE), (diagnosis.gap.residuals[n], AFTER)):
+            for values, colour in ((diagnosis.gap.nominal[n], BEFORE), (diagnosis.gap.residuals[n], AFTER)):
                 shown = np.where(cell.rows, values, np.nan)
                 axes.plot(x[::stride], shown[::stride], mark, color=colour, lw=size, ms=size)
             axes.set_title(diagnosis.context.arm.joints[cell.joint], fontsize=8)

@@ -179,7 +179,7 @@ def _ladder(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
         if cell.joint == joint and cell.rows.any():
             after = diagnosis.gap.residuals[n]
             table[cell.stage] = {
-                "before": float(np.sqrt(np.mean(cell.residual[cell.rows] ** 2))),
+                "before": float(np.sqrt(np.mean(diagnosis.gap.nominal[n][cell.rows] ** 2))),
                 "after": float(np.sqrt(np.mean(after[cell.rows] ** 2))),
             }
     return table
@@ -199,7 +199,7 @@ def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | N
         table[name] = (
             {
                 side: float(np.sqrt((values[rows] ** 2).mean()))
-                for side, values in (("before", cells[n].residual), ("after", diagnosis.gap.residuals[n]))
+                for side, values in zip(("before", "after"), (diagnosis.gap.nominal[n], diagnosis.gap.residuals[n]))
             }
             if rows.any()
             else None

@@ -6,6 +6,7 @@ that a set of effects in different joints costs nothing new.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -62,6 +63,10 @@ class Search:
                 density, penalty = density + result.density, penalty + cost
             self.tried[members] = Structure(members, density, penalty)
         return self.tried[members]
+
+    def on(self, design: Design, changed: Collection[int]) -> Search:
+        """A search of a design whose cells of the joints `changed` are others; of the rest it knows the same."""
+        return Search(design, _groups={k: v for k, v in self._groups.items() if not set(k[0]) & set(changed)})
 
     def groups(self, members: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
         """(joints, members) of each part that shares no parameter with the others."""
@@ -142,7 +147,7 @@ class Search:
                 chosen = best
             elif len(chosen.members) < size - 1:
                 break
-        return self._pruned(chosen)
+        return self.pruned(chosen)
 
     def promising(self, parent: Structure, count: int) -> list[int]:
         """Candidates whose addition would raise the likelihood most, to second order, best first."""
@@ -238,12 +243,12 @@ class Search:
     def _parameters(self, structure: Structure) -> int:
         return sum(len(self.design.candidates[m].ids) + 1 for m in structure.members)
 
-    def _pruned(self, chosen: Structure) -> Structure:
-        """Without members that the others make superfluous, and with simpler ones that do as well."""
+    def pruned(self, chosen: Structure) -> Structure:
+        """The structure without what is superfluous in it, and with simpler effects that do as well."""
         for m in chosen.members:
             rest = self.structure(tuple(n for n in chosen.members if n != m))
             if not self.beats(chosen, rest):
-                return self._pruned(rest)
+                return self.pruned(rest)
             size = len(self.design.candidates[m].ids)
             simpler = [
                 self.structure((*rest.members, n))
@@ -252,7 +257,7 @@ class Search:
             ]
             equals = [s for s in simpler if not self.beats(chosen, s)]
             if equals:
-                return self._pruned(max(equals, key=self.value))
+                return self.pruned(max(equals, key=self.value))
         return chosen
 
 

@@ -62,7 +62,7 @@ class Gap:
         self._late_level = joint("presliding_friction", "level")
         self._stroke = np.maximum(joint("presliding_friction", "stroke"), 1e-4)
         self._bristle, self._last = np.zeros((*lead, 7)), None
-        self._spring = joint("cable_torque", "stiffness")
+        self._spring, self._pull = joint("cable_torque", "stiffness"), joint("cable_torque", "offset")
         self._sine, self._cosine = joint("torque_ripple", "sine"), joint("torque_ripple", "cosine")
         self._order, self._drift = joint("torque_ripple", "order"), joint("thermal_drift", "change")
         lasting = joint("thermal_drift", "duration")
@@ -96,7 +96,7 @@ class Gap:
         direction = np.tanh(dq / STICTION_SPEED)
         torque = -self._uneven_coulomb * np.abs(direction) - self._uneven_viscous * np.abs(dq)
         torque -= self._breakaway * direction * np.exp(-((dq / self._stribeck) ** 2))
-        torque -= self._spring * (q - NOMINAL.ready)
+        torque -= self._spring * (q - NOMINAL.ready) + self._pull
         torque -= self._sine * np.sin(self._order * q) + self._cosine * np.cos(self._order * q)
         nominal = NOMINAL.frictionloss * direction + NOMINAL.damping * dq
         torque -= self._drift * np.minimum(self._time[..., None] / self._duration, 1.0) * nominal

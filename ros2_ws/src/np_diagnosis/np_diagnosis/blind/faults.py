@@ -186,8 +186,9 @@ def _damping_gain(p, i, j, size, rng):
 
 @_fault("torque_offset")
 def _offset(p, i, j, size, rng):
-    p.offset[i, j] = _sign(rng) * size
-    return {"offset": (p.offset[i, j], "Nm")}
+    offset = _sign(rng) * size
+    p.offset[i, j] = -offset  # of the drive: it adds to the command, as in a patch and on the sim bridge
+    return {"offset": (offset, "Nm")}
 
 
 @_fault("torque_sensor_error")

@@ -26,7 +26,7 @@ _ADDED = {
     "load_dependent_friction": {"coefficient": (("load_coefficient",), 1.0)},
     "armature": {"inertia": (("armature",), 1.0)},
     "torque_scale": {"scale": (("torque_scale",), 1.0)},
-    "torque_offset": {"offset": (("offset",), 1.0)},
+    "torque_offset": {"offset": (("offset",), -1.0)},  # the drive gives it, what resists is the other way
     "torque_sensor_error": {"gain": (("sensor_scale",), 1.0), "offset": (("sensor_bias",), 1.0)},
     "encoder_bias": {"bias": (("encoder_bias",), 1.0)},
     "thermal_drift": {"change": (("thermal_drop",), -1.0)},

@@ -301,9 +301,9 @@ class Plant:
     def _through_gear(self, net: np.ndarray, against: np.ndarray) -> np.ndarray:
         """Torque (B, 7) on the links: of the gear's spring where it is flexible.
 
-        net: what drives the rotors; against: what resists on the links. The torque is that of the twist and its
-        rate at the end of the substep (linearly implicit Euler): the link of the wrist alone, 5e-3 kg m^2 on
-        a gear of 1e5 Nm/rad, swings faster than an explicit step can follow.
+        net: what drives the rotors; against: what resists on the links. The torque is that of the twist and
+        its rate at the end of the substep (linearly implicit Euler): the link of the wrist alone, 5e-3 kg m^2
+        on a gear of 1e5 Nm/rad, swings faster than an explicit step can follow.
         """
         p = self.physics
         twist, rate = self.theta - self.q, self.omega - self.dq
@@ -316,7 +316,8 @@ class Plant:
             stiffness = stiffness + slope * (1.0 - np.sign(rate) * self._hysteresis / p.hysteresis_stroke)
         gain = np.where(self._flexible, STEP * stiffness + np.where(outside > 0, p.gear_damping, 0.1), 0.0)
         # The rate at the end is that without a gear, less what the torque sought takes from rotors and links.
-        free = rate + STEP * (net / p.armature - _times(self._inverse, np.where(self._flexible, 0.0, net) - against))
+        pushed = _times(self._inverse, np.where(self._flexible, 0.0, net) - against)
+        free = rate + STEP * (net / p.armature - pushed)
         matrix = _EYE + STEP * gain[:, :, None] * (self._inverse + _EYE / p.armature[:, None, :])
         wanted = np.where(self._flexible, torque + gain * free, 0.0)
         torque = np.linalg.solve(matrix, wanted[:, :, None])[:, :, 0]
@@ -327,7 +328,8 @@ class Plant:
         self.omega = np.where(self._flexible, speed, self.dq)
         self.theta = np.where(self._flexible, self.theta + STEP * speed, self.q)
         if "hysteresis_torque" in self._used:
-            self._hysteresis = bouc_wen(self._hysteresis, self.omega - self.dq, self.physics.hysteresis_stroke, STEP)
+            stroke = self.physics.hysteresis_stroke
+            self._hysteresis = bouc_wen(self._hysteresis, self.omega - self.dq, stroke, STEP)
 
     def _link_torque(self) -> np.ndarray:
         """Torque (B, 7) that resists on the links."""

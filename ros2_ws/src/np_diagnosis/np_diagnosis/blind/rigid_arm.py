@@ -96,7 +96,7 @@ class RigidArms:
         q (B, 7) rad, dq (B, 7) rad/s; kg m^2 and Nm.
         """
         rotations, origins = self._chain(q)
-        screw = np.empty((3, 2, *q.shape))  # of each joint: its axis, and the velocity that it gives the base's origin
+        screw = np.empty((3, 2, *q.shape))  # of each joint: axis, and velocity that it gives the base's origin
         screw[:, 0] = axis = _component_first(rotations[:, :, :, 2])
         screw[:, 1] = lever = _cross(origins, axis)
         mass = self.inertials.mass
@@ -148,8 +148,8 @@ class RigidArms:
 
 def _momentum(mass: np.ndarray, first: np.ndarray, second: np.ndarray, angular: np.ndarray, linear: np.ndarray
               ) -> np.ndarray:
-    """Momentum (3, 2, ...), angular then linear, about the base's origin, of bodies with these moments of mass
-    that move with `angular` (3, ...) rad/s and `linear` m/s of that origin."""
+    """Momentum (3, 2, ...), angular then linear, about the base's origin, of bodies with these moments of
+    mass that move with `angular` (3, ...) rad/s and `linear` m/s of that origin."""
     momentum = np.empty((3, 2, *angular.shape[1:]))
     trace = second[0, 0] + second[1, 1] + second[2, 2]
     momentum[:, 0] = trace * angular - _apply(second, angular) + _cross(first, linear)

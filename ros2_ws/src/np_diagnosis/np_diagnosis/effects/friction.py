@@ -13,8 +13,9 @@ from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, recurre
 from np_diagnosis.stages import sign
 
 GAZ = "Gaz et al., RA-L 2019"
-STRIBECK_SPEEDS = (0.03, 0.06, 0.12, 0.25)  # rad/s
-PRESLIDING_STROKES = (0.003, 0.006, 0.012, 0.025, 0.05)  # rad
+# So fine that the best one leaves nothing to other effects.
+STRIBECK_SPEEDS = tuple(0.03 * 1.4**n for n in range(7))  # rad/s
+PRESLIDING_STROKES = tuple(0.003 * 1.4**n for n in range(9))  # rad
 SMOOTH = 5  # samples of the fine grid
 WARM_UP = (60.0, 180.0)  # s
 

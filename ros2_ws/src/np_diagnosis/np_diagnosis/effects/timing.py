@@ -44,10 +44,11 @@ def effects(context: Context) -> list[Effect]:
     )
     if context.held is not None and context.held.sum() > LEAST_HELD:
         share = context.held_share
+        known = float(np.sqrt(share * (1.0 - share) / len(context.held)))  # losses come by chance
         found.append(
             Effect(
                 "packet_loss",
-                (Parameter("share", "1", 0.7 * share, 1.3 * share, 0.05 * share, share),),
+                (Parameter("share", "1", 0.7 * share, 1.3 * share, 0.05 * share, share, background=known),),
                 {"r1": lambda c, j: stack(hold(c.drive, c.held)[:, j] - c.drive.commanded[:, j]) / share},
                 "a lost command leaves the last one in force",
                 is_arm=True,

@@ -11,12 +11,13 @@ from np_diagnosis.stages import Drive
 LAGS = tuple(1e-3 * 1.4**n for n in range(10))  # s: so fine that the best one leaves nothing to other effects
 SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
 WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)  # all of it, or it is another shape
-LEVELS = (0.95, 0.85, 0.7, 0.55, 0.4)  # of the largest torque or rate commanded
+SCALE_KNOWN = 0.005  # to which the torque constant of any drive is known
+LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest torque or rate commanded
 
 
 def effects(context: Context) -> list[Effect]:
     """Effects of a single joint."""
-    scale = Parameter("scale", "1", -0.5, 0.5, 0.03)
+    scale = Parameter("scale", "1", -0.5, 0.5, 0.03, least=SCALE_KNOWN)
     offset = Parameter("offset", "Nm", -5.0, 5.0, 0.5)
     found = [
         Effect(

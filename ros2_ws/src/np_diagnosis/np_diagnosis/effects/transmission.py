@@ -8,7 +8,8 @@ from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
 from np_diagnosis.effects.friction import sliding
 
 HYSTERESIS_STROKES = (1e-4, 2e-4, 4e-4, 1e-3)  # rad of twist over which the loop saturates
-PLAY_TORQUE = 0.05  # Nm at which the side of the play is sure
+PLAY_TORQUE = 4e-4  # of the torque limit, at which the side of the play is sure
+PLAY_KNOWN = 1e-5  # rad
 
 
 def effects(context: Context) -> list[Effect]:
@@ -24,12 +25,17 @@ def effects(context: Context) -> list[Effect]:
         ),
         Effect(
             "backlash",
-            (Parameter("half_play", "rad", 0.0, 0.05, 1e-3),),
-            {"r3": lambda c, j: stack(np.tanh(c.transmission.load[:, j] / PLAY_TORQUE))},
+            (Parameter("half_play", "rad", 0.0, 0.05, 1e-3, background=PLAY_KNOWN),),
+            {"r3": lambda c, j: stack(_side(c, j))},
             "play operator: the motor leads by half the play, whichever side drives",
         ),
         *(_hysteresis(x) for x in HYSTERESIS_STROKES),
     ]
+
+
+def _side(c: Context, j: int) -> np.ndarray:
+    """Which side of the play the load (n,) is carried by, -1..1."""
+    return np.tanh(c.transmission.load[:, j] / (PLAY_TORQUE * c.arm.torque_limit[j]))
 
 
 def _hysteresis(stroke: float) -> Effect:
