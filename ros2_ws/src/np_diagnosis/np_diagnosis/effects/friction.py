@@ -36,9 +36,11 @@ def effects(context: Context) -> list[Effect]:
             "asymmetric_coulomb_friction",
             (coulomb("level_positive"), coulomb("level_negative")),
             {
+                # From the one level to the other through their mean: the forces of Coulomb friction with an offset, at
+                # a turn as well, or turns would seem to tell the two apart.
                 "r2": lambda c, j: stack(
-                    c.samples.filtered(j, lambda q, v: np.maximum(sign(v), 0)),
-                    c.samples.filtered(j, lambda q, v: np.minimum(sign(v), 0)),
+                    c.samples.filtered(j, lambda q, v: (sign(v) + 1) / 2),
+                    c.samples.filtered(j, lambda q, v: (sign(v) - 1) / 2),
                 )
             },
             GAZ,
