@@ -8,7 +8,9 @@ from moving_arm import SLOW
 @pytest.mark.parametrize("control", ["topic", "onboard"])
 def test_the_hand_comes_to_the_pre_contact_pose(control):
     row = approach(control, SLOW)
-    assert row["phases"] == ["pre", "approach", "post"]
+    # `phase` is latched: whether its first value, idle, is still seen depends on when the nodes found one another.
+    phases = row["phases"]
+    assert phases[phases.index("pre") :] == ["pre", "approach", "post"] and set(phases[: phases.index("pre")]) <= {"idle"}
     assert row["state"] == "moving" and row["plan_points"] > 10
     assert row["peak_speed_share"] < 1
     assert row["end_joint_error_rad"] < 0.02
