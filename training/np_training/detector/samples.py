@@ -20,11 +20,9 @@ LEAST_AREA = 12.0  # px of the object: below it, where the corners are cannot be
 
 @dataclass(frozen=True)
 class SampleConfig:
-    """visited: share of the states that come from recorded episodes, where there are any; pairs: whether every
-    rendering is augmented twice."""
+    """visited: share of the states that come from recorded episodes, where there are any."""
 
     visited: float = 0.6
-    pairs: bool = False
     augmentation: Augmentation = Augmentation()
 
 
@@ -44,14 +42,15 @@ class Batch(NamedTuple):
 
 
 class Samples:
-    """Endless labelled images of a domain; visited: states (m, 16) of recorded episodes."""
+    """Endless labelled images of a domain; visited: states (m, 16) of recorded episodes; pairs: whether every
+    rendering is augmented twice."""
 
     def __init__(
         self, domain: Domain, renderer: SceneRenderer, pool: int, generator: torch.Generator,
-        config: SampleConfig = SampleConfig(), visited: Tensor | None = None,
+        config: SampleConfig = SampleConfig(), visited: Tensor | None = None, pairs: bool = False,
     ) -> None:
         self.domain, self.renderer, self.generator = domain, renderer, generator
-        self.config, self.visited = config, visited
+        self.config, self.visited, self.pairs = config, visited, pairs
         self.size, self._next = max(pool, renderer.worlds), pool
 
     def draw(self) -> Batch:
@@ -63,7 +62,7 @@ class Samples:
         self._next += count
         frames = self.renderer.render(states, self.generator)
         images, pixels = augment(frames, self.generator, self.config.augmentation)
-        second = augment(frames, self.generator, self.config.augmentation)[0] if self.config.pairs else None
+        second = augment(frames, self.generator, self.config.augmentation)[0] if self.pairs else None
         present = inside_image(pixels) & (frames.object_area >= LEAST_AREA)[:, None]
         return Batch(images, pixels, frames.visible, present, second)
 

@@ -36,7 +36,7 @@ def train(trainer: Trainer, out: Path, steps: int | None, seconds: float, say: C
     config, began, first = trainer.config, time.monotonic(), trainer.step
     checkpoint, weights = out / "checkpoint.pt", out / f"keypoint_detector_{trainer.domain.name}.safetensors"
     earlier, budget = trainer.seconds, max(1.0, seconds - config.reserve)
-    samples = trainer.samples(trainer.step)
+    samples = trainer.samples(trainer.step, pairs=trainer.contrast is not None)
     reported = saved = began
     window: list[dict[str, Tensor]] = []
     progress = 0.0
@@ -110,7 +110,7 @@ def main(arguments: list[str] | None = None) -> None:
     augmentation = Augmentation(**kept if options.keep_background else {})
     config = TrainConfig(batch=options.batch, rate=options.rate, pool=options.pool, held_out=options.held_out,
                          contrast=None if options.no_contrast else ContrastConfig(),
-                         samples=SampleConfig(pairs=not options.no_contrast, augmentation=augmentation))
+                         samples=SampleConfig(augmentation=augmentation))
     visited = load_visited(options.episodes, domain, options.device) if options.episodes else None
     names = ("domain", "seed", "steps" if options.steps else "minutes", "batch", "rate", "pool", "episodes")
     command = " ".join([*(f"--{name} {getattr(options, name)}" for name in names if getattr(options, name) is not None),

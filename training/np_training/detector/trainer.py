@@ -42,7 +42,7 @@ class TrainConfig:
     save: float = 60.0
     reserve: float = 15.0
     contrast: ContrastConfig | None = ContrastConfig()
-    samples: SampleConfig = SampleConfig(pairs=True)
+    samples: SampleConfig = SampleConfig()
 
 
 class Trainer:
@@ -62,10 +62,11 @@ class Trainer:
         self.optimiser = torch.optim.AdamW(learning, lr=config.rate, weight_decay=1e-4, fused=True)
         self.step, self.seconds = 0, 0.0
 
-    def samples(self, stream: int) -> Samples:
-        """Images of a random stream of their own."""
+    def samples(self, stream: int, pairs: bool = False) -> Samples:
+        """Images of a random stream of their own; pairs: see `Samples`."""
         generator = torch.Generator(device=self.device).manual_seed(self.seed * 1_000_003 + stream)
-        return Samples(self.domain, self.renderer, self.config.pool, generator, self.config.samples, self.visited)
+        return Samples(self.domain, self.renderer, self.config.pool, generator, self.config.samples, self.visited,
+                       pairs)
 
     def update(self, batch: Batch, progress: float) -> dict[str, Tensor]:
         """One gradient step, `progress` of the way; losses and errors as tensors on the device."""
