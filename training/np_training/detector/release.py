@@ -36,7 +36,7 @@ scores: the probability that a corner is within {reliable:.0f} px of the truth. 
 | sha256 | `{name}.safetensors` {sha256} |
 
 Errors in px on {count} held-out images a set
-(`python -m np_training.detector.evaluate --domain {domain} --images {count} --seed {evaluation_seed}`):
+(`python -m np_training.detector.evaluate --domain {domain} --images {count} --seed {evaluation_seed}{episodes}`):
 
 | set | visible: median | 95 % | within {reliable:.0f} px | hidden: median | 95 % | within {reliable:.0f} px | calibration error |
 |---|---|---|---|---|---|---|---|
@@ -63,12 +63,13 @@ def release(run: Path, domain_name: str, weights: Path, results: Path, images: i
     draw_reliability(figures["sets"], results / f"detector_{domain_name}_reliability.png")
     (results / f"detector_{domain_name}.json").write_text(json.dumps(figures, indent=1) + "\n")
     card = target.with_suffix(".md")
-    card.write_text(model_card(target, figures))
+    card.write_text(model_card(target, figures, episodes))
     return card
 
 
-def model_card(weights: Path, figures: dict) -> str:
-    """Markdown of the training record in `weights` and the figures of `np_training.detector.evaluate`."""
+def model_card(weights: Path, figures: dict, episodes: Path | None = None) -> str:
+    """Markdown of the training record in `weights` and the figures of `np_training.detector.evaluate`, with the
+    recording that most of its states came from."""
     network, record = load_weights(weights)
     rows = []
     for name, result in figures["sets"].items():
@@ -78,6 +79,7 @@ def model_card(weights: Path, figures: dict) -> str:
         name=weights.stem, reliable=RELIABLE, parameters=sum(p.numel() for p in network.parameters()),
         window=2 * network.config.window + 1, rows="\n".join(rows), sha256=figures["weights_sha256"],
         count=max(result["images"] for result in figures["sets"].values()), evaluation_seed=figures["seed"],
+        episodes=f" --episodes {episodes}" if episodes else "",
         **{key: record[key] for key in ("domain", "images", "seed", "steps", "minutes", "device", "command")})
 
 
