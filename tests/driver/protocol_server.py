@@ -33,7 +33,7 @@ import numpy as np
 from franky_sim import SimulationServer, mujoco_simulator
 from franky_sim.base_simulator import RobotParameters
 from franky_sim.franka_robot_protocol import (
-    AutomaticErrorRecoveryCommand, MoveStatus, RobotCommand, RobotMode, UDPCommand)
+    AutomaticErrorRecoveryCommand, MoveStatus, RobotCommand, RobotMode)
 from franky_sim.franka_robot_server import ControlMode, FrankaRobotServer
 from franky_sim.franka_server import BaseCommand, ConnectCommand, ConnectStatus, FrankaServer, MessageHeader
 from simulated_fr3 import SimulatedFr3
@@ -48,6 +48,7 @@ PATIENCE = 20  # cycles without a command: FCI documentation, "Network bandwidth
 TRACED = 100_000  # cycles
 SERVED_EVERY = 4  # cycles from one look at requests, and at the hand, to the next
 COUNTED = 100  # cycles of which the robot tells the share that brought a command
+TORQUE_OFFSET = 8 + 38 * 8 + 2  # bytes, of tau_J_d in a command: UDPCommand.STRUCT of franky-sim
 LOCK_ALL = 1 | 2  # MCL_CURRENT and MCL_FUTURE of mlockall(2)
 
 
@@ -91,7 +92,7 @@ class Robot(FrankaRobotServer):
         super().start_motion(*motion)
 
     def _handle_udp_command(self, data):
-        torque = np.array(UDPCommand.from_bytes(data).tau_J_d)
+        torque = np.frombuffer(data, "<f8", 7, TORQUE_OFFSET)
         self.heard, self.step = True, max(self.step, np.abs(torque - self.last).max())
         self.last = torque
         super()._handle_udp_command(data)
