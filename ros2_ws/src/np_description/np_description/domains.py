@@ -72,7 +72,7 @@ class Domain:
     workspace_x: tuple[float, float] = (0.30, 0.75)
     workspace_y: tuple[float, float] = (-0.35, 0.35)
     min_distance: float = 0.03
-    max_opening: float = 0.04
+    max_opening: float = 0.005
     interchangeable: bool = False
 
     @property
@@ -97,8 +97,7 @@ WALL = Domain(
     name="wall", half_size=(0.025, 0.025, 0.05), density=150.0,
     obstacles=(Box("wall", (0.64, 0.0, 0.05), (0.08, 0.20, 0.05)),),
     start=Region(x=(0.53, 0.53), y=(-0.15, 0.15), yaw=(0.0, 0.0)),
-    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0)),), tolerance_angle=None,
-    max_opening=0.005)
+    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0)),), tolerance_angle=None)
 
 DOMAINS = {domain.name: domain for domain in (CARD, BUMP, WALL)}
 
