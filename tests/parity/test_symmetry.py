@@ -10,6 +10,9 @@ from np_description.domains import BUMP, CARD, WALL, sample_task
 from np_description.keypoints import box_keypoints
 from np_description.rotations import matrix_from_quaternion, quaternion_multiply
 from np_description.symmetry import corner_orders, naming, renamed, symmetries
+from np_policy.observation import normalised_keypoints
+from np_training.environment import as_seen, corners
+from np_training.tasks import Poses
 
 
 def pixels(domain, position, quaternion):
@@ -67,3 +70,16 @@ def test_faces_that_are_not_interchangeable_keep_their_names(domain):
     start, goal = (pixels(domain, p.position, p.quaternion) for p in sample_task(domain, np.random.default_rng(0)))
     for before, after in zip((start, goal), renamed(domain, start, goal)):
         np.testing.assert_array_equal(before, after)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 2**31), st.integers(0, 23))
+def test_training_sees_what_the_nodes_see(seed, index):
+    start, goal = sample_task(BUMP, np.random.default_rng(seed))
+    turn = symmetries(BUMP.half_size)[index]
+    called = [Poses(torch.from_numpy(p.position)[None], torch.from_numpy(quaternion_multiply(p.quaternion, turn))[None])
+              for p in (start, goal)]
+    seen = as_seen(BUMP, *called)
+    nodes = renamed(BUMP, *(pixels(BUMP, p.position, p.quaternion) for p in (start, goal)))
+    for poses, expected in zip(seen, nodes):
+        np.testing.assert_allclose(normalised_keypoints(corners(BUMP, poses))[0].numpy(), expected, atol=1e-9)
