@@ -15,7 +15,7 @@ from np_diagnosis.estimates import Estimate, estimate
 from np_diagnosis.gap import Gap, measure
 from np_diagnosis.loop_delay import settle_delay
 from np_diagnosis.omnibus import Rest, examine
-from np_diagnosis.ranking import alternatives, probabilities
+from np_diagnosis.ranking import alternatives, larger, probabilities
 from np_diagnosis.search import Search, Structure
 from np_diagnosis.settling import settle_shapes
 from np_diagnosis.signals import Log
@@ -35,7 +35,8 @@ MATERIAL = 0.0005  # of the torque limit: what is left below is nothing
 class Finding:
     """An effect at a component (joint, or "arm"): probability, parameters by name, the share by which it
     alone shrinks the held-out gap, the ids that these data cannot tell from it, whether it is of the chosen
-    structure, and how much of the gap's energy it removes there."""
+    structure, and how much of the gap's energy it removes there. larger: ids that contain it (`ranking.larger`) and say
+    the same; beside: their probability."""
 
     effect: Effect
     component: str
@@ -45,6 +46,18 @@ class Finding:
     equivalent_to: tuple[str, ...]
     is_chosen: bool
     energy: float
+    larger: tuple[str, ...] = ()
+    beside: float = 0.0
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """Of `equivalent_to`, what says something else."""
+        return tuple(name for name in self.equivalent_to if name not in self.larger)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether something else may as well be the cause."""
+        return self.probability + self.beside < CERTAIN or bool(self.rivals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,16 +134,20 @@ def _findings(search: Search, chosen: Structure, gap: Gap, seed: int, quick: boo
         place = candidate.at(joints)
         effect, values = estimate(search, chosen, m, seed)
         named.add((effect.id, place))
+        probability, inside = likely.get((effect.id, place), 0.0), larger(search, m)
+        equivalent = () if quick else alternatives(search, chosen, m)
         found.append(
             Finding(
                 effect,
                 place,
-                likely.get((effect.id, place), 0.0),
+                probability,
                 values,
                 gap.alone(search, m),
-                () if quick else alternatives(search, chosen, m),
+                equivalent,
                 True,
                 gap.removed(search, chosen, m),
+                inside,
+                sum(likely.get((name, place), 0.0) for name in inside),
             )
         )
     found += _steps(design)
@@ -171,5 +188,4 @@ def _verdict(found: list[Finding], unexplained: tuple[int, ...], rests: list[Res
         return "unexplained"
     if not chosen:
         return "no_gap"
-    certain = all(f.probability >= CERTAIN and not f.equivalent_to for f in chosen)
-    return "identified" if certain else "ambiguous"
+    return "ambiguous" if any(f.is_open for f in chosen) else "identified"

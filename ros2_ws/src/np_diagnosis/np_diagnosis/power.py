@@ -24,6 +24,7 @@ from np_diagnosis.effects import equivalence_classes
 from np_diagnosis.excitation import experiment
 from np_diagnosis.fit import fit, places
 from np_diagnosis.planning import planned_cells
+from np_diagnosis.ranking import larger
 from np_diagnosis.search import TRIED, Search, Structure
 
 DECISIVE = 5.0  # nats by which the true structure must lead in the end: odds of 150 to 1
@@ -90,7 +91,9 @@ def ambiguity(
     design, joints = search.design, search.design.context.arm.joints
     place = design.candidates[member].at(joints)
     rest = tuple(m for m in chosen.members if m != member)
-    near = [(n,) for n in search.promising(search.structure(rest), TRIED) if _fits(design, member, n)]
+    inside = larger(search, member)  # they say the same, and no experiment can tell
+    near = [(n,) for n in search.promising(search.structure(rest), TRIED)
+            if _fits(design, member, n) and design.candidates[n].effect.id not in inside]
     found: dict[tuple[str, ...], Structure] = {}
     for replaced, others in (((member,), near), *_sums(search, chosen, member)):
         kept = tuple(m for m in chosen.members if m not in replaced)
@@ -165,7 +168,7 @@ def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
     """The largest ambiguity of a diagnosis, and the finding that it is about; None where there is none."""
     search, chosen, joints = diagnosis.search, diagnosis.chosen, diagnosis.context.arm.joints
     for finding in diagnosis.findings:
-        if not finding.is_chosen or not (finding.equivalent_to or finding.probability < CERTAIN):
+        if not (finding.is_chosen and finding.is_open):
             continue
         member = next(
             (
@@ -179,7 +182,7 @@ def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
         if member is None:
             continue
         likely = {f.effect.id for f in diagnosis.findings if not f.is_chosen and f.probability > 1 - CERTAIN}
-        question = ambiguity(search, chosen, member, likely.union(finding.equivalent_to))
+        question = ambiguity(search, chosen, member, likely.union(finding.rivals))
         if question is not None:
             return finding, question
     return None

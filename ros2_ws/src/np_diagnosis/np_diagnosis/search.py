@@ -95,6 +95,15 @@ class Search:
             self._groups[key] = (result, float(0.5 * np.square((mean - centre) / prior).sum()))
         return self._groups[key]
 
+    def scored(self, joints: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """Candidates inside of each group of exactly these joints that was scored."""
+        return [inside for other, inside in self._groups if other == joints]
+
+    def group_value(self, joints: tuple[int, ...], inside: tuple[int, ...]) -> float:
+        """Log predictive density and prior of one group."""
+        result, cost = self.group(joints, inside)
+        return float(result.density.sum() - cost + sum(self.odds(m) for m in inside))
+
     def ids(self, joints: tuple[int, ...], inside: tuple[int, ...]) -> np.ndarray:
         """Parameters of a group: nuisances of its joints, then those of its candidates in order."""
         design = self.design

@@ -12,6 +12,7 @@ LAGS = tuple(1e-3 * 1.4**n for n in range(10))  # s: so fine that the best one l
 SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
 WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)  # all of it, or it is another shape
 SCALE_KNOWN = 0.005  # to which the torque constant of any drive is known
+RAMP_KNOWN = 0.02  # of a rate: within a period a drive may ramp, or step at its end
 LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest torque or rate commanded
 
 
@@ -134,6 +135,6 @@ def _rate_limit(limit: float, joint: int) -> Effect:
         {"r1": lambda c, j: stack(rate_limited(c.drive, c.drive.commanded[:, j], limit) - c.drive.commanded[:, j])},
         "largest rate of the drive",
         f"{limit:.3g} Nm/s",
-        Shape("limit", "Nm/s", limit, lambda value: _rate_limit(value, joint)),
+        Shape("limit", "Nm/s", limit, lambda value: _rate_limit(value, joint), background=RAMP_KNOWN * limit),
         only_joint=joint,
     )
