@@ -15,7 +15,7 @@ from np_description.patch import Patch, PatchEffect
 
 from np_diagnosis.diagnosis import Diagnosis
 
-WORSE = 1.002  # times the nominal departure, beyond which a patch does harm: below, it is rounding
+WORSE = 1.0005  # times the nominal departure, beyond which a patch does harm: below, it moves nothing
 
 
 def make_patch(diagnosis: Diagnosis) -> Patch:
