@@ -72,6 +72,7 @@ def test_an_interval_holds_what_a_rival_structure_says():
     """Two structures predict alike; one puts half of a parameter into another effect."""
     candidates = [Candidate(effect("coulomb_friction", "level"), 0, np.array([0])),
                   Candidate(effect("viscous_friction", "coefficient"), 0, np.array([1]))]
+    cell = SimpleNamespace(ids=np.arange(2), total=np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]))
     blocks = RNG.normal(size=20)
     values = {(0,): np.array([1.0]), (0, 1): np.array([0.5, 3.0]), (): np.zeros(0)}
 
@@ -80,10 +81,12 @@ def test_an_interval_holds_what_a_rival_structure_says():
         return Score(blocks - (1e6 if inside == () else 0.0), Fit(parameters, None, None)), 0.0
 
     search = SimpleNamespace(
-        design=SimpleNamespace(candidates=candidates), scored=lambda joints: list(values), group=group,
+        design=SimpleNamespace(candidates=candidates, cells=(cell,)), scored=lambda joints: list(values), group=group,
         group_value=lambda joints, inside: float(group(joints, inside)[0].density.sum()),
         ids=lambda joints, inside: np.concatenate([np.zeros(0, int), *(candidates[m].ids for m in inside)]))
     assert spread(search, (0,), (0,), 0, 0) == {"level": pytest.approx(np.sqrt(0.5) * 0.5)}
+    cell.total[0, 1] = cell.total[1, 0] = 1.0  # the one can say what the other says: nothing is learnt from both
+    assert spread(search, (0,), (0,), 0, 0) == {"level": 0.0}
 
 
 def test_what_contains_an_effect_is_known_by_its_columns():

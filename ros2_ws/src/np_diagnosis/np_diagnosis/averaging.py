@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis.design import Candidate
-from np_diagnosis.ranking import weigh
+from np_diagnosis.ranking import spans, weigh
 from np_diagnosis.search import Search
 
 LEADERS = 60  # groups that count
@@ -19,10 +19,19 @@ LEAST = 1e-3  # weight of a group that does
 def spread(search: Search, joints: tuple[int, ...], inside: tuple[int, ...], member: int, seed: int) -> dict[str, float]:
     """Standard deviation of each parameter (by name) of a member of a group about what the group says of it."""
     design, mine = search.design, search.design.candidates[member]
-    rivals = []
+    rivals, known = [], {}
+
+    def overlap(one: int, other: int) -> bool:
+        """Whether the data cannot share out between two members, since one can say what the other says."""
+        if (one, other) not in known:
+            pair = design.candidates[one], design.candidates[other]
+            near = pair[0].joint == pair[1].joint and pair[0].effect.component == pair[1].effect.component
+            known[one, other] = near and (spans(design, *pair) or spans(design, *pair[::-1]))
+        return known[one, other]
+
     for others in search.scored(joints):
         same = [n for n in others if _is_same(design.candidates[n], mine)]
-        if same:
+        if same and not any(overlap(same[0], n) for n in others if n != same[0]):
             rivals.append((search.group_value(joints, others), others, same[0]))
     rivals = sorted(rivals, key=lambda r: -r[0])[:LEADERS]
     if (inside, member) not in [r[1:] for r in rivals]:

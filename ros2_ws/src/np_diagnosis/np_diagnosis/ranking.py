@@ -67,12 +67,12 @@ def larger(search: Search, member: int) -> tuple[str, ...]:
     found = set()
     for other in design.candidates:
         at_place = other.joint == mine.joint and other.effect.component == mine.effect.component
-        if at_place and len(other.ids) > len(mine.ids) and other.effect.id != mine.effect.id and _spans(design, other, mine):
+        if at_place and len(other.ids) > len(mine.ids) and other.effect.id != mine.effect.id and spans(design, other, mine):
             found.add(other.effect.id)
     return tuple(sorted(found))
 
 
-def _spans(design: Design, one: Candidate, other: Candidate) -> bool:
+def spans(design: Design, one: Candidate, other: Candidate) -> bool:
     """Whether the columns of one candidate can say all that another's say, wherever those show."""
     for cell in design.cells:
         own, its = (np.flatnonzero(np.isin(cell.ids, c.ids)) for c in (one, other))
