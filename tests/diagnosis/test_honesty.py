@@ -100,6 +100,8 @@ def test_what_contains_an_effect_is_known_by_its_columns():
     search = SimpleNamespace(design=SimpleNamespace(candidates=candidates, cells=(cell,)))
     assert larger(search, 0) == ("asymmetric_coulomb_friction",)
     assert larger(search, 1) == ()
+    cell.total[3:5] = cell.total[:, 3:5] = 0.0  # what does not show at all says nothing
+    assert larger(search, 0) == ("asymmetric_coulomb_friction",)
 
 
 def finding(name, joint):

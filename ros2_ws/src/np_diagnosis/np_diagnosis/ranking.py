@@ -80,10 +80,12 @@ def spans(design: Design, one: Candidate, other: Candidate) -> bool:
         shown = np.diag(gram)[its]
         if not (shown > 0).any():
             continue
+        own = own[np.diag(gram)[own] > 0]
         if not own.size:
             return False
-        inner = gram[np.ix_(own, own)] + 1e-12 * np.trace(gram[np.ix_(own, own)]) * np.eye(len(own))
-        mixed = gram[np.ix_(own, its)]
+        scale = np.sqrt(np.diag(gram)[own])
+        inner = gram[np.ix_(own, own)] / np.outer(scale, scale) + 1e-9 * np.eye(len(own))
+        mixed = gram[np.ix_(own, its)] / scale[:, None]
         if (shown - (mixed * np.linalg.solve(inner, mixed)).sum(axis=0) > SAME * shown).any():
             return False
     return True
