@@ -34,7 +34,9 @@ RIVALS = 3  # at most
 NEAR = 8.0  # nats behind, up to which a structure is a rival
 LEAST = 0.1  # probability below which no experiment is worth suggesting: the forces are the same, or nearly
 WORTH = 0.05  # of probability, for which a longer experiment is preferred
+LIKELY = 0.5  # probability below which an experiment would leave the question open more often than not
 NONE = "none of them can"
+UNLIKELY = "none of them is likely to"
 
 EXPERIMENTS = (
     "triangle_slow",
@@ -250,14 +252,16 @@ def _answer(search: Search, question: Ambiguity, seed: int) -> dict:
     top = max(p.probability for p in ranked)
     best = min((p for p in ranked if p.probability >= top - WORTH), key=lambda p: p.duration)
     ranked.sort(key=lambda p: -p.probability)
+    is_likely = best.probability >= LIKELY
+    command = {"command": f"ros2 run np_diagnosis excite --only {best.name} --out BAG"} if is_likely else {}
     return {
-        "name": best.name,
+        "name": best.name if is_likely else UNLIKELY,
         **answer,
         "separates": [t for t, c in zip(text, [True, *can]) if c],
         "expected_sigma": round(best.sigma, 2),
         "probability": round(best.probability, 3),
         "duration_s": round(best.duration, 1),
-        "command": f"ros2 run np_diagnosis excite --only {best.name} --out BAG",
+        **command,
         "ranked": [
             {
                 "name": p.name,
