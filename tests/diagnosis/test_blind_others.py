@@ -14,7 +14,6 @@ from np_diagnosis.blind.cases import draw_cases, make_physics
 from np_diagnosis.blind.scoring import score_case, summary
 from np_diagnosis.blind.sealed import make_key
 from np_diagnosis.blind.tables import figures_table
-from np_diagnosis.commands import blind
 
 FAKE = (
     "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); "
@@ -113,6 +112,7 @@ def test_figures_have_the_doctors_keys_and_stand_beside_them(tmp_path):
 
 
 def test_cases_that_were_run_without_baselines_are_named(tmp_path):
-    options = blind.parse(["--cases", "2", "--set", "development", "--baselines", "--out", str(tmp_path)])
+    cases, folders = draw_cases(2, 0, "development"), [tmp_path / "case_000", tmp_path / "case_001"]
+    entries = json.loads(make_key(2, 0, "development"))["cases"]
     with pytest.raises(ValueError, match="case_000, case_001 were not; name another --out"):
-        blind.score_baselines(options, make_key(2, 0, "development"), None)
+        others.score_others(entries, cases, folders, [cases], None)

@@ -1,4 +1,4 @@
-"""What the structures still in play make of a parameter: an interval that knows one structure only is too narrow.
+"""What the structures still in play make of a parameter: an interval that knows only one is too narrow.
 
 Bayesian model averaging with the weights of `ranking` (pseudo-BMA+), over all groups of effects that were
 scored and hold the effect: with and without what stands beside it, and with its other shapes.
@@ -16,8 +16,10 @@ LEADERS = 60  # groups that count
 LEAST = 1e-3  # weight of a group that does
 
 
-def spread(search: Search, joints: tuple[int, ...], inside: tuple[int, ...], member: int, seed: int) -> dict[str, float]:
-    """Standard deviation of each parameter (by name) of a member of a group about what the group says of it."""
+def spread(
+    search: Search, joints: tuple[int, ...], inside: tuple[int, ...], member: int, seed: int
+) -> dict[str, float]:
+    """Standard deviation of each parameter (by name) of a member of a group, about what the group says."""
     design, mine = search.design, search.design.candidates[member]
     rivals, known = [], {}
 
@@ -53,15 +55,21 @@ def spread(search: Search, joints: tuple[int, ...], inside: tuple[int, ...], mem
 
 def _is_same(one: Candidate, other: Candidate) -> bool:
     """Whether two candidates are the same effect at the same place, of whatever shape."""
-    return (one.effect.id, one.joint, one.effect.component) == (other.effect.id, other.joint, other.effect.component)
+    names = [(c.effect.id, c.joint, c.effect.component) for c in (one, other)]
+    return names[0] == names[1]
 
 
-def _meaning(search: Search, joints: tuple[int, ...], inside: tuple[int, ...], member: int) -> dict[str, float]:
+def _meaning(
+    search: Search, joints: tuple[int, ...], inside: tuple[int, ...], member: int
+) -> dict[str, float]:
     """What a group says of a member's parameters, by the names that a report gives them."""
     candidate = search.design.candidates[member]
     ids = search.ids(joints, inside)
     values = search.group(joints, inside)[0].fit.parameters.mean(axis=0)
-    found = {p.name: float(values[np.flatnonzero(ids == i)[0]]) for p, i in zip(candidate.effect.parameters, candidate.ids)}
+    found = {
+        p.name: float(values[np.flatnonzero(ids == i)[0]])
+        for p, i in zip(candidate.effect.parameters, candidate.ids)
+    }
     shape = candidate.effect.shape
     if shape is None:
         return found

@@ -37,8 +37,8 @@ MATERIAL = 0.0005  # of the torque limit: what is left below is nothing
 class Finding:
     """An effect at a component (joint, or "arm"): probability, parameters by name, the share by which it
     alone shrinks the held-out gap, the ids that these data cannot tell from it, whether it is of the chosen
-    structure, and how much of the gap's energy it removes there. larger: ids that contain it (`ranking.larger`) and say
-    the same; beside: their probability."""
+    structure, and how much of the gap's energy it removes there. larger: ids that contain it
+    (`ranking.larger`) and say the same; beside: their probability."""
 
     effect: Effect
     component: str
@@ -89,8 +89,8 @@ def diagnose(logs: list[Log], arm: Arm | None = None, seed: int = 0, quick: bool
     search, chosen = settle_shapes(search, search.run(*((1, 1) if quick else ())))
     design = search.design
     rests = examine(search, chosen.members)
-    odd = (_unexplained(rests, design), _crowded(search, chosen), _extreme(search, chosen), ageing(search, chosen.members))
-    unexplained = tuple(sorted(set().union(*odd)))
+    odd = _crowded(search, chosen), _extreme(search, chosen), ageing(search, chosen.members)
+    unexplained = tuple(sorted(set(_unexplained(rests, design)).union(*odd)))
     gap = measure(search, chosen, seed)
     found = _findings(search, chosen, gap, seed, quick)
     return Diagnosis(

@@ -64,7 +64,8 @@ def estimate(
     elif shape is not None:
         found.pop("share", None)
         width = max(float(np.hypot(width, T95 * shape.background)), MODEL * abs(shape.value))
-        found[shape.name] = Estimate(float(shape.value), float(shape.value - width), float(shape.value + width), shape.unit)
+        value = float(shape.value)
+        found[shape.name] = Estimate(value, value - width, value + width, shape.unit)
     if effect.absorbs:
         extra = absorbed(design, ids, whole, effect)
         found = {name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra)

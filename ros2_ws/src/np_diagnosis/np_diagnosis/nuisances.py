@@ -19,8 +19,8 @@ from np_diagnosis.stages import sign, slides
 REVERSAL = "r2 at reversal"
 
 DELAY = 2e-4  # s between command and torque that a loop has before its recording is asked (loop_delay.py)
-# rad over which a joint yields before friction turns over: two of them span what lies between. The larger is also that
-# of a joint with more friction on the same bristles, which low-speed friction would otherwise be blamed for.
+# rad over which a joint yields before friction turns over: two span what lies between. The larger is also that of
+# a joint with more friction on the same bristles, which low-speed friction would otherwise be blamed for.
 BREAKAWAYS = (1e-4, 2e-4)
 ACCELERATION_ERROR = 0.001  # of what a filtered derivative says of a motion without noise
 GEAR_YIELD = 1e-5  # rad/Nm: no gear is stiffer than some 1e5 Nm/rad, and a rigid one is no worse a model of that
@@ -31,7 +31,10 @@ _DELAYED = {
     "r2": Parameter("motion_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
 }
 # Shares of the nominal friction that turn over late.
-_TURNING = (Parameter("breakaway", "1", 0.0, 10.0, 0.7, centre=1.0), Parameter("late breakaway", "1", -2.0, 10.0, 1.0))
+_TURNING = (
+    Parameter("breakaway", "1", 0.0, 10.0, 0.7, centre=1.0),
+    Parameter("late breakaway", "1", -2.0, 10.0, 1.0),
+)
 # Without commands, measured torque and motion may come from clocks of their own.
 _LOOSE = Parameter("motion_delay", "s", -0.01, 0.01, 1e-3)
 

@@ -1,4 +1,4 @@
-"""The patch: what the doctor found, as changes of the nominal arm; tried on the recorded motions before it is written.
+"""The patch: what the doctor found, as changes of the nominal arm; tried on the recorded motions before that.
 
 The torque domain decides what is there. Whether the simulator gets closer with it is another question, asked of
 the closed loop (`forward`): what makes it depart further from what was recorded is left out, and named.

@@ -29,7 +29,7 @@ def probabilities(search: Search, seed: int) -> dict[tuple[str, str], float]:
 
 
 def weigh(density: np.ndarray, prior: np.ndarray, seed: int) -> np.ndarray:
-    """Pseudo-BMA+ weights (s,) of structures with log predictive densities (s, m) of the blocks and log prior odds."""
+    """Pseudo-BMA+ weights (s,) of structures with log predictive densities (s, m) of blocks and log odds (s,)."""
     rng = np.random.default_rng(seed)
     weights = rng.dirichlet(np.ones(density.shape[1]), DRAWS) * density.shape[1]
     logits = weights @ density.T + prior
@@ -61,13 +61,14 @@ def alternatives(search: Search, chosen: Structure, member: int) -> tuple[str, .
 
 
 def larger(search: Search, member: int) -> tuple[str, ...]:
-    """Ids of effects at a member's place that can be that very effect with some of their parameters settled, as
-    asymmetric friction with equal levels is plain friction: they stand in its place, and contradict nothing."""
+    """Ids of effects at a member's place that can be that very effect with some of their parameters settled,
+    as asymmetric friction with equal levels is plain friction: they contradict nothing."""
     design, mine = search.design, search.design.candidates[member]
     found = set()
     for other in design.candidates:
         at_place = other.joint == mine.joint and other.effect.component == mine.effect.component
-        if at_place and len(other.ids) > len(mine.ids) and other.effect.id != mine.effect.id and spans(design, other, mine):
+        is_larger = len(other.ids) > len(mine.ids) and other.effect.id != mine.effect.id
+        if at_place and is_larger and spans(design, other, mine):
             found.add(other.effect.id)
     return tuple(sorted(found))
 
