@@ -38,8 +38,9 @@ protocol.
     "suite": """## The diagnosis suite
 
 `excite --backend running --mode realtime` beside driver and controller, as beside any backend, then
-`diagnose --quick` on the bag: its contract passes. Lost are messages for which the recorder had no time. The verdict is on the simulated arm: another model,
-without friction, than the nominal one, and says nothing of a real one.
+`diagnose --quick` on the bag: its contract passes. Lost are messages for which the recorder had no time.
+The verdict is on the simulated arm: another model, without friction, than the nominal one, and says nothing
+of a real one.
 """,
     "faults": """## Faults over the wire
 
