@@ -100,7 +100,7 @@ def test_figures_have_the_doctors_keys_and_stand_beside_them(tmp_path):
     patch = Patch((PatchEffect("armature", JOINT_NAMES[2], {"inertia": 0.2}),))
     (folders[1] / "baselines" / "paper" / "patch.yaml").write_text(dump_patch(patch))
     with ThreadPoolExecutor(1) as pool:
-        beside = others.score_others(key, cases, folders, [cases], pool)
+        beside = others.score_others(key["cases"], cases, folders, [cases], pool)
     assert set(beside) == {*others.NAMES, "wall_s_a_case"} and beside["paper"]["wall_s_a_case"] == 7.0
     assert beside["paper"]["errors"] == 1 and beside["none"]["errors"] == 0
     assert set(others.KEYS) < set(beside["none"]) and beside["none"]["harm"] == 0.0

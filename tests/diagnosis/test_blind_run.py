@@ -15,7 +15,7 @@ from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_diagnosis.blind import generate
 from np_diagnosis.blind.cases import draw_cases, make_physics
 from np_diagnosis.blind.generate import make_bags
-from np_diagnosis.blind.sealed import digest, make_key
+from np_diagnosis.blind.sealed import SealError, check_doctor, digest, make_key
 from np_diagnosis.commands import blind
 from np_diagnosis.excitation import suite
 
@@ -109,3 +109,47 @@ def test_a_locked_key_that_was_not_sealed_is_refused(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 1 and "put down (--seal) and committed before the doctor runs" in done.stderr
     assert not (tmp_path / "run").exists()
+
+
+def test_a_run_in_parts_goes_on_and_a_doctor_that_crashes_fails_its_own_case_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
+    answer = '{"verdict": "no_gap", "effects": [], "where": []}'
+    doctor = ("import pathlib, sys; out = pathlib.Path(sys.argv[-1]); print(out.name); "
+              "assert not (out / 'report.json').exists() and 'case_001' not in out.name, 'fell over'; "
+              f"(out / 'report.json').write_text({answer!r}); (out / 'patch.yaml').write_text('effects: []')")
+    command = ["--cases", "3", "--set", "development", "--only", "sinusoid_7", "--out", str(tmp_path),
+               "--doctor", shlex.join([sys.executable, "-c", doctor])]
+    assert blind.main([*command, "--within", "0"]) == 1 and not (tmp_path / "results.json").exists()
+    for part, cases in ((["--to", "2"], [0, 1]), ([], [0, 1, 2])):  # the doctor would fall over if asked again
+        assert blind.main([*command, *part]) == 0
+        results = json.loads((tmp_path / "results.json").read_text())
+        assert [case["case"] for case in results["cases"]] == cases
+        assert results["figures"]["cases"] == len(cases) and results["figures"]["drawn"] == 3
+        assert ("preliminary" in (tmp_path / "results.md").read_text()) == (len(cases) < 3)
+        assert [bool(case["error"]) for case in results["cases"]] == [number == 1 for number in cases]
+    assert "fell over" in results["cases"][1]["error"] and 1 in results["failures"]
+
+
+def test_a_recording_that_cannot_be_made_fails_its_own_case_only(tmp_path, monkeypatch):
+    written = generate.write_bag
+
+    def full_disk(path, *rest):
+        if path.name == "case_001":
+            raise OSError("no space left")
+        written(path, *rest)
+
+    monkeypatch.setattr(generate, "write_bag", full_disk)
+    monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
+    assert blind.main(["--cases", "2", "--set", "development", "--only", "sinusoid_7", "--out", str(tmp_path),
+                       "--doctor", "false"]) == 0
+    errors = [case["error"] for case in json.loads((tmp_path / "results.json").read_text())["cases"]]
+    assert errors[0].startswith("status 1") and "no space left" in errors[1]
+
+
+def test_a_locked_run_in_parts_is_of_one_doctor(tmp_path):
+    assert len(check_doctor(tmp_path, is_locked=True)) == 64
+    assert check_doctor(tmp_path, is_locked=True) == (tmp_path / "doctor.sha256").read_text().strip()
+    (tmp_path / "doctor.sha256").write_text("0" * 64)
+    with pytest.raises(SealError, match="its code has changed since"):
+        check_doctor(tmp_path, is_locked=True)
+    check_doctor(tmp_path, is_locked=False)

@@ -101,7 +101,7 @@ def test_nuisances_have_a_column_each_and_turn_every_link_beyond_the_joint(clean
             columns = nuisances.columns(clean, stage, joint)
             assert columns.shape[1] == len(nuisances.parameters(clean, stage, joint))
         names = [p.name for p in nuisances.parameters(clean, "r2", joint)]
-        assert names[2:] == ["breakaway"] + [f"inertia of link {i + 1}" for i in range(joint, 7)]
+        assert names[2:] == ["breakaway", "late breakaway"] + [f"inertia of link {i + 1}" for i in range(joint, 7)]
 
 
 @settings(max_examples=5, deadline=None)

@@ -81,7 +81,7 @@ def test_periods_in_which_the_last_command_was_held_are_found():
     lost[d.starts] = False
     row = np.maximum.accumulate(np.where(lost, 0, np.arange(6000)))
     d.measured = d.commanded[row] + 0.02 * rng.normal(size=(6000, 2))
-    held, share = find_held(d)
+    held, share, _ = find_held(d)
     tellable = lost & (np.abs(d.commanded[row] - d.commanded).max(axis=1) > 0.2)
     assert held[tellable].all() and not held[~lost].any()
     assert share == pytest.approx(0.05, abs=0.01)

@@ -40,7 +40,7 @@ def make_context(logs: list[Log], arm: Arm) -> Context:
     samples = sample(logs, all(log.commands is not None for log in logs))
     prediction = predict(samples, arm)
     driven = drive(logs, arm)
-    held, share = (None, 0.0) if driven is None else find_held(driven)
+    held, share, seen = (None, 0.0, 0) if driven is None else find_held(driven)
     return Context(
         arm,
         logs,
@@ -52,6 +52,7 @@ def make_context(logs: list[Log], arm: Arm) -> Context:
         held,
         share,
         np.array([find_quantum(logs[0].position[:, j]) for j in range(len(arm))]),
+        seen,
     )
 
 

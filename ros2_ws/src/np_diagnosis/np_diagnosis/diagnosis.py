@@ -15,10 +15,11 @@ from np_diagnosis.estimates import Estimate, estimate
 from np_diagnosis.gap import Gap, measure
 from np_diagnosis.loop_delay import settle_delay
 from np_diagnosis.omnibus import Rest, examine
-from np_diagnosis.ranking import alternatives, probabilities
+from np_diagnosis.ranking import alternatives, larger, probabilities
 from np_diagnosis.search import Search, Structure
 from np_diagnosis.settling import settle_shapes
 from np_diagnosis.signals import Log
+from np_diagnosis.standstill import ageing
 
 CERTAIN = 0.8  # probability of an effect from which on it counts as identified
 EXPLAINED = 0.8  # of what is predictable at all: a structure that explains less is no explanation
@@ -28,6 +29,7 @@ MOST = 0.9  # of what is no white noise, explained by a structure that may stand
 COARSE = 2e-5  # rad, a step of an encoder that shows
 MANY = 2  # effects of a joint up to which they explain it
 NEEDED = 0.05  # of what a stage of a joint shows, which its gap would grow by without an effect
+EXTREME = 0.98  # of the largest that a parameter may be
 MATERIAL = 0.0005  # of the torque limit: what is left below is nothing
 
 
@@ -35,7 +37,8 @@ MATERIAL = 0.0005  # of the torque limit: what is left below is nothing
 class Finding:
     """An effect at a component (joint, or "arm"): probability, parameters by name, the share by which it
     alone shrinks the held-out gap, the ids that these data cannot tell from it, whether it is of the chosen
-    structure, and how much of the gap's energy it removes there."""
+    structure, and how much of the gap's energy it removes there. larger: ids that contain it (`ranking.larger`) and say
+    the same; beside: their probability."""
 
     effect: Effect
     component: str
@@ -45,6 +48,18 @@ class Finding:
     equivalent_to: tuple[str, ...]
     is_chosen: bool
     energy: float
+    larger: tuple[str, ...] = ()
+    beside: float = 0.0
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """Of `equivalent_to`, what says something else."""
+        return tuple(name for name in self.equivalent_to if name not in self.larger)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether something else may as well be the cause."""
+        return self.probability + self.beside < CERTAIN or bool(self.rivals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +89,8 @@ def diagnose(logs: list[Log], arm: Arm | None = None, seed: int = 0, quick: bool
     search, chosen = settle_shapes(search, search.run(*((1, 1) if quick else ())))
     design = search.design
     rests = examine(search, chosen.members)
-    unexplained = tuple(sorted({*_unexplained(rests, design), *_crowded(search, chosen)}))
+    odd = (_unexplained(rests, design), _crowded(search, chosen), _extreme(search, chosen), ageing(search, chosen.members))
+    unexplained = tuple(sorted(set().union(*odd)))
     gap = measure(search, chosen, seed)
     found = _findings(search, chosen, gap, seed, quick)
     return Diagnosis(
@@ -94,9 +110,24 @@ def _crowded(search: Search, chosen: Structure) -> set[int]:
     return set(np.flatnonzero(count > MANY).tolist())
 
 
+def _extreme(search: Search, chosen: Structure) -> set[int]:
+    """Joints at which an effect would have to be as large as none is: the best fit is then no explanation."""
+    found = set()
+    for joints, inside in search.groups(chosen.members):
+        ids, fitted = search.ids(joints, inside), search.group(joints, inside)[0].fit.parameters.mean(axis=0)
+        for m in inside:
+            candidate = search.design.candidates[m]
+            places = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
+            if any(abs(fitted[at]) > EXTREME * p.upper for at, p in zip(places, candidate.effect.parameters)
+                   if p.name != "share"):
+                place = candidate.joint if candidate.joint is not None else candidate.component_joint
+                found |= set(search.reach(candidate)) if place is None else {place}
+    return found
+
+
 def _unexplained(rests: list[Rest], design: Design) -> tuple[int, ...]:
-    """Joints at which the chosen structure leaves what is no noise: a flexible model predicts it, or it has a
-    memory that the noise of a clean arm has not."""
+    """Joints at which the chosen structure leaves what is no noise: a flexible model predicts it, it has a memory
+    that the noise of a clean arm has not, or the drive does now and then what no noise does."""
     found = set()
     for rest in rests:
         limit = design.context.arm.torque_limit[rest.joint]
@@ -106,6 +137,9 @@ def _unexplained(rests: list[Rest], design: Design) -> tuple[int, ...]:
         if is_sure and is_material and removable > (1 - EXPLAINED) * (rest.nothing - rest.flexible):
             found.add(rest.joint)
         coloured = rest.excess > (COLOURED**2 - 1) * rest.white**2
+        before, after = rest.outlying
+        if rest.stage == "r1" and after > max((1 - EXPLAINED) * before, rest.white**2, (MATERIAL * limit) ** 2):
+            found.add(rest.joint)
         if rest.stage == "r2" and coloured and rest.excess > (MATERIAL * limit) ** 2 and rest.removed < MOST:
             found.add(rest.joint)
     return tuple(sorted(found))
@@ -121,16 +155,20 @@ def _findings(search: Search, chosen: Structure, gap: Gap, seed: int, quick: boo
         place = candidate.at(joints)
         effect, values = estimate(search, chosen, m, seed)
         named.add((effect.id, place))
+        probability, inside = likely.get((effect.id, place), 0.0), larger(search, m)
+        equivalent = () if quick else alternatives(search, chosen, m)
         found.append(
             Finding(
                 effect,
                 place,
-                likely.get((effect.id, place), 0.0),
+                probability,
                 values,
                 gap.alone(search, m),
-                () if quick else alternatives(search, chosen, m),
+                equivalent,
                 True,
                 gap.removed(search, chosen, m),
+                inside,
+                sum(likely.get((name, place), 0.0) for name in inside),
             )
         )
     found += _steps(design)
@@ -171,5 +209,4 @@ def _verdict(found: list[Finding], unexplained: tuple[int, ...], rests: list[Res
         return "unexplained"
     if not chosen:
         return "no_gap"
-    certain = all(f.probability >= CERTAIN and not f.equivalent_to for f in chosen)
-    return "identified" if certain else "ambiguous"
+    return "ambiguous" if any(f.is_open for f in chosen) else "identified"

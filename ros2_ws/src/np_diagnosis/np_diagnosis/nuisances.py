@@ -19,7 +19,9 @@ from np_diagnosis.stages import sign, slides
 REVERSAL = "r2 at reversal"
 
 DELAY = 2e-4  # s between command and torque that a loop has before its recording is asked (loop_delay.py)
-BREAKAWAY = 1e-4  # rad over which a joint yields before friction turns over, give or take
+# rad over which a joint yields before friction turns over: two of them span what lies between. The larger is also that
+# of a joint with more friction on the same bristles, which low-speed friction would otherwise be blamed for.
+BREAKAWAYS = (1e-4, 2e-4)
 ACCELERATION_ERROR = 0.001  # of what a filtered derivative says of a motion without noise
 GEAR_YIELD = 1e-5  # rad/Nm: no gear is stiffer than some 1e5 Nm/rad, and a rigid one is no worse a model of that
 
@@ -28,7 +30,8 @@ _DELAYED = {
     "r1": Parameter("command_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
     "r2": Parameter("motion_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
 }
-_TURNING = Parameter("breakaway", "0.1 mrad", 0.0, 10.0, 0.7, centre=1.0)
+# Shares of the nominal friction that turn over late.
+_TURNING = (Parameter("breakaway", "1", 0.0, 10.0, 0.7, centre=1.0), Parameter("late breakaway", "1", -2.0, 10.0, 1.0))
 # Without commands, measured torque and motion may come from clocks of their own.
 _LOOSE = Parameter("motion_delay", "s", -0.01, 0.01, 1e-3)
 
@@ -41,7 +44,7 @@ def parameters(context: Context, stage: str, joint: int) -> tuple[Parameter, ...
         late = _DELAYED["r2"] if context.drive is not None else _LOOSE
         whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
         links = (Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in carried(context.arm, joint))
-        return (late, whole, _TURNING, *links)
+        return (late, whole, *_TURNING, *links)
     if stage == "r3":
         return (Parameter("zero", "rad", -0.1, 0.1, 0.01), Parameter("yield", "rad/Nm", -1e-4, 1e-4, GEAR_YIELD))
     return _NONE
@@ -55,9 +58,10 @@ def columns(context: Context, stage: str, joint: int) -> np.ndarray:
         # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
         links = c.prediction.inertia[:, joint, carried(c.arm, joint)]
         # After a reversal friction is late, and resists the acceleration less: it looks like less inertia.
-        late = c.samples.filtered(joint, lambda q, v: bent(q, BREAKAWAY) - sign(v)) * c.arm.frictionloss[joint]
+        late = (c.arm.frictionloss[joint] * c.samples.filtered(joint, lambda q, v, x=reach: bent(q, x) - sign(v))
+                for reach in BREAKAWAYS)
         motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]
-        return np.column_stack([*motion, late, links])
+        return np.column_stack([*motion, *late, links])
     if stage == "r3":
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
     if stage == "r1":

@@ -18,6 +18,7 @@ from np_diagnosis.rigid import felt_inertia
 from np_diagnosis.search import Search, held_out
 
 HARMONICS = 6
+FAR = 5.0  # standard deviations, which one value in two million of normal noise passes
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,8 @@ class Rest:
     """What a flexible model adds at one stage of one joint: gain nats and its standard error over blocks;
     energies: squared held-out residual of nothing, of the structure, of the structure with the model. white:
     standard deviation of noise: the part that has no memory at all, from third differences, and no more than
-    the sensors have where they show it."""
+    the sensors have where they show it. outlying: mean square of what lies further out than noise does, of nothing
+    and of the structure."""
 
     stage: str
     joint: int
@@ -36,6 +38,7 @@ class Rest:
     flexible: float
     rows: int
     white: float
+    outlying: tuple[float, float] = (0.0, 0.0)
 
     @property
     def excess(self) -> float:
@@ -86,7 +89,15 @@ def _rest(stages: Stages, design: Design, cell: Cell, ids: np.ndarray, fit) -> R
         float(np.square(after[rows]).sum()),
         int(rows.sum()),
         min(float(np.std(np.diff(left[rows], 3)) / np.sqrt(20)), _sensors(design.context, cell)),
+        _outlying(cell.residual[rows], left[rows]),
     )
+
+
+def _outlying(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
+    """Mean square of residuals (n,) beyond `FAR` standard deviations of what is usual after the structure. What
+    happens now and then has no shape that a flexible model could learn; noise never goes so far."""
+    usual = 1.4826 * np.median(np.abs(after - np.median(after)))
+    return tuple(float(np.mean(np.where(np.abs(r) > FAR * usual, r, 0.0) ** 2)) for r in (before, after))
 
 
 def _sensors(context: Context, cell: Cell) -> float:

@@ -58,7 +58,8 @@ def planned_context(names: Sequence[str], context: Context) -> Context:
         # Packets that will be lost: as many as were.
         held = np.random.default_rng(0).random(len(planned.drive.time)) < context.held_share
     return replace(
-        planned, held=held, held_share=context.held_share, ripples=context.ripples, quanta=context.quanta
+        planned, held=held, held_share=context.held_share, held_seen=context.held_seen, ripples=context.ripples,
+        quanta=context.quanta
     )
 
 

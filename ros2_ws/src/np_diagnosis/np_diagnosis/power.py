@@ -24,6 +24,7 @@ from np_diagnosis.effects import equivalence_classes
 from np_diagnosis.excitation import experiment
 from np_diagnosis.fit import fit, places
 from np_diagnosis.planning import planned_cells
+from np_diagnosis.ranking import larger
 from np_diagnosis.search import TRIED, Search, Structure
 
 DECISIVE = 5.0  # nats by which the true structure must lead in the end: odds of 150 to 1
@@ -33,7 +34,9 @@ RIVALS = 3  # at most
 NEAR = 8.0  # nats behind, up to which a structure is a rival
 LEAST = 0.1  # probability below which no experiment is worth suggesting: the forces are the same, or nearly
 WORTH = 0.05  # of probability, for which a longer experiment is preferred
+LIKELY = 0.5  # probability below which an experiment would leave the question open more often than not
 NONE = "none of them can"
+UNLIKELY = "none of them is likely to"
 
 EXPERIMENTS = (
     "triangle_slow",
@@ -90,7 +93,9 @@ def ambiguity(
     design, joints = search.design, search.design.context.arm.joints
     place = design.candidates[member].at(joints)
     rest = tuple(m for m in chosen.members if m != member)
-    near = [(n,) for n in search.promising(search.structure(rest), TRIED) if _fits(design, member, n)]
+    inside = larger(search, member)  # they say the same, and no experiment can tell
+    near = [(n,) for n in search.promising(search.structure(rest), TRIED)
+            if _fits(design, member, n) and design.candidates[n].effect.id not in inside]
     found: dict[tuple[str, ...], Structure] = {}
     for replaced, others in (((member,), near), *_sums(search, chosen, member)):
         kept = tuple(m for m in chosen.members if m not in replaced)
@@ -165,7 +170,7 @@ def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
     """The largest ambiguity of a diagnosis, and the finding that it is about; None where there is none."""
     search, chosen, joints = diagnosis.search, diagnosis.chosen, diagnosis.context.arm.joints
     for finding in diagnosis.findings:
-        if not finding.is_chosen or not (finding.equivalent_to or finding.probability < CERTAIN):
+        if not (finding.is_chosen and finding.is_open):
             continue
         member = next(
             (
@@ -179,7 +184,7 @@ def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
         if member is None:
             continue
         likely = {f.effect.id for f in diagnosis.findings if not f.is_chosen and f.probability > 1 - CERTAIN}
-        question = ambiguity(search, chosen, member, likely.union(finding.equivalent_to))
+        question = ambiguity(search, chosen, member, likely.union(finding.rivals))
         if question is not None:
             return finding, question
     return None
@@ -247,14 +252,16 @@ def _answer(search: Search, question: Ambiguity, seed: int) -> dict:
     top = max(p.probability for p in ranked)
     best = min((p for p in ranked if p.probability >= top - WORTH), key=lambda p: p.duration)
     ranked.sort(key=lambda p: -p.probability)
+    is_likely = best.probability >= LIKELY
+    command = {"command": f"ros2 run np_diagnosis excite --only {best.name} --out BAG"} if is_likely else {}
     return {
-        "name": best.name,
+        "name": best.name if is_likely else UNLIKELY,
         **answer,
         "separates": [t for t, c in zip(text, [True, *can]) if c],
         "expected_sigma": round(best.sigma, 2),
         "probability": round(best.probability, 3),
         "duration_s": round(best.duration, 1),
-        "command": f"ros2 run np_diagnosis excite --only {best.name} --out BAG",
+        **command,
         "ranked": [
             {
                 "name": p.name,

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from np_description.panda import NOMINAL
-from np_description.patch import Patch, PatchEffect, dump_patch
+from np_description.patch import dump_patch
 
 from np_diagnosis.design import REVERSAL
 from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.gap import REGIMES, regimes
+from np_diagnosis.patching import make_patch, tried_patch
 from np_diagnosis.schema import validate
 from np_diagnosis.signals import Log
 
@@ -24,11 +24,10 @@ REFITTED = 3  # structures at most: the chosen one and its nearest rivals
 
 def make_report(
     diagnosis: Diagnosis, logs: Sequence[Log], runtime: float, shots: dict | None = None,
-    experiment: dict | None = None, forward: dict | None = None,
+    experiment: dict | None = None, forward: dict | None = None, left_out: Sequence[str] = (),
 ) -> dict:
-    """The report as a JSON object; shots: of `closed_loop`; experiment: of `power.next_experiment`; forward:
-    of
-    `refit.second_opinion`.
+    """The report as a JSON object; shots, left_out: of `patching.tried_patch`; experiment: of
+    `power.next_experiment`; forward: of `refit.second_opinion`.
 
     Raises ValueError if it breaks the schema.
     """
@@ -60,6 +59,7 @@ def make_report(
                 for j, joint in enumerate(joints)
             },
             "worse": _worse(diagnosis),
+            "not_patched": list(left_out),
             "closed_loop_rad": shots or {},
         },
         "next_experiment": experiment,
@@ -102,7 +102,8 @@ def write(
 
     runtime: s it has taken so far; quick: without closed loop, refit, next experiment and page.
     """
-    shots = experiment = forward = None
+    experiment = forward = shots = None
+    patch, left_out = make_patch(diagnosis), ()
     if not quick:
         # Simulators and planners take a second to import, which a quick look has not.
         from np_diagnosis.power import next_experiment, open_question
@@ -110,50 +111,17 @@ def write(
 
         question = open_question(diagnosis)
         experiment = next_experiment(diagnosis, question)
-        shots = closed_loop(diagnosis, make_patch(diagnosis))
+        patch, left_out, shots = tried_patch(diagnosis)
         forward = second_opinion(diagnosis, question[1].structures[1:REFITTED] if question else ())
-    report = make_report(diagnosis, logs, round(runtime(), 2), shots, experiment, forward)
+    report = make_report(diagnosis, logs, round(runtime(), 2), shots, experiment, forward, left_out)
     out.mkdir(parents=True, exist_ok=True)
     (out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    (out / "patch.yaml").write_text(dump_patch(make_patch(diagnosis)), encoding="utf-8")
+    (out / "patch.yaml").write_text(dump_patch(patch), encoding="utf-8")
     if not quick:
         from np_diagnosis.page import render  # drawing is slow to import
 
         (out / "report.html").write_text(render(report, diagnosis), encoding="utf-8")
     return report
-
-
-def make_patch(diagnosis: Diagnosis) -> Patch:
-    """The chosen effects, for the simulated arm and for training; none of a joint that stays unexplained."""
-    joints = diagnosis.context.arm.joints
-    apart = {joints[j] for j in diagnosis.unexplained}
-    chosen = [f for f in diagnosis.findings if f.is_chosen and f.component not in apart]
-    return Patch(
-        tuple(
-            PatchEffect(
-                f.effect.id,
-                f.component,
-                {**{name: e.value for name, e in f.parameters.items()}, **f.effect.constants},
-            )
-            for f in chosen
-        )
-    )
-
-
-def closed_loop(diagnosis: Diagnosis, patch: Patch) -> dict[str, dict[str, float]] | None:
-    """r4 by joint: RMS rad of the simulator's departure within a shot, nominal and with the patch; None for
-    another arm, or recordings without commands."""
-    from np_diagnosis.forward import departures, rms, windows
-
-    joints = diagnosis.context.arm.joints
-    recorded = windows(diagnosis.context.logs) if joints == NOMINAL.joints else None
-    if recorded is None:
-        return None
-    try:
-        old, new = rms(departures(recorded, [Patch(), patch]))
-    except FloatingPointError:
-        return {"diverged": {"before": 0.0, "after": 0.0}}
-    return {joint: {"before": float(old[j]), "after": float(new[j])} for j, joint in enumerate(joints)}
 
 
 def _effect(finding: Finding) -> dict:

@@ -22,7 +22,8 @@ TRIED = 30  # candidates that each structure is grown by
 ADDED = 3.0  # nats that an effect must bring beyond its prior odds
 CERTAINTY = 1.5  # standard errors over blocks that it must bring
 LEAST_SHARE = 0.02  # of the stage's held-out energy at its place, below which an effect is not worth naming
-VISIBLE = 0.0001  # of the joint's torque limit, likewise
+# Of the joint's torque limit, likewise; no sensor blurs what a controller says of itself.
+VISIBLE_OF = {"r0": 0.00001, "r1": 0.0001, "r2": 0.0001}
 TIE = 2.0  # nats within which fewer parameters are preferred
 
 
@@ -94,6 +95,15 @@ class Search:
             centre = np.array([design.parameters[i].centre for i in ids[:count]])
             self._groups[key] = (result, float(0.5 * np.square((mean - centre) / prior).sum()))
         return self._groups[key]
+
+    def scored(self, joints: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """Candidates inside of each group of exactly these joints that was scored."""
+        return [inside for other, inside in self._groups if other == joints]
+
+    def group_value(self, joints: tuple[int, ...], inside: tuple[int, ...]) -> float:
+        """Log predictive density and prior of one group."""
+        result, cost = self.group(joints, inside)
+        return float(result.density.sum() - cost + sum(self.odds(m) for m in inside))
 
     def ids(self, joints: tuple[int, ...], inside: tuple[int, ...]) -> np.ndarray:
         """Parameters of a group: nuisances of its joints, then those of its candidates in order."""
@@ -200,7 +210,7 @@ class Search:
         for cell, old, new in zip(self.design.cells, before, after):
             rows = max(cell.rows.sum(), 1)
             limit = self.design.context.arm.torque_limit[cell.joint]
-            least = (VISIBLE * limit) ** 2 if cell.stage != "r3" else 1e-12
+            least = (VISIBLE_OF[cell.stage[:2]] * limit) ** 2 if cell.stage != "r3" else 1e-12
             if old - new > max(LEAST_SHARE * old, least * rows):
                 return True
         return False

@@ -11,7 +11,7 @@ import numpy as np
 
 from np_diagnosis.blind.bags import write_bag
 from np_diagnosis.blind.cases import Case, make_physics
-from np_diagnosis.blind.loop import Diverged, make_targets, run
+from np_diagnosis.blind.loop import make_targets, run_staying
 from np_diagnosis.excitation import suite
 
 FOLDER = "next"
@@ -44,11 +44,9 @@ def follow_up(case: Case, bag: Path, folder: Path, ask: Callable[[Sequence[Path]
     except ValueError as error:
         (answer / "error.txt").write_text(str(error))
         return
-    physics, _ = make_physics([case])
-    try:
-        record = run(physics, targets, [(*case.seed, STREAM)])
-    except Diverged as error:
-        (answer / "error.txt").write_text(f"no second recording: the arm ran away after {error.time_s:.3f} s")
+    record, _, lost = run_staying(make_physics([case])[0], targets, [(*case.seed, STREAM)])
+    if record is None:
+        (answer / "error.txt").write_text(f"no second recording: the arm ran away after {lost[0]:.3f} s")
         return
     begin = int(np.random.default_rng([*case.seed, 3]).integers(1, 1000)) * 1_000_000_000 + LATER
     write_bag(second, record, 0, targets, begin, {"origin": "np_diagnosis blind test", "case": case.number})
@@ -65,7 +63,10 @@ def is_settled(entry: Mapping, folder: Path) -> bool | None:
         return None
     if (answer / "error.txt").read_text() or not (answer / "report.json").exists():
         return False
-    report = json.loads((answer / "report.json").read_text(encoding="utf-8"))
+    try:
+        report = json.loads((answer / "report.json").read_text(encoding="utf-8"))
+    except ValueError:  # cut off while it was written
+        return False
     if entry["kind"] in ("null", "stranger"):
         return report["verdict"] == {"null": "no_gap", "stranger": "unexplained"}[entry["kind"]]
     named = {(e["effect"], e["component"]) for e in report["effects"] if e["is_added"]}

@@ -19,7 +19,7 @@ import numpy as np
 
 from np_diagnosis.blind.bags import write_bag
 from np_diagnosis.blind.cases import SETS, Case, draw_cases, make_physics
-from np_diagnosis.blind.loop import Diverged, make_targets, run
+from np_diagnosis.blind.loop import make_targets, run_staying
 from np_diagnosis.blind.processes import workers
 from np_diagnosis.blind.progress import Bar
 from np_diagnosis.blind.sealed import digest, make_key
@@ -46,20 +46,14 @@ def make_bags(cases: Sequence[Case], only: Sequence[str], out: Path) -> dict[int
     and leaves the others as they are.
     """
     targets = make_targets(suite(only))
-    moving, errors = list(cases), {}
-    while moving:
-        try:
-            record = run(make_physics(moving)[0], targets, [case.seed for case in moving])
-            break
-        except Diverged as error:
-            errors |= {moving[i].number: f"no recording: the arm ran away after {error.time_s:.3f} s"
-                       for i in error.arms}
-            moving = [case for i, case in enumerate(moving) if i not in error.arms]
-    for i, case in enumerate(moving):
+    record, staying, lost = run_staying(make_physics(list(cases))[0], targets, [case.seed for case in cases])
+    for row, arm in enumerate(staying):
+        case = cases[arm]
         begin = int(np.random.default_rng([*case.seed, 3]).integers(1, 1000)) * 1_000_000_000
         information = {"origin": "np_diagnosis blind test", "case": case.number}
-        write_bag(bag_path(out, case.number), record, i, targets, begin, information)
-        errors[case.number] = ""
+        write_bag(bag_path(out, case.number), record, row, targets, begin, information)
+    errors = {cases[arm].number: f"no recording: the arm ran away after {time:.3f} s" for arm, time in lost.items()}
+    errors |= {cases[arm].number: "" for arm in staying}
     return errors
 
 

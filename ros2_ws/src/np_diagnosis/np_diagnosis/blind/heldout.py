@@ -10,7 +10,7 @@ import numpy as np
 from np_control.impedance import STIFFNESS_MAX
 
 from np_diagnosis.blind.cases import Case, make_physics
-from np_diagnosis.blind.loop import Diverged, Targets, make_targets, run
+from np_diagnosis.blind.loop import Targets, make_targets, run_staying
 from np_diagnosis.blind.patched import patched_physics
 from np_diagnosis.blind.plant import Physics, stack
 from np_diagnosis.excitation import READY, SCALE, Segment
@@ -38,13 +38,9 @@ def motions(physics: Physics, targets: Targets) -> np.ndarray:
     An arm that runs away, as a wrong patch may make it, is LOST rad off its targets.
     """
     position = np.tile(targets.position[targets.first:, None] + LOST, (1, len(physics), 1))
-    staying = list(range(len(physics)))
-    while staying:
-        try:
-            position[:, staying] = run(physics.take(staying), targets, None).position[targets.first:]
-            break
-        except Diverged as error:
-            staying = [arm for row, arm in enumerate(staying) if row not in error.arms]
+    record, staying, _ = run_staying(physics, targets, None)
+    if record is not None:
+        position[:, staying] = record.position[targets.first:]
     return position
 
 
@@ -57,8 +53,19 @@ def heldout_gaps(cases: Sequence[Case], patches: Sequence[list[dict]]) -> list[t
     """For each case, gaps rad of the nominal arm, of the nominal arm with the true faults, and of the patched
     one.
 
-    Each against the arm itself, its background included, without sensor noise.
+    Each against the arm itself, its background included, without sensor noise. A patch whose arm cannot be
+    computed is LOST rad off.
     """
+    try:
+        return _heldout_gaps(cases, patches)
+    except (ArithmeticError, np.linalg.LinAlgError):
+        if len(cases) > 1:  # one of them spoils the others
+            return [gap for case, patch in zip(cases, patches) for gap in heldout_gaps([case], [patch])]
+        (nominal, oracle, _), = _heldout_gaps(cases, [[]])
+        return [(nominal, oracle, LOST)]
+
+
+def _heldout_gaps(cases: Sequence[Case], patches: Sequence[list[dict]]) -> list[tuple[float, float, float]]:
     clean = [Case(case.number, "null", (), case.seed) for case in cases]
     arms = [make_physics(list(cases))[0], make_physics(clean, background=False)[0],
             make_physics(list(cases), background=False)[0], patched_physics(list(patches))]

@@ -145,6 +145,23 @@ def run(physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | Non
     return record
 
 
+def run_staying(physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | None
+                ) -> tuple[Run | None, list[int], dict[int, float]]:
+    """(recording of the arms that stay, their rows in `physics`, s after which each other row ran away).
+
+    An arm that runs away leaves the others as they are; None where all do. Arguments as of `run`.
+    """
+    staying, lost = list(range(len(physics))), {}
+    while staying:
+        try:
+            own = None if seeds is None else [seeds[arm] for arm in staying]
+            return run(physics.take(staying), targets, own), staying, lost
+        except Diverged as error:
+            lost |= {staying[row]: error.time_s for row in error.arms}
+            staying = [arm for row, arm in enumerate(staying) if row not in error.arms]
+    return None, [], lost
+
+
 class _Sensors:
     """What the sensors of the arms show at the beginning of a period: late, biased, rounded, noisy."""
 

@@ -98,15 +98,20 @@ def as_report(patch: Sequence[Mapping]) -> dict:
 
 
 def score_others(
-    key: Mapping,
+    entries: Sequence[Mapping],
     cases: Sequence[Case],
     folders: Sequence[Path],
     parts: Sequence[Sequence[Case]],
     pool: ProcessPoolExecutor,
 ) -> dict[str, dict]:
-    """Figures of every baseline on the cases, by its name; parts: the cases, shared among processes."""
+    """Figures of every baseline on the cases, by its name; entries: theirs of the key; parts: the cases, shared
+    among processes. Raises ValueError where an earlier run left cases without baselines."""
+    missing = [folder.name for folder in folders if not (folder / _FOLDER / "error.txt").exists()]
+    if missing:
+        raise ValueError(f"--baselines: expected all cases to be run with it, {', '.join(missing)} were not; "
+                         "name another --out")
     read = {
-        name: [_read(entry, folder, name) for entry, folder in zip(key["cases"], folders)] for name in NAMES
+        name: [_read(entry, folder, name) for entry, folder in zip(entries, folders)] for name in NAMES
     }
     first, followed = 0, []
     for part in parts:  # all baselines at once: it is the number of steps that takes the time

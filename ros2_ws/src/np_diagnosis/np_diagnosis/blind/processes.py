@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import signal
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Executor, ProcessPoolExecutor
 from multiprocessing import get_context
 
+Workers = Callable[[int], Executor]
 _PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
 

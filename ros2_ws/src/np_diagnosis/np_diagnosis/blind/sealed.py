@@ -37,8 +37,6 @@ def make_key(count: int, seed: int, which: str) -> str:
     return json.dumps(key, indent=1, sort_keys=True) + "\n"
 
 
-
-
 def digest(key: str) -> str:
     """SHA-256 (hex) of a key."""
     return hashlib.sha256(key.encode()).hexdigest()
@@ -66,6 +64,26 @@ def check(key: str, path: Path = KEYS) -> str:
                         "committed before the doctor runs; it is not there")
     if known != found:
         raise SealError(_mismatch(path, *name, known, found))
+    return found
+
+
+def check_doctor(out: Path, is_locked: bool) -> str:
+    """SHA-256 over the doctor's own code, put down in `out` by the first call; the blind test's part is not of it.
+
+    A run in parts is of one doctor: raises SealError where `out` of a locked set holds answers of another one.
+    """
+    root = Path(str(files("np_diagnosis")))
+    code = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        name = path.relative_to(root).as_posix()
+        if not name.startswith("blind/") and name != "commands/blind.py":
+            code.update(name.encode() + path.read_bytes())
+    found, note = code.hexdigest(), out / "doctor.sha256"
+    known = note.read_text().strip() if note.exists() else found
+    if is_locked and known != found:
+        raise SealError(f"{out}: expected the doctor with SHA-256 {known} that gave the answers there, got {found}: "
+                        "its code has changed since; name another --out")
+    note.write_text(found + "\n")
     return found
 
 

@@ -24,8 +24,10 @@ GOALS = (
 
 
 def figures_table(figures: Mapping, scores: Sequence[Score]) -> str:
-    """Figures beside their goals, then what was right of each effect."""
-    lines = ["| figure | value | 95 % | cases | goal |", "|---|---|---|---|---|"]
+    """Figures beside their goals, then what was right of each effect; first of all how many cases they are of."""
+    drawn = figures.get("drawn", figures["cases"])
+    part = "" if figures["cases"] == drawn else " (the others have not been run: preliminary)"
+    lines = [f"{figures['cases']} of {drawn} cases{part}.", "", "| figure | value | 95 % | cases | goal |", "|---|---|---|---|---|"]
     for key, text, goal in GOALS:
         low, high = figures[f"{key}_ci95"]
         lines.append(f"| {text} | {_number(figures[key])} | {low:.3f} to {high:.3f} | "

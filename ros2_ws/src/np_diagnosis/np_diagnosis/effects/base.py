@@ -24,7 +24,8 @@ from np_diagnosis.stages import Drive, Prediction
 class Context:
     """What effects may look at. drive: None without commands; ripples: orders per revolution found by joint;
     quanta (k,) rad: step of each encoder, 0 where none shows; held (n,) bool: periods of the drive in which the
-    last command was held, None without drive; held_share: of the periods in which that could have been seen."""
+    last command was held, None without drive; held_share: of the `held_seen` periods in which that could have been
+    seen."""
 
     arm: Arm
     logs: list[Log]
@@ -36,6 +37,7 @@ class Context:
     held: np.ndarray | None
     held_share: float
     quanta: np.ndarray
+    held_seen: int = 0
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ GAZ = "Gaz et al., RA-L 2019"
 STRIBECK_SPEEDS = tuple(0.03 * 1.4**n for n in range(7))  # rad/s
 PRESLIDING_STROKES = tuple(0.003 * 1.4**n for n in range(9))  # rad
 SMOOTH = 5  # samples of the fine grid
-WARM_UP = (60.0, 180.0)  # s
+WARM_UP = (40.0, 70.0, 110.0, 180.0)  # s
 
 
 def effects(context: Context) -> list[Effect]:

@@ -57,7 +57,7 @@ def effects(context: Context) -> list[Effect]:
         found.append(
             Effect(
                 "link_inertia",
-                (Parameter("scale", "1", -0.9, 3.0, 0.5, least=min(known[i], 2.0)),),
+                (Parameter("scale", "1", -0.9, 5.0, 0.5, least=min(known[i], 2.0)),),
                 {"r2": lambda c, j, i=i: stack(c.prediction.inertia[:, j, i])},
                 "inverse dynamics are linear in the inertia about the centre of mass",
                 f"link {i + 1}",

@@ -44,7 +44,7 @@ def effects(context: Context) -> list[Effect]:
     )
     if context.held is not None and context.held.sum() > LEAST_HELD:
         share = context.held_share
-        known = float(np.sqrt(share * (1.0 - share) / len(context.held)))  # losses come by chance
+        known = float(np.sqrt(share * (1.0 - share) / max(context.held_seen, 1)))  # losses come by chance
         found.append(
             Effect(
                 "packet_loss",
@@ -82,9 +82,9 @@ def hold(d: Drive, held: np.ndarray) -> np.ndarray:
     return d.commanded[np.maximum.accumulate(row)]
 
 
-def find_held(d: Drive) -> tuple[np.ndarray, float]:
+def find_held(d: Drive) -> tuple[np.ndarray, float, int]:
     """(periods (n,) in which all joints show the command before instead of their own, their share of those in
-    which the two differ enough to tell)."""
+    which the two differ enough to tell, the number of those)."""
     residual = d.measured - d.commanded
     spread = 1.4826 * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0)
     spread = np.maximum(spread, 1e-6)
@@ -107,7 +107,7 @@ def find_held(d: Drive) -> tuple[np.ndarray, float]:
                 break
             held[i] = True
     seen = int(tellable.sum())
-    return held, float(held[tellable].mean()) if seen > 100 else float(held.mean())
+    return (held, float(held[tellable].mean()), seen) if seen > 100 else (held, float(held.mean()), len(held))
 
 
 def _delay(delay: float) -> Effect:

@@ -12,7 +12,10 @@ LAGS = tuple(1e-3 * 1.4**n for n in range(10))  # s: so fine that the best one l
 SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
 WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)  # all of it, or it is another shape
 SCALE_KNOWN = 0.005  # to which the torque constant of any drive is known
-LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest torque or rate commanded
+RAMP_KNOWN = 0.02  # of a rate: within a period a drive may ramp, or step at its end
+LEVELS = tuple(0.95 * 0.88**n for n in range(10))  # of the largest torque or rate commanded
+REACHED = (0.97, 1.0)  # of the largest torque measured: a drive at its limit is there again and again
+AVERAGE_KNOWN = 4e-4  # s: whether a period's measured torque is its mean or its end makes .4 of a period
 
 
 def effects(context: Context) -> list[Effect]:
@@ -61,7 +64,9 @@ def effects(context: Context) -> list[Effect]:
     found += [_lag(t) for t in LAGS]
     for j in range(len(context.arm)):
         largest = np.abs(context.drive.commanded[:, j]).max()
+        reached = float(np.percentile(np.abs(context.drive.measured[:, j]), 99.8))
         found += [_saturation(level * largest, j) for level in LEVELS]
+        found += [_saturation(level * reached, j) for level in REACHED]
         fastest = np.abs(np.diff(context.drive.commanded[:, j])).max() / context.drive.period
         found += [_rate_limit(level * fastest, j) for level in LEVELS]
     return found
@@ -107,7 +112,7 @@ def _lag(lag: float) -> Effect:
         {"r1": lambda c, j: stack(first_order(c.drive, c.drive.commanded[:, j], lag) - c.drive.commanded[:, j])},
         "first-order torque loop",
         f"{1e3 * lag:.3g} ms",
-        Shape("time_constant", "s", lag, _lag, linear=True, background=1e-4, least=4e-4),
+        Shape("time_constant", "s", lag, _lag, linear=True, background=AVERAGE_KNOWN, least=4e-4),
     )
 
 
@@ -134,6 +139,6 @@ def _rate_limit(limit: float, joint: int) -> Effect:
         {"r1": lambda c, j: stack(rate_limited(c.drive, c.drive.commanded[:, j], limit) - c.drive.commanded[:, j])},
         "largest rate of the drive",
         f"{limit:.3g} Nm/s",
-        Shape("limit", "Nm/s", limit, lambda value: _rate_limit(value, joint)),
+        Shape("limit", "Nm/s", limit, lambda value: _rate_limit(value, joint), background=RAMP_KNOWN * limit),
         only_joint=joint,
     )

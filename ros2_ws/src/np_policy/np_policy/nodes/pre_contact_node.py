@@ -26,7 +26,7 @@ class PreContactNode(Node):
         torch.set_num_threads(1)
         self._settings = declare_settings(self)
         file = weights_file("pre_contact", self._settings.domain, declare_weights(self))
-        self._planner = PreContactPlanner(file, self._settings.camera)
+        self._planner = PreContactPlanner(file, self._settings.domain, self._settings.camera)
         self.diagnostics = Diagnostics(self)
         self._goal: tuple[int, np.ndarray] | None = None
         self._answered = -1  # stamp of the last goal that was answered
