@@ -85,10 +85,10 @@ def _success(ax: Axes, rows: Rows) -> None:
     )
     own = [name for name in names if name[len("success_") :].startswith(GROUPS)]
     steps, practised = column(rows, "steps") / 1e6, column(rows, "practice") > LEAST_PRACTICE
-    for name in (name for name in names if name not in own):
-        # Each kind of practice in grey, behind: how they rise tells more than which is which.
+    # Each kind of practice in grey, behind: how they rise tells more than which is which.
+    for number, name in enumerate(name for name in names if name not in own):
         values = np.where(practised, column(rows, name), np.nan)
-        label = None if "practice, each kind" in ax.get_legend_handles_labels()[1] else "practice, each kind"
+        label = None if number else "practice, each kind"
         ax.plot(steps, values, color="0.82", linewidth=0.6, label=label)
     _lines(ax, rows, {"success": "all", **{name: name[len("success_") :] for name in own}})
     ax.set(ylabel="success of ended episodes", ylim=(0, 1.02))

@@ -50,8 +50,7 @@ def draw_recording(path: Path, out: Path, count: int, renderer: str = "auto") ->
 
     Raises ValueError where the recording has no episode that was played.
     """
-    recording, rows, drawing = _open(path, count, renderer)
-    domain = find_domain(recording.domain)
+    recording, domain, rows, drawing = _open(path, count, renderer)
     out.mkdir(parents=True, exist_ok=True)
     files = []
     for row in rows:
@@ -67,10 +66,10 @@ def draw_strips(path: Path, file: Path, count: int, renderer: str = "auto") -> N
 
     Raises ValueError as `draw_recording`.
     """
-    recording, rows, drawing = _open(path, count, renderer)
+    recording, domain, rows, drawing = _open(path, count, renderer)
     strips = []
     for row in rows:
-        pictures = list(frames(drawing, find_domain(recording.domain), recording, row))[:-LINGER]
+        pictures = list(frames(drawing, domain, recording, row))[:-LINGER]
         chosen = np.linspace(0, len(pictures) - 1, PICTURES).round().astype(int)
         strips.append(np.hstack([cv2.resize(pictures[i], None, fx=1 / SCALE, fy=1 / SCALE,
                                             interpolation=cv2.INTER_AREA) for i in chosen]))
@@ -79,14 +78,15 @@ def draw_strips(path: Path, file: Path, count: int, renderer: str = "auto") -> N
     cv2.imwrite(str(file), cv2.cvtColor(np.vstack(strips), cv2.COLOR_RGB2BGR))
 
 
-def _open(path: Path, count: int, renderer: str) -> tuple[Recording, np.ndarray, Renderer]:
+def _open(path: Path, count: int, renderer: str) -> tuple[Recording, Domain, np.ndarray, Renderer]:
     recording = load_recording(path)
     rows = recording.choose(count)
     if not len(rows):
         raise ValueError(
             f"recording {path}: expected an episode that was played, every contact was out of reach"
         )
-    return recording, rows, make_renderer(renderer, load_model(find_domain(recording.domain)))
+    domain = find_domain(recording.domain)
+    return recording, domain, rows, make_renderer(renderer, load_model(domain))
 
 
 def main() -> None:

@@ -19,6 +19,8 @@ from np_description.scene import OBJECT, load_model
 from np_sim_bridge.gap import Gap
 from np_sim_bridge.schedule import PERIOD, SECOND
 
+_TRAVEL = FINGER_SPEED * PERIOD / SECOND  # m of a finger in a period, at most
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -129,8 +131,7 @@ class Simulation:
             self._data.qfrc_applied[joints] = self._gap.extra(
                 self._data.qpos[self._position[:len(JOINT_NAMES)]], self._data.qvel[joints])
         self._data.ctrl[self._motors] = torque
-        travel = FINGER_SPEED * PERIOD / SECOND
-        self._data.ctrl[self._fingers] += np.clip(self._opening - self._data.ctrl[self._fingers], -travel, travel)
+        self._data.ctrl[self._fingers] += np.clip(self._opening - self._data.ctrl[self._fingers], -_TRAVEL, _TRAVEL)
         mujoco.mj_step(self.model, self._data, self._substeps)
         self.stamp += PERIOD
         for warning in (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
