@@ -34,7 +34,7 @@ from np_training.rewards import RewardConfig
 from np_training.trainer import TrainConfig, Trainer
 
 CHECKPOINT = "checkpoint.pt"
-LIMITS = {"card": 100, "bump": 150, "wall": 100}  # steps an episode
+LIMITS = {"card": 100, "bump": 200, "wall": 100}  # steps an episode
 PRACTICE = {"card": 0.0, "bump": 0.75, "wall": 0.75}  # share of practice at the beginning
 FAR = {"card": 0.0, "bump": 500.0, "wall": 1000.0}  # weight of the distance's own potential, for 1 m
 EXPLORE = {"card": 0.0, "bump": 0.3, "wall": 0.3}  # share of contacts chosen at random at the beginning
@@ -87,6 +87,9 @@ def parse() -> argparse.Namespace:
         help="none: residual limits at zeta* from the first step",
     )
     parser.add_argument("--discount", type=float, default=PPOConfig.discount)
+    parser.add_argument(
+        "--target-kl", type=float, default=PPOConfig.target_kl, help="divergence that steers the learning rate"
+    )
     parser.add_argument("--limit", type=int, help=f"steps an episode; default: {LIMITS}")
     parser.add_argument(
         "--explore", type=float, help=f"share of random contacts at the beginning; default: {EXPLORE}"
@@ -145,7 +148,10 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         adaptive_joint_range=arguments.adaptive_joint_range,
     )
     ppo = PPOConfig(
-        rate=(PPOConfig.rate[0], arguments.rate_limit), entropy=arguments.entropy, discount=arguments.discount
+        rate=(PPOConfig.rate[0], arguments.rate_limit),
+        entropy=arguments.entropy,
+        discount=arguments.discount,
+        target_kl=arguments.target_kl,
     )
     trainer = Trainer(environment, config, ppo)
     checkpoint = arguments.out / CHECKPOINT

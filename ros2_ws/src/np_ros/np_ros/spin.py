@@ -168,16 +168,25 @@ def request_realtime(priority: int = 20) -> bool:
     Linux grants it to users with an rtprio limit (docs/quickstart.md). The process then also keeps its
     memory, if the memlock limit permits: a page that has to come back from a busy disk takes up to a second.
     """
-    try:
-        for thread in (0, *_middleware_threads()):
+    for thread in (0, *_middleware_threads()):
+        try:
             os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
-    except OSError:
-        return False
+        except ProcessLookupError:  # a thread of the middleware has just ended
+            continue
+        except OSError:
+            return False
     ctypes.CDLL(None).mlockall(_LOCK_ALL)
     return True
 
 
 def _middleware_threads() -> list[int]:
     """Numbers of the threads that Fast DDS has started in this process, by the names that it gives them."""
-    tasks = Path("/proc/self/task").iterdir()
-    return [int(task.name) for task in tasks if (task / "comm").read_text().startswith("dds.")]
+    threads = []
+    for task in Path("/proc/self/task").iterdir():
+        try:
+            name = (task / "comm").read_text()
+        except (FileNotFoundError, ProcessLookupError):  # it has just ended
+            continue
+        if name.startswith("dds."):
+            threads.append(int(task.name))
+    return threads
