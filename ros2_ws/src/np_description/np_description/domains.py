@@ -144,10 +144,10 @@ def pose_error(position_a, quaternion_a, position_b, quaternion_b):
     return (difference * difference).sum(axis=-1) ** 0.5, rotation_angle(quaternion_a, quaternion_b)
 
 
-def is_success(domain: Domain, distance, angle):
-    """Whether errors (...) from `pose_error` are within the domain's tolerance."""
-    near = distance <= domain.tolerance_position
-    return near if domain.tolerance_angle is None else near & (angle <= domain.tolerance_angle)
+def is_success(domain: Domain, distance, angle, share: float = 1.0):
+    """Whether errors (...) from `pose_error` are within the domain's tolerance, or a share of it."""
+    near = distance <= share * domain.tolerance_position
+    return near if domain.tolerance_angle is None else near & (angle <= share * domain.tolerance_angle)
 
 
 def is_lost(domain: Domain, position):

@@ -23,13 +23,14 @@ from np_ros.messages import BadMessage, header_message, keypoints_message, pose_
     trajectory_arrays
 from np_ros.node import Diagnostics, parameter, run
 
-_FIELDS = ("settle", "pre_timeout", "post_timeout", "post_blind", "success_frames", "planning")
+_FIELDS = ("settle", "pre_timeout", "post_timeout", "post_blind", "success_frames", "success_share", "planning")
 _HELP = {
     "settle": ("Rest between approach and post, s.", 0.0, 10.0),
     "pre_timeout": ("How long keypoints may be unusable in phase pre, s.", 0.0, 600.0),
     "post_timeout": ("Longest phase post, s.", 0.1, 3600.0),
     "post_blind": ("How long keypoints may be unusable in phase post, s.", 0.0, 600.0),
-    "success_frames": ("Ticks in a row within the domain's tolerance that make a success.", 1, 100),
+    "success_frames": ("Ticks in a row within the tolerance's share that make a success.", 1, 100),
+    "success_share": ("Share of the domain's tolerance that the estimated pose has to be within.", 0.05, 1.0),
     "planning": ("Wall time in which a trajectory must come, s.", 0.1, 3600.0),
 }
 
