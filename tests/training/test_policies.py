@@ -222,6 +222,22 @@ def test_mass_randomisation_leaves_the_object_where_it_is(environment):
     assert (environment.objects.position - before).norm(dim=-1).max() < 1e-3
 
 
+def test_a_tighter_tolerance_asks_for_more(environment):
+    before = environment.config
+    environment.reset(torch.arange(WORLDS))
+    goal, turn = environment.objects.position.clone(), environment.objects.quaternion.clone()
+    environment.goals.position[:] = goal + torch.tensor([0.0, 0.8 * CARD.tolerance_position, 0.0])
+    environment.goals.quaternion[:] = turn
+    succeeded = {}
+    for tolerance in (0.5, 1.0):
+        environment.config = dataclasses.replace(before, tolerance=tolerance)
+        environment.held[:] = 0
+        still = torch.zeros(WORLDS, 20)
+        succeeded[tolerance] = environment.step(still)["success"].float().mean().item()
+    environment.config = before
+    assert succeeded[0.5] == 0.0 and succeeded[1.0] > 0.5
+
+
 def test_randomised_episodes_stay_sound(environment):
     environment.config = dataclasses.replace(environment.config, conditions=PAPER)
     environment.reset(torch.arange(WORLDS))

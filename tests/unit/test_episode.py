@@ -140,11 +140,11 @@ def test_post_ends_with_its_timeout():
 
 def test_the_edge_of_the_tolerance_is_success_only_when_the_time_is_over():
     edge = Pose(GOAL.position + [0.0, 0.9 * CARD.tolerance_position, 0.0], GOAL.quaternion)
-    episode = in_post(post_timeout=0.5, success_frames=3)
+    episode = in_post(post_timeout=0.5, success_frames=3, success_share=0.8)
     for i in range(7, 11):
         assert ticks(episode.keypoints(i * TICK, keypoints(edge)))
     assert phases(episode.keypoints(11 * TICK, keypoints(edge))) == ["succeeded"]
-    late = in_post(post_timeout=0.5, success_frames=3)
+    late = in_post(post_timeout=0.5, success_frames=3, success_share=0.8)
     for i in range(7, 11):
         assert ticks(late.keypoints(i * TICK, keypoints(edge if i > 9 else START)))
     assert phases(late.keypoints(11 * TICK, keypoints(edge))) == ["failed: post: timeout"]

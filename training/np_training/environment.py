@@ -32,13 +32,14 @@ PRIVILEGED_SIZE = 18 + 6 + 3 + 2
 
 @dataclass(frozen=True)
 class EnvironmentConfig:
-    """worlds; limit: steps an episode; hold: steps within tolerance that count as success; seed; shares: of
-    each kind of task (`practice.kinds`), the domain's own first; explore: share of contacts at any point of the object, which the pre-contact
-    policy did not choose."""
+    """worlds; limit: steps an episode; hold: steps within tolerance, a share of the domain's, that count as success; seed;
+    shares: of each kind of task (`practice.kinds`), the domain's own first; explore: share of contacts at any point of the object,
+    which the pre-contact policy did not choose."""
 
     worlds: int = 24576
     limit: int = 100
     hold: int = 1
+    tolerance: float = 1.0
     seed: int = 0
     shares: tuple[float, ...] = (1.0,)
     explore: float = 0.0
@@ -240,7 +241,7 @@ class Environment:
         objects = self.objects
         broken = ~torch.isfinite(physics.qpos).all(-1)
         distance, angle = pose_error(objects.position, objects.quaternion, self.goals.position, self.goals.quaternion)
-        self.held = torch.where(is_success(self.domain, distance, angle), self.held + 1, 0)
+        self.held = torch.where(is_success(self.domain, distance, angle, config.tolerance), self.held + 1, 0)
         success = self.held >= config.hold
         lost = (is_lost(self.domain, objects.position) | broken) & ~success
         timeout = (self.age >= config.limit) & ~success & ~lost

@@ -105,6 +105,12 @@ def parse() -> argparse.Namespace:
         help="stiffness that an untrained policy commands, -1 to 1 of its range",
     )
     parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=TrainConfig.tolerance,
+        help="share of the domain's tolerance that counts as success once randomised: what the pose estimate may be off",
+    )
+    parser.add_argument(
         "--turn", type=float, default=RewardConfig.turn, help="weight of the angle's potential"
     )
     arguments = parser.parse_args()
@@ -144,6 +150,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         rollout=arguments.rollout,
         start=arguments.start,
         stiffness=arguments.stiffness,
+        tolerance=arguments.tolerance,
         curriculum=curriculum,
         adaptive_joint_range=arguments.adaptive_joint_range,
     )

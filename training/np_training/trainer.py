@@ -25,13 +25,15 @@ from np_training.randomisation import NOMINAL_CONDITIONS, PAPER
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """rollout: steps between updates; hold: steps at the goal that count as success once randomised;
-    pre_least: episodes without which the pre-contact policy is left as it is; start: contact where the
-    pre-contact policy chooses, else see `fixed_contact`; stiffness: that an untrained policy commands, -1 to
-    1 of its range; adaptive_joint_range: see `joint_range`."""
+    """rollout: steps between updates; hold: steps at the goal that count as success once randomised, and
+    tolerance: the share of the domain's within which they have to be then; pre_least: episodes without which
+    the pre-contact policy is left as it is; start: contact where the pre-contact policy chooses, else see
+    `fixed_contact`; stiffness: that an untrained policy commands, -1 to 1 of its range; adaptive_joint_range:
+    see `joint_range`."""
 
     rollout: int = 12
     hold: int = 3
+    tolerance: float = 1.0
     pre_least: int = 64
     start: str = "contact"
     stiffness: float = 0.0
@@ -93,7 +95,10 @@ class Trainer:
         env, on = self.environment, self.curriculum.randomised
         env.limits = stage_limits(self.curriculum.stage)
         env.config = dataclasses.replace(
-            env.config, conditions=PAPER if on else NOMINAL_CONDITIONS, hold=self.config.hold if on else 1
+            env.config,
+            conditions=PAPER if on else NOMINAL_CONDITIONS,
+            hold=self.config.hold if on else 1,
+            tolerance=self.config.tolerance if on else 1.0,
         )
 
     def iterate(self) -> dict[str, float]:

@@ -59,8 +59,7 @@ class EpisodeConfig:
     """domain; lockstep or real time; policy_period ns; limits of the phases in s, see docs/graph.md.
 
     pre_timeout, post_blind: how long keypoints may be unusable; success_frames: ticks in a row within success_share of the
-    tolerance (the policies push up to its edge, and the estimated pose is off by a millimetre), or, when the time is over, within all
-    of it; min_score: of a usable keypoint; camera: that sees them; silence, planning: how long by the wall clock nothing may come at all.
+    tolerance, or, when the time is over, within all of it; min_score: of a usable keypoint; camera: that sees them; silence, planning: how long by the wall clock nothing may come at all.
     """
 
     domain: Domain
@@ -71,7 +70,7 @@ class EpisodeConfig:
     post_timeout: float = 20.0
     post_blind: float = 1.0
     success_frames: int = 5
-    success_share: float = 0.8
+    success_share: float = 1.0
     min_score: float = 0.3
     silence: float = 30.0
     planning: float = 60.0
