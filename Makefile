@@ -22,7 +22,7 @@ ALONE := tests/unit tests/training tests/diagnosis tests/parity
 REAL_TIME := realtime or real_time
 GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
-.PHONY: help setup demo test test-driver driver-report hardware bench blind evaluate train identify lock clean distclean
+.PHONY: help setup demo test test-slow test-driver driver-report hardware bench blind evaluate train identify lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -67,10 +67,13 @@ ifdef PYTEST_ARGS
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)
 else
 	@$(ACTIVATE) export OMP_NUM_THREADS=1; \
-		python -m pytest -n 2 --dist worksteal $(ALONE) || failed=1; \
+		python -m pytest -n 2 --dist worksteal -m "not slow" $(ALONE) || failed=1; \
 		python -m pytest -n 2 --dist loadfile -k "not ($(REAL_TIME))" $(GRAPHS) || failed=1; \
 		python -m pytest -k "$(REAL_TIME)" $(GRAPHS) || failed=1; exit $${failed:-0}
 endif
+
+test-slow: setup ## tests of half a minute each, of the blind test of the doctor
+	@$(ACTIVATE) export OMP_NUM_THREADS=1; exec python -m pytest -n 2 --dist worksteal -m slow $(ALONE)
 
 # What a robot's network protocol needs is installed only here: nobody else does.
 .venv/.hardware: requirements-hardware.txt .venv/.installed

@@ -87,6 +87,7 @@ def test_a_command_that_takes_too_long_is_ended(tmp_path):
     assert "no answer within 0.5 s" in (tmp_path / "report" / "baselines" / "error.txt").read_text()
 
 
+@pytest.mark.slow
 def test_figures_have_the_doctors_keys_and_stand_beside_them(tmp_path):
     count = 3
     key, cases = json.loads(make_key(count, 1, "development")), draw_cases(count, 1, "development")

@@ -183,6 +183,7 @@ def all_faults(size):
                     for i, f in enumerate(faults)]
 
 
+@pytest.mark.slow
 def test_every_fault_moves_the_arm_or_its_sensors_and_none_breaks_the_loop():
     cases = all_faults(8.0)
     record, targets, _ = short_run(cases, ("third_dwell",))

@@ -82,6 +82,7 @@ def test_the_command_scores_the_doctor(tmp_path):
     assert again.returncode == 0 and json.loads(again.stdout.splitlines()[-1])["harm"] == figures["harm"]
 
 
+@pytest.mark.slow
 def test_a_case_whose_arm_runs_away_is_published_as_an_error(tmp_path, monkeypatch):
     def one_unstable(cases):
         physics, truths = make_physics(cases)
@@ -111,6 +112,7 @@ def test_a_locked_key_that_was_not_sealed_is_refused(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_a_run_in_parts_goes_on_and_a_doctor_that_crashes_fails_its_own_case_only(tmp_path, monkeypatch):
     monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
     answer = '{"verdict": "no_gap", "effects": [], "where": []}'
@@ -130,6 +132,7 @@ def test_a_run_in_parts_goes_on_and_a_doctor_that_crashes_fails_its_own_case_onl
     assert "fell over" in results["cases"][1]["error"] and 1 in results["failures"]
 
 
+@pytest.mark.slow
 def test_a_recording_that_cannot_be_made_fails_its_own_case_only(tmp_path, monkeypatch):
     written = generate.write_bag
 

@@ -149,6 +149,7 @@ def test_a_sealed_key_is_checked(tmp_path):
         seal(6, 3, "locked", path)
 
 
+@pytest.mark.slow
 def test_the_true_faults_as_a_patch_close_the_gap_as_the_oracle_does():
     cases = [case for case in draw_cases(40, 1, "development") if case.kind == "single"][:8]
     _, truths = make_physics(cases)

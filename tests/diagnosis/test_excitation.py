@@ -32,6 +32,7 @@ def test_every_moment_is_inside_the_limits_with_margin(moment):
     assert (torque > lower).all() and (torque < upper).all()
 
 
+@pytest.mark.slow
 def test_no_guard_is_needed_to_follow_it():
     """A controller that tracks perfectly asks for no torque that its guards change."""
     for segment in PLAN + suite(["long_third", "sweep_4"]):

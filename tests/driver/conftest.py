@@ -1,5 +1,6 @@
 """The driver against a simulated robot; skipped, with the reason, where either is not installed."""
 
+import os
 import sys
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -20,6 +21,15 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if reason and item.path.is_relative_to(here):
             item.add_marker(pytest.mark.skip(reason=reason))
+
+
+@pytest.fixture(autouse=True)
+def own_priority():
+    """libfranka gives the thread that controls a robot the highest priority that there is. Where a test does
+    that in this process, it is not to hand it on to all that later tests start."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    yield
+    os.sched_setscheduler(0, *before)
 
 
 @pytest.fixture

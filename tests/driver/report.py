@@ -117,7 +117,8 @@ def measure(listed: list[Job], journal: Journal, write: Callable[[str, list[dict
 def machine() -> str:
     """Whose figures these are."""
     is_virtual = "hypervisor" in Path("/proc/cpuinfo").read_text()
-    return f"{os.cpu_count()} cores{' of a shared virtual machine' if is_virtual else ''}, {platform.machine()}"
+    shared = " of a shared virtual machine" if is_virtual else ""
+    return f"{os.cpu_count()} cores{shared}, {platform.machine()}"
 
 
 def parse() -> argparse.Namespace:

@@ -21,9 +21,12 @@ Two waves a joint, 0.1 to 0.4 Hz, gains of the controller itself (400 and 100 Nm
 The error is between the joint target of a state and the joints as the robot knows them at that state.
 Cycles are the driver's, from one state read to the next; lost are those that it missed, "no command"
 those in which the robot, by its own account, had none. The robot's longest cycle is the simulator's own
-delay, which no robot has, and which the driver's cannot be shorter than. Robot, driver and controller ran
-at real-time priority where that is permitted; what else ran delays them all the same, and time that the
-host has stolen does so whoever comes first.
+delay, which no robot has, and which the driver's cannot be shorter than. It spends .3 to .4 ms of each
+cycle on itself, and counts an answer that comes after the rest as none: on board, where the whole law runs
+between a state and its answer, that is often short; the torque then holds for another millisecond. Robot,
+driver and controller ran at real-time priority where that is permitted; what else ran delays them all the
+same: the kernel gives a core's ordinary tasks 50 ms at a time where real-time ones have left them nothing,
+which are the longest cycles. Time that the host has stolen delays whoever comes first.
 """,
     "approach": """## The approach of a card episode
 
@@ -35,8 +38,9 @@ protocol.
     "suite": """## The diagnosis suite
 
 `excite --backend running --mode realtime` beside driver and controller, as beside any backend, then
-`diagnose --quick` on the bag: its contract passes. The verdict is on the simulated arm: another model,
-without friction, than the nominal one, and says nothing of a real one.
+`diagnose --quick` on the bag: its contract passes. Lost are messages for which the recorder had no time.
+The verdict is on the simulated arm: another model, without friction, than the nominal one, and says nothing
+of a real one.
 """,
     "faults": """## Faults over the wire
 

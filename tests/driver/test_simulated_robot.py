@@ -1,4 +1,4 @@
-"""The simulated robot is one that is there all the time: what else the machine does is not taken for a fault."""
+"""The simulated robot is there all the time: what else the machine does is not taken for a fault."""
 
 import os
 import re

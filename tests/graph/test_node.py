@@ -1,5 +1,9 @@
 """np_ros.node and np_ros.spin: every kind of callback runs, both ways of spinning; parameters and diagnostics."""
 
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -205,3 +209,31 @@ def test_diagnostics_say_counts_and_problems(spun):
     diagnostics.count("replanned", problem=False)
     spin_until(node, spinner, lambda: first(DiagnosticStatus.ERROR))
     assert first(DiagnosticStatus.ERROR).message == "no plan"
+
+
+def test_refusals_are_counted_and_logged_once_a_second(spun, capfd, monkeypatch):
+    node, _ = spun
+    now = 10.0
+    monkeypatch.setattr("np_ros.node.time", SimpleNamespace(monotonic=lambda: now))
+    diagnostics = Diagnostics(node)
+    for reason, text in (("late", "first"), ("late", "second"), ("order", "third")):
+        diagnostics.refuse(reason, text)
+    now = 11.0
+    diagnostics.refuse("late", ValueError("fourth"))
+    assert diagnostics.counts == {"refused_late": 3, "refused_order": 1}
+    logged = capfd.readouterr().err
+    assert [text for text in ("first", "second", "third", "fourth") if f"refused: {text}" in logged] == [
+        "first", "fourth"]
+
+
+def test_the_middleware_runs_at_the_loops_priority(graph, probe):
+    graph.run("np_control", "joint_impedance", {"mode": "realtime", "realtime_priority": 20})
+    probe.wait_until_ready({"joint_impedance"})
+    pid = graph.pid("joint_impedance")
+    policies = {
+        task.name: (os.sched_getscheduler(int(task.name)), os.sched_getparam(int(task.name)).sched_priority)
+        for task in Path(f"/proc/{pid}/task").iterdir()
+        if int(task.name) == pid or (task / "comm").read_text().startswith("dds.")
+    }
+    assert len(policies) > 1
+    assert len(set(policies.values())) == 1, policies  # that of the loop, whatever was permitted

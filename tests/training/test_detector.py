@@ -17,7 +17,7 @@ from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_description.scene import load_model
 from np_training.detector.augment import Augmentation, augment, reduce
-from np_training.detector.evaluate import cast_rays
+from np_training.detector.held_out import cast_rays
 from np_training.detector.contrast import ContrastConfig, MomentumContrast
 from np_training.detector.metrics import summarise
 from np_training.detector.network import KeypointNetwork, NetworkConfig

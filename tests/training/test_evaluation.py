@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from np_description.camera import CAMERA
 from np_description.domains import BUMP
 from np_training import evaluate as command
 from np_training.environment import Environment, EnvironmentConfig
@@ -16,7 +17,7 @@ from np_training.evaluate import breaks_first, evaluate, rate, summarise
 from np_training.networks import ActorCritic
 from np_training.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
 from np_training.recording import load_recording
-from np_training.video import draw_recording
+from np_training.video import PICTURES, draw_recording, draw_strips
 
 WORLDS = 8
 
@@ -137,6 +138,9 @@ def test_the_command_reads_its_setting_from_the_checkpoint_and_draws(tmp_path, m
     reader = cv2.VideoCapture(str(videos[0]))
     good, frame = reader.read()
     assert good and frame.std() > 5
+    draw_strips(tmp_path / "episodes.npz", tmp_path / "strips.png", 2)
+    strips = cv2.imread(str(tmp_path / "strips.png"))
+    assert strips.shape == (2 * CAMERA.height, PICTURES * CAMERA.width, 3) and strips.std() > 5
 
 
 def test_a_recording_without_an_episode_to_draw_says_so(tmp_path):

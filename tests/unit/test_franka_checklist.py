@@ -10,7 +10,7 @@ from np_control.impedance import STIFFNESS_MAX
 from np_description.calibration import Calibration, Errors, Lens
 from np_franka.checklist import Checklist, Facts
 from np_franka.limits import FR3_LIMITS
-from np_franka.timing import RESOLUTION, CycleTimes
+from np_franka.timing import LONGEST, RESOLUTION, CycleTimes
 
 NOW = datetime(2026, 11, 21, tzinfo=timezone.utc)
 GOOD = Facts("Idle", "", 0.73, 0.0)
@@ -77,12 +77,15 @@ def test_all_that_is_wrong_is_said_at_once():
     assert len(replace(CHECKLIST, calibration="").problems(Facts("Guiding", "", 0.0, 0.0), NOW)) == 3
 
 
-@given(st.lists(st.floats(1e-4, 0.09), min_size=1, max_size=200), st.floats(0, 100))
+@given(st.lists(st.floats(1e-4, 0.2), min_size=1, max_size=200), st.floats(0, 100))
 def test_percentiles_of_cycles_are_those_of_numpy_to_the_resolution(seconds, percent):
     times = CycleTimes()
     for length in seconds:
         times.add(length)
     exact = np.percentile(seconds, percent, method="inverted_cdf")
-    assert exact - 1e-9 <= times.percentile(percent) <= exact + RESOLUTION + 1e-9
+    if exact < LONGEST:
+        assert exact - 1e-9 <= times.percentile(percent) <= exact + RESOLUTION + 1e-9
+    else:
+        assert times.percentile(percent) == max(seconds)
     assert times.count == len(seconds) and times.longest == max(seconds)
     assert times.rate == pytest.approx(len(seconds) / sum(seconds))

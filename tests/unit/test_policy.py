@@ -50,7 +50,7 @@ def test_an_output_without_a_rotation_is_refused(output):
 
 
 def test_the_student_gives_equal_bits_for_equal_keypoints(folder):
-    first, second = (PreContactPlanner(weights_file("pre_contact", CARD, folder)) for _ in range(2))
+    first, second = (PreContactPlanner(weights_file("pre_contact", CARD, folder), CARD) for _ in range(2))
     a, b = first.propose(START, GOAL), second.propose(START, GOAL)
     assert a.pose.position.tobytes() == b.pose.position.tobytes() and a.opening == b.opening
     assert a.pose.position.tobytes() != first.propose(GOAL, START).pose.position.tobytes()

@@ -2,13 +2,15 @@
 
 from fractions import Fraction
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from np_control.safety import SafetyFilter, State
 from np_description.domains import BUMP, CARD, DOMAINS, WALL
-from np_description.panda import JOINT_NAMES, NOMINAL
+from np_description.panda import FINGER_SPEED, JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_description.scene import load_model
 from np_sim_bridge.lockstep import Barrier
 from np_sim_bridge.schedule import PERIOD, SECOND, Schedule
 from np_sim_bridge.simulation import Simulation
@@ -84,12 +86,30 @@ def test_openings_out_of_range_are_refused(opening):
         Simulation(CARD).set_fingers(opening)
 
 
-def test_fingers_open_as_told():
+def test_fingers_open_as_told_and_no_faster_than_they_can():
     simulation = Simulation(CARD)
     simulation.set_fingers(0.03)
-    for _ in range(500):
+    before = simulation.measure().position[7:].copy()
+    for _ in range(350):
         simulation.step(ZERO)
-    assert np.allclose(simulation.measure().position[7:], 0.03, atol=1e-3)
+        measured = simulation.measure()
+        assert (np.abs(measured.position[7:] - before) <= 1.5 * FINGER_SPEED * PERIOD / SECOND).all()
+        before = measured.position[7:].copy()
+    assert np.allclose(measured.position[7:], 0.03, atol=1e-4)
+
+
+def test_a_finger_hardly_gives_way():
+    model = load_model(CARD, timestep=0.002)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    fingers = [model.joint(name).qposadr[0] for name in STATE_NAMES[7:]]
+    data.qpos[fingers], data.ctrl[7:9] = 0.02, 0.02
+    data.qfrc_applied[model.joint(STATE_NAMES[7]).dofadr[0]] = 20.0  # N
+    arm = data.qpos[:7].copy()
+    for _ in range(300):
+        data.qpos[:7], data.qvel[:7] = arm, 0
+        mujoco.mj_step(model, data)
+    assert np.allclose(data.qpos[fingers], [0.021, 0.02], atol=1e-4)
 
 
 def test_substeps_keep_the_period():

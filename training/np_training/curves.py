@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from np_bringup.pages import style
 from np_training.curriculum import STAGES
 
+GROUPS = ("tips", "goal")  # of a domain's own tasks (np_training.breakdown), by the beginning of their names
+LEAST_PRACTICE = 0.05  # share of practice below which its kinds have too few episodes for a rate
 WINDOW = 10  # iterations that a success has to last
 
 Rows = list[dict[str, float]]
@@ -78,13 +80,20 @@ def _lines(ax: Axes, rows: Rows, names: dict[str, str], scale: float = 1.0) -> N
 
 
 def _success(ax: Axes, rows: Rows) -> None:
-    groups = sorted(
+    names = sorted(
         {name for row in rows for name in row if name.startswith("success_") and name != "success_mean"}
     )
-    _lines(ax, rows, {"success": "all", **{name: name[len("success_") :] for name in groups}})
+    own = [name for name in names if name[len("success_") :].startswith(GROUPS)]
+    steps, practised = column(rows, "steps") / 1e6, column(rows, "practice") > LEAST_PRACTICE
+    # Each kind of practice in grey, behind: how they rise tells more than which is which.
+    for number, name in enumerate(name for name in names if name not in own):
+        values = np.where(practised, column(rows, name), np.nan)
+        label = None if number else "practice, each kind"
+        ax.plot(steps, values, color="0.82", linewidth=0.6, label=label)
+    _lines(ax, rows, {"success": "all", **{name: name[len("success_") :] for name in own}})
     ax.set(ylabel="success of ended episodes", ylim=(0, 1.02))
     stage = ax.twinx()
-    stage.step(column(rows, "steps") / 1e6, column(rows, "stage"), color="0.5", where="post", linewidth=1)
+    stage.step(steps, column(rows, "stage"), color="0.5", where="post", linewidth=1)
     stage.set(ylabel=f"stage ({STAGES + 1}: randomised)", ylim=(0, STAGES + 1.3))
     stage.grid(False)
 

@@ -16,13 +16,12 @@ from pathlib import Path
 import torch
 
 from np_description.domains import DOMAINS, Domain, find_domain
-from np_description.keypoints import box_keypoints
 from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
 from np_policy.observation import normalised_keypoints, student_observation
 from np_policy.weights import save
 from np_training import contact
-from np_training.environment import pre_contact_state
+from np_training.environment import as_seen, corners, pre_contact_state
 from np_training.networks import PreContactPolicy
 from np_training.tasks import Poses, sample_tasks
 
@@ -35,8 +34,7 @@ def student_input(
     """The student's input (n, 32) for tasks, keypoints disturbed by Gaussian noise of a standard deviation
     (n, 1, 1)."""
     keypoints, goal = (
-        normalised_keypoints(box_keypoints(domain.half_size, p.position, p.quaternion))
-        for p in (objects, goals)
+        normalised_keypoints(corners(domain, poses)) for poses in as_seen(domain, objects, goals)
     )
     return student_observation(keypoints + noise * torch.randn_like(keypoints), goal)
 
@@ -55,9 +53,8 @@ def distil(
     def sample(noise: float) -> tuple[torch.Tensor, torch.Tensor]:
         objects, goals = sample_tasks(domain, batch, generator)
         with torch.no_grad():
-            target = hand_pose.encode(
-                *contact.contact_pose(domain, teacher(pre_contact_state(objects, goals)), objects)
-            )
+            chosen = teacher(pre_contact_state(*as_seen(domain, objects, goals)))
+            target = hand_pose.encode(*contact.contact_pose(domain, chosen, objects))
         levels = noise * torch.rand(batch, 1, 1, generator=generator, device=device)
         return student_input(domain, objects, goals, levels), target
 

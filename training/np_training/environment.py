@@ -14,7 +14,8 @@ import torch
 from np_control.kinematics import forward_kinematics, solve_ik
 from np_description.domains import Domain, is_lost, is_success, pose_error
 from np_description.keypoints import box_keypoints
-from np_description.rotations import matrix_from_quaternion, matrix_from_vector, six_from_matrix
+from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_multiply, six_from_matrix
+from np_description.symmetry import naming, symmetries
 from np_policy import action as actions
 from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training import contact
@@ -86,6 +87,20 @@ def pre_contact_state(objects: Poses, goals: Poses) -> torch.Tensor:
     return torch.cat([encode(objects), encode(goals)], -1)
 
 
+def as_seen(domain: Domain, objects: Poses, goals: Poses) -> tuple[Poses, Poses]:
+    """Poses of objects and goals (n,) under the names of their faces that the policies see (np_description.symmetry)."""
+    if not domain.interchangeable:
+        return objects, goals
+    turns = torch.tensor(symmetries(domain.half_size), dtype=goals.position.dtype, device=goals.position.device)
+    turn = turns[naming(domain, normalised_keypoints(corners(domain, goals)))]
+    return tuple(Poses(p.position, quaternion_multiply(p.quaternion, turn)) for p in (objects, goals))
+
+
+def corners(domain: Domain, poses: Poses) -> torch.Tensor:
+    """Corners (n, 8, 3) m of the domain's object at poses (n,)."""
+    return box_keypoints(domain.half_size, poses.position, poses.quaternion)
+
+
 class Environment:
     """`config.worlds` episodes of a domain on one device."""
 
@@ -109,7 +124,6 @@ class Environment:
         self.pre_log_probability = torch.zeros(n, device=device)
         self.keypoint_bias = torch.zeros(n, 1, 2, device=device)
         self.conditions = torch.ones(n, 3, device=device)  # factors of table friction, finger friction, mass
-        self.half_size = torch.tensor(domain.half_size, device=device)
         self.starts: Starts | None = None
         self.joint_range: JointRange | None = None
 
@@ -120,10 +134,6 @@ class Environment:
         """Object poses now."""
         return Poses(self.physics.qpos[:, OBJECT_POSITION], self.physics.qpos[:, OBJECT_QUATERNION])
 
-    def corners(self) -> torch.Tensor:
-        """Corners (n, 8, 3) m of the objects now."""
-        return box_keypoints(self.half_size, self.objects.position, self.objects.quaternion)
-
     def measure(self) -> Measures:
         """How far the episodes are from their goals now."""
         objects = self.objects
@@ -131,7 +141,7 @@ class Environment:
         if self.domain.tolerance_angle is None:
             angle = torch.zeros_like(angle)
         else:
-            distance = (self.corners() - self.goal_corners).norm(dim=-1).mean(-1)
+            distance = (corners(self.domain, objects) - self.goal_corners).norm(dim=-1).mean(-1)
         hand, _ = forward_kinematics(self.physics.qpos[:, ARM])
         return Measures(distance, angle, (hand - objects.position).norm(dim=-1))
 
@@ -141,14 +151,15 @@ class Environment:
         q = self.physics.qpos[:, :9] + c.joint_noise * self._normal(self.config.worlds, 9)
         dq = self.physics.qvel[:, :9] + c.velocity_noise * self._normal(self.config.worlds, 9)
         position, rotation = forward_kinematics(q[:, ARM])
-        pixels = normalised_keypoints(self.corners()) + self.keypoint_bias
+        objects, goals = as_seen(self.domain, self.objects, self.goals)
+        pixels, goal_pixels = (normalised_keypoints(corners(self.domain, poses)) for poses in (objects, goals))
+        pixels = pixels + self.keypoint_bias
         pixels = pixels + c.keypoint_noise * self._normal(self.config.worlds, 16).reshape(-1, 8, 2)
-        state = post_contact_observation(q, dq, pixels, normalised_keypoints(self.goal_corners), position, rotation,
-                                         self.last_action)
+        state = post_contact_observation(q, dq, pixels, goal_pixels, position, rotation, self.last_action)
         remaining = 1 - self.age[:, None] / self.config.limit
         zeta = torch.full_like(remaining, self.limits.position / actions.LOOSE.position)
-        privileged = torch.cat([pre_contact_state(self.objects, self.goals), self.physics.qvel[:, 9:],
-                                self.conditions, remaining, zeta], -1)
+        privileged = torch.cat([pre_contact_state(objects, goals), self.physics.qvel[:, 9:], self.conditions, remaining,
+                                zeta], -1)
         return state, privileged
 
     def _normal(self, rows: int, columns: int) -> torch.Tensor:
@@ -159,7 +170,7 @@ class Environment:
     def draw_starts(self, pre_policy, count: int) -> Starts:
         """A pool of `count` tasks with the contacts that `pre_policy.act(state, explore)` -> (action, log p) chooses."""
         tasks = draw_tasks(self.domain, self.config.shares, count, self.generator)
-        state = pre_contact_state(tasks.starts, tasks.goals)
+        state = pre_contact_state(*as_seen(self.domain, tasks.starts, tasks.goals))
         action, log_probability = pre_policy.act(state, self.config.explore)
         contacts = contact.resolve(self.domain, action, tasks.starts, tasks.sunk)
         return Starts(tasks, state, action, log_probability, contacts)
@@ -186,7 +197,7 @@ class Environment:
         self.physics.fingers[where] = width
         self.physics.hold(where, q)
         self.goals.position[where], self.goals.quaternion[where] = goals.position, goals.quaternion
-        self.goal_corners[where] = box_keypoints(self.half_size, goals.position, goals.quaternion)
+        self.goal_corners[where] = corners(self.domain, goals)
         self.last_action[where] = 0
         self.age[where] = 0
         self.held[where] = 0

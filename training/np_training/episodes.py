@@ -15,7 +15,7 @@ from np_policy.networks import PreContactStudent
 from np_training import contact
 from np_training.breakdown import groups_of_tasks
 from np_training.distill import student_input
-from np_training.environment import Environment, Starts, pre_contact_state
+from np_training.environment import Environment, Starts, as_seen, pre_contact_state
 from np_training.networks import ActorCritic
 from np_training.practice import Tasks
 from np_training.randomisation import Conditions
@@ -131,7 +131,7 @@ def _start(
     student: PreContactStudent | None,
 ) -> torch.Tensor:
     """Put the contacts chosen for the tasks into the pool, all of them; returns which can be reached (n,)."""
-    state = pre_contact_state(objects, goals)
+    state = pre_contact_state(*as_seen(env.domain, objects, goals))
     with torch.no_grad():
         action = chooser(state)
         if student is None:

@@ -1,6 +1,7 @@
 """Videos of recorded episodes, drawn on the CPU: the scene's camera, the goal's outline, how it ended.
 
 python -m np_training.video runs/bump/episodes.npz --count 8 --out runs/bump
+python -m np_training.video runs/bump/episodes.npz --count 4 --strips runs/bump/strips.jpg    # one picture
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from np_sim_bridge.renderer import Renderer, make_renderer
 from np_training.recording import PERIOD, Recording, load_recording
 
 LINGER = 10  # frames of the end
+PICTURES = 7  # of an episode in a strip
 _WHITE, _DARK = (255, 255, 255), (30, 30, 30)
 
 
@@ -48,14 +50,7 @@ def draw_recording(path: Path, out: Path, count: int, renderer: str = "auto") ->
 
     Raises ValueError where the recording has no episode that was played.
     """
-    recording = load_recording(path)
-    rows = recording.choose(count)
-    if not len(rows):
-        raise ValueError(
-            f"recording {path}: expected an episode that was played, every contact was out of reach"
-        )
-    domain = find_domain(recording.domain)
-    drawing = make_renderer(renderer, load_model(domain))
+    recording, domain, rows, drawing = _open(path, count, renderer)
     out.mkdir(parents=True, exist_ok=True)
     files = []
     for row in rows:
@@ -66,14 +61,47 @@ def draw_recording(path: Path, out: Path, count: int, renderer: str = "auto") ->
     return files
 
 
+def draw_strips(path: Path, file: Path, count: int, renderer: str = "auto") -> None:
+    """Draw the same episodes as strips, one below another, evenly spaced from beginning to end, into one picture.
+
+    Raises ValueError as `draw_recording`.
+    """
+    recording, domain, rows, drawing = _open(path, count, renderer)
+    strips = []
+    for row in rows:
+        pictures = list(frames(drawing, domain, recording, row))[:-LINGER]
+        chosen = np.linspace(0, len(pictures) - 1, PICTURES).round().astype(int)
+        strips.append(np.hstack([cv2.resize(pictures[i], None, fx=1 / SCALE, fy=1 / SCALE,
+                                            interpolation=cv2.INTER_AREA) for i in chosen]))
+    drawing.close()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(file), cv2.cvtColor(np.vstack(strips), cv2.COLOR_RGB2BGR))
+
+
+def _open(path: Path, count: int, renderer: str) -> tuple[Recording, Domain, np.ndarray, Renderer]:
+    recording = load_recording(path)
+    rows = recording.choose(count)
+    if not len(rows):
+        raise ValueError(
+            f"recording {path}: expected an episode that was played, every contact was out of reach"
+        )
+    domain = find_domain(recording.domain)
+    return recording, domain, rows, make_renderer(renderer, load_model(domain))
+
+
 def main() -> None:
     """Draw a recording; the last line is one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("recording", type=Path)
     parser.add_argument("--count", type=int, default=6)
     parser.add_argument("--out", type=Path, help="folder; default: the recording's")
+    parser.add_argument("--strips", type=Path, help="one picture in place of videos")
     parser.add_argument("--renderer", default="auto", help="auto, egl or warp")
     arguments = parser.parse_args()
+    if arguments.strips:
+        draw_strips(arguments.recording, arguments.strips, arguments.count, arguments.renderer)
+        print(json.dumps({"files": [str(arguments.strips)]}))
+        return
     files = draw_recording(
         arguments.recording, arguments.out or arguments.recording.parent, arguments.count, arguments.renderer
     )

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from np_training.detector.network import KeypointNetwork
+from np_training.detector.network import KeypointNetwork, descend
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Encoder(nn.Module):
 
     def __init__(self, network: KeypointNetwork, size: int) -> None:
         super().__init__()
-        self.network = network
         width = network.config.widths[-1]
+        self.stages = nn.ModuleList(network.downward)
         self.head = nn.Sequential(nn.Linear(width, width), nn.ReLU(inplace=True), nn.Linear(width, size))
 
     def project(self, coarse: Tensor) -> Tensor:
@@ -43,7 +43,7 @@ class Encoder(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """Unit features (n, size) of images (n, 3, h, w) in [0, 1]."""
-        return self.project(self.network.encode(images)[-1])
+        return self.project(descend(self.stages, images)[-1])
 
 
 class MomentumContrast(nn.Module):

@@ -8,6 +8,7 @@ It works at half resolution and below; the last layer holds the four pixels of e
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -79,10 +80,12 @@ class KeypointNetwork(nn.Module):
 
     def encode(self, image: Tensor) -> list[Tensor]:
         """Maps (n, width, h, w) at 1/2, 1/4, ... of the image."""
-        levels = [self.stem(image - 0.5)]
-        for stage in self.down:
-            levels.append(stage(levels[-1]))
-        return levels
+        return descend(self.downward, image)
+
+    @property
+    def downward(self) -> list[nn.Module]:
+        """The stages of `encode`, finest first."""
+        return [self.stem, *self.down]
 
     def read(self, levels: list[Tensor]) -> Keypoints:
         """Keypoints from the maps that `encode` gave."""
@@ -99,6 +102,14 @@ class KeypointNetwork(nn.Module):
         cell = cell[..., 0] * scores.shape[3] + cell[..., 1]
         score_logits = scores.flatten(2).gather(2, cell[..., None])[..., 0]
         return Keypoints(logits, decode(logits, peak, self.config.window), score_logits)
+
+
+def descend(stages: Iterable[nn.Module], image: Tensor) -> list[Tensor]:
+    """What each of the stages makes of the one before it, the first of an image (n, 3, h, w) in [0, 1]."""
+    levels = [image - 0.5]
+    for stage in stages:
+        levels.append(stage(levels[-1]))
+    return levels[1:]
 
 
 def find_peak(logits: Tensor) -> Tensor:

@@ -10,8 +10,7 @@ import numpy as np
 from np_description.panda import STATE_NAMES
 from np_description.scene import CAMERA_NAME
 from np_perception.rectify import Rectifier, view_camera
-from np_ros.messages import camera_info_message, image_message, joint_state_message
-from rclpy.serialization import serialize_message
+from np_ros.messages import camera_info_message, image_message, joint_state_message, serialized
 
 from np_bringup.board_scene import BoardScene
 from np_bringup.contract import BY_NAME
@@ -36,7 +35,7 @@ def record_rests(
     rectify = Rectifier(scene.lens, view_camera("calibration"))
 
     def write(name: str, stamp: int, message) -> None:
-        writer.write(stamp, BY_NAME[name], serialize_message(message))
+        writer.write(stamp, BY_NAME[name], serialized(message))
 
     stamp = 0
     for joints, truth in zip(reported, reported if actual is None else actual, strict=True):

@@ -56,7 +56,8 @@ class Domain:
     goal_yaw: range rad of the goal's yaw relative to the start's, or None where the goal's own region draws it;
     tolerance_position m, tolerance_angle rad or None for position only; workspace: x, y limits m outside of which the
     object counts as lost; min_distance m: tasks nearer than this are drawn again; max_opening m: of one finger, beyond
-    which the object could be gripped, or an edge of it be jammed between the fingers: what is learned is to be done without.
+    which the object could be gripped, or an edge of it be jammed between the fingers: what is learned is to be done without;
+    interchangeable: policies see the object under other names of its faces (np_description.symmetry).
     """
 
     name: str
@@ -71,7 +72,8 @@ class Domain:
     workspace_x: tuple[float, float] = (0.30, 0.75)
     workspace_y: tuple[float, float] = (-0.35, 0.35)
     min_distance: float = 0.03
-    max_opening: float = 0.04
+    max_opening: float = 0.005
+    interchangeable: bool = False
 
     @property
     def mass(self) -> float:
@@ -89,14 +91,13 @@ BUMP = Domain(
     obstacles=(Box("bump", (0.50, 0.0, 0.015), (0.15, 0.06, 0.015)),),
     start=Region(x=(0.42, 0.58), y=(-0.17, -0.125), quarter_turns=True),
     goals=(Region(x=(0.42, 0.58), y=(-0.015, 0.015), surface=0.03, quarter_turns=True),
-           Region(x=(0.42, 0.58), y=(0.125, 0.17), quarter_turns=True)))
+           Region(x=(0.42, 0.58), y=(0.125, 0.17), quarter_turns=True)), interchangeable=True)
 
 WALL = Domain(
     name="wall", half_size=(0.025, 0.025, 0.05), density=150.0,
     obstacles=(Box("wall", (0.64, 0.0, 0.05), (0.08, 0.20, 0.05)),),
     start=Region(x=(0.53, 0.53), y=(-0.15, 0.15), yaw=(0.0, 0.0)),
-    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0)),), tolerance_angle=None,
-    max_opening=0.005)
+    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0)),), tolerance_angle=None)
 
 DOMAINS = {domain.name: domain for domain in (CARD, BUMP, WALL)}
 

@@ -86,3 +86,5 @@ STATE_NAMES = NOMINAL.joints + NOMINAL.fingers
 BASE_FRAME = "panda_link0"
 TCP_FRAME = "panda_tcp"
 FINGER_MAX = 0.04  # m, opening of one finger (datasheet: 80 mm between both)
+FINGER_SPEED = 0.05  # m/s of one finger, at most (Franka Hand product manual)
+FINGER_FORCE = 70.0  # N of one finger, continuous (datasheet)

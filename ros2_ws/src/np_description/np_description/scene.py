@@ -11,13 +11,14 @@ import numpy as np
 
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain
-from np_description.panda import BASE_FRAME, FINGER_MAX, NOMINAL, TCP_FRAME, PandaModel
+from np_description.panda import BASE_FRAME, FINGER_FORCE, FINGER_MAX, NOMINAL, TCP_FRAME, PandaModel
 from np_description.keypoints import CORNERS
 
 OBJECT = "object"
 CAMERA_NAME = "camera"
 TABLE_FRICTION = 0.4  # Coulomb coefficient, table against object (MuJoCo takes the larger of the two geoms')
 FINGER_FRICTION = 1.0  # fingertip rubber against object
+FINGER_STIFFNESS, FINGER_DAMPING = 20000.0, 200.0  # N/m, N s/m: a finger is geared to its motor and hardly gives way
 OBJECT_FRICTION = 0.1  # lower than both partners, so that each partner decides
 
 # Collision bits: a pair collides where one's type meets the other's affinity.
@@ -145,8 +146,8 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> N
         for capsule in FINGER_CAPSULES:
             add_capsule(body, *capsule, dark, **rubber)
         actuator = spec.add_actuator(name=finger, target=finger, trntype=mujoco.mjtTrn.mjTRN_JOINT,
-                                     ctrlrange=[0, FINGER_MAX], forcerange=[-35, 35])
-        actuator.set_to_position(kp=1000.0)
+                                     ctrlrange=[0, FINGER_MAX], forcerange=[-FINGER_FORCE, FINGER_FORCE])
+        actuator.set_to_position(kp=FINGER_STIFFNESS, kv=FINGER_DAMPING)
 
 
 def _add_object(spec: mujoco.MjSpec, domain: Domain) -> None:

@@ -207,5 +207,5 @@ class Driver:
     def _write(self, torque: np.ndarray) -> None:
         """Send torque (7,) Nm no further from the last one sent than the torque rate allows."""
         step = self.filter.limits.torque_rate * self.filter.limits.period
-        self._sent = np.clip(torque, self._sent - step, self._sent + step)
+        self._sent = np.minimum(np.maximum(torque, self._sent - step), self._sent + step)
         self.arm.write(self._sent)

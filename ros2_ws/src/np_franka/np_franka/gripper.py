@@ -13,12 +13,11 @@ import signal
 import subprocess
 import sys
 
-from np_description.panda import FINGER_MAX
+from np_description.panda import FINGER_MAX, FINGER_SPEED
 from np_franka.client import mismatch
 from np_franka.robots import ROBOTS
 
 READ_PERIOD = 0.02  # s between two measurements
-SPEED = 0.1  # m/s between the fingers: 50 mm/s a finger, Franka Hand product manual
 START_TIMEOUT = 15.0  # s
 END_TIMEOUT = 3.0  # s
 
@@ -97,7 +96,7 @@ def _serve(robot: str, hostname: str) -> None:
                     return
                 wishes += received
             *complete, wishes = wishes.split(b"\n")
-            if complete and not hand.move(2 * float(complete[-1]), SPEED):
+            if complete and not hand.move(2 * float(complete[-1]), 2 * FINGER_SPEED):
                 _say(error=f"the hand did not reach {float(complete[-1]):.3f} m")
             else:
                 _say(opening=hand.read_once().width / 2)

@@ -37,9 +37,12 @@ class CycleTimes:
         return self.count / self._total if self._total else 0.0
 
     def percentile(self, percent: float) -> float:
-        """Length s that `percent` of the cycles did not exceed, to 10 us; 0 before the first."""
+        """Length s that `percent` of the cycles did not exceed, to 10 us; beyond LONGEST that of the longest;
+        0 before the first.
+        """
         if not self._total:
             return 0.0
         cumulative = np.cumsum(self._counts)
         index = int(np.searchsorted(cumulative, max(1, np.ceil(percent / 100 * cumulative[-1] - 1e-9))))
-        return min((index + 1) * RESOLUTION, self.longest)
+        is_longer = index == len(self._counts) - 1
+        return self.longest if is_longer else min((index + 1) * RESOLUTION, self.longest)

@@ -15,6 +15,7 @@ from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
 from np_description.rotations import quaternion_from_matrix
+from np_description.symmetry import renamed
 from np_policy import action, hand_pose, weights
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import post_contact_observation, student_observation
@@ -55,13 +56,13 @@ def student_output(output) -> PreContact:
 class PreContactPlanner:
     """The pre-contact student. Raises WeightsError if its weights are missing or do not fit."""
 
-    def __init__(self, file: str | Path, camera: Camera = CAMERA) -> None:
-        self._network, self._camera = weights.load(PreContactStudent(), file), camera
+    def __init__(self, file: str | Path, domain: Domain, camera: Camera = CAMERA) -> None:
+        self._network, self._domain, self._camera = weights.load(PreContactStudent(), file), domain, camera
 
     def propose(self, keypoints, goal) -> PreContact:
         """From keypoints and goal keypoints (8, 3): u px, v px, score. Raises PolicyError."""
         here, there = (self._camera.normalise(np.asarray(points)[:, :2]) for points in (keypoints, goal))
-        return student_output(_infer(self._network, student_observation(here, there)))
+        return student_output(_infer(self._network, student_observation(*renamed(self._domain, here, there))))
 
 
 class PostContactController:
@@ -92,6 +93,7 @@ class PostContactController:
         if seen is None:
             return action.decode(np.zeros(action.SIZE), position, rotation)
         here, there = self._camera.normalise(seen), self._camera.normalise(np.asarray(goal)[:, :2])
+        here, there = renamed(self._domain, here, there)
         state = post_contact_observation(np.asarray(q), np.asarray(dq), here, there, position, rotation, self.last_action)
         chosen = _infer(self._network, state)
         if not np.isfinite(chosen).all():

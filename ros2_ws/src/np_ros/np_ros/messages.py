@@ -18,6 +18,7 @@ from np_description.calibration import Lens
 from np_description.camera import Camera
 from np_description.keypoints import COUNT
 from np_description.rotations import wxyz_from_xyzw, xyzw_from_wxyz
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointField
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -85,6 +86,11 @@ def stamp_nanoseconds(stamp: Time) -> int:
 def header_message(stamp: int, frame_id: str = "") -> Header:
     """std_msgs/Header; the `tick` topic is one, with the phase as frame_id."""
     return Header(stamp=stamp_message(stamp), frame_id=frame_id)
+
+
+def serialized(message: object) -> bytes:
+    """The CDR bytes of a message, as a bag keeps them."""
+    return serialize_message(message)
 
 
 def joint_state_message(stamp: int, names: Sequence[str], position, velocity, effort) -> JointState:

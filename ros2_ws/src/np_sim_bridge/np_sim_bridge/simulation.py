@@ -13,11 +13,13 @@ import numpy as np
 
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, sample_task
-from np_description.panda import FINGER_MAX, JOINT_NAMES, STATE_NAMES
+from np_description.panda import FINGER_MAX, FINGER_SPEED, JOINT_NAMES, STATE_NAMES
 from np_description.patch import Patch
 from np_description.scene import OBJECT, load_model
 from np_sim_bridge.gap import Gap
 from np_sim_bridge.schedule import PERIOD, SECOND
+
+_TRAVEL = FINGER_SPEED * PERIOD / SECOND  # m of a finger in a period, at most
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ class Simulation:
         mujoco.mj_resetDataKeyframe(self.model, self._data, self.model.key("ready").id)
         self._data.qpos[self._object:self._object + 7] = [*start.position, *start.quaternion]
         self._data.qfrc_applied[:] = 0.0
+        self._opening = 0.0
         self._gap = Gap(self._patch, PERIOD / SECOND, self._seed) if self._patch.effects else None
         self._measured: Measurement | None = None
         self.stamp = stamp
@@ -112,10 +115,10 @@ class Simulation:
         return self._data.qpos.copy()
 
     def set_fingers(self, opening: float) -> None:
-        """Move each finger to `opening` m. Raises ValueError outside 0 .. FINGER_MAX."""
+        """Move each finger to `opening` m, at the hand's speed. Raises ValueError outside 0 .. FINGER_MAX."""
         if not 0 <= opening <= FINGER_MAX:
             raise ValueError(f"gripper opening: expected 0 .. {FINGER_MAX} m, got {opening}")
-        self._data.ctrl[self._fingers] = opening
+        self._opening = opening
 
     def step(self, torque: np.ndarray) -> None:
         """Advance by one period with the joint torque (7,) Nm, without gravity, held constant.
@@ -128,6 +131,7 @@ class Simulation:
             self._data.qfrc_applied[joints] = self._gap.extra(
                 self._data.qpos[self._position[:len(JOINT_NAMES)]], self._data.qvel[joints])
         self._data.ctrl[self._motors] = torque
+        self._data.ctrl[self._fingers] += np.clip(self._opening - self._data.ctrl[self._fingers], -_TRAVEL, _TRAVEL)
         mujoco.mj_step(self.model, self._data, self._substeps)
         self.stamp += PERIOD
         for warning in (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,

@@ -209,8 +209,7 @@ class ControllerNode(Node):
     def refuse(self, error: BadMessage | Refusal) -> None:
         """Count and log what is not carried out."""
         self.diagnostics.values["last_refusal"] = str(error)
-        self.diagnostics.count(f"refused_{error.reason if isinstance(error, Refusal) else error.kind}")
-        self.get_logger().warn(f"refused: {error}", throttle_duration_sec=1.0)
+        self.diagnostics.refuse(error.reason if isinstance(error, Refusal) else error.kind, error)
 
     def _report(self) -> None:
         values = self.diagnostics.values

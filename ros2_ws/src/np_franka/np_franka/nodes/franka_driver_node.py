@@ -162,15 +162,11 @@ class FrankaDriver(Node):
                 raise ValueError("this robot has no gripper")
             self._gripper.move(message.data)
         except ValueError as error:
-            self._count("gripper", str(error))
+            self.diagnostics.refuse("gripper", error)
 
     def refuse(self, error: BadMessage | Refusal) -> None:
         """Count and log what is not carried out."""
-        self._count(error.reason if isinstance(error, Refusal) else error.kind, str(error))
-
-    def _count(self, reason: str, text: str) -> None:
-        self.diagnostics.count(f"refused_{reason}")
-        self.get_logger().warn(f"refused: {text}", throttle_duration_sec=1.0)
+        self.diagnostics.refuse(error.reason if isinstance(error, Refusal) else error.kind, error)
 
     @staticmethod
     def _service(action: Callable[[], str]) -> Callable:

@@ -15,7 +15,7 @@ from np_description.domains import Pose
 from np_description.panda import BASE_FRAME, FINGER_MAX, JOINT_NAMES
 from np_policy.approach import Approach, ApproachConfig, plan_approach
 from np_policy.collision import CollisionModel
-from np_policy.nodes.common import StateStream, declare_settings, refuse, subscribe_keypoints
+from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_policy.planning import Budget, PlanningError
 from np_policy.pose_estimation import PoseError, estimate_pose
 from np_ros import qos
@@ -60,8 +60,8 @@ class ApproachNode(Node):
 
     def _on_gripper(self, message: Float64) -> None:
         if not 0.0 <= message.data <= FINGER_MAX:
-            return refuse(self, self.diagnostics, BadMessage(
-                "range", f"gripper_command: expected 0 .. {FINGER_MAX} m, got {message.data}"))
+            return self.diagnostics.refuse(
+                "range", f"gripper_command: expected 0 .. {FINGER_MAX} m, got {message.data}")
         self._opening = message.data
         self._act()
 
@@ -69,11 +69,11 @@ class ApproachNode(Node):
         try:
             stamp = stamp_nanoseconds(message.header.stamp)
         except BadMessage as error:
-            return refuse(self, self.diagnostics, error)
+            return self.diagnostics.refuse(error.kind, error)
         try:
             pose = Pose(*pose_arrays(message, BASE_FRAME))
         except BadMessage as error:
-            refuse(self, self.diagnostics, error)
+            self.diagnostics.refuse(error.kind, error)
             return self._publish_failure(stamp, str(error))
         if stamp == self._answered and self._settings.lockstep:
             # What was repeated while the plan was being made has had its answer.
@@ -105,7 +105,7 @@ class ApproachNode(Node):
                                    camera=self._settings.camera).pose
             plan = plan_approach(self._collision, joints, pose, opening, objekt, seed=self._seed, config=self._config)
         except BadMessage as error:
-            refuse(self, self.diagnostics, error)
+            self.diagnostics.refuse(error.kind, error)
             self._publish_failure(stamp, str(error))
         except (PoseError, PlanningError) as error:
             self._publish_failure(stamp, str(error))

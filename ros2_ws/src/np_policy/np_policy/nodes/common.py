@@ -51,12 +51,6 @@ def declare_weights(node: Node) -> str:
     return parameter(node, "weights", "", "Folder with released weights; empty: $NP_WEIGHTS, or the project's own.")
 
 
-def refuse(node: Node, diagnostics: Diagnostics, error: BadMessage) -> None:
-    """Count and log a message that was not accepted."""
-    diagnostics.count(f"refused_{error.kind}")
-    node.get_logger().warn(f"refused: {error}", throttle_duration_sec=1.0)
-
-
 def subscribe_keypoints(node: Node, diagnostics: Diagnostics, lockstep: bool,
                         callback: Callable[[int, np.ndarray | None], None]) -> None:
     """Call `callback` with stamp ns and keypoints (8, 3), or with None for keypoints that had to be refused."""
@@ -65,11 +59,11 @@ def subscribe_keypoints(node: Node, diagnostics: Diagnostics, lockstep: bool,
         try:
             stamp = stamp_nanoseconds(message.header.stamp)
         except BadMessage as error:
-            return refuse(node, diagnostics, error)
+            return diagnostics.refuse(error.kind, error)
         try:
             keypoints = keypoints_array(message)
         except BadMessage as error:
-            refuse(node, diagnostics, error)
+            diagnostics.refuse(error.kind, error)
             keypoints = None
         callback(stamp, keypoints)
 

@@ -17,7 +17,7 @@ from np_description.domains import Pose
 from np_description.panda import BASE_FRAME, JOINT_NAMES
 from np_description.scene import CAMERA_NAME
 from np_policy.episode import Episode, EpisodeConfig, Event, Goal, PhaseChange, Refused, Tick
-from np_policy.nodes.common import declare_settings, refuse, subscribe_keypoints
+from np_policy.nodes.common import declare_settings, subscribe_keypoints
 from np_ros import qos
 from np_ros.messages import BadMessage, header_message, keypoints_message, pose_arrays, stamp_nanoseconds, \
     trajectory_arrays
@@ -68,9 +68,9 @@ class EpisodeNode(Node):
             pose = Pose(*pose_arrays(message, BASE_FRAME))
             events = self._episode.goal(stamp_nanoseconds(message.header.stamp), pose)
         except BadMessage as error:
-            return refuse(self, self.diagnostics, error)
+            return self.diagnostics.refuse(error.kind, error)
         except ValueError as error:
-            return refuse(self, self.diagnostics, BadMessage("range", str(error)))
+            return self.diagnostics.refuse("range", error)
         self._publish(events)
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
@@ -85,9 +85,9 @@ class EpisodeNode(Node):
             events = self._episode.trajectory(stamp_nanoseconds(message.header.stamp), duration,
                                               "" if len(times) else message.header.frame_id)
         except BadMessage as error:
-            return refuse(self, self.diagnostics, error)
+            return self.diagnostics.refuse(error.kind, error)
         except Refused as error:
-            return refuse(self, self.diagnostics, BadMessage("order", str(error)))
+            return self.diagnostics.refuse("order", error)
         self._publish(events)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

@@ -14,7 +14,7 @@ from std_msgs.msg import Float64MultiArray, Header
 from np_description.panda import BASE_FRAME
 from np_description.rotations import quaternion_from_matrix
 from np_policy.episode import POST
-from np_policy.nodes.common import StateStream, declare_settings, declare_weights, refuse, subscribe_keypoints
+from np_policy.nodes.common import StateStream, declare_settings, declare_weights, subscribe_keypoints
 from np_policy.policy import PolicyError, PostContactController, weights_file
 from np_ros import qos
 from np_ros.messages import BadMessage, gains_message, keypoints_array, pose_message, stamp_nanoseconds
@@ -51,14 +51,14 @@ class PostContactNode(Node):
         try:
             self._goal = keypoints_array(message)
         except BadMessage as error:
-            return refuse(self, self.diagnostics, error)
+            return self.diagnostics.refuse(error.kind, error)
         self._act()
 
     def _on_tick(self, tick: Header) -> None:
         try:
             stamp = stamp_nanoseconds(tick.stamp)
         except BadMessage as error:
-            return refuse(self, self.diagnostics, error)
+            return self.diagnostics.refuse(error.kind, error)
         if self._answer and self._answer[0] == stamp:
             return self._send()  # asked again: the answer was lost
         if tick.frame_id == POST and self._phase != POST:
@@ -82,7 +82,7 @@ class PostContactNode(Node):
             self._pending = None
             target = self._policy.act(q, dq, self._keypoints[stamp], self._goal)
         except BadMessage as error:
-            return refuse(self, self.diagnostics, error)
+            return self.diagnostics.refuse(error.kind, error)
         except PolicyError as error:
             self.get_logger().error(str(error), throttle_duration_sec=1.0)
             return self.diagnostics.count("refused_action")

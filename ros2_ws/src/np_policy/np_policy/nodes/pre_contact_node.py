@@ -10,7 +10,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64, String
 
 from np_description.panda import BASE_FRAME
-from np_policy.nodes.common import declare_settings, declare_weights, refuse, subscribe_keypoints
+from np_policy.nodes.common import declare_settings, declare_weights, subscribe_keypoints
 from np_policy.policy import PolicyError, PreContactPlanner, weights_file
 from np_policy.pose_estimation import MIN_POINTS, usable
 from np_ros import qos
@@ -26,7 +26,7 @@ class PreContactNode(Node):
         torch.set_num_threads(1)
         self._settings = declare_settings(self)
         file = weights_file("pre_contact", self._settings.domain, declare_weights(self))
-        self._planner = PreContactPlanner(file, self._settings.camera)
+        self._planner = PreContactPlanner(file, self._settings.domain, self._settings.camera)
         self.diagnostics = Diagnostics(self)
         self._goal: tuple[int, np.ndarray] | None = None
         self._answered = -1  # stamp of the last goal that was answered
@@ -48,7 +48,7 @@ class PreContactNode(Node):
         try:
             self._goal = stamp_nanoseconds(message.header.stamp), keypoints_array(message)
         except BadMessage as error:
-            return refuse(self, self.diagnostics, error)
+            return self.diagnostics.refuse(error.kind, error)
         self._act()
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:

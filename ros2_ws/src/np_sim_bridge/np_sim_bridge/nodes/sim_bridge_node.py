@@ -151,7 +151,7 @@ class SimBridge(Node):
             self._filter.offer(stamp, message.name, message.position, message.velocity, message.effort,
                                now=self._simulation.stamp)
         except Refusal as refusal:
-            self._refuse(refusal.reason, str(refusal))
+            self.diagnostics.refuse(refusal.reason, refusal)
         else:
             self._armed |= not self._tick_barrier
         if self._lockstep and stamp == self._simulation.stamp:
@@ -164,7 +164,7 @@ class SimBridge(Node):
         try:
             self._simulation.set_fingers(message.data)
         except ValueError as error:
-            self._refuse("gripper", str(error))
+            self.diagnostics.refuse("gripper", error)
 
     def _on_tick(self, message: Header) -> None:
         if (stamp := self._read_stamp(message)) is not None:
@@ -184,12 +184,8 @@ class SimBridge(Node):
         try:
             return stamp_nanoseconds(header.stamp)
         except BadMessage as error:
-            self._refuse(error.kind, str(error))
+            self.diagnostics.refuse(error.kind, error)
             return None
-
-    def _refuse(self, reason: str, text: str) -> None:
-        self.diagnostics.count(f"refused_{reason}")
-        self.get_logger().warn(f"refused: {text}", throttle_duration_sec=1.0)
 
     # Time
 
