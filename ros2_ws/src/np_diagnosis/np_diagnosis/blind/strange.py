@@ -84,7 +84,7 @@ class Strange:
             torque = torque + p.taut * np.maximum(p.taut_side * (q - p.taut_angle), 0.0) * p.taut_side
         if "dent" in used:
             off = (q - p.dent_angle) / p.dent_width
-            torque = torque + p.dent * off * np.exp(0.5 * (1.0 - off**2))  # greatest at a width from its middle
+            torque = torque + p.dent * off * np.exp(0.5 * (1.0 - off**2))  # `dent` at a width from its middle
         if "part_inertia" in used:
             torque = torque + self._loose_part(q, dq)
         return torque
