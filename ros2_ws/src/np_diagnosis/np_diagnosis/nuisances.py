@@ -46,10 +46,15 @@ def parameters(context: Context, stage: str, joint: int) -> tuple[Parameter, ...
     if stage in ("r2", REVERSAL):
         late = _DELAYED["r2"] if context.drive is not None else _LOOSE
         whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
-        links = (Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in carried(context.arm, joint))
+        links = (
+            Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in carried(context.arm, joint)
+        )
         return (late, whole, *_TURNING, *links)
     if stage == "r3":
-        return (Parameter("zero", "rad", -0.1, 0.1, 0.01), Parameter("yield", "rad/Nm", -1e-4, 1e-4, GEAR_YIELD))
+        return (
+            Parameter("zero", "rad", -0.1, 0.1, 0.01),
+            Parameter("yield", "rad/Nm", -2 * GEAR_YIELD, 2 * GEAR_YIELD, GEAR_YIELD),
+        )
     return _NONE
 
 

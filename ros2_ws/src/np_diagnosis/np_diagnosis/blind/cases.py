@@ -8,7 +8,7 @@ import numpy as np
 
 from np_diagnosis.blind.faults import EFFECTS, Fault, Parameters, apply, limit_of, limits
 from np_diagnosis.blind.plant import Physics, nominal_physics
-from np_diagnosis.blind.strangers import STRANGERS, apply_stranger
+from np_diagnosis.blind.strangers import STRANGERS, apply_stranger, strangers_of
 
 KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, "stranger": 0.175}
 INERTIA_ERROR = 0.03  # standard deviation, of each link's inertia
@@ -49,7 +49,7 @@ def draw_cases(count: int, seed: int, which: str) -> list[Case]:
     for k in np.argsort(numbers - exact, kind="stable")[: count - numbers.sum()]:
         numbers[k] += 1
     kinds = rng.permutation(np.repeat(list(KINDS), numbers))
-    singles, firsts, strangers = _deck(EFFECTS, rng), _deck(EFFECTS, rng), _deck(tuple(STRANGERS), rng)
+    singles, firsts, strangers = _deck(EFFECTS, rng), _deck(EFFECTS, rng), _deck(strangers_of(seed), rng)
     cases = []
     for number, kind in enumerate(kinds):
         own = np.random.default_rng([*root, 1, number])

@@ -79,7 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
     except FileExistsError as error:
         print(f"generate: expected a new folder: {error}", file=sys.stderr)
         return 1
-    key = make_key(options.cases, options.seed, options.which)
+    key = make_key(options.cases, options.seed, options.which, options.only)
     (options.out / "key.json").write_text(key)
     (options.out / "key.sha256").write_text(f"{digest(key)}  key.json\n")
     cases = draw_cases(options.cases, options.seed, options.which)

@@ -16,6 +16,7 @@ from np_control.safety import LIMITS, limit_torque, slew_gains
 
 from np_diagnosis.blind.plant import PERIOD, Physics, Plant
 from np_diagnosis.blind.rigid_arm import JOINTS
+from np_diagnosis.blind.strange import off_centre
 from np_diagnosis.excitation import READY, Segment, end_of, schedule
 
 WRIST = np.array([1, 1, 1, 1, 0.4, 0.4, 0.3])
@@ -177,7 +178,8 @@ class _Sensors:
         p = self._physics
         q, dq, theta, omega = self._late(plant)
         noise = self._draw()
-        q = q + p.encoder_bias + ANGLE_NOISE * noise[:, 0]
+        angle, share = off_centre(p, q)
+        q, dq = q + p.encoder_bias + angle + ANGLE_NOISE * noise[:, 0], dq * (1.0 + share)
         q = np.where(p.quantum > 0, np.round(q / np.maximum(p.quantum, 1e-9)) * p.quantum, q)
         dq = dq + SPEED_NOISE * noise[:, 1]
         keep = np.exp(-PERIOD / COLOUR)

@@ -15,6 +15,7 @@ from np_description.panda import NOMINAL
 
 from np_diagnosis.blind.friction import bouc_wen, lugre, prandtl
 from np_diagnosis.blind.rigid_arm import JOINTS, Inertials, RigidArms, nominal_inertials
+from np_diagnosis.blind.strange import Strange, off_centre
 
 PERIOD = 0.002  # s, of control
 SUBSTEPS = 4
@@ -38,7 +39,7 @@ class Physics:
     lost, with time constant thermal_time s. Torques that resist: offset, cable, ripple. Drive: lag s, rate
     Nm/s, saturation Nm, scale. Gear where `flexible`: stiffness Nm/rad, damping, play rad (each way),
     hysteresis_* (torque Nm, stroke rad). Sensing: sensor_*, encoder_bias, quantum rad, delays s. Controller:
-    stiffness_factor, damping_factor, filter_time s. Then what no catalogue has: see `strange_torque`.
+    stiffness_factor, damping_factor, filter_time s. From rub on: what no catalogue has, see `Strange`.
     """
 
     inertials: Inertials
@@ -93,13 +94,27 @@ class Physics:
     shake: np.ndarray = _per((JOINTS,))
     shake_frequency: np.ndarray = _per((JOINTS,))
     shake_phase: np.ndarray = _per((JOINTS,))
-    drag: np.ndarray = _per((JOINTS,))
     ageing: np.ndarray = _per((JOINTS,))
     ageing_time: np.ndarray = _per((JOINTS,), 1.0)
     flutter: np.ndarray = _per((JOINTS,))
     flutter_frequency: np.ndarray = _per((JOINTS,))
     dropout: np.ndarray = _per((JOINTS,))
     coupling: np.ndarray = _per((JOINTS, JOINTS))
+    dent: np.ndarray = _per((JOINTS,))
+    dent_angle: np.ndarray = _per((JOINTS,))
+    dent_width: np.ndarray = _per((JOINTS,), 0.05)
+    brake: np.ndarray = _per((JOINTS,))
+    part_inertia: np.ndarray = _per((JOINTS,))
+    part_frequency: np.ndarray = _per((JOINTS,), 1.0)
+    part_damping: np.ndarray = _per((JOINTS,), 0.1)
+    taut: np.ndarray = _per((JOINTS,))
+    taut_angle: np.ndarray = _per((JOINTS,))
+    taut_side: np.ndarray = _per((JOINTS,), 1.0)
+    dead_zone: np.ndarray = _per((JOINTS,))
+    fading: np.ndarray = _per((JOINTS,))
+    fading_time: np.ndarray = _per((JOINTS,), 100.0)
+    eccentric: np.ndarray = _per((JOINTS,))
+    eccentric_phase: np.ndarray = _per((JOINTS,))
 
     def __post_init__(self):
         arms = len(self.inertials.mass)
@@ -165,8 +180,8 @@ class Plant:
         self._follow = 1.0 - np.exp(-STEP / np.maximum(physics.lag, 1e-9))
         self._stiff = np.minimum(physics.coulomb_forward, physics.coulomb_backward) / physics.breakaway
         self._bend, self._lugre, self._hysteresis = (np.zeros_like(self.q) for _ in range(3))
-        self._drive, self._load, self._rest = (np.zeros_like(self.q) for _ in range(3))
-        self._dropped = np.zeros_like(self.q)
+        self._drive, self._load = (np.zeros_like(self.q) for _ in range(2))
+        self._strange = Strange(physics, self._used, rng, self.q, PERIOD, STEP)
         length = int(round(LONGEST_DELAY / PERIOD)) + 2
         self._history = np.zeros((length, arms, JOINTS))
         self._number = 0
@@ -187,8 +202,9 @@ class Plant:
         """
         arms = len(self.physics)
         middle = self.q + 0.5 * PERIOD * self.dq
+        shown = middle + self.physics.encoder_bias + off_centre(self.physics, middle)[0]
         matrix, velocity, weight = self._arms.terms(
-            np.concatenate([middle, q, middle + self.physics.encoder_bias]),
+            np.concatenate([middle, q, shown]),
             np.concatenate([self.dq, dq, self.dq]))
         self._inverse = np.linalg.inv(matrix[:arms] + self._rotor)
         self._velocity_torque, self._weight = velocity[:arms], weight[:arms]
@@ -202,8 +218,7 @@ class Plant:
         arrived = self._received(command)
         self._history[self._number % len(self._history)] = arrived
         held = self._held
-        if "dropout" in self._used:
-            self._update_dropouts()
+        self._strange.begin_period()
         total = np.zeros_like(self.q)
         # A stiff gear carries the motor's torque, a flexible one what it is wound up by.
         for s in range(SUBSTEPS):
@@ -252,17 +267,7 @@ class Plant:
         if "saturation" in self._used:
             wanted = np.minimum(np.maximum(wanted, -p.saturation), p.saturation)
         self._drive = wanted
-        scale = 1.0 + p.torque_scale
-        if "flutter" in self._used:
-            scale = scale + p.flutter * np.sin(2 * np.pi * p.flutter_frequency * self.time)
-        if "dropout" in self._used:
-            scale = scale * (1.0 - p.dropout * (self._dropped > 0))
-        return scale * (wanted + held)
-
-    def _update_dropouts(self) -> None:
-        """Now and then, every 1.5 s on average, a drive gives way for 60 ms."""
-        begins = np.array([rng.random(JOINTS) for rng in self._rng]) < PERIOD / 1.5
-        self._dropped = np.where(begins, 0.06, self._dropped - PERIOD)
+        return self._strange.drive_scale(1.0 + p.torque_scale, self.time) * self._strange.given(wanted + held)
 
     # Friction, and what else resists on the motor's side
 
@@ -274,14 +279,7 @@ class Plant:
             extra = extra + p.stribeck_level * np.exp(-((speed / p.stribeck_speed) ** 2))
         if "load_coefficient" in used:
             extra = extra + p.load_coefficient * np.abs(self._load)
-        if "rub" in used:
-            extra = extra + p.rub * np.exp(-(((self.q - p.rub_angle) / p.rub_width) ** 2))
-        if "wavy" in used:
-            extra = extra + p.wavy * (1.0 + np.sin(p.wavy_order * self.q + p.wavy_phase))
-        if "ageing" in used:
-            moving = np.abs(speed) > 0.005
-            self._rest = np.where(moving, self._rest * np.exp(-STEP / 0.05), self._rest + STEP)
-            extra = extra + p.ageing * (1.0 - np.exp(-self._rest / p.ageing_time))
+        extra = extra + self._strange.friction(self.q, speed)
         forward, backward = forward + extra, backward + extra
         self._bend, friction = prandtl(self._bend, speed, forward, backward, self._stiff, STEP)
         friction = friction + np.where(speed > 0, p.viscous_forward, p.viscous_backward) * speed
@@ -290,8 +288,6 @@ class Plant:
         if "lugre_level" in used:
             self._lugre, more = lugre(self._lugre, speed, p.lugre_level, p.lugre_stroke, STEP)
             friction = friction + more
-        if "drag" in used:
-            friction = friction + p.drag * speed * np.abs(speed)
         if "ripple" in used:
             friction = friction + p.ripple * np.sin(p.ripple_order * self.theta + p.ripple_phase)
         return friction + p.offset
@@ -333,16 +329,9 @@ class Plant:
 
     def _link_torque(self) -> np.ndarray:
         """Torque (B, 7) that resists on the links."""
-        p, used = self.physics, self._used
-        torque = 0.0
-        if "cable_stiffness" in used:
+        p, torque = self.physics, self._strange.link_torque(self.q, self.dq, self.time)
+        if "cable_stiffness" in self._used:
             torque = torque + p.cable_stiffness * (self.q - p.cable_centre)
-        if "cubic" in used:
-            torque = torque + p.cubic * (self.q - NOMINAL.ready) ** 3
-        if "shake" in used:
-            torque = torque + p.shake * np.sin(2 * np.pi * p.shake_frequency * self.time + p.shake_phase)
-        if "coupling" in used:
-            torque = torque + np.matmul(p.coupling, self.dq[:, :, None])[:, :, 0]
         return torque
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
@@ -23,8 +24,11 @@ class SealError(ValueError):
     """A key that is not the one whose hash was put down; says what was expected and what came."""
 
 
-def make_key(count: int, seed: int, which: str) -> str:
-    """The key as JSON text: of each case its kind, faults, sizes and parameters."""
+def make_key(count: int, seed: int, which: str, only: Sequence[str] = ()) -> str:
+    """The key as JSON text: of each case its kind, faults, sizes and parameters.
+
+    only: the part of the suite that is recorded; it stands in the key where it is not the whole.
+    """
     cases = draw_cases(count, seed, which)
     _, truths = make_physics(cases)
     entries = [{"case": case.number, "kind": case.kind, "faults": [
@@ -33,7 +37,8 @@ def make_key(count: int, seed: int, which: str) -> str:
          "parameters": {name: {"value": _rounded(value), "unit": unit}
                         for name, (value, unit) in given.items()}}
         for fault, given in zip(case.faults, truth)]} for case, truth in zip(cases, truths)]
-    key = {"schema": SCHEMA, "set": which, "seed": seed, "cases": entries}
+    part = {"only": list(only)} if only else {}
+    key = {"schema": SCHEMA, "set": which, "seed": seed, "cases": entries, **part}
     return json.dumps(key, indent=1, sort_keys=True) + "\n"
 
 
@@ -42,9 +47,9 @@ def digest(key: str) -> str:
     return hashlib.sha256(key.encode()).hexdigest()
 
 
-def seal(count: int, seed: int, which: str, path: Path = KEYS) -> str:
+def seal(count: int, seed: int, which: str, only: Sequence[str] = (), path: Path = KEYS) -> str:
     """Put down the hash of a key, once; the hash. Raises SealError where another one stands there."""
-    found = digest(make_key(count, seed, which))
+    found = digest(make_key(count, seed, which, only))
     known = _known(path).get((which, count, seed))
     if known is None:
         with path.open("a", encoding="utf-8") as file:
@@ -95,7 +100,7 @@ def _known(path: Path) -> dict[tuple[str, int, int], str]:
 
 def _mismatch(path: Path, which: str, count: int, seed: int, known: str, found: str) -> str:
     return (f"{path}: key {which} {count} {seed}: expected SHA-256 {known}, got {found}: "
-            "the generator has changed since the key was sealed")
+            "the generator, or --only, is not that of the sealed key")
 
 
 def _rounded(value: float | None) -> float | None:

@@ -8,8 +8,10 @@ from np_diagnosis.blind.faults import Fault, Parameters
 from np_diagnosis.blind.plant import Physics
 from np_diagnosis.excitation import READY, SECOND, THIRD
 
+LATER_FROM = 100  # the seed from which on sets have strangers that came after the doctor
 SCALE = np.array([0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015])  # Nm of size 1
 
+LOAD = np.array([3.0, 20.0, 8.0, 16.0, 1.0, 2.0, 0.4])  # Nm that the drives give now and then
 FURTHEST = 0.2 + np.abs([SECOND - READY, THIRD - READY]).max(axis=0)  # rad from the ready posture
 
 
@@ -50,15 +52,13 @@ def _ageing(p, i, j, size, rng):
 
 def _flutter(p, i, j, size, rng):
     """A worn power supply: the drive's torque scale swings in time."""
-    load = np.array([3.0, 20.0, 8.0, 16.0, 1.0, 2.0, 0.4])[j]
-    p.flutter[i, j], p.flutter_frequency[i, j] = min(1.5 * size / load, 0.4), rng.uniform(0.8, 3.0)
+    p.flutter[i, j], p.flutter_frequency[i, j] = min(1.5 * size / LOAD[j], 0.4), rng.uniform(0.8, 3.0)
     return {"share": (p.flutter[i, j], "1"), "frequency": (p.flutter_frequency[i, j], "Hz")}
 
 
 def _dropout(p, i, j, size, rng):
     """A loose contact: the drive loses part of its torque for 60 ms, at random."""
-    load = np.array([3.0, 20.0, 8.0, 16.0, 1.0, 2.0, 0.4])[j]
-    p.dropout[i, j] = min(3.0 * size / load, 0.6)
+    p.dropout[i, j] = min(3.0 * size / LOAD[j], 0.6)
     return {"share": (p.dropout[i, j], "1")}
 
 
@@ -69,17 +69,79 @@ def _coupling(p, i, j, size, rng):
     return {"drag": (p.coupling[i, j, other], "Nms/rad"), "other_joint": (other + 1.0, "1")}
 
 
-STRANGERS = {
-    "rub": (_rub, (0, 1, 2, 3, 4, 5, 6)),
-    "wavy_friction": (_wavy, (0, 1, 2, 3, 4, 5, 6)),
-    "hardening_spring": (_hardening, (0, 1, 2, 3, 4, 5, 6)),
-    "shaking": (_shake, (0, 1, 2, 3, 4, 5, 6)),
-    "ageing_friction": (_ageing, (0, 1, 2, 3, 4, 5, 6)),
+def _dent(p, i, j, size, rng):
+    """A dent in a bearing's race: at one angle the balls roll into it, and are lifted out, without loss."""
+    angle = READY[j] + rng.uniform(-0.12, 0.12)
+    p.dent[i, j], p.dent_angle[i, j], p.dent_width[i, j] = 2.0 * size, angle, rng.uniform(0.02, 0.05)
+    return {"torque": (2.0 * size, "Nm"), "angle": (angle, "rad")}
+
+
+def _brake(p, i, j, size, rng):
+    """A brake that does not let go at times: friction for some seconds, then none."""
+    p.brake[i, j] = 1.5 * size
+    return {"friction": (1.5 * size, "Nm")}
+
+
+def _loose_part(p, i, j, size, rng):
+    """A cover come loose: balanced mass on a weak spring, which swings after the link."""
+    p.part_inertia[i, j], p.part_frequency[i, j] = 0.5 * size, rng.uniform(1.5, 5.0)
+    p.part_damping[i, j] = rng.uniform(0.05, 0.15)
+    return {"inertia": (0.5 * size, "kg m^2"), "frequency": (p.part_frequency[i, j], "Hz")}
+
+
+def _taut(p, i, j, size, rng):
+    """A cable too short: from some angle on it is taut, and pulls back."""
+    side = rng.choice([-1.0, 1.0])
+    p.taut[i, j], p.taut_side[i, j] = 10.0 * size, side
+    p.taut_angle[i, j] = READY[j] + side * rng.uniform(0.05, 0.15)
+    return {"stiffness": (10.0 * size, "Nm/rad"), "angle": (p.taut_angle[i, j], "rad")}
+
+
+def _dead_zone(p, i, j, size, rng):
+    """An amplifier with crossover distortion: it gives nothing of the first torque asked for, either way."""
+    p.dead_zone[i, j] = size
+    return {"torque": (size, "Nm")}
+
+
+def _fading(p, i, j, size, rng):
+    """Magnets that warm up: the drive gives less and less of what it is asked for."""
+    p.fading[i, j], p.fading_time[i, j] = min(1.5 * size / LOAD[j], 0.4), rng.uniform(30.0, 90.0)
+    return {"share": (p.fading[i, j], "1"), "time": (p.fading_time[i, j], "s")}
+
+
+def _eccentric(p, i, j, size, rng):
+    """An encoder's disc off its centre: too much is shown on one side of the turn, too little on the other."""
+    p.eccentric[i, j], p.eccentric_phase[i, j] = 3e-4 * size / SCALE[j], rng.uniform(0, 2 * np.pi)
+    return {"amplitude": (p.eccentric[i, j], "rad"), "phase": (p.eccentric_phase[i, j], "rad")}
+
+
+_ANY = (0, 1, 2, 3, 4, 5, 6)
+FIRST = {
+    "rub": (_rub, _ANY),
+    "wavy_friction": (_wavy, _ANY),
+    "hardening_spring": (_hardening, _ANY),
+    "shaking": (_shake, _ANY),
+    "ageing_friction": (_ageing, _ANY),
     "drive_flutter": (_flutter, (1, 2, 3, 5)),
     "drive_dropout": (_dropout, (1, 2, 3, 5)),
     "joint_coupling": (_coupling, (1, 2, 3, 4, 5, 6)),
 }
+LATER = {
+    "bearing_dent": (_dent, _ANY),
+    "dragging_brake": (_brake, _ANY),
+    "loose_part": (_loose_part, _ANY),
+    "taut_cable": (_taut, _ANY),
+    "drive_dead_zone": (_dead_zone, (0, 2, 4, 6)),  # where gravity does not keep the torque away from zero
+    "fading_drive": (_fading, (1, 2, 3, 5)),
+    "eccentric_encoder": (_eccentric, _ANY),
+}
+STRANGERS = FIRST | LATER
 """By name: what gives an arm the fault, and the joints (0..6) where it is drawn."""
+
+
+def strangers_of(seed: int) -> tuple[str, ...]:
+    """The kinds that sets of a seed draw from: those that the doctor was developed on, or none of them."""
+    return tuple(FIRST if seed < LATER_FROM else LATER)
 
 
 def apply_stranger(physics: Physics, arm: int, fault: Fault, rng: np.random.Generator) -> Parameters:

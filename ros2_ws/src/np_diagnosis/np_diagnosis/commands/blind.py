@@ -92,9 +92,9 @@ def main(arguments: list[str] | None = None) -> int:
     began = time.monotonic()
     try:
         if options.seal:
-            print(json.dumps({"key_sha256": seal(options.cases, options.seed, options.which)}))
+            print(json.dumps({"key_sha256": seal(options.cases, options.seed, options.which, options.only)}))
             return 0
-        key = make_key(options.cases, options.seed, options.which)
+        key = make_key(options.cases, options.seed, options.which, options.only)
         sealed = check(key) if options.which == "locked" else digest(key)
         options.out.mkdir(parents=True, exist_ok=True)
         doctor = check_doctor(options.out, options.which == "locked")

@@ -42,7 +42,8 @@ def effects(context: Context) -> list[Effect]:
             is_arm=True,
         )
     )
-    if context.held is not None and context.held.sum() > LEAST_HELD:
+    # Of periods too alike to tell, none is lost for certain: there is no share of those to go by.
+    if context.held is not None and context.held.sum() > LEAST_HELD and context.held_share > 0:
         share = context.held_share
         known = float(np.sqrt(share * (1.0 - share) / max(context.held_seen, 1)))  # losses come by chance
         found.append(

@@ -13,7 +13,7 @@ SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
 WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)  # all of it, or it is another shape
 SCALE_KNOWN = 0.005  # to which the torque constant of any drive is known
 RAMP_KNOWN = 0.02  # of a rate: within a period a drive may ramp, or step at its end
-LEVELS = tuple(0.95 * 0.88**n for n in range(10))  # of the largest torque or rate commanded
+LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest torque or rate commanded
 REACHED = (0.97, 1.0)  # of the largest torque measured: a drive at its limit is there again and again
 AVERAGE_KNOWN = 4e-4  # s: whether a period's measured torque is its mean or its end makes .4 of a period
 
