@@ -64,10 +64,13 @@ class Graph(Supervisor):
         super().__init__(log_directory, locate=command)
         self._specs: dict[str, NodeSpec] = {}
 
-    def start(self, specs: NodeSpec | Sequence[NodeSpec], environment: Mapping[str, str] | None = None) -> None:
-        """As a supervisor does, remembering with which parameters."""
+    def start(
+        self, specs: NodeSpec | Sequence[NodeSpec], environment: Mapping[str, str] | None = None
+    ) -> None:
+        """As a supervisor does, remembering what was started."""
+        specs = [specs] if isinstance(specs, NodeSpec) else list(specs)
         super().start(specs, environment)
-        self._specs.update({spec.name: spec for spec in ([specs] if isinstance(specs, NodeSpec) else specs)})
+        self._specs.update({spec.name: spec for spec in specs})
 
     def bring_to(self, specs: Sequence[NodeSpec]) -> set[str]:
         """Stop and start nodes until these run and no others; who runs as wanted is left alone. The names."""

@@ -118,7 +118,7 @@ def thinking(tmp_path_factory):
 
 @pytest.fixture
 def begin(request, tmp_path):
-    """Starts `episode` beside the other three; options: its parameters, and what asks for three nodes of its own."""
+    """Starts `episode` beside the other three; options: its parameters, or what asks for three of its own."""
     with ExitStack() as stack:
         def begun(position=HAND, mode="lockstep", **episode):
             if (position, mode) == (HAND, "lockstep"):
