@@ -72,7 +72,7 @@ else
 		python -m pytest -m "not slow" -k "$(REAL_TIME)" $(GRAPHS) || failed=1; exit $${failed:-0}
 endif
 
-test-slow: setup ## tests of half a minute each that say least beyond those of `make test`
+test-slow: setup ## the slowest tests, which say least beyond those of `make test`
 	@$(ACTIVATE) export OMP_NUM_THREADS=1; exec python -m pytest -n 2 --dist worksteal -m slow
 
 # What a robot's network protocol needs is installed only here: nobody else does.

@@ -56,6 +56,7 @@ def test_an_update_shared_by_two_processes_is_that_of_one(tmp_path):
                 assert (mine[name] - tensor).abs().max() < 1e-4, name
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_with_another_number_of_processes(tmp_path, monkeypatch, capsys):
     options = [
         "--worlds",
