@@ -20,7 +20,7 @@ from np_diagnosis.commands import blind
 from np_diagnosis.excitation import suite
 
 ONLY = ["sinusoid_2", "sinusoid_4", "triangle_fast"]  # the doctor asks for ten blocks of motion
-COUNT = 2
+COUNT = 3
 TOPICS = ["joint_states", "motor_states", "effort_command", "applied_command", "joint_trajectory", "tick"]
 KEYS = {"module_accuracy", "joint_accuracy", "effect_class_accuracy", "false_alarm",
         "abstain_out_of_catalogue", "pairs_top3", "coverage95", "shrink_vs_oracle", "harm", "wall_s"}
