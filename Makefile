@@ -18,8 +18,8 @@ ARGS ?=
 
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
-ALONE := tests/unit tests/training tests/diagnosis tests/parity
 REAL_TIME := realtime or real_time
+ALONE := tests/unit tests/training tests/diagnosis tests/parity
 GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
 .PHONY: help setup demo test test-slow test-driver driver-report hardware bench blind evaluate train identify lock clean distclean
@@ -61,19 +61,19 @@ train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that
 identify: setup ## BAG="run1 run2" | none: a simulated arm; friction, damping, armature and what they explain
 	@$(ACTIVATE) exec python -m np_training.identify $(or $(BAG),--simulate) --seed $(SEED) $(ARGS)
 
-# Two tests at a time, each file's in one process; what is judged in real time has the machine to itself.
+# Two files of tests at a time; of graphs in real time one, which has the machine to itself.
 test: setup ## every test that needs no GPU; PYTEST_ARGS="tests/unit -k name": only these
 ifdef PYTEST_ARGS
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)
 else
 	@$(ACTIVATE) export OMP_NUM_THREADS=1; \
-		python -m pytest -n 2 --dist worksteal -m "not slow" $(ALONE) || failed=1; \
-		python -m pytest -n 2 --dist loadfile -k "not ($(REAL_TIME))" $(GRAPHS) || failed=1; \
-		python -m pytest -k "$(REAL_TIME)" $(GRAPHS) || failed=1; exit $${failed:-0}
+		python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow" -k "unit or not ($(REAL_TIME))" \
+			|| failed=1; \
+		python -m pytest -m "not slow" -k "$(REAL_TIME)" $(GRAPHS) || failed=1; exit $${failed:-0}
 endif
 
-test-slow: setup ## tests of half a minute each, of the blind test of the doctor
-	@$(ACTIVATE) export OMP_NUM_THREADS=1; exec python -m pytest -n 2 --dist worksteal -m slow $(ALONE)
+test-slow: setup ## the slowest tests, which say least beyond those of `make test`
+	@$(ACTIVATE) export OMP_NUM_THREADS=1; exec python -m pytest -n 2 --dist worksteal -m slow
 
 # What a robot's network protocol needs is installed only here: nobody else does.
 .venv/.hardware: requirements-hardware.txt .venv/.installed

@@ -22,6 +22,15 @@ except ImportError:
     os.environ["PYTHONPATH"] = os.pathsep.join([*sources, os.environ.get("PYTHONPATH", "")])
 
 
+# Of two workers that take file by file, none begins a minute's work when the other has nothing left.
+LONGEST = ("test_commands", "test_distributed", "test_reproducible", "test_diagnosis", "test_faults")
+
+
+def pytest_collection_modifyitems(items):
+    """The longest files first."""
+    items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
+
+
 @pytest.fixture
 def graph(tmp_path):
     """Starts nodes as processes in a ROS domain of the test's own."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import torch
 from np_training.detector.export import export
@@ -18,13 +20,23 @@ TINY = NetworkConfig(widths=(8, 8, 8), blocks=(1, 1))
 def write_detector(folder: Path, *, score: float = 0.0, domain: str = "card", seed: int = 0) -> Path:
     """Weights and network of a detector in `folder`; `score` is the logit around which its scores lie. The
     .onnx's path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in _files(score, domain, seed).items():
+        (folder / name).write_bytes(content)
+    return folder / f"keypoint_detector_{domain}.onnx"
+
+
+@cache
+def _files(score: float, domain: str, seed: int) -> dict[str, bytes]:
+    """Names and contents; to export a network takes seconds."""
     torch.manual_seed(seed)
     network = KeypointNetwork(TINY)
     with torch.no_grad():
         network.score.bias.fill_(score)
         network.score.weight.mul_(0.1)
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"keypoint_detector_{domain}.safetensors"
-    save_file(network.state_dict(), path, metadata={"network": json.dumps(asdict(TINY)),
-                                                    "training": json.dumps({"domain": domain, "seed": seed})})
-    return export(path)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"keypoint_detector_{domain}.safetensors"
+        record = {"network": asdict(TINY), "training": {"domain": domain, "seed": seed}}
+        save_file(network.state_dict(), path, metadata={key: json.dumps(value) for key, value in record.items()})
+        export(path)
+        return {file.name: file.read_bytes() for file in Path(folder).iterdir()}

@@ -18,7 +18,7 @@ import os
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,6 +32,7 @@ from np_ros.spin import Spinner
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
+Overrides = Mapping[str, Mapping[str, object]]
 TIMEOUT = 60.0  # s; only how long a broken graph takes to fail, never a requirement on speed
 
 
@@ -46,22 +47,43 @@ def command(package: str, executable: str) -> list[str]:
         raise
 
 
+def card_specs(overrides: Overrides | None = None, *, leave_out=(), **arguments) -> list[NodeSpec]:
+    """The nodes of the card graph for launch arguments; overrides: parameters by node."""
+    overrides = overrides or {}
+    return [
+        replace(spec, parameters={**spec.parameters, **overrides.get(spec.name, {})})
+        for spec in card_graph(arguments)
+        if spec.name not in leave_out
+    ]
+
+
 class Graph(Supervisor):
     """A supervisor that also runs nodes from source."""
 
     def __init__(self, log_directory: Path):
         super().__init__(log_directory, locate=command)
+        self._specs: dict[str, NodeSpec] = {}
 
-    def run_card(
-        self, overrides: Mapping[str, Mapping[str, object]] | None = None, *, leave_out=(), **arguments
-    ) -> set[str]:
-        """Start the card graph; overrides: parameters by node. The names, for `Probe.wait_until_ready`."""
-        overrides = overrides or {}
-        specs = [
-            replace(spec, parameters={**spec.parameters, **overrides.get(spec.name, {})})
-            for spec in card_graph(arguments)
-            if spec.name not in leave_out
-        ]
+    def start(
+        self, specs: NodeSpec | Sequence[NodeSpec], environment: Mapping[str, str] | None = None
+    ) -> None:
+        """As a supervisor does, remembering what was started."""
+        specs = [specs] if isinstance(specs, NodeSpec) else list(specs)
+        super().start(specs, environment)
+        self._specs.update({spec.name: spec for spec in specs})
+
+    def bring_to(self, specs: Sequence[NodeSpec]) -> set[str]:
+        """Stop and start nodes until these run and no others; who runs as wanted is left alone. The names."""
+        wanted = {spec.name: spec for spec in specs}
+        other = [name for name in self.names if self.ended(name) or self._specs[name] != wanted.get(name)]
+        if other:
+            self.stop(*other)
+        self.start([spec for name, spec in wanted.items() if name not in self.names])
+        return set(wanted)
+
+    def run_card(self, overrides: Overrides | None = None, *, leave_out=(), **arguments) -> set[str]:
+        """Start the card graph, see `card_specs`. The names, for `Probe.wait_until_ready`."""
+        specs = card_specs(overrides, leave_out=leave_out, **arguments)
         self.start(specs)
         return {spec.name for spec in specs}
 

@@ -23,6 +23,13 @@ PERIOD = 0.002
 WRIST = np.array([1, 1, 1, 1, 0.2, 0.2, 0.2])
 
 
+def at(joint: int, value: float) -> np.ndarray:
+    """Seven numbers, all zero but that of one joint, counted from 1."""
+    array = np.zeros(7)
+    array[joint - 1] = value
+    return array
+
+
 def _zero():
     return field(default_factory=lambda: np.zeros(7))
 
@@ -88,7 +95,7 @@ def motion(duration: float, seed: int):
     phase = rng.uniform(0, 2 * np.pi, (3, 7))
     amplitude = np.array([0.5, 0.35, 0.5, 0.35, 0.5, 0.5, 0.6]) / 2
 
-    def at(time):
+    def moves(time):
         angle = omega * np.asarray(time)[:, None, None] + phase
         return (
             NOMINAL.ready + amplitude * np.sin(angle).sum(axis=1),
@@ -96,16 +103,16 @@ def motion(duration: float, seed: int):
             -amplitude * (omega**2 * np.sin(angle)).sum(axis=1),
         )
 
-    return at
+    return moves
 
 
 def record(truth: Truth = Truth(), duration: float = 24.0, seed: int = 0, name: str = "synthetic") -> Log:
     """A log of this motion, with the commands that the impedance law would have given for it."""
     rng = np.random.default_rng(seed + 1)
-    at = motion(duration, seed)
+    moves = motion(duration, seed)
     time = np.arange(int(duration / PERIOD)) * PERIOD
-    q, dq, _ = at(time)
-    middle, speed, acceleration = at(time - PERIOD / 2 - truth.late)
+    q, dq, _ = moves(time)
+    middle, speed, acceleration = moves(time - PERIOD / 2 - truth.late)
     arm, nominal = _Rigid(truth), _Rigid()
     level = [NOMINAL.frictionloss + truth.coulomb_negative, NOMINAL.frictionloss + truth.coulomb_positive]
     torque, bristle, bend, last = np.empty_like(q), np.zeros(7), np.zeros(7), middle[0]

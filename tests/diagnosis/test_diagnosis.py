@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm_generator import Truth, record
+from arm_generator import Truth, at, record
 
 from np_diagnosis.arm_model import load_arm, panda
 from np_diagnosis.contract import check
@@ -16,12 +16,6 @@ from np_diagnosis.reading import read
 from np_diagnosis.report import make_report
 
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
-
-
-def at(joint, value):
-    array = np.zeros(7)
-    array[joint - 1] = value
-    return array
 
 
 def examine(truth, seed=0):
@@ -43,8 +37,10 @@ def test_a_clean_arm_has_no_gap(truth, seed):
     assert report["effects"] == [] and report["where"] == [] and abs(diagnosis.gap.shrink) < 0.05
 
 
-def test_coulomb_friction_is_found_in_its_joint():
-    diagnosis, report = examine(Truth(coulomb_positive=at(4, 0.3), coulomb_negative=at(4, 0.3)))
+def test_coulomb_friction_is_found_in_its_joint(stuck):
+    diagnosis, log = stuck
+    check(log)
+    report = make_report(diagnosis, [log], 0.0)
     (found,) = chosen(diagnosis)
     assert (found.effect.id, found.component) == ("coulomb_friction", "panda_joint4")
     level = found.parameters["level"]
@@ -54,16 +50,16 @@ def test_coulomb_friction_is_found_in_its_joint():
     assert report["where"][0]["module"] == "joint_dynamics"
 
 
-def test_asymmetry_is_found_with_what_it_cannot_be_told_from():
-    diagnosis, _ = examine(Truth(coulomb_positive=at(1, 0.5), coulomb_negative=at(1, 0.1)))
+def test_asymmetry_is_found_with_what_it_cannot_be_told_from(uneven):
+    diagnosis, _ = uneven
     found = chosen(diagnosis)
     ids = {i for f in found for i in (f.effect.id, *f.equivalent_to)}
     assert "asymmetric_coulomb_friction" in ids or {"coulomb_friction", "torque_offset"} <= ids
     assert {f.component for f in found} == {"panda_joint1"}
 
 
-def test_a_payload_is_one_cause_and_not_seven():
-    diagnosis, _ = examine(Truth(payload=0.3))
+def test_a_payload_is_one_cause_and_not_seven(loaded):
+    diagnosis, _ = loaded
     (found,) = chosen(diagnosis)
     assert found.effect.id == "payload"
     assert found.parameters["mass"].value == pytest.approx(0.3, abs=0.01)

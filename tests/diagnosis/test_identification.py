@@ -215,6 +215,7 @@ def test_the_patch_of_a_panda_can_be_loaded_and_gives_its_parameters(tmp_path):
         assert np.allclose(getattr(patched, name), values[name])
 
 
+@pytest.mark.slow
 def test_a_blind_bag_gives_patches_that_the_blind_test_can_follow(tmp_path, capsys):
     case = Case(0, "single", (Fault("coulomb_friction", 6, 8.0),), (1, 2))
     level = make_physics([case])[1][0][0]["level"][0]

@@ -10,7 +10,6 @@ from hypothesis import given, settings, strategies as st
 from np_diagnosis.arm_model import panda
 from np_diagnosis.context import make_context
 from np_diagnosis.design import make_design
-from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.excitation import experiment, suite
 from np_diagnosis.page import render
 from np_diagnosis.planning import planned_cells, planned_log
@@ -29,12 +28,6 @@ from np_diagnosis.power import (
 from np_diagnosis.refit import second_opinion
 from np_diagnosis.report import make_report
 from np_diagnosis.search import Search
-
-
-def at(joint, value):
-    array = np.zeros(7)
-    array[joint - 1] = value
-    return array
 
 
 def belief(ids, mean, spread):
@@ -116,9 +109,8 @@ def test_longer_motions_say_more_and_a_posture_tells_payload_from_offsets(payloa
     assert all(0 <= p.probability <= 1 for p in row)
 
 
-def test_what_are_the_same_forces_no_experiment_can_tell():
-    log = record(Truth(coulomb_positive=at(1, 0.5), coulomb_negative=at(1, 0.1)))
-    diagnosis = diagnose([log])
+def test_what_are_the_same_forces_no_experiment_can_tell(uneven):
+    diagnosis, log = uneven
     member = diagnosis.chosen.members[0]
     question = ambiguity(diagnosis.search, diagnosis.chosen, member, ())
     assert question is not None and any(
@@ -139,9 +131,8 @@ def test_what_are_the_same_forces_no_experiment_can_tell():
     assert NONE in render(report, diagnosis)
 
 
-def test_an_ambiguity_is_answered_with_a_command_and_its_odds():
-    log = record(Truth(coulomb_positive=at(4, 0.2), coulomb_negative=at(4, 0.2)))
-    diagnosis = diagnose([log])
+def test_an_ambiguity_is_answered_with_a_command_and_its_odds(stuck):
+    diagnosis, log = stuck
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
     # As if the recording had left it open whether it is viscous.
     open_ = replace(diagnosis, findings=(replace(finding, equivalent_to=("viscous_friction",)),))
@@ -162,8 +153,8 @@ def test_an_ambiguity_is_answered_with_a_command_and_its_odds():
     assert suite([answer["name"]])  # excite knows it
 
 
-def test_without_an_ambiguity_there_is_no_experiment():
-    diagnosis = diagnose([record(Truth(payload=0.5))])
+def test_without_an_ambiguity_there_is_no_experiment(loaded):
+    diagnosis, _ = loaded
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
     sure = replace(diagnosis, findings=(replace(finding, probability=1.0, equivalent_to=()),))
     assert open_question(sure) is None and next_experiment(sure, None) is None

@@ -65,7 +65,7 @@ def test_the_demo_records_and_reports(tmp_path, untrained):
     assert survivors(folder) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_the_demo_cleans_up_when_it_is_interrupted(tmp_path, untrained, number):
     process = start("demo", untrained, "--keypoints", "truth", "--out", tmp_path / "demo")
     lines = []
@@ -93,16 +93,17 @@ def test_missing_weights_are_named(tmp_path):
 
 def test_an_evaluation_counts_and_goes_on_where_it_stopped(tmp_path, untrained):
     options = ("--keypoints", "camera", "--seed", 3, "--out", tmp_path / "eval")
-    status, first, _, err = finish(start("evaluate", untrained, "--episodes", 2, *options))
+    status, first, _, err = finish(start("evaluate", untrained, "--episodes", 1, *options))
     assert status == 0, err
-    assert first["episodes"] == 2 and first["ci95"][0] <= first["success"] <= first["ci95"][1]
-    assert sum(first["failures"].values()) == 2 - round(2 * first["success"])
-    status, second, _, err = finish(start("evaluate", untrained, "--episodes", 3, *options))
+    assert first["episodes"] == 1
+    status, second, _, err = finish(start("evaluate", untrained, "--episodes", 2, *options))
     assert status == 0, err
     lines = [json.loads(line) for line in open(second["results"])]
-    assert [line["episode"] for line in lines[1:]] == [0, 1, 2] and first["results"] == second["results"]
-    # Of the first two nothing was run again: their wall time is in the sum, not in this run.
-    assert second["episodes"] == 3 and second["wall_s"] > sum(line["wall_s"] for line in lines[1:3])
+    assert [line["episode"] for line in lines[1:]] == [0, 1] and first["results"] == second["results"]
+    assert second["ci95"][0] <= second["success"] <= second["ci95"][1]
+    assert sum(second["failures"].values()) == 2 - round(2 * second["success"])
+    # Of the first nothing was run again: its wall time is in the sum, not in this run.
+    assert second["episodes"] == 2 and second["wall_s"] > sum(line["wall_s"] for line in lines[1:])
 
 
 def test_a_graph_that_breaks_down_costs_its_episode(tmp_path, untrained):

@@ -32,9 +32,16 @@ def record(folder, mode, only=SHORT):
             return segments, exciter.stop_recording()
 
 
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A run in lockstep: its segments, and what the recorder said."""
+    return record(tmp_path_factory.mktemp("one"), "lockstep")
+
+
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
-def test_an_experiment_is_followed_and_recorded(tmp_path, mode):
-    segments, result = record(tmp_path, mode)
+def test_an_experiment_is_followed_and_recorded(request, tmp_path, mode):
+    lockstep = mode == "lockstep"
+    segments, result = request.getfixturevalue("recorded") if lockstep else record(tmp_path, mode)
     assert segments == SHORT
     with Recording(result["bag"], ["joint_states", "effort_command", "tick"]) as recording:
         decoded = {name: [m.decode() for m in recording.messages(name)]
@@ -56,10 +63,9 @@ def test_an_experiment_is_followed_and_recorded(tmp_path, mode):
     assert np.abs(targets[:, :6] - NOMINAL.ready[:6]).max() < 0.01
 
 
-def test_lockstep_recordings_are_equal_bit_for_bit(tmp_path):
+def test_lockstep_recordings_are_equal_bit_for_bit(recorded, tmp_path):
     digests = []
-    for name in ("one", "two"):
-        _, result = record(tmp_path / name, "lockstep")
+    for _, result in (recorded, record(tmp_path, "lockstep")):
         with Recording(result["bag"]) as recording:
             digests.append(recording.digest())
         assert result["lost"] == 0

@@ -1,11 +1,16 @@
-"""Faults injected into a running card graph: each ends in a named phase, with the arm at rest."""
+"""Faults injected into a running card graph: each ends in a named phase, with the arm at rest.
+
+One graph for all: every test finds it as the fault before has left it, and the next episode runs.
+"""
 
 import signal
 import sys
 
 import numpy as np
 import pytest
+from graph_tools import Graph, card_specs, command
 from np_bringup.contract import END_PHASES, split_phase
+from np_bringup.graph import NodeSpec
 from np_control.safety import LIMITS
 from np_description.panda import STATE_NAMES
 from np_ros import qos
@@ -13,9 +18,9 @@ from np_ros.messages import joint_state_arrays, stamp_nanoseconds
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-# Who gives up first: the episode, where its inputs are missing, or the backend, where its answers are.
-EPISODE_FIRST = {"episode": {"silence": 2.0, "planning": 8.0}}
+# Who gives up first: the backend, where its answers are missing, or the episode, where its inputs are.
 BACKEND_FIRST = {"sim_bridge": {"lockstep_timeout": 10.0}}
+EPISODE_FIRST = {**BACKEND_FIRST, "episode": {"silence": 2.0, "planning": 2.0}}
 
 NAN_CONTROLLER = """
 import rclpy
@@ -28,12 +33,14 @@ from sensor_msgs.msg import JointState
 
 class NanController(Node):
     def __init__(self):
-        super().__init__("joint_impedance")
+        super().__init__("nan_controller")
         self.diagnostics = Diagnostics(self)
         self.publisher = self.create_publisher(JointState, "effort_command", qos.LOCKSTEP)
         self.create_subscription(JointState, "joint_states", self.answer, qos.LOCKSTEP)
 
     def answer(self, state):
+        if self.count_publishers("effort_command") > 1:
+            return  # the other controller is still there
         position = list(state.position[:7])
         stamp = stamp_nanoseconds(state.header.stamp)
         command = joint_state_message(stamp, JOINT_NAMES, position, [0.0] * 7, [0.0] * 7)
@@ -45,17 +52,28 @@ raise SystemExit(run(NanController))
 
 
 class Episode:
-    """What the tests look at: phases and joint states of an episode under way."""
+    """An episode of `graph`: how to bring it about, and what the tests look at, phases and joint states."""
 
-    def __init__(self, probe):
-        self.probe = probe
+    def __init__(self, graph, probe, weights):
+        self.graph, self.probe, self.weights = graph, probe, str(weights)
         self.phases = probe.collect("phase", String, qos.LATCHED)
         self.states = probe.collect("joint_states", JointState, qos.RECORDER)
 
-    def start(self, names):
-        self.probe.wait_until_ready(names)
-        assert self.probe.call("sim_bridge/reset").success
-        assert self.probe.call("episode/start").success
+    def start(self, overrides=BACKEND_FIRST, leave_out=(), beside=(), keypoints="truth"):
+        """Bring the graph to these nodes, and into an episode whatever the one before has come to."""
+        specs = card_specs(overrides, leave_out=leave_out, keypoints=keypoints, weights=self.weights)
+        self.probe.wait_until_ready(self.graph.bring_to([*specs, *beside]))
+        self.probe.wait_until(self.is_reset, what="a reset")
+        self.probe.wait_until(lambda: self.phases, what="the phase of before")
+        self.phases.clear()
+        self.probe.wait_until(lambda: self.probe.call("episode/start").success, what="a start")
+
+    def is_reset(self):
+        """Whether the backend takes a reset; if not, recover for the next time."""
+        if self.probe.call("sim_bridge/reset").success:
+            return True
+        self.probe.call("sim_bridge/recover")  # refused while the arm still moves
+        return False
 
     def wait_for(self, phase):
         self.probe.wait_until(
@@ -85,30 +103,33 @@ class Episode:
         return stamp_nanoseconds(self.states[-1].header.stamp)
 
 
+@pytest.fixture(scope="module")
+def graph(tmp_path_factory):
+    with Graph(tmp_path_factory.mktemp("faults") / "log") as graph:
+        yield graph
+
+
 @pytest.fixture
 def episode(graph, probe, untrained):
-    return Episode(probe)
+    return Episode(graph, probe, untrained)
 
 
-def test_a_controller_that_turns_to_nan(graph, probe, episode, untrained, monkeypatch):
-    # With the usual patience: simulated time stands still until the other controller is up.
-    names = graph.run_card({}, keypoints="truth", weights=str(untrained))
-    episode.start(names)
+def test_a_controller_that_turns_to_nan(graph, episode, monkeypatch):
+    monkeypatch.setattr(graph, "_locate", lambda package, executable: (
+        [sys.executable, "-c", NAN_CONTROLLER] if package == "none" else command(package, executable)))
+    episode.start(beside=[NodeSpec("none", "nan_controller")])
     episode.wait_for_motion("approach")
-    graph.kill("joint_impedance")
-    monkeypatch.setattr(graph, "_locate", lambda package, executable: [sys.executable, "-c", NAN_CONTROLLER])
-    graph.run("none", "joint_impedance")
+    graph.stop("joint_impedance")
     phase, reason = episode.end()
-    assert phase == "fault" and reason
+    assert phase == "fault" and "silence" in reason
 
 
 @pytest.mark.parametrize(
     "victim, number, topic",
     [("joint_impedance", signal.SIGKILL, "effort_command"), ("post_contact", signal.SIGTERM, "target_pose")],
 )
-def test_a_node_killed_while_the_arm_pushes(graph, probe, episode, untrained, victim, number, topic):
-    names = graph.run_card(BACKEND_FIRST, keypoints="truth", weights=str(untrained))
-    episode.start(names)
+def test_a_node_killed_while_the_arm_pushes(graph, probe, episode, victim, number, topic):
+    episode.start()
     episode.wait_for_motion("post")
     graph.kill(victim, number)
     phase, reason = episode.end()
@@ -117,33 +138,24 @@ def test_a_node_killed_while_the_arm_pushes(graph, probe, episode, untrained, vi
     assert not refused.success and "recover" in refused.message
 
 
-def test_a_planner_killed_before_it_plans(graph, probe, episode, untrained):
-    names = graph.run_card(
-        EPISODE_FIRST, leave_out=["approach"], keypoints="truth", weights=str(untrained)
-    )
-    episode.start(names)
+def test_a_planner_killed_before_it_plans(episode):
+    episode.start(EPISODE_FIRST, leave_out=["approach"])
     phase, reason = episode.end()
-    assert phase == "failed" and reason == "approach: no joint_trajectory within 8 s"
+    assert phase == "failed" and reason == "approach: no joint_trajectory within 2 s"
 
 
-def test_a_silent_camera(graph, probe, episode, untrained):
-    names = graph.run_card({**EPISODE_FIRST, "sim_bridge": {"camera": False}}, weights=str(untrained))
-    episode.start(names)
+def test_a_silent_camera(episode):
+    without = {"sim_bridge": {**BACKEND_FIRST["sim_bridge"], "camera": False}}
+    episode.start({**EPISODE_FIRST, **without}, keypoints="camera")
     phase, reason = episode.end()
     assert phase == "failed" and reason == "pre: no keypoints within 2 s"
 
 
-def test_a_new_episode_after_a_fault(graph, probe, episode, untrained):
+def test_a_new_episode_after_a_fault(graph, probe, episode):
     """A controller that came back: recover, reset, and the episode runs."""
-    names = graph.run_card(BACKEND_FIRST, keypoints="truth", weights=str(untrained))
-    episode.start(names)
+    episode.start()
     episode.wait_for_motion("approach")
     graph.kill("joint_impedance")
     assert episode.end()[0] == "fault"
-    graph.run("np_control", "joint_impedance", {"mode": "lockstep"})
-    probe.wait_until_ready(names)
-    probe.wait_until(lambda: probe.call("sim_bridge/recover").success, what="recovery")
-    episode.phases.clear()
-    probe.wait_until(lambda: probe.call("sim_bridge/reset").success, what="a reset")
-    probe.wait_until(lambda: probe.call("episode/start").success, what="a start")
+    episode.start()
     episode.wait_for("post")

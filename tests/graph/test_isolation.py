@@ -2,6 +2,7 @@
 
 import pytest
 from geometry_msgs.msg import PoseStamped
+from graph_tools import Graph, card_specs
 from np_ros import qos
 from std_msgs.msg import String
 
@@ -23,11 +24,18 @@ def subscriptions(probe, node):
     return topics - OF_ROS
 
 
+@pytest.fixture(scope="module")
+def graph(tmp_path_factory):
+    """One for both controllers: only they differ."""
+    with Graph(tmp_path_factory.mktemp("isolation") / "log") as graph:
+        yield graph
+
+
 @pytest.mark.parametrize("controller", ["impedance", "osc"])
 def test_the_policy_path_does_not_hear_the_truth(controller, graph, probe, untrained):
     phases = probe.collect("phase", String, qos.LATCHED)
     poses = probe.collect("object_pose", PoseStamped)
-    names = graph.run_card(controller=controller, weights=str(untrained))
+    names = graph.bring_to(card_specs(controller=controller, weights=str(untrained)))
     probe.wait_until_ready(names)
     policy_path = names - {"sim_bridge"}
     assert len(policy_path) == 6
@@ -39,7 +47,10 @@ def test_the_policy_path_does_not_hear_the_truth(controller, graph, probe, untra
             assert subscriptions(probe, node) == ALLOWED[node], node
 
     check()
-    assert probe.call("sim_bridge/reset").success and probe.call("episode/start").success
+    assert probe.call("sim_bridge/reset").success
+    probe.wait_until(lambda: phases, what="the phase of before")
+    phases.clear()
+    probe.wait_until(lambda: probe.call("episode/start").success, what="a start")
     # As far as an untrained detector leads: every node of the path but post_contact has worked then.
     probe.wait_until(lambda: phases and phases[-1].data.split(":")[0] not in ("idle", "pre"), what="the end of phase pre")
     probe.wait_until(lambda: poses, what="the truth")

@@ -3,12 +3,14 @@
 import subprocess
 import sys
 import time
+from contextlib import ExitStack, closing
+from itertools import count
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from graph_tools import command
+from graph_tools import Graph, Probe, command
 from np_control.kinematics import forward_kinematics, pose_distance
 from np_description.domains import CARD, sample_task
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
@@ -27,8 +29,8 @@ TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))
 HAND = (START.position[0], START.position[1], 0.05)
 NODES = ("pre_contact", "approach", "post_contact", "episode")
-INPUTS = {"goal_pose": (PoseStamped, qos.LATCHED, 1), "keypoints": (PointCloud2, qos.LOCKSTEP, 4),
-          "joint_states": (JointState, qos.LOCKSTEP, 2), "diagnostics": (DiagnosticArray, qos.EVENT, 1)}
+INPUTS = {"goal_pose": (PoseStamped, qos.LATCHED), "keypoints": (PointCloud2, qos.LOCKSTEP),
+          "joint_states": (JointState, qos.LOCKSTEP), "diagnostics": (DiagnosticArray, qos.EVENT)}
 OUTPUTS = {"phase": (String, qos.LATCHED), "tick": (Header, qos.LOCKSTEP), "goal_keypoints": (PointCloud2, qos.LATCHED),
            "gripper_command": (Float64, qos.EVENT), "pre_contact_pose": (PoseStamped, qos.EVENT),
            "joint_trajectory": (JointTrajectory, qos.EVENT), "target_gains": (Float64MultiArray, qos.LOCKSTEP),
@@ -36,12 +38,22 @@ OUTPUTS = {"phase": (String, qos.LATCHED), "tick": (Header, qos.LOCKSTEP), "goal
 
 
 class Backend:
-    """What the nodes under test hear, and what they have said."""
+    """What the nodes under test hear, and what they have said.
+
+    Time goes on from one test to the next, as it does from one episode to the next: the nodes are the same.
+    """
+
+    _began = count(0, 10_000)  # policy ticks
 
     def __init__(self, probe):
         self.probe = probe
+        self._first = next(self._began)
         self._last = {}
         self._repeat_at = 0.0
+
+    def tick(self, number):
+        """Stamp (ns) of a policy tick of this test, counted from 1."""
+        return (self._first + number) * TICK
 
     def goal(self, stamp):
         self.probe.publish("goal_pose", pose_message(stamp, BASE_FRAME, GOAL.position, GOAL.quaternion), qos.LATCHED)
@@ -87,32 +99,49 @@ class Backend:
         assert response.success, response.message
 
 
+def think(graph, weights, position=HAND, mode="lockstep"):
+    """Start the nodes that `episode` leads; position: where the student wants the hand."""
+    weights = str(write_policies(weights, CARD, position=position))
+    for name, own in (("pre_contact", {"weights": weights}), ("post_contact", {"weights": weights}),
+                      ("approach", {"improve_checks": 2000})):
+        graph.run("np_policy", name, {"mode": mode, "domain": "card", **own})
+
+
+@pytest.fixture(scope="module")
+def thinking(tmp_path_factory):
+    """The three nodes in lockstep, once for all tests: nothing of an episode may be left in them after it."""
+    folder = tmp_path_factory.mktemp("thinking")
+    with Graph(folder / "log") as graph:
+        think(graph, folder / "weights")
+        yield graph
+
+
 @pytest.fixture
-def begin(graph, probe, tmp_path):
-    """Starts the four nodes; options: parameters of episode, where the student wants the hand."""
-    def begun(position=HAND, mode="lockstep", **episode):
-        weights = str(write_policies(tmp_path / "weights", CARD, position=position))
-        for topic, (kind, profile) in OUTPUTS.items():
-            probe.collect(topic, kind, profile)
-        probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
-        for topic, (kind, profile, _) in INPUTS.items():
-            probe.advertise(topic, kind, profile)
-        for name in NODES:
-            own = {"pre_contact": {"weights": weights}, "post_contact": {"weights": weights},
-                   "approach": {"improve_checks": 2000}, "episode": episode}[name]
-            graph.run("np_policy", name, {"mode": mode, "domain": "card", **own})
-        probe.wait_until(lambda: all(probe.matched(topic, count) for topic, (_, _, count) in INPUTS.items())
-                         and all(probe.publishers(topic) for topic in OUTPUTS), what="the four nodes")
-        # That we know a node does not mean that it knows us: only what we hear of it does.
-        probe.wait_until(lambda: {s.name for m in probe.messages["diagnostics"] for s in m.status} == {
-            f"/{name}" for name in NODES}, what="diagnostics of every node")
-        return Backend(probe)
-    return begun
+def begin(request, tmp_path):
+    """Starts `episode` beside the other three; options: its parameters, or what asks for three of its own."""
+    with ExitStack() as stack:
+        def begun(position=HAND, mode="lockstep", **episode):
+            if (position, mode) == (HAND, "lockstep"):
+                graph = request.getfixturevalue("thinking")
+            else:
+                graph = stack.enter_context(Graph(tmp_path / "log"))
+                think(graph, tmp_path / "weights", position, mode)
+            probe = stack.enter_context(closing(Probe(graph)))
+            for topic, (kind, profile) in OUTPUTS.items():
+                probe.collect(topic, kind, profile)
+            probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
+            for topic, (kind, profile) in INPUTS.items():
+                probe.advertise(topic, kind, profile)
+            graph.run("np_policy", "episode", {"mode": mode, "domain": "card", **episode})
+            stack.callback(graph.stop, "episode")
+            probe.wait_until_ready(set(NODES))
+            return Backend(probe)
+        yield begun
 
 
 def run_to_post(backend, first):
     """From a reset at tick `first` until the first tick of phase post; its stamp."""
-    stamp = first * TICK
+    stamp = backend.tick(first)
     backend.goal(stamp)
     backend.stand(stamp)
     backend.see(stamp)
@@ -136,16 +165,17 @@ def test_an_episode_from_keypoints_to_success(begin):
     np.testing.assert_allclose(goal, project_keypoints(CARD, GOAL), atol=1e-4)
     assert backend.said("gripper_command")[0].data == pytest.approx(0.01)
     wanted = backend.said("pre_contact_pose")[0]
-    assert stamp_nanoseconds(wanted.header.stamp) == TICK
+    assert stamp_nanoseconds(wanted.header.stamp) == backend.tick(1)
     position, quaternion = pose_arrays(wanted, BASE_FRAME)
     np.testing.assert_allclose(position, HAND, atol=1e-6)
     plan = backend.said("joint_trajectory")[0]
     times, positions, velocities = trajectory_arrays(plan, JOINT_NAMES)
-    assert stamp_nanoseconds(plan.header.stamp) == TICK and plan.header.frame_id == BASE_FRAME
+    assert stamp_nanoseconds(plan.header.stamp) == backend.tick(1) and plan.header.frame_id == BASE_FRAME
     np.testing.assert_array_equal(positions[0], NOMINAL.ready)
     distance, angle = pose_distance(joints, position, matrix_from_quaternion(quaternion))
     assert distance < 1e-3 and angle < 5e-3 and not velocities[-1].any()
-    assert stamp >= TICK + (times[-1] + 0.3) * 1e9 > stamp - TICK
+    passed = stamp - backend.tick(1)
+    assert passed >= (times[-1] + 0.3) * 1e9 > passed - TICK
     # The first target answers the tick at which post begins.
     backend.wait(lambda: backend.said("target_pose"), "the first target")
     target = backend.said("target_pose")[0]
@@ -187,30 +217,30 @@ def test_equal_inputs_give_equal_plans_and_actions(begin):
 
 def test_unusable_keypoints_end_in_failed_pre(begin):
     backend = begin(pre_timeout=0.3)
-    backend.goal(TICK)
+    backend.goal(backend.tick(1))
     backend.start()
     for i in range(1, 4):
-        backend.see(i * TICK, score=0.0)
-        backend.wait(lambda: (i * TICK, "pre") in backend.ticks())
-    backend.see(4 * TICK, score=0.0)
+        backend.see(backend.tick(i), score=0.0)
+        backend.wait(lambda: (backend.tick(i), "pre") in backend.ticks())
+    backend.see(backend.tick(4), score=0.0)
     backend.wait(lambda: backend.phase().startswith("failed: pre: fewer than 6 usable keypoints"))
-    assert backend.ticks()[-1] == (3 * TICK, "pre")
+    assert backend.ticks()[-1] == (backend.tick(3), "pre")
     assert not backend.said("pre_contact_pose")
 
 
 def test_no_keypoints_at_all_end_in_failed_pre(begin):
     backend = begin(silence=0.5)
-    backend.goal(TICK)
+    backend.goal(backend.tick(1))
     backend.start()
     backend.wait(lambda: backend.phase() == "failed: pre: no keypoints within 0.5 s")
 
 
 def test_keypoints_that_are_not_numbers_are_refused_and_counted(begin):
     backend = begin()
-    backend.goal(TICK)
+    backend.goal(backend.tick(1))
     backend.start()
-    backend.see(TICK, value=np.nan)
-    backend.wait(lambda: (TICK, "pre") in backend.ticks(), "time to go on without them")
+    backend.see(backend.tick(1), value=np.nan)
+    backend.wait(lambda: (backend.tick(1), "pre") in backend.ticks(), "time to go on without them")
     refused = set()
 
     def counted():
@@ -221,9 +251,9 @@ def test_keypoints_that_are_not_numbers_are_refused_and_counted(begin):
 
     backend.wait(counted, "the count of all four nodes")
     assert not backend.said("pre_contact_pose")
-    backend.stand(2 * TICK)
-    backend.see(2 * TICK)
-    backend.wait(lambda: (2 * TICK, "approach") in backend.ticks(), "the approach from the next image")
+    backend.stand(backend.tick(2))
+    backend.see(backend.tick(2))
+    backend.wait(lambda: (backend.tick(2), "approach") in backend.ticks(), "the approach from the next image")
 
 
 def test_what_got_lost_is_answered_again(begin):
@@ -240,9 +270,9 @@ def test_what_got_lost_is_answered_again(begin):
 
 def test_an_unreachable_pose_ends_in_failed_approach_with_the_reason(begin):
     backend = begin(position=(1.3, 0.0, 0.3))
-    backend.goal(TICK)
-    backend.stand(TICK)
-    backend.see(TICK)
+    backend.goal(backend.tick(1))
+    backend.stand(backend.tick(1))
+    backend.see(backend.tick(1))
     backend.start()
     backend.wait(lambda: backend.phase().startswith("failed: approach: unreachable: no posture"))
     backend.wait(lambda: backend.said("joint_trajectory"))
@@ -253,7 +283,7 @@ def test_an_unreachable_pose_ends_in_failed_approach_with_the_reason(begin):
 
 def test_a_hold_of_the_backend_is_a_fault(begin):
     backend = begin()
-    backend.goal(TICK)
+    backend.goal(backend.tick(1))
     backend.start()
     backend.wait(lambda: backend.phase() == "pre")
 
@@ -271,14 +301,15 @@ def test_a_hold_of_the_backend_is_a_fault(begin):
 
 def test_in_real_time_nobody_is_waited_for_and_a_silent_camera_ends_the_episode(begin):
     backend = begin(mode="realtime", silence=1.0, settle=0.0)
-    backend.goal(TICK)
+    backend.goal(backend.tick(1))
     backend.start()
     began, frames = time.monotonic(), []
 
     def stream_until(condition, what):
         def step():
-            stamp = TICK + len(frames) * TICK // 3
-            if time.monotonic() - began >= stamp / 1e9:  # time is that of the clock, as fast as nodes may be
+            passed = len(frames) * TICK // 3
+            if time.monotonic() - began >= passed / 1e9:  # time is that of the clock, as fast as nodes may be
+                stamp = backend.tick(1) + passed
                 frames.append(stamp)
                 backend.stand(stamp - 1, backend.joints)  # the newest state, not one of the image's stamp
                 backend.see(stamp)

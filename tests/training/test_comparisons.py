@@ -124,11 +124,8 @@ def test_a_log_survives_a_kill_and_new_columns(tmp_path):
     assert len(path.read_text().splitlines()) == 1 + 3 + 2  # what the killed run logged is still there
 
 
-def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path):
-    command = [
-        sys.executable,
-        "-m",
-        "np_training.train",
+def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path, monkeypatch):
+    options = [
         "--worlds",
         "4",
         "--rollout",
@@ -144,7 +141,7 @@ def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path):
         "--iterations",
     ]
     with subprocess.Popen(
-        [*command, "1000"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+        [sys.executable, "-m", "np_training.train", *options, "1000"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
     ) as process:
         shown = (line for line in process.stderr if "M steps" in line)
         first, second = (
@@ -155,7 +152,8 @@ def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path):
         process.stderr.read()
     assert "success" in first and "min left" in second
     saved = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["iteration"]
-    subprocess.run([*command, "1"], check=True, capture_output=True, timeout=280)
+    monkeypatch.setattr("sys.argv", ["train", *options, "1"])
+    train.main()
     rows = read_log(tmp_path / "log.csv")
     last = torch.load(tmp_path / "checkpoint.pt", weights_only=True)["iteration"]
     assert last == saved + 1 and [row["iteration"] for row in rows][:last] == list(range(1, last + 1))

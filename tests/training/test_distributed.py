@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from learn_together import learn
-from np_training import distributed
+from np_training import distributed, train
 
 TOGETHER = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node"]
 
@@ -56,10 +56,9 @@ def test_an_update_shared_by_two_processes_is_that_of_one(tmp_path):
                 assert (mine[name] - tensor).abs().max() < 1e-4, name
 
 
-def test_a_run_goes_on_with_another_number_of_processes(tmp_path):
-    command = [
-        "-m",
-        "np_training.train",
+@pytest.mark.slow
+def test_a_run_goes_on_with_another_number_of_processes(tmp_path, monkeypatch, capsys):
+    options = [
         "--worlds",
         "6",
         "--rollout",
@@ -70,10 +69,11 @@ def test_a_run_goes_on_with_another_number_of_processes(tmp_path):
         str(tmp_path),
         "--iterations",
     ]
-    last = json.loads(launch(2, *command, "2").strip().splitlines()[-1])
+    last = json.loads(launch(2, "-m", "np_training.train", *options, "2").strip().splitlines()[-1])
     assert last["processes"] == 2 and last["steps"] == 2 * 2 * 6 * 3
-    done = subprocess.run([sys.executable, *command, "1"], capture_output=True, text=True, timeout=280)
-    last = json.loads(done.stdout.strip().splitlines()[-1])
+    monkeypatch.setattr("sys.argv", ["train", *options, "1"])
+    train.main()
+    last = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
     assert last["processes"] == 1 and last["steps"] == (2 * 2 + 1) * 6 * 3
     rows = list(csv.DictReader((tmp_path / "log.csv").open()))
     assert [row["iteration"] for row in rows] == ["1", "2", "3"]
