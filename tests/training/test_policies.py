@@ -238,6 +238,19 @@ def test_a_tighter_tolerance_asks_for_more(environment):
     assert succeeded[0.5] == 0.0 and succeeded[1.0] > 0.5
 
 
+def test_a_joint_beyond_its_speed_ends_the_episode_where_the_reflex_is_on(environment):
+    before = environment.config
+    for reflex in (False, True):
+        environment.config = dataclasses.replace(before, reflex=reflex)
+        environment.reset(torch.arange(WORLDS))
+        environment.physics.qvel[: WORLDS // 2, 0] = 1.2 * NOMINAL.velocity_limit[0]
+        out = environment.step(torch.zeros(WORLDS, 20))
+        assert out["stopped"][: WORLDS // 2].all() == reflex and not out["stopped"][WORLDS // 2 :].any()
+        assert out["done"][out["stopped"]].all() and not (out["stopped"] & (out["lost"] | out["timeout"])).any()
+        assert (out["terms"]["failure"] < 0)[out["stopped"]].all()
+    environment.config = before
+
+
 def test_randomised_episodes_stay_sound(environment):
     environment.config = dataclasses.replace(environment.config, conditions=PAPER)
     environment.reset(torch.arange(WORLDS))
@@ -327,4 +340,4 @@ def test_evaluation_counts_every_episode(environment):
     environment.config = dataclasses.replace(environment.config, limit=3)
     figures = evaluate(environment, ActorCritic(), PreContactStudent())
     assert figures["episodes"] == WORLDS
-    assert round(figures["success"] * WORLDS) + figures["infeasible"] + figures["lost"] + figures["timeout"] == WORLDS
+    assert round(figures["success"] * WORLDS) + figures["infeasible"] + figures["lost"] + figures["stopped"] + figures["timeout"] == WORLDS

@@ -200,5 +200,5 @@ def test_evaluations_of_the_first_version_still_make_a_table():
     }
     assert (
         figure_table([old]).splitlines()[-1]
-        == "| nominal | student | 0.995 | 0.988 to 0.998 | 1000 | 0 | 0 | 5 |"
+        == "| nominal | student | 0.995 | 0.988 to 0.998 | 1000 | 0 | 0 | - | 5 |"
     )

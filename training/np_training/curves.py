@@ -119,6 +119,7 @@ def _contacts(ax: Axes, rows: Rows) -> None:
         {
             "pre_feasible": "feasible contacts",
             "lost": "objects lost",
+            "stopped": "stopped by the reflex",
             "practice": "practice",
             "joint_range": "joint range",
         },

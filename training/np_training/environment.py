@@ -14,6 +14,7 @@ import torch
 from np_control.kinematics import forward_kinematics, solve_ik
 from np_description.domains import Domain, is_lost, is_success, pose_error
 from np_description.keypoints import box_keypoints
+from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_multiply, six_from_matrix
 from np_description.symmetry import naming, symmetries
 from np_policy import action as actions
@@ -34,7 +35,8 @@ PRIVILEGED_SIZE = 18 + 6 + 3 + 2
 class EnvironmentConfig:
     """worlds; limit: steps an episode; hold: steps within tolerance, a share of the domain's, that count as success; seed;
     shares: of each kind of task (`practice.kinds`), the domain's own first; explore: share of contacts at any point of the object,
-    which the pre-contact policy did not choose."""
+    which the pre-contact policy did not choose; reflex: whether a joint beyond its limits of speed or position ends the episode, as
+    the robot's own reflex does (`np_sim_bridge` reports a fault there)."""
 
     worlds: int = 24576
     limit: int = 100
@@ -43,6 +45,7 @@ class EnvironmentConfig:
     seed: int = 0
     shares: tuple[float, ...] = (1.0,)
     explore: float = 0.0
+    reflex: bool = False
     reward: RewardConfig = RewardConfig()
     physics: PhysicsConfig = PhysicsConfig()
     conditions: Conditions = NOMINAL_CONDITIONS
@@ -125,6 +128,8 @@ class Environment:
         self.pre_log_probability = torch.zeros(n, device=device)
         self.keypoint_bias = torch.zeros(n, 1, 2, device=device)
         self.conditions = torch.ones(n, 3, device=device)  # factors of table friction, finger friction, mass
+        self._range = torch.tensor([list(NOMINAL.position_lower), list(NOMINAL.position_upper)], dtype=torch.float32,
+                                   device=device)
         self.starts: Starts | None = None
         self.joint_range: JointRange | None = None
 
@@ -225,7 +230,8 @@ class Environment:
     def step(self, action: torch.Tensor) -> dict[str, torch.Tensor]:
         """Advance every world by one policy period under actions (n, 20).
 
-        Returns reward, done, success, lost, timeout (n,), the reward's terms, and for ended episodes their total.
+        Returns reward, done, success, lost, stopped (by the reflex), timeout (n,), the reward's terms, and for ended episodes
+        their total.
         Ended worlds are NOT reset: call `reset(done.nonzero())`, after the critic has seen the last state.
         """
         physics, config = self.physics, self.config
@@ -242,15 +248,21 @@ class Environment:
         broken = ~torch.isfinite(physics.qpos).all(-1)
         distance, angle = pose_error(objects.position, objects.quaternion, self.goals.position, self.goals.quaternion)
         self.held = torch.where(is_success(self.domain, distance, angle, config.tolerance), self.held + 1, 0)
-        success = self.held >= config.hold
-        lost = (is_lost(self.domain, objects.position) | broken) & ~success
-        timeout = (self.age >= config.limit) & ~success & ~lost
+        stopped = self._stopped() if config.reflex else torch.zeros_like(broken)
+        success = (self.held >= config.hold) & ~stopped
+        lost = (is_lost(self.domain, objects.position) | broken) & ~success & ~stopped
+        timeout = (self.age >= config.limit) & ~success & ~lost & ~stopped
         after = self.measure()
         after = Measures(*(torch.where(broken, getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures)))
-        terms = reward_terms(config.reward, before, after, success, lost, target.stiffness)
+        terms = reward_terms(config.reward, before, after, success, lost | stopped, target.stiffness)
         if self.joint_range is not None:
             terms["joint_range"] = config.reward.scale * self.joint_range.term(physics.qpos[:, ARM])
         reward = sum(terms.values())
         self.total += reward
-        return {"reward": reward, "done": success | lost | timeout, "success": success, "lost": lost,
-                "timeout": timeout, "terms": terms, "distance": distance, "angle": angle, "broken": broken}
+        return {"reward": reward, "done": success | lost | stopped | timeout, "success": success, "lost": lost,
+                "stopped": stopped, "timeout": timeout, "terms": terms, "distance": distance, "angle": angle, "broken": broken}
+
+    def _stopped(self) -> torch.Tensor:
+        """Worlds (n,) in which a joint was too fast in the last period, or is outside its range."""
+        q, (lower, upper) = self.physics.qpos[:, ARM], self._range
+        return (self.physics.over[0] > 0).any(-1) | (q < lower).any(-1) | (q > upper).any(-1)

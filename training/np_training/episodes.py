@@ -21,9 +21,9 @@ from np_training.practice import Tasks
 from np_training.randomisation import Conditions
 from np_training.tasks import Poses, sample_tasks
 
-MODES = ("success", "infeasible", "broken", "lost", "timeout")
+MODES = ("success", "infeasible", "broken", "lost", "stopped", "timeout")
 """How an episode ends: at the goal; without a contact that can be reached; in numbers that are not finite;
-with the object off the table; when the time is over."""
+with the object off the table; by the robot's reflex; when the time is over."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def run_episodes(
             out = env.step(networks.post(env.observe()[0]))
         over += env.physics.over * alive[:, None]
         ends = out["done"] & alive
-        for name in ("lost", "broken", "success"):
+        for name in ("lost", "broken", "stopped", "success"):
             mode[ends & out[name]] = MODES.index(name)
         length[ends] = env.age[ends].float()
         distance[ends], angle[ends] = out["distance"][ends], out["angle"][ends]

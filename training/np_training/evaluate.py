@@ -155,6 +155,12 @@ def main() -> None:
     parser.add_argument("--conditions", nargs="+", choices=list(CONDITIONS), default=["nominal"])
     parser.add_argument("--seeds", "--seed", nargs="+", type=int, default=[1000])
     parser.add_argument("--hold", type=int, default=3, help="steps at the goal that count as success")
+    parser.add_argument(
+        "--reflex",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="whether joints beyond their limits of speed or position end an episode",
+    )
     parser.add_argument("--start", choices=list(STARTS), help="default: the checkpoint's")
     parser.add_argument("--controller", choices=CONTROLLERS, help="default: the checkpoint's")
     parser.add_argument("--limit", type=int, help="steps an episode; default: the checkpoint's")
@@ -192,6 +198,7 @@ def main() -> None:
         EnvironmentConfig(
             worlds=arguments.episodes,
             hold=arguments.hold,
+            reflex=arguments.reflex,
             limit=setting["limit"],
             physics=PhysicsConfig(
                 contacts=arguments.contacts,

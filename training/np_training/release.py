@@ -58,8 +58,8 @@ def figure_table(lines: list[dict]) -> str:
     """Markdown of `np_training.evaluate` results: by conditions, by kind of task, and what breaks first."""
     rows = [
         "| simulated conditions | contact from | success | 95 % interval | episodes | out of reach | lost "
-        "| timeout |",
-        "|---|---|---|---|---|---|---|---|",
+        "| stopped by the reflex | timeout |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     notes = []
     for r in lines:
@@ -67,7 +67,7 @@ def figure_table(lines: list[dict]) -> str:
         rows.append(
             f"| {r['conditions']} | {source} | {r['success']:.3f} | "
             f"{r['ci95'][0]:.3f} to {r['ci95'][1]:.3f} | "
-            f"{r['episodes']} | {r['infeasible']} | {r['lost']} | {r['timeout']} |"
+            f"{r['episodes']} | {r['infeasible']} | {r['lost']} | {r.get('stopped', '-')} | {r['timeout']} |"
         )
         parts = [
             f"{name} {g['success']:.3f} ({g['episodes']})"

@@ -111,6 +111,12 @@ def parse() -> argparse.Namespace:
         help="share of the domain's tolerance that counts as success once randomised: what the pose estimate may be off",
     )
     parser.add_argument(
+        "--reflex",
+        action=argparse.BooleanOptionalAction,
+        default=TrainConfig.reflex,
+        help="whether joints beyond their limits of speed or position end an episode once randomised",
+    )
+    parser.add_argument(
         "--turn", type=float, default=RewardConfig.turn, help="weight of the angle's potential"
     )
     arguments = parser.parse_args()
@@ -151,6 +157,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         start=arguments.start,
         stiffness=arguments.stiffness,
         tolerance=arguments.tolerance,
+        reflex=arguments.reflex,
         curriculum=curriculum,
         adaptive_joint_range=arguments.adaptive_joint_range,
     )

@@ -26,7 +26,8 @@ from np_training.randomisation import NOMINAL_CONDITIONS, PAPER
 @dataclass(frozen=True)
 class TrainConfig:
     """rollout: steps between updates; hold: steps at the goal that count as success once randomised, and
-    tolerance: the share of the domain's within which they have to be then; pre_least: episodes without which
+    tolerance: the share of the domain's within which they have to be then; reflex: whether joints beyond their
+    limits end an episode then; pre_least: episodes without which
     the pre-contact policy is left as it is; start: contact where the pre-contact policy chooses, else see
     `fixed_contact`; stiffness: that an untrained policy commands, -1 to 1 of its range; adaptive_joint_range:
     see `joint_range`."""
@@ -34,6 +35,7 @@ class TrainConfig:
     rollout: int = 12
     hold: int = 3
     tolerance: float = 1.0
+    reflex: bool = True
     pre_least: int = 64
     start: str = "contact"
     stiffness: float = 0.0
@@ -99,6 +101,7 @@ class Trainer:
             conditions=PAPER if on else NOMINAL_CONDITIONS,
             hold=self.config.hold if on else 1,
             tolerance=self.config.tolerance if on else 1.0,
+            reflex=self.config.reflex and on,
         )
 
     def iterate(self) -> dict[str, float]:
@@ -158,7 +161,7 @@ class Trainer:
         own = env.kind == 0
         done, success = out["done"] & own, out["success"] & own
         counts = {"done": done.sum(), "success": success.sum(), "broken": out["broken"].sum()}
-        counts |= {name: (out[name] & done).sum() for name in ("lost", "timeout")}
+        counts |= {name: (out[name] & done).sum() for name in ("lost", "stopped", "timeout")}
         counts |= {
             name: value[done].sum()
             for name, value in (
@@ -184,7 +187,7 @@ class Trainer:
         done = max(sums["done"], 1.0)
         means = {
             name: sums[name] / done
-            for name in ("success", "lost", "timeout", "length", "total", "end_distance", "end_angle")
+            for name in ("success", "lost", "stopped", "timeout", "length", "total", "end_distance", "end_angle")
         }
         means |= {
             name: value / max(sums[name.replace("success", "done")], 1.0)
