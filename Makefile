@@ -67,7 +67,7 @@ ifdef PYTEST_ARGS
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)
 else
 	@$(ACTIVATE) export OMP_NUM_THREADS=1; \
-		python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow" -k "unit or not ($(REAL_TIME))" \
+		python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not slow" -k "unit or not ($(REAL_TIME))" \
 			|| failed=1; \
 		python -m pytest -m "not slow" -k "$(REAL_TIME)" $(GRAPHS) || failed=1; exit $${failed:-0}
 endif

@@ -1,6 +1,7 @@
 """Fixtures of the graph tests. Without an installed workspace the packages are used from source."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -10,6 +11,9 @@ from hypothesis import settings
 # How long an example takes says how busy the machine is, nothing else.
 settings.register_profile("np", deadline=None)
 settings.load_profile("np")
+
+# A shell's background job ignores interrupts, and what it starts inherits that; what the tests interrupt must not.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
