@@ -61,7 +61,7 @@ train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that
 identify: setup ## BAG="run1 run2" | none: a simulated arm; friction, damping, armature and what they explain
 	@$(ACTIVATE) exec python -m np_training.identify $(or $(BAG),--simulate) --seed $(SEED) $(ARGS)
 
-# Two files of tests at a time; of graphs in real time one, which has the machine to itself.
+# Three files of tests at a time, for graph tests mostly wait; of graphs in real time one, which has the machine to itself.
 test: setup ## every test that needs no GPU; PYTEST_ARGS="tests/unit -k name": only these
 ifdef PYTEST_ARGS
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)

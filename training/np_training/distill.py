@@ -87,7 +87,8 @@ def distil(
             print(f"step {step}  loss {loss.item():.2e}  left {minutes * (1 - share):.1f} min", flush=True)
     with torch.no_grad():
         keypoints, goal, target = sample()
-        (p, r, w), (tp, tr, tw) = hand_pose.decode(student(student_observation(keypoints, goal))), hand_pose.decode(target)
+        p, r, w = hand_pose.decode(student(student_observation(keypoints, goal)))
+        tp, tr, tw = hand_pose.decode(target)
         angle = (((r * tr).sum((-1, -2)) - 1) / 2).clamp(-1, 1).arccos()
         errors = {
             "position_mm": 1e3 * (p - tp).norm(dim=-1).mean().item(),

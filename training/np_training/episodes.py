@@ -104,7 +104,7 @@ def run_episodes(
             out = env.step(networks.post(env.observe()[0]))
         over += env.physics.over * alive[:, None]
         ends = out["done"] & alive
-        for name in ("lost", "broken", "stopped", "success"):
+        for name in ("lost", "stopped", "broken", "success"):
             mode[ends & out[name]] = MODES.index(name)
         length[ends] = env.age[ends].float()
         distance[ends], angle[ends] = out["distance"][ends], out["angle"][ends]

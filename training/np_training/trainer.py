@@ -27,10 +27,9 @@ from np_training.randomisation import NOMINAL_CONDITIONS, PAPER
 class TrainConfig:
     """rollout: steps between updates; hold: steps at the goal that count as success once randomised, and
     tolerance: the share of the domain's within which they have to be then; reflex: whether joints beyond their
-    limits end an episode then; pre_least: episodes without which
-    the pre-contact policy is left as it is; start: contact where the pre-contact policy chooses, else see
-    `fixed_contact`; stiffness: that an untrained policy commands, -1 to 1 of its range; adaptive_joint_range:
-    see `joint_range`."""
+    limits end an episode then; pre_least: episodes without which the pre-contact policy is left as it is;
+    start: contact where the pre-contact policy chooses, else see `fixed_contact`; stiffness: that an untrained
+    policy commands, -1 to 1 of its range; adaptive_joint_range: see `joint_range`."""
 
     rollout: int = 12
     hold: int = 3

@@ -59,7 +59,8 @@ class EpisodeConfig:
     """domain; lockstep or real time; policy_period ns; limits of the phases in s, see docs/graph.md.
 
     pre_timeout, post_blind: how long keypoints may be unusable; success_frames: ticks in a row within success_share of the
-    tolerance, or, when the time is over, within all of it; min_score: of a usable keypoint; camera: that sees them; silence, planning: how long by the wall clock nothing may come at all.
+    tolerance, or, when the time is over, within all of it; min_score: of a usable keypoint; camera: that sees them;
+    silence, planning: how long by the wall clock nothing may come at all.
     """
 
     domain: Domain
@@ -242,7 +243,7 @@ class Episode:
             sure = is_success(config.domain, self.distance, self.angle, config.success_share)
             self._sure = self._sure + 1 if sure else 0
             self._gone = self._gone + 1 if is_lost(config.domain, pose.position) else 0
-            if max(self._sure, self._near * self._is_over(stamp)) >= config.success_frames:
+            if (self._near if self._is_over(stamp) else self._sure) >= config.success_frames:
                 self.phase = SUCCEEDED
                 return [PhaseChange(SUCCEEDED)]
             if self._gone >= config.success_frames:
