@@ -107,8 +107,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument(
         "--tolerance",
         type=float,
-        default=TrainConfig.tolerance,
-        help="share of the domain's tolerance that counts as success once randomised: what the pose estimate may be off",
+        help="share of the domain's tolerance that counts as success once randomised; default: what the domain aims at",
     )
     parser.add_argument(
         "--reflex",
@@ -124,6 +123,8 @@ def parse() -> argparse.Namespace:
         arguments.effects = load_effects(arguments.effects)
     except ValueError as error:
         parser.error(str(error))
+    if arguments.tolerance is None:
+        arguments.tolerance = find_domain(arguments.domain).aim
     arguments.out = arguments.out or Path("runs") / arguments.domain
     for name, defaults in (("limit", LIMITS), ("practice", PRACTICE), ("explore", EXPLORE), ("far", FAR)):
         if getattr(arguments, name) is None:

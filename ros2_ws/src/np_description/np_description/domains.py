@@ -57,7 +57,8 @@ class Domain:
     tolerance_position m, tolerance_angle rad or None for position only; workspace: x, y limits m outside of which the
     object counts as lost; min_distance m: tasks nearer than this are drawn again; max_opening m: of one finger, beyond
     which the object could be gripped, or an edge of it be jammed between the fingers: what is learned is to be done without;
-    interchangeable: policies see the object under other names of its faces (np_description.symmetry).
+    aim: share of the tolerance that policies are trained to reach and that the estimated pose has to reach, the rest being
+    left to the estimate's error; interchangeable: policies see the object under other names of its faces (np_description.symmetry).
     """
 
     name: str
@@ -73,6 +74,7 @@ class Domain:
     workspace_y: tuple[float, float] = (-0.35, 0.35)
     min_distance: float = 0.03
     max_opening: float = 0.005
+    aim: float = 0.8
     interchangeable: bool = False
 
     @property
@@ -97,7 +99,7 @@ WALL = Domain(
     name="wall", half_size=(0.025, 0.025, 0.05), density=150.0,
     obstacles=(Box("wall", (0.64, 0.0, 0.05), (0.08, 0.20, 0.05)),),
     start=Region(x=(0.53, 0.53), y=(-0.15, 0.15), yaw=(0.0, 0.0)),
-    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0)),), tolerance_angle=None)
+    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0)),), tolerance_angle=None, aim=0.6)
 
 DOMAINS = {domain.name: domain for domain in (CARD, BUMP, WALL)}
 

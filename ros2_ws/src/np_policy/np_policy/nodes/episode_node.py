@@ -41,7 +41,7 @@ class EpisodeNode(Node):
     def __init__(self) -> None:
         super().__init__("episode")
         settings = declare_settings(self)
-        defaults = EpisodeConfig(settings.domain)
+        defaults = EpisodeConfig(settings.domain, success_share=settings.domain.aim)
         values = {name: parameter(self, name, getattr(defaults, name), *_HELP[name]) for name in _FIELDS}
         values["silence"] = parameter(self, "silence", 0.0, "Wall time s in which keypoints must come; 0: 2 s in real "
                                       "time, 30 s in lockstep, where slow is no fault.", 0.0, 3600.0) \
