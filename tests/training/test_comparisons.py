@@ -39,6 +39,14 @@ def test_without_the_residual_curriculum_the_first_stage_is_the_tightest():
     assert not curriculum.advance(0.85, 100) and curriculum.advance(1.0, 100) and curriculum.randomised
 
 
+@pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
+def test_training_is_for_the_share_of_the_tolerance_that_the_domain_aims_at(domain, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["train", "--domain", domain.name])
+    assert 0 < train.parse().tolerance == domain.aim <= 1
+    monkeypatch.setattr(sys, "argv", [*sys.argv, "--tolerance", "1"])
+    assert train.parse().tolerance == 1
+
+
 def test_the_joint_range_tightens_with_success_and_widens_without():
     limits = JointRange(torch.device("cpu"))
     inside = torch.tensor((NOMINAL.position_lower + NOMINAL.position_upper) / 2)[None].float()
