@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from datetime import datetime, timezone
+from datetime import datetime, UTC
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ from np_bringup.card import card_graph
 def calibration(tmp_path):
     rotation = np.asarray(CAMERA.rotation) @ matrix_from_vector(np.array([0.02, -0.01, 0.03]))
     made = Calibration(
-        made=datetime.now(timezone.utc),
+        made=datetime.now(UTC),
         lens=Lens(400, 400, 741.0, 741.0, 199.5, 199.5),
         position=np.array([1.07, 0.02, 0.70]),
         quaternion=quaternion_from_matrix(rotation),

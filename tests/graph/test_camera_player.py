@@ -1,6 +1,6 @@
 """From pictures to keypoints over real topics, without a camera."""
 
-from datetime import datetime, timezone
+from datetime import datetime, UTC
 
 import cv2
 import numpy as np
@@ -77,7 +77,7 @@ def test_large_pictures_come_out_as_the_policies_see_them(graph, listening, tmp_
     (tmp_path / "pictures" / "camera.yaml").write_text(yaml.safe_dump(content))
     rotation = np.asarray(CAMERA.rotation) @ matrix_from_vector(np.array([0.02, -0.01, 0.03]))
     calibration = Calibration(
-        made=datetime.now(timezone.utc),
+        made=datetime.now(UTC),
         lens=lens,
         position=np.array([1.08, 0.01, 0.7]),
         quaternion=quaternion_from_matrix(rotation),

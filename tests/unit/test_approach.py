@@ -140,8 +140,10 @@ def test_no_path_and_no_budget_are_named():
     collision = CollisionModel(BUMP)
     collision.place(None, 0.0)
     (start, goal), = blocked_pair(collision)
-    walled_in = lambda joints: np.linalg.norm(np.asarray(joints) - start) < 0.1 or \
-        np.linalg.norm(np.asarray(joints) - goal) < 0.1  # noqa: E731
+
+    def walled_in(joints) -> bool:
+        return any(np.linalg.norm(np.asarray(joints) - end) < 0.1 for end in (start, goal))
+
     with pytest.raises(PlanningError, match="no path found within 2000 collision checks"):
         find_path(walled_in, start, goal, NOMINAL.position_lower, NOMINAL.position_upper, seed=0, budget=Budget(first=2000))
     with pytest.raises(PlanningError, match="or 0 s"):

@@ -2,7 +2,7 @@
 
 import json
 from contextlib import closing
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta, UTC
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ from np_bringup.recorder import BagWriter
 BOARD = Board()
 POSITION = np.asarray(CAMERA.position) + [0.02, -0.015, 0.01]
 ROTATION = np.asarray(CAMERA.rotation) @ matrix_from_vector(np.array([0.02, -0.03, 0.015]))
-NOW = datetime(2026, 1, 2, tzinfo=timezone.utc)
+NOW = datetime(2026, 1, 2, tzinfo=UTC)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 """The calibration file: what is written is read, and nothing else is."""
 
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta, UTC
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from np_description.calibration import (
 from np_description.camera import CAMERA
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 
-NOW = datetime(2026, 11, 21, 12, 0, tzinfo=timezone.utc)
+NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 LENS = Lens(400, 400, 741.0, 742.0, 199.0, 200.5, (0.1, -0.2, 1e-3, -2e-3, 0.05))
 ERRORS = Errors(0.001, 0.002, 0.5, 0.2, 15, 400)
 

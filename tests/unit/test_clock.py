@@ -56,7 +56,7 @@ def test_whatever_comes_stamps_grow_and_are_never_later_than_the_arrival(steps):
 
 def test_a_camera_that_was_plugged_in_again_is_a_new_beginning():
     mapper = ClockMapper()
-    for taken, device, arrival in frames(12, 30e-6, 0):
+    for _, device, arrival in frames(12, 30e-6, 0):
         mapper.map(device, arrival)
     stamp = mapper.map(5 * SECOND, arrival + 2 * SECOND)
     assert mapper.restarts == 1 and stamp == arrival + 2 * SECOND
@@ -66,7 +66,7 @@ def test_a_camera_that_was_plugged_in_again_is_a_new_beginning():
 def test_a_host_clock_that_was_set_is_followed(step):
     mapper = ClockMapper()
     all_frames = list(frames(20, 0.0, 0, late=0.0))
-    for taken, device, arrival in all_frames[:300]:
+    for _, device, arrival in all_frames[:300]:
         mapper.map(device, arrival)
     stamps = [mapper.map(device, arrival + step) - arrival - step for _, device, arrival in all_frames[300:]]
     assert mapper.restarts == 1

@@ -1,7 +1,7 @@
 """What must hold before the arm is moved, and the times of its cycles; no hardware extra needed."""
 
 from dataclasses import replace
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta, UTC
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from np_franka.checklist import Checklist, Facts
 from np_franka.limits import FR3_LIMITS
 from np_franka.timing import LONGEST, RESOLUTION, CycleTimes
 
-NOW = datetime(2026, 11, 21, tzinfo=timezone.utc)
+NOW = datetime(2026, 11, 21, tzinfo=UTC)
 GOOD = Facts("Idle", "", 0.73, 0.0)
 CHECKLIST = Checklist("none", timedelta(days=30), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
 

@@ -210,11 +210,11 @@ def operational_space_kernel(
             mobility[k, j] = column[j]
     product = mat6()
     for k in range(6):
-        for l in range(6):
+        for m in range(6):
             entry = float(0.0)
             for j in range(7):
-                entry = entry + jac[k, j] * mobility[l, j]
-            product[k, l] = entry
+                entry = entry + jac[k, j] * mobility[m, j]
+            product[k, m] = entry
         product[k, k] = product[k, k] + chain.regularisation
 
     # Both uses of Lambda in one solution: J' Lambda (force - mobility' inner).

@@ -13,7 +13,7 @@ is the position. `Calibration.camera` is the camera whose images those are: the 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta, UTC
 from pathlib import Path
 
 import numpy as np
@@ -151,7 +151,7 @@ class Calibration:
 
     def age(self, now: datetime | None = None) -> timedelta:
         """How old it is. Raises CalibrationError for one from the future: a clock is wrong then."""
-        age = (now or datetime.now(timezone.utc)) - self.made
+        age = (now or datetime.now(UTC)) - self.made
         if age < -_CLOCK_TOLERANCE:
             raise CalibrationError(
                 f"calibration: expected a date that has been, got {self.made.isoformat()}: "
@@ -171,7 +171,7 @@ class Calibration:
         """Write the file, whole or not at all."""
         content = {
             "format": FORMAT,
-            "made": self.made.astimezone(timezone.utc).isoformat(timespec="seconds"),
+            "made": self.made.astimezone(UTC).isoformat(timespec="seconds"),
             "frame": BASE_FRAME,
             "source": self.source,
             "position": self.position.tolist(),

@@ -7,7 +7,7 @@ instead of 24 times.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache
 from itertools import permutations, product
 
 import numpy as np
@@ -20,7 +20,7 @@ from np_description.rotations import namespace, quaternion_from_matrix
 _IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-@lru_cache(maxsize=None)
+@cache
 def symmetries(half_size: tuple[float, float, float]) -> np.ndarray:
     """Rotations (k, 4) wxyz, the identity first, that lay a box of half_size (3,) m onto itself: 24 for a cube, 8 for a
     square prism, else 4."""
@@ -33,14 +33,14 @@ def symmetries(half_size: tuple[float, float, float]) -> np.ndarray:
     return quaternion_from_matrix(np.stack(found))
 
 
-@lru_cache(maxsize=None)
+@cache
 def corner_orders(half_size: tuple[float, float, float]) -> np.ndarray:
     """Orders (k, 8): the corners of a box at R S are those at R in this order, for each S of `symmetries`."""
     turned = box_keypoints(np.ones(3), np.zeros((len(symmetries(half_size)), 3)), symmetries(half_size))
     return np.linalg.norm(turned[:, :, None] - CORNERS, axis=-1).argmin(axis=-1)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _upright(domain: Domain) -> np.ndarray:
     """Where (8, 2) the corners of the object at the identity lie about their mean, in normalised image coordinates."""
     position = np.array([0.5, 0.0, domain.half_size[2]])

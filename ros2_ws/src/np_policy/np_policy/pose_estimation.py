@@ -15,7 +15,7 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Box, Domain, Pose
 from np_description.keypoints import CORNERS, box_keypoints
-from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
+from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 
 MIN_POINTS = 6
 _GOOD = 1.0  # px, error of a fit that needs no second look

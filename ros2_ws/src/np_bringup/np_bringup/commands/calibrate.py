@@ -7,7 +7,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
-from datetime import datetime, timezone
+from datetime import datetime, UTC
 from pathlib import Path
 
 import numpy as np
@@ -127,7 +127,7 @@ def main(arguments: list[str] | None = None) -> int:
         result = calibrate(
             evidence[0],
             board,
-            datetime.now(timezone.utc),
+            datetime.now(UTC),
             touched=touched,
             table=evidence[1] if options.table else None,
             source=str(options.bag),

@@ -9,7 +9,7 @@ import sys
 import tempfile
 from contextlib import closing
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
+from datetime import datetime, UTC
 from pathlib import Path
 
 import cv2
@@ -125,7 +125,7 @@ def one(number: int, arm: Arm, seed: int, views: int, folder: Path) -> tuple[lis
         touching = touch_postures(scene, rng.normal(0, arm.tip, (len(TOUCHED), 3)))
         reported = [q - offset - rng.normal(0, arm.noise, 7) for q in touching]
         touched = record_rests(folder / f"{arm.name}_{number}_touched", scene, reported, touching)
-    now, results, kept = datetime.now(timezone.utc), [], None
+    now, results, kept = datetime.now(UTC), [], None
     for method, arguments in (
         ("hand", dict(table=read_evidence(lying, board))),
         ("touched", dict(touched=TOUCHED)),

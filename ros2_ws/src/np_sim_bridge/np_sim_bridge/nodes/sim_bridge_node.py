@@ -38,7 +38,7 @@ from np_sim_bridge.lockstep import ACTIVE_PHASES, Barrier
 from np_sim_bridge.renderer import RENDERERS, make_renderer
 from np_sim_bridge.renderer_process import RendererProcess
 from np_sim_bridge.schedule import PERIOD, SECOND, Schedule
-from np_sim_bridge.simulation import Measurement, Simulation
+from np_sim_bridge.simulation import Simulation
 
 REPEAT_AFTER = 1.0  # s of wall time without an answer, after which a state is published again
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
