@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from arm_generator import PERIOD, Truth, at, record
 
+from np_diagnosis import rigid
 from np_diagnosis.arm_model import panda
 from np_diagnosis.constancy import misfits, shapes_left
 from np_diagnosis.context import make_context
 from np_diagnosis.design import make_design
+from np_diagnosis.effects import transmission
 from np_diagnosis.omnibus import examine
 from np_diagnosis.search import Search
 from np_diagnosis.signals import Log
@@ -95,3 +97,29 @@ def test_a_drift_that_is_named_may_change_with_time(log):
     drift = next(n for key, n in numbers.items() if key.startswith("thermal_drift"))
     for members, stages in (((numbers["viscous_friction"],), {"r2"}), ((numbers["viscous_friction"], drift), set())):
         assert {m.stage for m in misfits(search, tuple(sorted(members))) if m.question == "size"} == stages
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-4])
+def test_hysteresis_shows_that_winds_up_by_less_than_the_noise_of_the_encoders(width):
+    """A twist of some tens of urad, in encoders of 10 urad: what winds it up is known from the load."""
+    log, stiffness, stroke = lively(), 1e5, 2e-4
+    load = np.interp(log.time, log.time[::10], rigid.torque(panda(), log.position[::10], log.velocity[::10],
+                     np.gradient(log.velocity, PERIOD, axis=0)[::10])[:, JOINT])
+    twist, bent, found = 0.0, 0.0, []
+    for torque in load:  # K (twist + width z) = torque, quasi-static
+        moved = (torque - stiffness * (twist + width * bent)) / stiffness
+        moved /= 1 + width / stroke * (1 - np.sign(moved) * bent)
+        bent += (moved - abs(moved) * bent) / stroke
+        twist += moved
+        found.append(twist)
+    motor = log.position + 1.4e-5 * np.random.default_rng(2).normal(size=log.position.shape)
+    motor[:, JOINT] += found
+    context = make_context([replace(log, motor=motor)], panda())
+    effect = next(e for e in transmission.effects(context) if e.key == "transmission_hysteresis[0.2 mrad]")
+    straight = np.column_stack([np.ones(len(context.samples)), context.transmission.load[:, JOINT]])
+    y = context.transmission.twist[:, JOINT]
+    squares = [np.square(y - a @ np.linalg.lstsq(a, y, rcond=None)[0]).sum()
+               for a in (straight, np.column_stack([straight, effect.columns["r3"](context, JOINT)]))]
+    assert np.abs(found).max() < 2 * stroke
+    gain = 0.5 * len(y) * np.log(squares[0] / squares[1])
+    assert gain > 30 if width else gain < 8
