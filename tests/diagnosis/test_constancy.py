@@ -1,4 +1,4 @@
-"""What is nearly an effect of the catalogue and not one is found out: it is not the same all the time, or leaves a shape."""
+"""What is nearly an effect of the catalogue, and not one, is found out: its size changes, or it leaves a shape."""
 
 from dataclasses import replace
 
@@ -37,7 +37,8 @@ def asked(log, scale):
 def left_of(log, effect, joint=JOINT):
     """(question, joint) of what stands out beside this one effect; of a clean arm's where it is None."""
     search = Search(make_design(make_context([log], panda())))
-    members = tuple(n for n, c in enumerate(search.design.candidates) if c.effect.key == effect and c.joint == joint)
+    places = enumerate(search.design.candidates)
+    members = tuple(n for n, c in places if c.effect.key == effect and c.joint == joint)
     assert len(members) == (effect is not None)
     return {(m.question, m.joint) for m in shapes_left(search, members, examine(search, members))}
 

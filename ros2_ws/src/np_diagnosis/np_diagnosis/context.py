@@ -25,8 +25,9 @@ PLAY = 1e-5  # rad, some standard deviations of a smoothed encoder
 @dataclass(frozen=True, eq=False)
 class Transmission:
     """Motor side: time (n,), trajectory (n,), twist (n, k) rad = motor - joint, load (n, k) Nm through the
-    gear with gravity, load_rate (n, k) Nm/s. wound: the twist of each stretch (m, k) on the samples' fine grid,
-    without the noise of its two encoders: what the load winds up in proportion, and of the rest what is no noise."""
+    gear with gravity, load_rate (n, k) Nm/s. wound: the twist of each stretch (m, k) on the samples' fine
+    grid, without the noise of its two encoders: what the load winds up in proportion, and of the rest what is
+    no noise."""
 
     time: np.ndarray
     trajectory: np.ndarray
@@ -73,8 +74,10 @@ def _transmission(logs: list[Log], samples: Samples, prediction: Prediction) -> 
     wound = []
     for number, grid in samples.grids:
         mine = samples.trajectory == number
-        straight = yields * CubicSpline(samples.time[mine], load[mine])(np.clip(grid, *samples.time[mine][[0, -1]]))
-        seen = np.column_stack([_between(grid, time[trajectory == number], c) for c in apart[trajectory == number].T])
+        first, last = samples.time[mine][[0, -1]]
+        straight = yields * CubicSpline(samples.time[mine], load[mine])(np.clip(grid, first, last))
+        rows = trajectory == number
+        seen = np.column_stack([_between(grid, time[rows], c) for c in apart[rows].T])
         wound.append(straight + _quiet(seen - straight))
     return Transmission(samples.time, samples.trajectory, twist, load, rate, tuple(wound))
 

@@ -13,7 +13,7 @@ from np_diagnosis.stages import STANDSTILL, expected_torque
 
 RANGE_SLACK = 0.05  # rad beyond the joint limits
 SPEED_SLACK = 1.5  # times the speed limit
-USUAL = 75  # percent of the time that a joint keeps to its speed: where it does not, its torques are asked for its unit
+USUAL = 75  # percent of the time that a joint keeps to its speed; where it does not, its torques say its unit
 ROWS = 300  # samples that the dynamics are tried on
 DECISIVE = 3.0  # nats a joint's log residual energy must fall by under a transposition or reversed sign
 SLOPE = (0.7, 1.4)  # of the derivative of position against velocity
@@ -69,7 +69,8 @@ def _check_velocity(log: Log, arm: Arm) -> None:
         if not SLOPE[0] < slope < SLOPE[1]:
             raise ContractViolation(
                 f"{log.name}: velocity of {joint}: expected the derivative of position, which "
-                f"is {slope:.3g} times what was found: wrong unit{' (degrees?)' if _is_radian(slope) else ''}, "
+                f"is {slope:.3g} times what was found: wrong unit"
+                f"{' (degrees?)' if _is_radian(slope) else ''}, "
                 "sign or joint"
             )
 
@@ -79,7 +80,8 @@ def _is_radian(slope: float) -> bool:
 
 
 def _check_speed(log: Log, arm: Arm, samples: Samples) -> None:
-    """A joint beyond its speed moves in degrees, if the torques say so: an arm that swings is too fast, and no violation."""
+    """A joint beyond its speed moves in degrees, if the torques say so: an arm that swings is too fast, and no
+    violation."""
     rows = _most_motion(samples)
     for j, joint in enumerate(arm.joints):
         fastest, limit = np.percentile(np.abs(log.velocity[:, j]), USUAL), SPEED_SLACK * arm.velocity_limit[j]
@@ -93,11 +95,12 @@ def _check_speed(log: Log, arm: Arm, samples: Samples) -> None:
             factor = np.where(np.arange(len(arm)) == j, unit, 1.0)
             moved = expected_torque(position * factor, velocity * factor, acceleration * factor, arm,
                                     samples.with_gravity)
-            left.append(np.log((samples.torque[rows, j] - moved[:, j]).var() + (1e-3 * arm.torque_limit[j]) ** 2))
+            error = (1e-3 * arm.torque_limit[j]) ** 2
+            left.append(np.log((samples.torque[rows, j] - moved[:, j]).var() + error))
         if left[0] - left[1] > DECISIVE:
             raise ContractViolation(
-                f"{log.name}: velocity of {joint}: expected at most {limit:.2f} rad/s, got {fastest:.2f} (degrees?): "
-                f"in degrees its torques fit {np.exp((left[0] - left[1]) / 2):.0f} times better"
+                f"{log.name}: velocity of {joint}: expected at most {limit:.2f} rad/s, got "
+                f"{fastest:.2f} (degrees?): in degrees its torques fit {np.exp((left[0] - left[1]) / 2):.0f} times better"
             )
 
 

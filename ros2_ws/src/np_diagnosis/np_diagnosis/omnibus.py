@@ -84,16 +84,17 @@ def _rest(design: Design, cell: Cell, ids: np.ndarray, fit) -> Rest:
     )
 
 
-def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray) -> tuple[float, float, np.ndarray]:
-    """(gain nats, its standard error over blocks, residual (n,) after it) of columns (n, count) that are fitted to what
-    is `left` (n,) of a cell, each block predicted from the others."""
+def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray
+              ) -> tuple[float, float, np.ndarray]:
+    """(gain nats, its standard error over blocks, residual (n,) after it) of columns (n, count) that are fitted
+    to what is `left` (n,) of a cell, each block predicted from the others."""
     scale = np.sqrt(np.mean(columns[cell.rows] ** 2, axis=0)) + 1e-12
     spread = float(np.sqrt(np.mean(left[cell.rows] ** 2))) + 1e-12
     parameters = [Parameter("any", "", -1e9, 1e9, spread / s) for s in scale]
     ids = np.arange(len(scale))
-    flexible = make_cell(_Residual(design.stages, left, cell.rows), cell.stage, cell.joint, ids, columns, design.blocks,
-                         parameters)
-    nothing, full = (score([flexible], own, parameters) for own in (ids[:0], ids))
+    own = _Residual(design.stages, left, cell.rows)
+    flexible = make_cell(own, cell.stage, cell.joint, ids, columns, design.blocks, parameters)
+    nothing, full = (score([flexible], used, parameters) for used in (ids[:0], ids))
     difference = full.density - nothing.density
     return (float(difference.sum()), float(np.sqrt(len(difference)) * difference.std(ddof=1)),
             held_out(flexible, ids, full.fit))

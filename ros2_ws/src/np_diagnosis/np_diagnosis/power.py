@@ -126,13 +126,14 @@ def ambiguity(
 
 
 def _beside(search: Search, chosen: Structure, member: int, name: str) -> dict[tuple[str, ...], Structure]:
-    """The best structure with the effect `name` at a member's place and without the member, where it comes near;
-    called by all that it has and the chosen one has not."""
+    """The best structure with the effect `name` at a member's place and without the member, where it comes
+    near; called by all that it has and the chosen one has not."""
     design, joints = search.design, search.design.context.arm.joints
     place, found = design.candidates[member].at(joints), []
     for structure in search.tried.values():
-        here = {design.candidates[m].effect.id for m in structure.members if design.candidates[m].at(joints) == place}
-        if name in here and member not in structure.members and search.value(structure) > search.value(chosen) - NEAR:
+        at_place = [c for c in map(design.candidates.__getitem__, structure.members) if c.at(joints) == place]
+        is_near = search.value(structure) > search.value(chosen) - NEAR
+        if is_near and member not in structure.members and name in {c.effect.id for c in at_place}:
             found.append(structure)
     if not found:
         return {}

@@ -9,7 +9,7 @@ from np_diagnosis.blind.plant import Physics
 from np_diagnosis.excitation import READY, SECOND, THIRD
 
 LATER_FROM = 100  # the seed from which on sets have strangers that came after the first doctor
-ALL_FROM = 200  # and from which on they have all of them, and those that came after the doctor had met the later ones
+ALL_FROM = 200  # from which on they have all, and those that came after the doctor had met the later ones
 SCALE = np.array([0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015])  # Nm of size 1
 
 LOAD = np.array([3.0, 20.0, 8.0, 16.0, 1.0, 2.0, 0.4])  # Nm that the drives give now and then
@@ -117,14 +117,14 @@ def _eccentric(p, i, j, size, rng):
 
 
 def _commutation(p, i, j, size, rng):
-    """A motor's own encoder set askew: the drive gives more or less of what it is asked for as the rotor turns."""
+    """A motor's own encoder set askew: the drive gives more, or less, as the rotor turns."""
     p.commutation[i, j], p.commutation_order[i, j] = min(1.5 * size / LOAD[j], 0.3), rng.uniform(6.0, 20.0)
     p.commutation_phase[i, j] = rng.uniform(0, 2 * np.pi)
     return {"share": (p.commutation[i, j], "1"), "order": (p.commutation_order[i, j], "1/rad")}
 
 
 def _wander(p, i, j, size, rng):
-    """A current sensor whose zero wanders with the temperature: a torque that comes and goes in a minute or two."""
+    """A current sensor whose zero wanders as it warms up: a torque that comes and goes in a minute or two."""
     p.wander[i, j], p.wander_time[i, j] = 2.0 * size, rng.uniform(50.0, 120.0)
     return {"torque": (2.0 * size, "Nm"), "time": (p.wander_time[i, j], "s")}
 
@@ -179,8 +179,8 @@ STRANGERS = FIRST | LATER | NEWEST
 
 
 def strangers_of(seed: int) -> tuple[str, ...]:
-    """The kinds that sets of a seed draw from: those that the first doctor was developed on, none of them, or all
-    that there are."""
+    """The kinds that sets of a seed draw from: those that the first doctor was developed on, none of them, or
+    all that there are."""
     return tuple(FIRST if seed < LATER_FROM else LATER if seed < ALL_FROM else STRANGERS)
 
 
