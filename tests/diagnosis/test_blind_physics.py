@@ -23,8 +23,8 @@ from np_diagnosis.blind.patched import patched_physics
 from np_diagnosis.blind.plant import PERIOD, Plant, nominal_physics, stack
 from np_diagnosis.blind.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
 from np_diagnosis.blind.scoring import modules
-from np_diagnosis.blind.strange import Strange, off_centre
-from np_diagnosis.blind.strangers import FIRST, LATER, LATER_FROM, SCALE, STRANGERS
+from np_diagnosis.blind.strange import Strange, off_centre, slipped
+from np_diagnosis.blind.strangers import ALL_FROM, FIRST, LATER, LATER_FROM, NEWEST, SCALE, STRANGERS
 from np_diagnosis.excitation import READY, SECOND, THIRD, suite
 from np_sim_bridge.gap import Gap
 
@@ -200,7 +200,7 @@ def test_every_fault_moves_the_arm_or_its_sensors_and_none_breaks_the_loop():
 
 @pytest.mark.slow
 def test_later_strangers_at_their_largest_leave_the_loop_stable_at_every_joint():
-    faults = [Fault(name, joint, 10.0) for name, (_, joints) in LATER.items() for joint in joints]
+    faults = [Fault(name, joint, 10.0) for name, (_, joints) in (LATER | NEWEST).items() for joint in joints]
     cases = [Case(i, "stranger", (fault,), (5, i)) for i, fault in enumerate(faults)]
     record, _, _ = short_run(cases, ("triangle_fast", "third_dwell"))
     error = np.abs(record.position - record.target)
@@ -255,8 +255,36 @@ def test_a_brake_drags_half_of_the_time_and_a_fading_drive_gives_less_and_less()
     assert set(seen) == {0.0, 0.5} and 0.2 < np.mean(seen) / 0.5 < 0.8
     assert 10 < np.count_nonzero(np.diff(seen)) < 120  # 50 in 300 s
     stranger, _ = strange(fading=0.2, fading_time=50.0)
-    scale = [stranger.drive_scale(np.ones((1, 7)), time)[0, 3] for time in (0.0, 50.0, 1e4)]
+    scale = [stranger.drive_scale(np.ones((1, 7)), time, READY[None])[0, 3] for time in (0.0, 50.0, 1e4)]
     assert scale == pytest.approx([1.0, 1.0 - 0.2 * (1.0 - np.exp(-1.0)), 0.8])
+
+
+def test_the_newest_strangers_do_what_they_say():
+    stranger, physics = strange(commutation=0.1, commutation_order=10.0, commutation_phase=0.3)
+    theta = READY + np.eye(7)[3] * np.array([[0.0], [0.1 * np.pi], [0.2 * np.pi]])
+    scale = stranger.drive_scale(np.ones((3, 7)), 0.0, theta)
+    assert scale[0] + scale[1] == pytest.approx(np.full(7, 2.0)) and scale[2] == pytest.approx(scale[0])
+    assert scale[0, 3] != 1.0 and scale[0, 4] == 1.0
+    stranger, physics = strange(slip=2e-3, slip_time=6.0)
+    assert [slipped(physics, time)[0, 3] for time in (0.0, 5.99, 6.0, 60.0)] == [0.0, 0.0, 2e-3, 2e-3]
+    still, moving = np.zeros((1, 7)), np.tile(0.2, (1, 7))
+    stranger, _ = strange(wander=0.5, wander_time=80.0)
+    torque = [stranger.link_torque(READY[None], still, time)[0, 3] for time in (0.0, 20.0, 60.0)]
+    assert torque == pytest.approx([0.0, 0.5, -0.5])
+    stranger, _ = strange(grease=0.6, grease_speed=0.2)
+    torque = [stranger.link_torque(READY[None], factor * moving, 0.0)[0, 3] for factor in (-1.0, 0.0, 1.0, 100.0)]
+    assert torque == pytest.approx([-0.3, 0.0, 0.3, 0.6], rel=0.02)
+
+
+@settings(deadline=None, max_examples=30)
+@given(paths)
+def test_a_dress_pack_never_gives_more_than_it_took(speeds):
+    stranger, _ = strange(pack=0.9, pack_stroke=0.02)
+    work, largest = 0.0, 0.0
+    for speed in np.repeat(speeds, 20):
+        torque = stranger.link_torque(READY[None], speed * np.eye(7)[None, 3], 0.0)[0, 3]
+        work, largest = work + torque * speed * 5e-4, max(largest, abs(torque))
+    assert work >= -1e-9 and largest <= 0.9 + 1e-12
 
 
 def test_an_eccentric_disc_shows_a_speed_that_fits_its_angle():
@@ -374,7 +402,8 @@ def test_sets_from_some_seed_on_have_strangers_that_the_doctor_was_not_developed
         return {c.faults[0].effect for c in draw_cases(200, seed, "development") if c.kind == "stranger"}
 
     assert drawn(9) == drawn(LATER_FROM - 1) == set(FIRST) and drawn(LATER_FROM) == set(LATER)
-    assert not set(FIRST) & set(LATER) and len(LATER) >= 4 and (SCALE > 0).all()
+    assert drawn(ALL_FROM) == set(STRANGERS) == set(FIRST) | set(LATER) | set(NEWEST)
+    assert len(STRANGERS) == len(FIRST) + len(LATER) + len(NEWEST) and len(NEWEST) >= 4 and len(LATER) >= 4 and (SCALE > 0).all()
 
 
 def test_every_arm_side_effect_of_the_catalogue_has_a_generator_and_a_limit():

@@ -10,9 +10,12 @@ from arm_generator import Truth, record
 from np_bringup.contract import BY_NAME, TIMELINE
 from np_bringup.recorder import BagWriter, Sequencer
 from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_diagnosis.arm_model import panda
 from np_diagnosis.commands import diagnose as command
 from np_diagnosis.contract import check
 from np_diagnosis.reading import ContractViolation, read
+from np_diagnosis.signals import Log
+from np_diagnosis.stages import expected_torque
 from np_ros.messages import joint_state_message
 from rclpy.serialization import serialize_message
 
@@ -64,6 +67,32 @@ def test_friction_is_no_violation(log):
 def test_wrong_units_signs_and_order_are_named(log, break_it, text):
     with pytest.raises(ContractViolation, match=text):
         check(break_it(log))
+
+
+def swinging(joint, amplitude, hertz):
+    """A log of 4 s of the nominal arm, one joint of which swings about the ready posture."""
+    arm, time = panda(), np.arange(2000) * 0.002
+    q, dq, ddq = np.tile(arm.rest, (2000, 1)), np.zeros((2000, 7)), np.zeros((2000, 7))
+    angle, omega = 2 * np.pi * hertz * time, 2 * np.pi * hertz
+    q[:, joint] += amplitude * np.sin(angle)
+    dq[:, joint], ddq[:, joint] = amplitude * omega * np.cos(angle), -amplitude * omega**2 * np.sin(angle)
+    torque = expected_torque(q, dq, ddq, arm, True)
+    return Log("swinging", time, q, dq, torque, time, True)
+
+
+def test_an_arm_that_swings_faster_than_it_may_is_no_violation():
+    """As one does whose torque rate is limited: beyond its speed nearly all the time, and in radians."""
+    log = swinging(6, 0.06, 20.0)
+    assert np.percentile(np.abs(log.velocity[:, 6]), 50) > 1.5 * panda().velocity_limit[6]
+    check(log)
+
+
+def test_a_joint_in_degrees_that_stays_in_its_range_is_betrayed_by_its_torques():
+    log = swinging(0, 0.04, 1.0)
+    check(log)
+    factor = np.where(np.arange(7) == 0, np.degrees(1.0), 1.0)
+    with pytest.raises(ContractViolation, match="panda_joint1.*degrees"):
+        check(replace(log, position=log.position * factor, velocity=log.velocity * factor))
 
 
 @pytest.fixture(scope="module")

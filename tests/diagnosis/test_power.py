@@ -131,10 +131,19 @@ def test_what_are_the_same_forces_no_experiment_can_tell(uneven):
     assert NONE in render(report, diagnosis)
 
 
-def test_an_ambiguity_is_answered_with_a_command_and_its_odds(stuck):
+def test_the_rival_is_what_explains_the_recording_and_not_a_part_of_it(uneven):
+    """A constant torque alone is no rival of uneven friction; beside plain friction it is the same forces."""
+    diagnosis, _ = uneven
+    question = ambiguity(diagnosis.search, diagnosis.chosen, diagnosis.chosen.members[0], ("torque_offset",))
+    assert ("torque_offset",) not in question.names and ("coulomb_friction", "torque_offset") in question.names
+    assert all(p.probability < 0.1 for row in powers(diagnosis.search, question, EXPERIMENTS) for p in row)
+
+
+def test_an_ambiguity_is_answered_with_a_command_and_its_odds(stuck, monkeypatch):
     diagnosis, log = stuck
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
     # As if the recording had left it open whether it is viscous.
+    monkeypatch.setattr("np_diagnosis.power.NEAR", np.inf)
     open_ = replace(diagnosis, findings=(replace(finding, equivalent_to=("viscous_friction",)),))
     question = open_question(open_)
     answer = next_experiment(open_, question)

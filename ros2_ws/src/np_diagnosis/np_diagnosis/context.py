@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from np_diagnosis.arm_model import Arm
 from np_diagnosis.effects.base import Context
@@ -24,8 +25,9 @@ PLAY = 1e-5  # rad, some standard deviations of a smoothed encoder
 @dataclass(frozen=True, eq=False)
 class Transmission:
     """Motor side: time (n,), trajectory (n,), twist (n, k) rad = motor - joint, load (n, k) Nm through the
-    gear with gravity, load_rate (n, k) Nm/s. wound: the twist of each stretch (m, k) on the samples' fine grid,
-    without the noise of its two encoders."""
+    gear with gravity, load_rate (n, k) Nm/s. wound: the twist of each stretch (m, k) on the samples' fine
+    grid, without the noise of its two encoders: what the load winds up in proportion, and of the rest what is
+    no noise."""
 
     time: np.ndarray
     trajectory: np.ndarray
@@ -68,11 +70,23 @@ def _transmission(logs: list[Log], samples: Samples, prediction: Prediction) -> 
     rate = np.gradient(load, axis=0) / np.gradient(samples.time)[:, None]
     ends = np.flatnonzero(np.diff(samples.time, prepend=-np.inf, append=-np.inf)[1:] < 0)
     rate[np.unique(np.clip(np.concatenate([ends, ends + 1]), 0, len(rate) - 1))] = 0.0
-    wound = tuple(
-        np.column_stack([_between(grid, time[trajectory == number], c) for c in apart[trajectory == number].T])
-        for number, grid in samples.grids
-    )
-    return Transmission(samples.time, samples.trajectory, twist, load, rate, tuple(map(_quiet, wound)))
+    yields = np.array([_slope(load[:, j], twist[:, j]) for j in range(load.shape[1])])
+    wound = []
+    for number, grid in samples.grids:
+        mine = samples.trajectory == number
+        first, last = samples.time[mine][[0, -1]]
+        straight = yields * CubicSpline(samples.time[mine], load[mine])(np.clip(grid, first, last))
+        rows = trajectory == number
+        seen = np.column_stack([_between(grid, time[rows], c) for c in apart[rows].T])
+        wound.append(straight + _quiet(seen - straight))
+    return Transmission(samples.time, samples.trajectory, twist, load, rate, tuple(wound))
+
+
+def _slope(load: np.ndarray, twist: np.ndarray) -> float:
+    """rad/Nm by which a twist (n,) follows a load (n,), of those known."""
+    known = np.isfinite(twist)
+    away = load[known] - load[known].mean() if known.any() else np.zeros(1)
+    return float(away @ twist[known] / (away @ away)) if away @ away > 0 else 0.0
 
 
 def _between(grid: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:

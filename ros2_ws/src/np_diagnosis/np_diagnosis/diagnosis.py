@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_diagnosis.arm_model import Arm, panda
+from np_diagnosis.constancy import shapes_left
 from np_diagnosis.context import make_context
 from np_diagnosis.design import Design, make_design
 from np_diagnosis.effects import Context, Effect
@@ -89,7 +90,9 @@ def diagnose(logs: list[Log], arm: Arm | None = None, seed: int = 0, quick: bool
     search, chosen = settle_shapes(search, search.run(*((1, 1) if quick else ())))
     design = search.design
     rests = examine(search, chosen.members)
-    odd = _crowded(search, chosen), _extreme(search, chosen), ageing(search, chosen.members)
+    odd = [_crowded(search, chosen), _extreme(search, chosen), ageing(search, chosen.members)]
+    if not quick:
+        odd.append({m.joint for m in shapes_left(search, chosen.members, rests)})
     unexplained = tuple(sorted(set(_unexplained(rests, design)).union(*odd)))
     gap = measure(search, chosen, seed)
     found = _findings(search, chosen, gap, seed, quick)

@@ -61,29 +61,20 @@ def examine(search: Search, members: tuple[int, ...]) -> list[Rest]:
         if cell.stage in (REVERSAL, "r3") or cell.used.sum() < 4:
             continue
         ids, fit, _, _ = fits[cell.joint]
-        found.append(_rest(design.stages, design, cell, ids, fit))
+        found.append(_rest(design, cell, ids, fit))
     return found
 
 
-def _rest(stages: Stages, design: Design, cell: Cell, ids: np.ndarray, fit) -> Rest:
+def _rest(design: Design, cell: Cell, ids: np.ndarray, fit) -> Rest:
     """The model is fitted to what the structure leaves of blocks that it has not seen."""
     left = held_out(cell, ids, fit)
-    columns = _flexible(design.context, cell)
-    scale = np.sqrt(np.mean(columns[cell.rows] ** 2, axis=0)) + 1e-12
-    spread = float(np.sqrt(np.mean(left[cell.rows] ** 2))) + 1e-12
-    parameters = [Parameter("any", "", -1e9, 1e9, spread / s) for s in scale]
-    own = _Residual(stages, left, cell.rows)
-    flexible = make_cell(own, cell.stage, cell.joint, np.arange(len(scale)), columns, design.blocks, parameters)
-    nothing = score([flexible], np.zeros(0, int), parameters)
-    full = score([flexible], np.arange(len(scale)), parameters)
-    difference = full.density - nothing.density
-    after = held_out(flexible, np.arange(len(scale)), full.fit)
+    gain, error, after = predicted(design, cell, left, _flexible(design.context, cell))
     rows = cell.rows
     return Rest(
         cell.stage,
         cell.joint,
-        float(difference.sum()),
-        float(np.sqrt(len(difference)) * difference.std(ddof=1)),
+        gain,
+        error,
         float(np.square(cell.residual[rows]).sum()),
         float(np.square(left[rows]).sum()),
         float(np.square(after[rows]).sum()),
@@ -91,6 +82,22 @@ def _rest(stages: Stages, design: Design, cell: Cell, ids: np.ndarray, fit) -> R
         min(float(np.std(np.diff(left[rows], 3)) / np.sqrt(20)), _sensors(design.context, cell)),
         _outlying(cell.residual[rows], left[rows]),
     )
+
+
+def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray
+              ) -> tuple[float, float, np.ndarray]:
+    """(gain nats, its standard error over blocks, residual (n,) after it) of columns (n, count) that are fitted
+    to what is `left` (n,) of a cell, each block predicted from the others."""
+    scale = np.sqrt(np.mean(columns[cell.rows] ** 2, axis=0)) + 1e-12
+    spread = float(np.sqrt(np.mean(left[cell.rows] ** 2))) + 1e-12
+    parameters = [Parameter("any", "", -1e9, 1e9, spread / s) for s in scale]
+    ids = np.arange(len(scale))
+    own = _Residual(design.stages, left, cell.rows)
+    flexible = make_cell(own, cell.stage, cell.joint, ids, columns, design.blocks, parameters)
+    nothing, full = (score([flexible], used, parameters) for used in (ids[:0], ids))
+    difference = full.density - nothing.density
+    return (float(difference.sum()), float(np.sqrt(len(difference)) * difference.std(ddof=1)),
+            held_out(flexible, ids, full.fit))
 
 
 def _outlying(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:

@@ -109,8 +109,10 @@ def ambiguity(
     found["nothing",] = search.structure(rest)
     mine = (design.candidates[member].effect.id,)
     found.pop(mine, None)
-    listed = {names: s for names, s in found.items() if len(names) == 1 and names[0] in equivalent}
     near = {names: s for names, s in found.items() if search.value(s) > search.value(chosen) - NEAR}
+    listed = {names: s for names, s in near.items() if len(names) == 1 and names[0] in equivalent}
+    for name in set(equivalent).difference(*listed, inside):  # it is no rival alone, but beside something else
+        listed |= {n: s for n, s in _beside(search, chosen, member, name).items() if n not in listed}
     found = listed | {n: s for n, s in near.items() if len(n) > 1} if listed else near
     ranked = sorted(found.items(), key=lambda item: -search.value(item[1]))[:RIVALS]
     if not ranked:
@@ -121,6 +123,23 @@ def ambiguity(
     )
     touched = sorted({j for m in differing for j in _reach(search, m)})
     return Ambiguity(structures, (mine, *(names for names, _ in ranked)), tuple(touched), place)
+
+
+def _beside(search: Search, chosen: Structure, member: int, name: str) -> dict[tuple[str, ...], Structure]:
+    """The best structure with the effect `name` at a member's place and without the member, where it comes
+    near; called by all that it has and the chosen one has not."""
+    design, joints = search.design, search.design.context.arm.joints
+    place, found = design.candidates[member].at(joints), []
+    for structure in search.tried.values():
+        at_place = [c for c in map(design.candidates.__getitem__, structure.members) if c.at(joints) == place]
+        is_near = search.value(structure) > search.value(chosen) - NEAR
+        if is_near and member not in structure.members and name in {c.effect.id for c in at_place}:
+            found.append(structure)
+    if not found:
+        return {}
+    best = max(found, key=search.value)
+    added = set(best.members) - set(chosen.members)
+    return {tuple(sorted(design.candidates[m].effect.id for m in added)): best}
 
 
 def candidates_for(joints: Sequence[int]) -> tuple[str, ...]:

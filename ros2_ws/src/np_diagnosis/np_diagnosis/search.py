@@ -24,6 +24,7 @@ CERTAINTY = 1.5  # standard errors over blocks that it must bring
 LEAST_SHARE = 0.02  # of the stage's held-out energy at its place, below which an effect is not worth naming
 # Of the joint's torque limit, likewise; no sensor blurs what a controller says of itself.
 VISIBLE_OF = {"r0": 0.00001, "r1": 0.0001, "r2": 0.0001}
+VISIBLE_TWIST = 5e-7  # rad, RMS: a sixth of the noise that a sample has of two encoders of 10 urad
 TIE = 2.0  # nats within which fewer parameters are preferred
 
 
@@ -210,7 +211,7 @@ class Search:
         for cell, old, new in zip(self.design.cells, before, after):
             rows = max(cell.rows.sum(), 1)
             limit = self.design.context.arm.torque_limit[cell.joint]
-            least = (VISIBLE_OF[cell.stage[:2]] * limit) ** 2 if cell.stage != "r3" else 1e-12
+            least = (VISIBLE_OF[cell.stage[:2]] * limit) ** 2 if cell.stage != "r3" else VISIBLE_TWIST**2
             if old - new > max(LEAST_SHARE * old, least * rows):
                 return True
         return False

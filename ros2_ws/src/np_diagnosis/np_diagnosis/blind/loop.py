@@ -16,7 +16,7 @@ from np_control.safety import LIMITS, limit_torque, slew_gains
 
 from np_diagnosis.blind.plant import PERIOD, Physics, Plant
 from np_diagnosis.blind.rigid_arm import JOINTS
-from np_diagnosis.blind.strange import off_centre
+from np_diagnosis.blind.strange import off_centre, slipped
 from np_diagnosis.excitation import READY, Segment, end_of, schedule
 
 WRIST = np.array([1, 1, 1, 1, 0.4, 0.4, 0.3])
@@ -179,6 +179,7 @@ class _Sensors:
         q, dq, theta, omega = self._late(plant)
         noise = self._draw()
         angle, share = off_centre(p, q)
+        angle = angle + slipped(p, plant.time)
         q, dq = q + p.encoder_bias + angle + ANGLE_NOISE * noise[:, 0], dq * (1.0 + share)
         q = np.where(p.quantum > 0, np.round(q / np.maximum(p.quantum, 1e-9)) * p.quantum, q)
         dq = dq + SPEED_NOISE * noise[:, 1]

@@ -15,7 +15,7 @@ from np_description.panda import NOMINAL
 
 from np_diagnosis.blind.friction import bouc_wen, lugre, prandtl
 from np_diagnosis.blind.rigid_arm import JOINTS, Inertials, RigidArms, nominal_inertials
-from np_diagnosis.blind.strange import Strange, off_centre
+from np_diagnosis.blind.strange import Strange, off_centre, slipped
 
 PERIOD = 0.002  # s, of control
 SUBSTEPS = 4
@@ -115,6 +115,17 @@ class Physics:
     fading_time: np.ndarray = _per((JOINTS,), 100.0)
     eccentric: np.ndarray = _per((JOINTS,))
     eccentric_phase: np.ndarray = _per((JOINTS,))
+    commutation: np.ndarray = _per((JOINTS,))
+    commutation_order: np.ndarray = _per((JOINTS,))
+    commutation_phase: np.ndarray = _per((JOINTS,))
+    wander: np.ndarray = _per((JOINTS,))
+    wander_time: np.ndarray = _per((JOINTS,), 100.0)
+    slip: np.ndarray = _per((JOINTS,))
+    slip_time: np.ndarray = _per((JOINTS,))
+    pack: np.ndarray = _per((JOINTS,))
+    pack_stroke: np.ndarray = _per((JOINTS,), 0.1)
+    grease: np.ndarray = _per((JOINTS,))
+    grease_speed: np.ndarray = _per((JOINTS,), 0.1)
 
     def __post_init__(self):
         arms = len(self.inertials.mass)
@@ -202,7 +213,8 @@ class Plant:
         """
         arms = len(self.physics)
         middle = self.q + 0.5 * PERIOD * self.dq
-        shown = middle + self.physics.encoder_bias + off_centre(self.physics, middle)[0]
+        shown = middle + self.physics.encoder_bias + off_centre(self.physics, middle)[0] \
+            + slipped(self.physics, self.time)
         matrix, velocity, weight = self._arms.terms(
             np.concatenate([middle, q, shown]),
             np.concatenate([self.dq, dq, self.dq]))
@@ -267,7 +279,8 @@ class Plant:
         if "saturation" in self._used:
             wanted = np.minimum(np.maximum(wanted, -p.saturation), p.saturation)
         self._drive = wanted
-        return self._strange.drive_scale(1.0 + p.torque_scale, self.time) * self._strange.given(wanted + held)
+        scale = self._strange.drive_scale(1.0 + p.torque_scale, self.time, self.theta)
+        return scale * self._strange.given(wanted + held)
 
     # Friction, and what else resists on the motor's side
 

@@ -30,6 +30,7 @@ class Strange:
         self._rest, self._dropped = np.zeros_like(q), np.zeros_like(q)
         self._drags = np.zeros(q.shape, dtype=bool)
         self._part_angle, self._part_speed = q.copy(), np.zeros_like(q)  # of the loose part
+        self._bent = np.zeros_like(q)  # rad, the dress pack
 
     def begin_period(self) -> None:
         """What chance decides in a control period."""
@@ -60,13 +61,15 @@ class Strange:
             return wanted
         return np.copysign(np.maximum(np.abs(wanted) - self._physics.dead_zone, 0.0), wanted)
 
-    def drive_scale(self, scale: np.ndarray, time: float) -> np.ndarray:
-        """Torque scale of the drives whose own is `scale`."""
+    def drive_scale(self, scale: np.ndarray, time: float, theta: np.ndarray) -> np.ndarray:
+        """Torque scale of the drives whose own is `scale` and whose rotors are at theta."""
         p, used = self._physics, self._used
         if "flutter" in used:
             scale = scale + p.flutter * np.sin(2 * np.pi * p.flutter_frequency * time)
         if "fading" in used:
             scale = scale * (1.0 - p.fading * (1.0 - np.exp(-time / p.fading_time)))
+        if "commutation" in used:
+            scale = scale * (1.0 + p.commutation * np.sin(p.commutation_order * theta + p.commutation_phase))
         if "dropout" in used:
             scale = scale * (1.0 - p.dropout * (self._dropped > 0))
         return scale
@@ -87,6 +90,13 @@ class Strange:
             torque = torque + p.dent * off * np.exp(0.5 * (1.0 - off**2))  # `dent` at a width from its middle
         if "part_inertia" in used:
             torque = torque + self._loose_part(q, dq)
+        if "wander" in used:
+            torque = torque + p.wander * np.sin(2 * np.pi * time / p.wander_time)
+        if "grease" in used:
+            torque = torque + p.grease * dq / (p.grease_speed + np.abs(dq))
+        if "pack" in used:
+            self._bent = np.minimum(np.maximum(self._bent + self._step * dq, -p.pack_stroke), p.pack_stroke)
+            torque = torque + p.pack * self._bent / p.pack_stroke
         return torque
 
     def _loose_part(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
@@ -107,3 +117,8 @@ def off_centre(physics: Physics, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     """What link encoders (B, 7) with a disc off its centre show too much at q: rad, and share of the speed."""
     angle = q + physics.eccentric_phase
     return physics.eccentric * np.sin(angle), physics.eccentric * np.cos(angle)
+
+
+def slipped(physics: Physics, time: float) -> np.ndarray:
+    """What link encoders (B, 7) show too much, rad, once their discs have slipped on their shafts."""
+    return physics.slip * (time >= physics.slip_time)

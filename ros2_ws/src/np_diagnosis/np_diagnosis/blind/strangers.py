@@ -8,7 +8,8 @@ from np_diagnosis.blind.faults import Fault, Parameters
 from np_diagnosis.blind.plant import Physics
 from np_diagnosis.excitation import READY, SECOND, THIRD
 
-LATER_FROM = 100  # the seed from which on sets have strangers that came after the doctor
+LATER_FROM = 100  # the seed from which on sets have strangers that came after the first doctor
+ALL_FROM = 200  # from which on they have all, and those that came after the doctor had met the later ones
 SCALE = np.array([0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015])  # Nm of size 1
 
 LOAD = np.array([3.0, 20.0, 8.0, 16.0, 1.0, 2.0, 0.4])  # Nm that the drives give now and then
@@ -115,6 +116,37 @@ def _eccentric(p, i, j, size, rng):
     return {"amplitude": (p.eccentric[i, j], "rad"), "phase": (p.eccentric_phase[i, j], "rad")}
 
 
+def _commutation(p, i, j, size, rng):
+    """A motor's own encoder set askew: the drive gives more, or less, as the rotor turns."""
+    p.commutation[i, j], p.commutation_order[i, j] = min(1.5 * size / LOAD[j], 0.3), rng.uniform(6.0, 20.0)
+    p.commutation_phase[i, j] = rng.uniform(0, 2 * np.pi)
+    return {"share": (p.commutation[i, j], "1"), "order": (p.commutation_order[i, j], "1/rad")}
+
+
+def _wander(p, i, j, size, rng):
+    """A current sensor whose zero wanders as it warms up: a torque that comes and goes in a minute or two."""
+    p.wander[i, j], p.wander_time[i, j] = 2.0 * size, rng.uniform(50.0, 120.0)
+    return {"torque": (2.0 * size, "Nm"), "time": (p.wander_time[i, j], "s")}
+
+
+def _slip(p, i, j, size, rng):
+    """An encoder's disc that slips on its shaft, once."""
+    p.slip[i, j], p.slip_time[i, j] = 5e-4 * size / SCALE[j] * rng.choice([-1.0, 1.0]), rng.uniform(5.0, 14.0)
+    return {"angle": (p.slip[i, j], "rad"), "time": (p.slip_time[i, j], "s")}
+
+
+def _pack(p, i, j, size, rng):
+    """A dress pack of hoses that rub on each other: a spring over some degrees, which then slides along."""
+    p.pack[i, j], p.pack_stroke[i, j] = 3.0 * size, rng.uniform(0.05, 0.15)
+    return {"torque": (3.0 * size, "Nm"), "stroke": (p.pack_stroke[i, j], "rad")}
+
+
+def _grease(p, i, j, size, rng):
+    """Grease that thins as it is sheared: drag that grows less and less with the speed."""
+    p.grease[i, j], p.grease_speed[i, j] = 3.0 * size, rng.uniform(0.1, 0.3)
+    return {"torque": (3.0 * size, "Nm"), "speed": (p.grease_speed[i, j], "rad/s")}
+
+
 _ANY = (0, 1, 2, 3, 4, 5, 6)
 FIRST = {
     "rub": (_rub, _ANY),
@@ -135,13 +167,21 @@ LATER = {
     "fading_drive": (_fading, (1, 2, 3, 5)),
     "eccentric_encoder": (_eccentric, _ANY),
 }
-STRANGERS = FIRST | LATER
+NEWEST = {
+    "commutation_error": (_commutation, (1, 2, 3, 5)),
+    "wandering_zero": (_wander, _ANY),
+    "slipped_encoder": (_slip, (0, 1, 2, 3, 4, 5)),
+    "dress_pack": (_pack, _ANY),
+    "thinning_grease": (_grease, _ANY),
+}
+STRANGERS = FIRST | LATER | NEWEST
 """By name: what gives an arm the fault, and the joints (0..6) where it is drawn."""
 
 
 def strangers_of(seed: int) -> tuple[str, ...]:
-    """The kinds that sets of a seed draw from: those that the doctor was developed on, or none of them."""
-    return tuple(FIRST if seed < LATER_FROM else LATER)
+    """The kinds that sets of a seed draw from: those that the first doctor was developed on, none of them, or
+    all that there are."""
+    return tuple(FIRST if seed < LATER_FROM else LATER if seed < ALL_FROM else STRANGERS)
 
 
 def apply_stranger(physics: Physics, arm: int, fault: Fault, rng: np.random.Generator) -> Parameters:

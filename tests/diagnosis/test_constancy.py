@@ -1,0 +1,126 @@
+"""What is nearly an effect of the catalogue, and not one, is found out: its size changes, or it leaves a shape."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm_generator import PERIOD, Truth, at, record
+
+from np_diagnosis import rigid
+from np_diagnosis.arm_model import panda
+from np_diagnosis.constancy import misfits, shapes_left
+from np_diagnosis.context import make_context
+from np_diagnosis.design import make_design
+from np_diagnosis.effects import transmission
+from np_diagnosis.omnibus import examine
+from np_diagnosis.search import Search
+from np_diagnosis.signals import Log
+from np_diagnosis.stages import expected_torque
+
+JOINT = 2  # counted from 0: the third
+
+
+@pytest.fixture(scope="module")
+def log():
+    clean = record(Truth(), duration=24.0, name="clean")
+    rng = np.random.default_rng(5)
+    return replace(clean, motor=clean.position + 1e-5 * rng.normal(size=clean.position.shape))
+
+
+def asked(log, scale):
+    """The log of an arm one joint of which gives `scale` times what it is asked for."""
+    commands = log.commands.torque.copy()
+    commands[:, JOINT] /= scale
+    return replace(log, commands=replace(log.commands, torque=commands))
+
+
+def left_of(log, effect, joint=JOINT):
+    """(question, joint) of what stands out beside this one effect; of a clean arm's where it is None."""
+    search = Search(make_design(make_context([log], panda())))
+    places = enumerate(search.design.candidates)
+    members = tuple(n for n, c in places if c.effect.key == effect and c.joint == joint)
+    assert len(members) == (effect is not None)
+    return {(m.question, m.joint) for m in shapes_left(search, members, examine(search, members))}
+
+
+def swinging(log, inertia, hertz, damping=0.1):
+    """Torque (n,) Nm of a part on a spring, that a joint carries along."""
+    natural, angle, speed = 2 * np.pi * hertz, log.position[0, JOINT], log.velocity[0, JOINT]
+    torque = []
+    for q, dq in zip(log.position[:, JOINT], log.velocity[:, JOINT]):
+        per_inertia = natural**2 * (q - angle) + 2 * damping * natural * (dq - speed)
+        speed += PERIOD * per_inertia
+        angle += PERIOD * speed
+        torque.append(inertia * per_inertia)
+    return np.array(torque)
+
+
+def lively():
+    """A log without commands, of the nominal arm moving at .3 to 2.5 Hz."""
+    rng, time = np.random.default_rng(8), np.arange(12_000) * PERIOD
+    omega = 2 * np.pi * rng.uniform(0.3, 2.5, (3, 7))
+    angle = omega * time[:, None, None] + rng.uniform(0, 2 * np.pi, (3, 7))
+    q = panda().rest + (0.3 / omega * np.sin(angle)).sum(axis=1)
+    dq, ddq = 0.3 * np.cos(angle).sum(axis=1), -0.3 * (omega * np.sin(angle)).sum(axis=1)
+    torque = expected_torque(q, dq, ddq, panda(), True) + 0.02 * rng.normal(size=q.shape)
+    return Log("lively", time, q, dq, torque, time, True)
+
+
+@pytest.mark.parametrize("fades", [False, True])
+def test_a_torque_scale_that_fades_is_no_torque_scale(log, fades):
+    scale = 1 - 0.08 * (1 - np.exp(-log.time / 10.0)) if fades else 0.94
+    found = left_of(asked(log, scale), "torque_scale[gravity apart]")
+    assert (("size", JOINT) in found) == fades and {joint for _, joint in found} <= {JOINT}
+
+
+@pytest.mark.parametrize("is_loose", [False, True])
+def test_a_part_that_swings_after_its_link_is_no_rotor(is_loose):
+    log = lively()
+    extra = swinging(log, 0.2, 2.0) if is_loose else 0.2 * np.gradient(log.velocity[:, JOINT], PERIOD)
+    torque = log.torque.copy()
+    torque[:, JOINT] += extra
+    found = left_of(replace(log, torque=torque), "armature")
+    assert (("memory", JOINT) in found) == is_loose and {joint for _, joint in found} <= {JOINT}
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 1e-3])
+def test_an_encoder_off_its_centre_shows_against_the_motors(log, amplitude):
+    motor = log.motor.copy()
+    motor[:, JOINT] -= amplitude * np.sin(log.position[:, JOINT] + 1.0)
+    found = left_of(replace(log, motor=motor), None)
+    assert found == ({("twist", JOINT)} if amplitude else set())
+
+
+def test_a_drift_that_is_named_may_change_with_time(log):
+    """Elsewhere a size is asked for in r1 and r2."""
+    search = Search(make_design(make_context([log], panda())))
+    numbers = {c.effect.key: n for n, c in enumerate(search.design.candidates) if c.joint == JOINT}
+    drift = next(n for key, n in numbers.items() if key.startswith("thermal_drift"))
+    for members, stages in (((numbers["viscous_friction"],), {"r2"}), ((numbers["viscous_friction"], drift), set())):
+        assert {m.stage for m in misfits(search, tuple(sorted(members))) if m.question == "size"} == stages
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-4])
+def test_hysteresis_shows_that_winds_up_by_less_than_the_noise_of_the_encoders(width):
+    """A twist of some tens of urad, in encoders of 10 urad: what winds it up is known from the load."""
+    log, stiffness, stroke = lively(), 1e5, 2e-4
+    load = np.interp(log.time, log.time[::10], rigid.torque(panda(), log.position[::10], log.velocity[::10],
+                     np.gradient(log.velocity, PERIOD, axis=0)[::10])[:, JOINT])
+    twist, bent, found = 0.0, 0.0, []
+    for torque in load:  # K (twist + width z) = torque, quasi-static
+        moved = (torque - stiffness * (twist + width * bent)) / stiffness
+        moved /= 1 + width / stroke * (1 - np.sign(moved) * bent)
+        bent += (moved - abs(moved) * bent) / stroke
+        twist += moved
+        found.append(twist)
+    motor = log.position + 1.4e-5 * np.random.default_rng(2).normal(size=log.position.shape)
+    motor[:, JOINT] += found
+    context = make_context([replace(log, motor=motor)], panda())
+    effect = next(e for e in transmission.effects(context) if e.key == "transmission_hysteresis[0.2 mrad]")
+    straight = np.column_stack([np.ones(len(context.samples)), context.transmission.load[:, JOINT]])
+    y = context.transmission.twist[:, JOINT]
+    squares = [np.square(y - a @ np.linalg.lstsq(a, y, rcond=None)[0]).sum()
+               for a in (straight, np.column_stack([straight, effect.columns["r3"](context, JOINT)]))]
+    assert np.abs(found).max() < 2 * stroke
+    gain = 0.5 * len(y) * np.log(squares[0] / squares[1])
+    assert gain > 30 if width else gain < 8
