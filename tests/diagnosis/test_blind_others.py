@@ -92,7 +92,7 @@ def test_figures_have_the_doctors_keys_and_stand_beside_them(tmp_path):
     count = 3
     key, cases = json.loads(make_key(count, 1, "development")), draw_cases(count, 1, "development")
     folders = [tmp_path / f"case_{k}" for k in range(count)]
-    for folder, number in zip(folders, range(count)):
+    for folder in folders:
         others.identify(tmp_path, folder, f"{shlex.quote(sys.executable)} -c {shlex.quote(FAKE)}", 60.0)
         assert (folder / "baselines" / "error.txt").read_text() == ""
     # One baseline goes wrong in one case, and says something in another.

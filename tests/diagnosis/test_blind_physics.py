@@ -322,7 +322,7 @@ def test_a_gear_at_any_joint_is_stable_in_every_posture(posture):
     plant = Plant(physics, posture, [np.random.default_rng(0) for _ in cases])
     plant.dq[:] = plant.omega[:] = 0.3
     fastest = 0.0
-    for k in range(150):
+    for _ in range(150):
         plant.begin(plant.q, plant.dq)
         plant.step(-60.0 * (plant.q - posture) - 6.0 * plant.dq)
         fastest = max(fastest, float(np.abs(plant.dq).max()))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm_generator import PERIOD, Truth, at, record
+from arm_generator import PERIOD, Truth, record
 
 from np_diagnosis import rigid
 from np_diagnosis.arm_model import panda

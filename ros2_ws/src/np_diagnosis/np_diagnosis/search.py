@@ -186,7 +186,7 @@ class Search:
         taken = np.linalg.solve(normal[np.ix_(used, used)], normal[used])
         rest = slope - taken.T @ slope[used]
         gains = []
-        for n, c in enumerate(design.candidates):
+        for c in design.candidates:
             i = c.ids
             left = normal[np.ix_(i, i)] - normal[np.ix_(used, i)].T @ taken[:, i]
             centre = np.array([design.parameters[k].centre for k in i]) / prior[i] ** 2

@@ -13,7 +13,7 @@ from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
 
-from np_diagnosis.blind.cases import Case, draw_cases, magnitude, make_physics
+from np_diagnosis.blind.cases import draw_cases, magnitude, make_physics
 
 KEYS = Path(str(files("np_diagnosis") / "data" / "blind_keys.txt"))
 """Committed: one line a sealed key, `set cases seed sha256`."""
