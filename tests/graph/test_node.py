@@ -1,6 +1,8 @@
 """np_ros.node and np_ros.spin: every kind of callback runs, both ways of spinning; parameters and diagnostics."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -237,3 +239,33 @@ def test_the_middleware_runs_at_the_loops_priority(graph, probe):
     }
     assert len(policies) > 1
     assert len(set(policies.values())) == 1, policies  # that of the loop, whatever was permitted
+
+
+INTERRUPTED = """
+import os, signal, sys
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from np_ros.node import Diagnostics, run
+
+class Opens(Node):
+    def __init__(self):
+        super().__init__("opens")
+        self.diagnostics = Diagnostics(self)
+        os.kill(os.getpid(), signal.SIGINT)
+        self.diagnostics.report(DiagnosticStatus.OK, "open")
+        print("made")
+
+    def destroy_node(self):
+        print("closed")
+        super().destroy_node()
+
+sys.exit(run(Opens))
+"""
+
+
+def test_an_interrupt_while_a_node_is_made_waits_until_it_can_close_what_it_opened(graph):
+    environment = {**os.environ, **graph.environment, "ROS_DOMAIN_ID": str(graph.domain_id)}
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], env=environment, capture_output=True, text=True, timeout=TIMEOUT
+    )
+    assert (done.stdout, done.returncode) == ("made\nclosed\n", 0), done.stderr

@@ -40,11 +40,15 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fas
     rclpy's executor. `spin`: a loop of the node's own in place of the spinner's, calling its `spin_once`.
     """
     node = spinner = None
+    interrupts = 0
 
     def interrupted(number: int, frame: object) -> None:
         # rclpy's own handler came first and shut the context down, which ends the spin between two callbacks.
-        # An exception here would cut one short, and lose the message that it had just taken.
-        if spinner is None:
+        # An exception here would cut one short, and lose the message that it had just taken; or cut the constructor
+        # short, and leave open what it had opened. Who insists is heard.
+        nonlocal interrupts
+        interrupts += 1
+        if spinner is None and interrupts > 1:
             raise KeyboardInterrupt
 
     try:
@@ -56,6 +60,8 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fas
             name = getattr(make_node, "__name__", "node")
             rclpy.logging.get_logger(name).fatal(f"cannot start: {error}")
             return 1
+        if interrupts:
+            return 0
         spinner = Spinner(node, allow_fast=fast)
         spinner.spin() if spin is None else spin(node, spinner)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -143,7 +149,14 @@ class Diagnostics:
             self.publish()
 
     def publish(self) -> None:
-        """Publish the status now."""
+        """Publish the status now; where the context is shut down, which a signal does at any time, nobody is told."""
+        try:
+            self._publisher.publish(self._status())
+        except RuntimeError:
+            if self._node.context.ok():
+                raise
+
+    def _status(self) -> DiagnosticArray:
         level, message = self._level, self._message
         if self._problem and level == DiagnosticStatus.OK:
             level, message = DiagnosticStatus.WARN, self._problem
@@ -153,7 +166,7 @@ class Diagnostics:
             values=[KeyValue(key=key, value=str(value)) for key, value in pairs.items()])
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(array)
+        return array
 
     def _subscribers(self) -> str:
         """How many subscribers each publisher of the node has found: "topic=count ...".
