@@ -25,7 +25,7 @@ import numpy as np
 from np_diagnosis.design import REVERSAL, Cell, rung
 from np_diagnosis.effects.base import Context
 from np_diagnosis.omnibus import Rest, predicted
-from np_diagnosis.search import Search, held_out
+from np_diagnosis.search import Search, fits_of, held_out
 
 SURE = 60.0  # nats by which the columns must predict better
 ERRORS = 1.5  # standard errors over blocks that these must be: what changes with time is in some blocks only
@@ -71,8 +71,7 @@ def shapes_left(search: Search, members: tuple[int, ...], rests: Iterable[Rest])
 def misfits(search: Search, members: tuple[int, ...]) -> Iterator[Misfit]:
     """Every question to every stage of every joint with enough rows."""
     design = search.design
-    fits = {j: (search.ids(joints, inside), search.group(joints, inside)[0].fit)
-            for joints, inside in search.groups(members) for j in joints}
+    fits = fits_of(search, members)
     for cell in design.cells:
         if cell.stage in (REVERSAL, "r0") or cell.used.sum() < 4:
             continue

@@ -25,8 +25,10 @@ def check(log: Log, arm: Arm | None = None) -> None:
     _check_range(log, arm)
     _check_velocity(log, arm)
     samples = sample([log])
-    _check_speed(log, arm, samples)
-    _check_torque(log, arm, samples)
+    rows = _most_motion(samples)
+    if rows.size:
+        _check_speed(log, arm, samples, rows)
+        _check_torque(log, arm, samples, rows)
 
 
 def _check_range(log: Log, arm: Arm) -> None:
@@ -79,13 +81,12 @@ def _is_radian(slope: float) -> bool:
     return SLOPE[0] < np.degrees(slope) < SLOPE[1]
 
 
-def _check_speed(log: Log, arm: Arm, samples: Samples) -> None:
+def _check_speed(log: Log, arm: Arm, samples: Samples, rows: np.ndarray) -> None:
     """A joint beyond its speed moves in degrees, if the torques say so: an arm that swings is too fast, and no
     violation."""
-    rows = _most_motion(samples)
     for j, joint in enumerate(arm.joints):
         fastest, limit = np.percentile(np.abs(log.velocity[:, j]), USUAL), SPEED_SLACK * arm.velocity_limit[j]
-        if fastest <= limit or not rows.size:
+        if fastest <= limit:
             continue
         position, velocity, acceleration = (
             getattr(samples, name)[rows] for name in ("position", "velocity", "acceleration")
@@ -104,11 +105,8 @@ def _check_speed(log: Log, arm: Arm, samples: Samples) -> None:
             )
 
 
-def _check_torque(log: Log, arm: Arm, samples: Samples) -> None:
+def _check_torque(log: Log, arm: Arm, samples: Samples, rows: np.ndarray) -> None:
     """No exchange of joints or signs explains the torques far better than the names given."""
-    rows = _most_motion(samples)
-    if not rows.size:
-        return
     count = len(arm)
     same, plain = np.arange(count), np.ones(count)
     trials = [("", (), same, plain)]

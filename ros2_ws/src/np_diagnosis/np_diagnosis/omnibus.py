@@ -15,7 +15,7 @@ from np_diagnosis.design import REVERSAL, Cell, Design, Stages, make_cell, rung
 from np_diagnosis.effects.base import Context, Parameter
 from np_diagnosis.fit import score
 from np_diagnosis.rigid import felt_inertia
-from np_diagnosis.search import Search, held_out
+from np_diagnosis.search import Search, fits_of, held_out
 
 HARMONICS = 6
 FAR = 5.0  # standard deviations, which one value in two million of normal noise passes
@@ -55,13 +55,11 @@ class Rest:
 def examine(search: Search, members: tuple[int, ...]) -> list[Rest]:
     """Every stage of every joint with enough rows."""
     design, found = search.design, []
-    fits = {j: (search.ids(joints, inside), search.group(joints, inside)[0].fit, joints, inside)
-            for joints, inside in search.groups(members) for j in joints}
+    fits = fits_of(search, members)
     for cell in design.cells:
         if cell.stage in (REVERSAL, "r3") or cell.used.sum() < 4:
             continue
-        ids, fit, _, _ = fits[cell.joint]
-        found.append(_rest(design, cell, ids, fit))
+        found.append(_rest(design, cell, *fits[cell.joint]))
     return found
 
 

@@ -288,6 +288,12 @@ def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:
     return float(remaining(part(cell.plain, columns), fit.parameters[:, at]).sum() + cell.outside)
 
 
+def fits_of(search: Search, members: tuple[int, ...]) -> dict[int, tuple[np.ndarray, Fit]]:
+    """Parameters, and their fit, of the group that each joint is in."""
+    return {j: (search.ids(joints, inside), search.group(joints, inside)[0].fit)
+            for joints, inside in search.groups(members) for j in joints}
+
+
 def held_out(cell: Cell, ids: np.ndarray, fit: Fit) -> np.ndarray:
     """Residual (n,) of a cell, each block from a fit that has not seen it; as it is where in no block."""
     columns, at = places(cell, ids)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis.design import REVERSAL
-from np_diagnosis.search import Search, held_out
+from np_diagnosis.search import Search, fits_of, held_out
 from np_diagnosis.signals import GRID, Samples
 
 STILL = 0.005  # rad/s
@@ -25,8 +25,7 @@ LEAST_ROWS = 10  # shortly after a rest
 def ageing(search: Search, members: tuple[int, ...]) -> set[int]:
     """Joints whose friction after a rest depends on how long it was, whatever the structure's effects say."""
     design, found = search.design, set()
-    fits = {j: (search.ids(joints, inside), search.group(joints, inside)[0].fit)
-            for joints, inside in search.groups(members) for j in joints}
+    fits = fits_of(search, members)
     for cell in design.cells:
         if cell.stage != REVERSAL or not cell.rows.any():
             continue
