@@ -268,6 +268,21 @@ def test_what_got_lost_is_answered_again(begin):
         stamp_nanoseconds(m.header.stamp) for m in backend.said("target_pose")}
 
 
+def test_a_plan_that_got_lost_is_given_again(begin):
+    """To a controller that joined too late to hear it, say."""
+    backend = begin()
+    stamp = backend.tick(1)
+    backend.goal(stamp)
+    backend.stand(stamp)
+    backend.see(stamp)
+    backend.start()
+    backend.wait(lambda: (stamp, "approach") in backend.ticks(), "the approach")
+    (plan,) = backend.said("joint_trajectory")
+    backend.said("joint_trajectory").clear()
+    backend.wait(lambda: backend.said("joint_trajectory"), "the plan again")  # the backend repeats what it said
+    assert backend.said("joint_trajectory")[0] == plan
+
+
 def test_an_unreachable_pose_ends_in_failed_approach_with_the_reason(begin):
     backend = begin(position=(1.3, 0.0, 0.3))
     backend.goal(backend.tick(1))

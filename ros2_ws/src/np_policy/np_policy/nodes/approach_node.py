@@ -28,7 +28,7 @@ _REPEATED = 0.5  # s of wall time: backends repeat after 1 s
 class ApproachNode(Node):
     """Plans once for every `pre_contact_pose`, when the opening, the keypoints and the state it needs are there.
 
-    A pose that is repeated gets the same answer again: then the first one was lost.
+    In lockstep a pose or a state that is repeated gets the same answer again: then the first one was lost.
     """
 
     def __init__(self) -> None:
@@ -50,13 +50,14 @@ class ApproachNode(Node):
         self._wanted: tuple[int, Pose] | None = None
         self._opening: float | None = None  # as of the newest command that no plan has used
         self._keypoints: tuple[int, np.ndarray | None] = (-1, None)
+        self._seen = -1  # stamp of the newest state
         self._answer = JointTrajectory()
         self._answered, self._answered_at = -1, 0.0  # stamp, and when by the wall clock
         self._trajectory = self.create_publisher(JointTrajectory, "joint_trajectory", qos.EVENT)
         self.create_subscription(Float64, "gripper_command", self._on_gripper, qos.EVENT)
         self.create_subscription(PoseStamped, "pre_contact_pose", self._on_pose, qos.EVENT)
         subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
-        self._state = StateStream(self, self.diagnostics, self._settings, self._act)
+        self._state = StateStream(self, self.diagnostics, self._settings, self._on_state)
 
     def _on_gripper(self, message: Float64) -> None:
         if not 0.0 <= message.data <= FINGER_MAX:
@@ -76,12 +77,17 @@ class ApproachNode(Node):
             self.diagnostics.refuse(error.kind, error)
             return self._publish_failure(stamp, str(error))
         if stamp == self._answered and self._settings.lockstep:
-            # What was repeated while the plan was being made has had its answer.
-            if time.monotonic() - self._answered_at > _REPEATED:
-                self._trajectory.publish(self._answer)
             self._opening = None
-            return
+            return self._repeat()
         self._wanted = stamp, pose
+        self._act()
+
+    def _on_state(self) -> None:
+        if self._state.stamp < self._seen:
+            self._answered = -1  # a backend that was restarted: its time begins anew
+        self._seen = self._state.stamp
+        if self._state.stamp == self._answered and self._settings.lockstep:
+            self._repeat()
         self._act()
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
@@ -128,6 +134,12 @@ class ApproachNode(Node):
         self.get_logger().error(reason)
         self._publish(stamp, message)
         self.diagnostics.report(DiagnosticStatus.ERROR, reason)
+
+    def _repeat(self) -> None:
+        """Publish the answer again, unless it has just been: what was repeated during planning has had it."""
+        if (now := time.monotonic()) - self._answered_at > _REPEATED:
+            self._answered_at = now
+            self._trajectory.publish(self._answer)
 
     def _publish(self, stamp: int, message: JointTrajectory) -> None:
         self._answer, self._answered, self._answered_at = message, stamp, time.monotonic()

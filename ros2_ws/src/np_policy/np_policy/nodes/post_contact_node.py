@@ -34,7 +34,7 @@ class PostContactNode(Node):
         self._policy = PostContactController(file, self._settings.domain, min_score=self._settings.min_score,
                                              camera=self._settings.camera)
         self.diagnostics = Diagnostics(self)
-        self._goal: np.ndarray | None = None
+        self._goal: tuple[int, np.ndarray] | None = None
         self._keypoints: OrderedDict[int, np.ndarray | None] = OrderedDict()
         self._phase = ""
         self._pending: int | None = None  # stamp of the tick that is to be answered
@@ -49,9 +49,13 @@ class PostContactNode(Node):
 
     def _on_goal(self, message: PointCloud2) -> None:
         try:
-            self._goal = keypoints_array(message)
+            goal = stamp_nanoseconds(message.header.stamp), keypoints_array(message)
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
+        if self._goal is not None and goal[0] < self._goal[0]:  # a backend that was restarted: its time begins anew
+            self._keypoints.clear()
+            self._answer = self._pending = None
+        self._goal = goal
         self._act()
 
     def _on_tick(self, tick: Header) -> None:
@@ -80,7 +84,7 @@ class PostContactNode(Node):
         try:
             q, dq = self._state.arrays()
             self._pending = None
-            target = self._policy.act(q, dq, self._keypoints[stamp], self._goal)
+            target = self._policy.act(q, dq, self._keypoints[stamp], self._goal[1])
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
         except PolicyError as error:

@@ -46,9 +46,12 @@ class PreContactNode(Node):
 
     def _on_goal(self, message: PointCloud2) -> None:
         try:
-            self._goal = stamp_nanoseconds(message.header.stamp), keypoints_array(message)
+            goal = stamp_nanoseconds(message.header.stamp), keypoints_array(message)
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
+        if self._goal is not None and goal[0] < self._goal[0]:  # a backend that was restarted: its time begins anew
+            self._keypoints, self._answer, self._answered = None, None, -1
+        self._goal = goal
         self._act()
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
@@ -64,7 +67,7 @@ class PreContactNode(Node):
         if not self._in_phase or self._goal is None or self._keypoints is None:
             return
         (began, goal), (stamp, keypoints) = self._goal, self._keypoints
-        if began <= self._answered or stamp < began or not self._is_heard():
+        if began == self._answered or stamp < began or not self._is_heard():
             return
         self._answered = began
         try:
