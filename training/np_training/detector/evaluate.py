@@ -108,7 +108,10 @@ def evaluate(domain: Domain, folder: str | Path, images: int, seed: int, picture
         "weights_sha256": detector.information["weights_sha256"],
         "sets": {},
     }
-    drawable = [name for name, (_, renderer, _) in SETS.items() if renderer != "egl" or egl_works()]
+    opengl = egl_works()
+    drawable = [name for name, (_, renderer, _) in SETS.items() if renderer != "egl" or opengl]
+    if missing := [name for name in only if name not in drawable]:
+        print(f"OpenGL does not work here: not judged on {', '.join(missing)}", file=sys.stderr)
     for name in (name for name in drawable if name in only):
         look, renderer, patterned = SETS[name]
         images_seed = 7919 * (seed + 1) + list(SETS).index(name)

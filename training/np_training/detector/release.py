@@ -79,7 +79,7 @@ def model_card(weights: Path, figures: dict, episodes: Path | None = None) -> st
         name=weights.stem, reliable=RELIABLE, parameters=sum(p.numel() for p in network.parameters()),
         window=2 * network.config.window + 1, rows="\n".join(rows), sha256=figures["weights_sha256"],
         count=max(result["images"] for result in figures["sets"].values()), evaluation_seed=figures["seed"],
-        episodes=f" --episodes {episodes}" if episodes else "",
+        episodes=f" --episodes {episodes.name}" if episodes else "",
         **{key: record[key] for key in ("domain", "images", "seed", "steps", "minutes", "device", "command")})
 
 

@@ -113,7 +113,8 @@ def main(arguments: list[str] | None = None) -> None:
                          samples=SampleConfig(augmentation=augmentation))
     visited = load_visited(options.episodes, domain, options.device) if options.episodes else None
     names = ("domain", "seed", "steps" if options.steps else "minutes", "batch", "rate", "pool", "episodes")
-    command = " ".join([*(f"--{name} {getattr(options, name)}" for name in names if getattr(options, name) is not None),
+    said = {**vars(options), "episodes": options.episodes and options.episodes.name}  # the folder says nothing elsewhere
+    command = " ".join([*(f"--{name} {said[name]}" for name in names if said[name] is not None),
                         *(f"--{name.replace('_', '-')}" for name in ("no_contrast", "keep_background")
                           if getattr(options, name))])
     trainer = Trainer(domain, options.device, options.seed, config, command=command, visited=visited)

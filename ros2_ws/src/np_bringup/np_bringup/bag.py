@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from rosbags.rosbag2 import Reader
 
@@ -19,9 +19,8 @@ class BagError(ValueError):
     """A bag that cannot be used; the text says what was expected and what was found."""
 
 
-@dataclass(frozen=True)
-class Message:
-    """One recorded message: its time ns, its topic, its serialized bytes."""
+class Message(NamedTuple):
+    """One recorded message: its time ns, its topic, its serialized bytes. Made 1,500 times for a second of recording."""
 
     stamp: int
     topic: Topic

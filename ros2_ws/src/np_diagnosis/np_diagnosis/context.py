@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from np_diagnosis.arm_model import Arm
 from np_diagnosis.effects.base import Context
@@ -61,6 +60,8 @@ def make_context(logs: list[Log], arm: Arm) -> Context:
 def _transmission(logs: list[Log], samples: Samples, prediction: Prediction) -> Transmission | None:
     if any(log.motor is None for log in logs):
         return None
+    from scipy.interpolate import CubicSpline  # takes half a second to import, which a quick look has not
+
     trajectory = np.concatenate([np.full(len(log.time), number) for number, log in enumerate(logs)])
     time = np.concatenate([log.time for log in logs])
     apart = np.concatenate([log.motor - log.position for log in logs])
