@@ -70,6 +70,31 @@ def subscribe_keypoints(node: Node, diagnostics: Diagnostics, lockstep: bool,
     node.create_subscription(PointCloud2, "keypoints", receive, qos.subscriber(lockstep))
 
 
+class GoalStream:
+    """The goal keypoints in force: `stamp` ns and `keypoints` (8, 3), None before the first.
+
+    Calls `callback` at every goal; before that `restart` where its stamp is before that of the last one: the backend was
+    restarted alone, and its time begins anew.
+    """
+
+    def __init__(self, node: Node, diagnostics: Diagnostics, callback: Callable[[], None],
+                 restart: Callable[[], None]) -> None:
+        self._diagnostics, self._callback, self._restart = diagnostics, callback, restart
+        self.stamp = -1
+        self.keypoints: np.ndarray | None = None
+        node.create_subscription(PointCloud2, "goal_keypoints", self._receive, qos.LATCHED)
+
+    def _receive(self, message: PointCloud2) -> None:
+        try:
+            stamp, keypoints = stamp_nanoseconds(message.header.stamp), keypoints_array(message)
+        except BadMessage as error:
+            return self._diagnostics.refuse(error.kind, error)
+        if stamp < self.stamp:
+            self._restart()
+        self.stamp, self.keypoints = stamp, keypoints
+        self._callback()
+
+
 class StateStream:
     """The joint state that decisions are made on: in lockstep that of the last policy tick, else the newest.
 

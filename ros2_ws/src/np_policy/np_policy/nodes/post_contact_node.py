@@ -8,16 +8,15 @@ import numpy as np
 import torch
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray, Header
 
 from np_description.panda import BASE_FRAME
 from np_description.rotations import quaternion_from_matrix
 from np_policy.episode import POST
-from np_policy.nodes.common import StateStream, declare_settings, declare_weights, subscribe_keypoints
+from np_policy.nodes.common import GoalStream, StateStream, declare_settings, declare_weights, subscribe_keypoints
 from np_policy.policy import PolicyError, PostContactController, weights_file
 from np_ros import qos
-from np_ros.messages import BadMessage, gains_message, keypoints_array, pose_message, stamp_nanoseconds
+from np_ros.messages import BadMessage, gains_message, pose_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, run
 
 _KEPT = 8  # keypoints messages that wait for their tick
@@ -34,7 +33,6 @@ class PostContactNode(Node):
         self._policy = PostContactController(file, self._settings.domain, min_score=self._settings.min_score,
                                              camera=self._settings.camera)
         self.diagnostics = Diagnostics(self)
-        self._goal: tuple[int, np.ndarray] | None = None
         self._keypoints: OrderedDict[int, np.ndarray | None] = OrderedDict()
         self._phase = ""
         self._pending: int | None = None  # stamp of the tick that is to be answered
@@ -42,21 +40,14 @@ class PostContactNode(Node):
         stream = qos.publisher(self._settings.lockstep)
         self._gains = self.create_publisher(Float64MultiArray, "target_gains", stream)
         self._pose = self.create_publisher(PoseStamped, "target_pose", stream)
-        self.create_subscription(PointCloud2, "goal_keypoints", self._on_goal, qos.LATCHED)
+        self._goal = GoalStream(self, self.diagnostics, self._act, self._forget)
         self.create_subscription(Header, "tick", self._on_tick, qos.subscriber(self._settings.lockstep))
         subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
         self._state = StateStream(self, self.diagnostics, self._settings, self._act)
 
-    def _on_goal(self, message: PointCloud2) -> None:
-        try:
-            goal = stamp_nanoseconds(message.header.stamp), keypoints_array(message)
-        except BadMessage as error:
-            return self.diagnostics.refuse(error.kind, error)
-        if self._goal is not None and goal[0] < self._goal[0]:  # a backend that was restarted: its time begins anew
-            self._keypoints.clear()
-            self._answer = self._pending = None
-        self._goal = goal
-        self._act()
+    def _forget(self) -> None:
+        self._keypoints.clear()
+        self._answer = self._pending = None
 
     def _on_tick(self, tick: Header) -> None:
         try:
@@ -79,12 +70,12 @@ class PostContactNode(Node):
 
     def _act(self) -> None:
         stamp = self._pending
-        if stamp is None or stamp not in self._keypoints or self._goal is None or not self._state.has(stamp):
+        if stamp is None or stamp not in self._keypoints or self._goal.keypoints is None or not self._state.has(stamp):
             return
         try:
             q, dq = self._state.arrays()
             self._pending = None
-            target = self._policy.act(q, dq, self._keypoints[stamp], self._goal[1])
+            target = self._policy.act(q, dq, self._keypoints[stamp], self._goal.keypoints)
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
         except PolicyError as error:

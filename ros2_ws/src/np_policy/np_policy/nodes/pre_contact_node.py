@@ -6,15 +6,14 @@ import numpy as np
 import torch
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64, String
 
 from np_description.panda import BASE_FRAME
-from np_policy.nodes.common import declare_settings, declare_weights, subscribe_keypoints
+from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, subscribe_keypoints
 from np_policy.policy import PolicyError, PreContactPlanner, weights_file
 from np_policy.pose_estimation import MIN_POINTS, usable
 from np_ros import qos
-from np_ros.messages import BadMessage, keypoints_array, pose_message, stamp_nanoseconds
+from np_ros.messages import pose_message
 from np_ros.node import Diagnostics, run
 
 
@@ -28,7 +27,6 @@ class PreContactNode(Node):
         file = weights_file("pre_contact", self._settings.domain, declare_weights(self))
         self._planner = PreContactPlanner(file, self._settings.domain, self._settings.camera)
         self.diagnostics = Diagnostics(self)
-        self._goal: tuple[int, np.ndarray] | None = None
         self._answered = -1  # stamp of the last goal that was answered
         self._answer: tuple[int, Float64, PoseStamped] | None = None  # stamp of its keypoints, and the messages
         self._keypoints: tuple[int, np.ndarray] | None = None
@@ -36,7 +34,7 @@ class PreContactNode(Node):
         self._gripper = self.create_publisher(Float64, "gripper_command", qos.EVENT)
         self._pose = self.create_publisher(PoseStamped, "pre_contact_pose", qos.EVENT)
         self.create_subscription(String, "phase", self._on_phase, qos.LATCHED)
-        self.create_subscription(PointCloud2, "goal_keypoints", self._on_goal, qos.LATCHED)
+        self._goal = GoalStream(self, self.diagnostics, self._act, self._forget)
         subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
         self.create_timer(0.1, self._act)  # for answers that wait for their listeners
 
@@ -44,15 +42,8 @@ class PreContactNode(Node):
         self._in_phase = message.data.split(":")[0] == "pre"
         self._act()
 
-    def _on_goal(self, message: PointCloud2) -> None:
-        try:
-            goal = stamp_nanoseconds(message.header.stamp), keypoints_array(message)
-        except BadMessage as error:
-            return self.diagnostics.refuse(error.kind, error)
-        if self._goal is not None and goal[0] < self._goal[0]:  # a backend that was restarted: its time begins anew
-            self._keypoints, self._answer, self._answered = None, None, -1
-        self._goal = goal
-        self._act()
+    def _forget(self) -> None:
+        self._keypoints, self._answer, self._answered = None, None, -1
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
         good = keypoints is not None and usable(keypoints, self._settings.min_score).sum() >= MIN_POINTS
@@ -64,14 +55,14 @@ class PreContactNode(Node):
         self._act()
 
     def _act(self) -> None:
-        if not self._in_phase or self._goal is None or self._keypoints is None:
+        if not self._in_phase or self._goal.keypoints is None or self._keypoints is None:
             return
-        (began, goal), (stamp, keypoints) = self._goal, self._keypoints
+        began, (stamp, keypoints) = self._goal.stamp, self._keypoints
         if began == self._answered or stamp < began or not self._is_heard():
             return
         self._answered = began
         try:
-            wanted = self._planner.propose(keypoints, goal)
+            wanted = self._planner.propose(keypoints, self._goal.keypoints)
         except PolicyError as error:
             self.get_logger().error(str(error))
             return self.diagnostics.count("refused_action")
