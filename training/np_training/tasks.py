@@ -32,12 +32,13 @@ def uniform(count: int, bounds: tuple[float, float], generator: torch.Generator)
 def sample_poses(domain: Domain, region: Region, count: int, generator: torch.Generator) -> Poses:
     """(count,) poses at rest in a region."""
     quaternion = yaw_quaternion(uniform(count, region.yaw, generator))
-    if region.quarter_turns:
-        for axis in (2, 1):  # pitch, then roll, in the rotated frame: yaw * pitch * roll
+    for axis, angle in ((2, region.pitch), (1, 0.0)):  # pitch, then roll, in the rotated frame: yaw * pitch * roll
+        half = torch.full((count,), angle / 2, device=generator.device)
+        if region.quarter_turns:
             half = torch.randint(0, 4, (count,), generator=generator, device=generator.device) * (pi / 4)
-            turn = torch.zeros(count, 4, device=generator.device)
-            turn[:, 0], turn[:, axis] = torch.cos(half), torch.sin(half)
-            quaternion = quaternion_multiply(quaternion, turn)
+        turn = torch.zeros(count, 4, device=generator.device)
+        turn[:, 0], turn[:, axis] = torch.cos(half), torch.sin(half)
+        quaternion = quaternion_multiply(quaternion, turn)
     half_size = torch.tensor(domain.half_size, device=generator.device)
     height = region.surface + (matrix_from_quaternion(quaternion)[:, 2].abs() * half_size).sum(-1)
     position = torch.stack([uniform(count, region.x, generator), uniform(count, region.y, generator), height], dim=-1)

@@ -37,14 +37,15 @@ class Box:
 class Region:
     """Uniform distribution of object poses resting on a horizontal surface.
 
-    x, y: ranges m; surface: height m; yaw: range rad; quarter_turns: roll and pitch drawn from the four quarter turns
-    (else the object rests on the face it has at the identity).
+    x, y: ranges m; surface: height m; yaw: range rad; pitch: about the y axis of the yawed object, rad, a multiple of a
+    quarter turn: on which face it rests; quarter_turns: roll and pitch drawn from the four quarter turns instead.
     """
 
     x: tuple[float, float]
     y: tuple[float, float]
     surface: float = 0.0
     yaw: tuple[float, float] = (-pi, pi)
+    pitch: float = 0.0
     quarter_turns: bool = False
 
 
@@ -99,7 +100,7 @@ WALL = Domain(
     name="wall", half_size=(0.025, 0.025, 0.05), density=150.0,
     obstacles=(Box("wall", (0.64, 0.0, 0.05), (0.08, 0.20, 0.05)),),
     start=Region(x=(0.53, 0.53), y=(-0.15, 0.15), yaw=(0.0, 0.0)),
-    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0)),), tolerance_angle=None, aim=0.6)
+    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0), pitch=pi / 2),), tolerance_angle=None, aim=0.6)
 
 DOMAINS = {domain.name: domain for domain in (CARD, BUMP, WALL)}
 
@@ -114,8 +115,8 @@ def find_domain(name: str) -> Domain:
 def sample_pose(domain: Domain, region: Region, rng: np.random.Generator) -> Pose:
     """A pose of the domain's object at rest in `region`."""
     quaternion = yaw_quaternion(np.asarray(rng.uniform(*region.yaw)))
-    if region.quarter_turns:
-        roll, pitch = rng.integers(0, 4, size=2) * (pi / 2)
+    roll, pitch = rng.integers(0, 4, size=2) * (pi / 2) if region.quarter_turns else (0.0, region.pitch)
+    if roll or pitch:
         turn = matrix_from_vector(np.array([0.0, pitch, 0.0])) @ matrix_from_vector(np.array([roll, 0.0, 0.0]))
         quaternion = quaternion_multiply(quaternion, quaternion_from_matrix(turn))
     position = np.array([rng.uniform(*region.x), rng.uniform(*region.y), region.surface])
