@@ -24,6 +24,7 @@ from np_training.evaluate import evaluate
 from np_training.networks import ActorCritic, PreContactPolicy
 from np_training.physics import BatchedPhysics, PhysicsConfig
 from np_training.randomisation import PAPER
+from np_training.release import without_optimisers
 from np_training.rewards import Measures, RewardConfig, reward_terms
 from np_training.tasks import quarter_tips, sample_tasks
 from np_training.trainer import TrainConfig, Trainer
@@ -318,6 +319,20 @@ def test_a_resumed_run_keeps_its_mean_success_and_so_its_practice(environment):
     after.load_state_dict(before.state_dict())
     after.curriculum.advance(0.0, after.curriculum.window // 4)
     assert after.curriculum.success == pytest.approx(0.375)
+
+
+def test_a_run_goes_on_from_a_released_checkpoint_at_its_learning_rate(environment):
+    before = Trainer(environment, TrainConfig(rollout=1))
+    for group in before.post.policy_optimiser.param_groups:
+        group["lr"] = 7e-5
+    released = without_optimisers(before.state_dict())
+    assert set(released["post"]) == {"rate"}
+    after = Trainer(environment, TrainConfig(rollout=1))
+    after.load_state_dict(released)
+    assert after.post.rate == pytest.approx(7e-5)
+    theirs = before.networks.state_dict()
+    assert all(torch.equal(value, theirs[name]) for name, value in after.networks.state_dict().items())
+    after.iterate()
 
 
 def test_student_output_and_pose_are_inverse():

@@ -11,9 +11,10 @@ from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256
 from np_training import compare
 from np_training.curves import WINDOW, reached
-from np_training.evaluate import rate
+from np_training.evaluate import rate, read_checkpoint
 from np_training.log import Log, read_log
 from np_training.networks import ActorCritic
+from np_training.ppo import Learner, PPOConfig
 from np_training.release import check_releasable, figure_table, release
 from np_training.report import read_run, write_report
 
@@ -82,8 +83,13 @@ def folder(tmp_path):
     (path / "evaluation.jsonl").write_text(json.dumps(EVALUATION) + "\n")
     torch.manual_seed(0)
     setting = {"domain": "bump", "start": "contact", "controller": "impedance", "limit": 150}
+    networks = ActorCritic()
+    learners = {
+        "post": Learner(networks.post, networks.post_value, PPOConfig(), rate=7e-5).state_dict(),
+        "pre": Learner(networks.pre, networks.pre_value, PPOConfig(), rate=9e-5).state_dict(),
+    }
     torch.save(
-        {"networks": ActorCritic().state_dict(), "steps": 40_000, "setting": setting}, path / "checkpoint.pt"
+        {"networks": networks.state_dict(), "steps": 40_000, "setting": setting, **learners}, path / "checkpoint.pt"
     )
     return path
 
@@ -169,6 +175,9 @@ def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
         "tips1 0.750 (40)",
     ):
         assert part in card, part
+    networks, setting, steps = read_checkpoint(tmp_path / "weights" / "training_bump.pt")
+    assert setting["limit"] == 150 and steps == 40_000
+    assert all(torch.equal(value, state["networks"][name]) for name, value in networks.state_dict().items())
     record = json.loads((tmp_path / "results" / "training_bump.json").read_text())
     assert record["physics_steps"] == 800_000 and record["evaluations"] == [EVALUATION]
     assert (tmp_path / "results" / "training_bump.png").exists() and (

@@ -135,7 +135,11 @@ class Learner:
         return {"policy": self.policy_optimiser.state_dict(), "critic": self.critic_optimiser.state_dict()}
 
     def load_state_dict(self, state: dict) -> None:
-        """Restore what `state_dict` gave."""
+        """Restore what `state_dict` gave; of a released checkpoint, which has no optimisers, the learning rate."""
+        if "rate" in state:
+            for group in self.policy_optimiser.param_groups:
+                group["lr"] = state["rate"]
+            return
         self.policy_optimiser.load_state_dict(state["policy"])
         self.critic_optimiser.load_state_dict(state["critic"])
 

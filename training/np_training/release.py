@@ -3,7 +3,7 @@
     python -m np_training.release runs/bump --student runs/bump/pre_contact_student_bump.safetensors
 
 Takes checkpoint.pt, log.csv, config.json and evaluation.jsonl from the run's folder, the domain from the
-checkpoint.
+checkpoint. training_DOMAIN.pt beside the weights is what `np_training.train --resume` goes on from.
 """
 
 from __future__ import annotations
@@ -52,6 +52,12 @@ _FILES = (
         "width (10); distilled from the teacher that sees poses.",
     ),
 )
+
+
+def without_optimisers(state: dict) -> dict:
+    """A checkpoint with the learning rates in place of the optimisers, which are two thirds of it."""
+    rates = {name: {"rate": state[name]["policy"]["param_groups"][0]["lr"]} for name in ("post", "pre")}
+    return state | rates
 
 
 def figure_table(lines: list[dict]) -> str:
@@ -114,8 +120,8 @@ def check_releasable(setting: dict, evaluations: list[dict]) -> None:
 def release(
     run: Run, state: dict, student: Path, weights: Path, results: Path, machine: str, command: str, note: str = ""
 ) -> list[Path]:
-    """Write weights with cards, and training_DOMAIN.{json,csv,png} into results; returns the weights'
-    files. note: what a user has to know of their behaviour."""
+    """Write weights with cards, training_DOMAIN.pt beside them, and training_DOMAIN.{json,csv,png} into results; returns
+    the weights' files. note: what a user has to know of their behaviour."""
     # Checkpoints of the first version did not say what they were trained with.
     setting = {"domain": "card"} | state.get("setting", {})
     check_releasable(setting, run.evaluations)
@@ -150,6 +156,7 @@ def release(
             )
         )
         files.append(file)
+    torch.save(without_optimisers(state), weights / f"training_{domain}.pt")
     shutil.copyfile(run.path / "log.csv", results / f"training_{domain}.csv")
     save_figure(draw_curves(run.rows), results / f"training_{domain}.png")
     (results / f"training_{domain}.json").write_text(
