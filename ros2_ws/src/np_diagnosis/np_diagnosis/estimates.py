@@ -48,6 +48,8 @@ def estimate(
         if key not in search.intervals:
             search.intervals[key] = _interval(cells, ids, design, seed)
         whole, half = (values.copy() for values in search.intervals[key])
+    if width:
+        half = np.hypot(half, _shift(design, cells, ids, candidate, effect, width))
     at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
     known = np.array([p.background for p in effect.parameters])
     half[at] = np.maximum(np.hypot(half[at], T95 * known), MODEL * np.abs(whole[at]))
@@ -144,6 +146,19 @@ def _settle(design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candi
                 best, best_cells, level = trial, changed, trace[other]
         step *= 0.6 if best.shape.value == value else 1.0
     return best, best_cells, _width(best.shape.value, level, trace)
+
+
+def _shift(
+    design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candidate, effect: Effect, width: float
+) -> np.ndarray:
+    """By how much the parameters (p,) move with the shape over its half width. What `_interval` says holds for one shape:
+    of a stroke and a width that wind up nearly the same torque, each is as unsure as the other makes it."""
+    value = effect.shape.value
+    ends = max(value - width, 0.2 * value), value + width
+    low, high = (
+        _whole(with_effect(design, cells, candidate, effect.shape.rebuild(end)), ids, design).parameters[0] for end in ends
+    )
+    return (high - low) * width / (ends[1] - ends[0])
 
 
 def _width(value: float, level: float, trace: dict[float, float]) -> float:
