@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from rosbags.rosbag2 import Reader
 
 from np_bringup import mcap
@@ -29,6 +31,24 @@ class Message(NamedTuple):
     def decode(self):
         """The message as an object with the fields of its ROS type."""
         return TYPESTORE.deserialize_cdr(self.data, self.topic.type)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The messages of one topic as a sequence, in the order of their time; stamp (n,) ns and data[begin:end] of
+    each, begin and end (n,), for who wants them all at once."""
+
+    topic: Topic
+    data: bytes
+    stamp: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+    def __getitem__(self, number: int) -> Message:
+        return Message(int(self.stamp[number]), self.topic, self.data[self.begin[number] : self.end[number]])
 
 
 class Recording:
@@ -79,18 +99,57 @@ class Recording:
         try:
             yield from self._read(wanted) if wanted else ()
         except Exception as error:  # damaged bytes end in any of a dozen types of exception
-            raise BagError(f"bag {self.path}: expected readable messages to the end, got: {error}") from error
+            raise self._unreadable(error) from error
+
+    def rows(self, *names: str) -> dict[str, Rows]:
+        """The messages of each named topic that the bag has, without a step for each where the file allows it."""
+        wanted = {c.topic: topic for topic, c in self._topics.values() if topic.name in names}
+        try:
+            found = self._find(wanted)
+        except Exception as error:
+            raise self._unreadable(error) from error
+        if found is None:
+            return self._gathered(wanted.values())
+        rows = {}
+        for number, name in enumerate(found.topics):
+            mine = np.flatnonzero(found.topic == number)
+            topic = wanted[name]
+            rows[topic.name] = Rows(topic, found.data, found.time[mine], found.begin[mine], found.end[mine])
+        return rows
+
+    def _gathered(self, topics: Collection[Topic]) -> dict[str, Rows]:
+        """The same, message by message."""
+        parts: dict[str, list[Message]] = {topic.name: [] for topic in topics}
+        for message in self.messages(*parts):
+            parts[message.topic.name].append(message)
+        rows = {}
+        for topic in topics:
+            mine = parts[topic.name]
+            ends = np.cumsum([0, *(len(m.data) for m in mine)])
+            stamp = np.array([m.stamp for m in mine], np.int64)
+            rows[topic.name] = Rows(topic, b"".join(m.data for m in mine), stamp, ends[:-1], ends[1:])
+        return rows
+
+    def _unreadable(self, error: Exception) -> BagError:
+        return BagError(f"bag {self.path}: expected readable messages to the end, got: {error}")
+
+    def _find(self, topics: Collection[str]) -> mcap.Found | None:
+        """Where the messages on these topics are; None for a bag of several files, or one to be unpacked."""
+        files = sorted(self.path.glob("*.mcap")) if self.path.is_dir() else []
+        if len(files) != 1:
+            return None
+        try:
+            return mcap.find(files[0], topics)
+        except mcap.Compressed:
+            return None
 
     def _read(self, wanted: list) -> Iterator[Message]:
-        files = sorted(self.path.glob("*.mcap")) if self.path.is_dir() else []
-        if len(files) == 1:
-            topics = {c.topic: self._topics[c.id][0] for c in wanted}
-            try:
-                for stamp, topic, data in mcap.messages(files[0], topics):
-                    yield Message(stamp, topics[topic], data)
-                return
-            except mcap.Compressed:  # found before any message is given
-                pass
+        topics = {c.topic: self._topics[c.id][0] for c in wanted}
+        found = self._find(topics)
+        if found is not None:
+            for stamp, topic, data in found.messages():
+                yield Message(stamp, topics[topic], data)
+            return
         for connection, stamp, data in self._reader.messages(wanted):
             yield Message(stamp, self._topics[connection.id][0], bytes(data))
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from typing import NoReturn
 
 import numpy as np
 
-from np_bringup.bag import Message
+from np_bringup.bag import Message, Rows
 
 _STAMP = slice(4, 12)  # after the encapsulation: sec int32, nanosec uint32
 _ORIGIN = 4
@@ -18,46 +19,68 @@ class BulkError(ValueError):
 
 
 def joint_states(
-    bag: str, topic: str, messages: Sequence[Message], names: Sequence[str] | None
+    bag: str, topic: str, messages: Rows | None, names: Sequence[str] | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """(stamps (n,) ns, values (n, 3, k): position, velocity, effort), of these names in this order.
 
-    names None: whatever names the first message has. Raises BulkError for other names, arrays of another
-    length, or numbers that are not finite.
+    names None: whatever names the first message has. No messages are no rows. Raises BulkError for other names,
+    arrays of another length, or numbers that are not finite.
     """
     if not messages:
         return np.zeros(0, np.int64), np.zeros((0, 3, len(names or ())))
-    first = messages[0].decode()
+    place = f"{bag}: {topic} at {messages[0].stamp} ns"
+    first = _decoded(place, messages[0])
     wanted = list(first.name) if names is None else list(names)
-    start = _values_at(messages[0].data)
-    head, size = messages[0].data[_STAMP.stop : start], len(messages[0].data)
-    _check(f"{bag}: {topic} at {messages[0].stamp} ns", first, wanted)
-    for message in messages:
-        if len(message.data) != size:
-            _refuse(bag, topic, message, wanted)
-    table = np.frombuffer(b"".join([m.data for m in messages]), np.uint8).reshape(len(messages), size)
-    # Same length and same bytes before the numbers: same names, same layout.
-    strange = np.flatnonzero((table[:, _STAMP.stop : start] != np.frombuffer(head, np.uint8)).any(axis=1))
-    if strange.size:
-        _refuse(bag, topic, messages[strange[0]], wanted)
-    seconds = np.ascontiguousarray(table[:, 4:8]).view("<i4")[:, 0].astype(np.int64)
-    stamps = seconds * 1_000_000_000 + np.ascontiguousarray(table[:, 8:12]).view("<u4")[:, 0]
-    count, parts, at = len(wanted), [], start
-    for _ in range(3):
-        at = at + 4 + (_ORIGIN - at - 4) % 8  # length, then doubles aligned to 8
-        parts.append(np.ascontiguousarray(table[:, at : at + 8 * count]).view("<f8"))
-        at += 8 * count
-    values = np.stack(parts, axis=1)
+    _check(place, first, wanted)
+    start, size = _values_at(messages[0].data), len(messages[0].data)
+    other = np.flatnonzero(messages.end - messages.begin != size)
+    if other.size:
+        _refuse(bag, topic, messages[other[0]], wanted)
+    table = _table(messages, size)
+    fields = table.view(_layout(start, len(wanted), size))[:, 0]
+    # Same length, same bytes before the numbers, and as many of these: same names, same layout.
+    strange = (table[:, _STAMP.stop : start] != table[0, _STAMP.stop : start]).any(axis=1)
+    for length in ("positions", "velocities", "efforts"):
+        strange |= fields[length] != len(wanted)
+    if strange.any():
+        _refuse(bag, topic, messages[int(np.argmax(strange))], wanted)
+    stamps = fields["seconds"].astype(np.int64) * 1_000_000_000 + fields["nanoseconds"]
+    values = np.stack([fields[part] for part in ("position", "velocity", "effort")], axis=1)
     bad = np.flatnonzero(~np.isfinite(values).all(axis=(1, 2)))
     if bad.size:
-        _check(f"{bag}: {topic} at {messages[bad[0]].stamp} ns", messages[bad[0]].decode(), wanted)
+        _refuse(bag, topic, messages[int(bad[0])], wanted)
     return stamps, values
 
 
-def _refuse(bag: str, topic: str, message: Message, names: Sequence[str]) -> None:
+def _table(messages: Rows, size: int) -> np.ndarray:
+    """The bytes (n, size) of messages of one size."""
+    anywhere = np.ndarray(len(messages.data) - size + 1, f"V{size}", messages.data, strides=(1,))
+    return anywhere[messages.begin].view(np.uint8).reshape(len(messages), size)
+
+
+def _layout(start: int, count: int, size: int) -> np.dtype:
+    """Of a message of `size` bytes whose first array's length stands at `start`."""
+    names, formats, offsets, at = ["seconds", "nanoseconds"], ["<i4", "<u4"], [_ORIGIN, _ORIGIN + 4], start
+    for length, part in (("positions", "position"), ("velocities", "velocity"), ("efforts", "effort")):
+        first = at + 4 + (_ORIGIN - at - 4) % 8  # doubles are aligned to 8
+        names += [length, part]
+        formats += ["<u4", ("<f8", (count,))]
+        offsets += [at, first]
+        at = first + 8 * count
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
+
+
+def _refuse(bag: str, topic: str, message: Message, names: Sequence[str]) -> NoReturn:
     place = f"{bag}: {topic} at {message.stamp} ns"
-    _check(place, message.decode(), names)
+    _check(place, _decoded(place, message), names)
     raise BulkError(f"{place}: expected the frame of the first message")
+
+
+def _decoded(place: str, message: Message):
+    try:
+        return message.decode()
+    except Exception as error:  # any of a dozen types
+        raise BulkError(f"{place}: expected a readable message, got: {error}") from error
 
 
 def _values_at(data: bytes) -> int:
