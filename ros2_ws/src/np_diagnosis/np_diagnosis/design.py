@@ -365,9 +365,11 @@ def _sums(
 def _beside(head: np.ndarray, tail: np.ndarray, pieces: np.ndarray) -> np.ndarray:
     """What the neighbours of each block have next to it: the tail of the one before, the head of the next."""
     beside = np.zeros_like(head)
-    touches = pieces[1:, 0] == pieces[:-1, 3]
-    beside[1:][touches] += tail[:-1][touches]
-    beside[:-1][touches] += head[1:][touches]
+    touching = np.flatnonzero(pieces[1:, 0] == pieces[:-1, 3])
+    for before in touching:
+        beside[before + 1] += tail[before]
+    for before in touching:
+        beside[before] += head[before + 1]
     return beside
 
 

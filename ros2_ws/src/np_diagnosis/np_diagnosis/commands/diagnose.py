@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import json
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from np_diagnosis import lean  # noqa: F401  before NumPy
 from np_diagnosis.arm_model import Arm, load_arm, panda
 from np_diagnosis.contract import check
 from np_diagnosis.diagnosis import diagnose
@@ -43,15 +43,11 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def read_all(paths: Sequence[Path], arm: Arm) -> list[Log]:
     """Logs that keep their contract. Raises ContractViolation for one that does not."""
     logs = []
-    gc.disable()  # a recording is a quarter of a million messages, which it would go through again and again
-    try:
-        for number, path in enumerate(paths):
-            print(f"reading {path} ({number + 1} of {len(paths)})", file=sys.stderr)
-            log = read(path, len(arm))
-            check(log, arm)
-            logs.append(log)
-    finally:
-        gc.enable()
+    for number, path in enumerate(paths):
+        print(f"reading {path} ({number + 1} of {len(paths)})", file=sys.stderr)
+        log = read(path, len(arm))
+        check(log, arm)
+        logs.append(log)
     return logs
 
 
