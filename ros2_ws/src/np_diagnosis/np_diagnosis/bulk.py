@@ -29,7 +29,7 @@ def joint_states(
     if not messages:
         return np.zeros(0, np.int64), np.zeros((0, 3, len(names or ())))
     place = f"{bag}: {topic} at {messages[0].stamp} ns"
-    first = _decoded(place, messages[0])
+    first = decoded(place, messages[0])
     wanted = list(first.name) if names is None else list(names)
     _check(place, first, wanted)
     start, size = _values_at(messages[0].data), len(messages[0].data)
@@ -72,11 +72,12 @@ def _layout(start: int, count: int, size: int) -> np.dtype:
 
 def _refuse(bag: str, topic: str, message: Message, names: Sequence[str]) -> NoReturn:
     place = f"{bag}: {topic} at {message.stamp} ns"
-    _check(place, _decoded(place, message), names)
+    _check(place, decoded(place, message), names)
     raise BulkError(f"{place}: expected the frame of the first message")
 
 
-def _decoded(place: str, message: Message):
+def decoded(place: str, message: Message):
+    """The message as an object. Raises BulkError where its bytes make none; place: what it is called there."""
     try:
         return message.decode()
     except Exception as error:  # any of a dozen types

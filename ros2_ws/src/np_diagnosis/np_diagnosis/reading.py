@@ -13,7 +13,7 @@ from np_bringup.bag import BagError, Recording
 from np_control.impedance import STIFFNESS_MAX, damping
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 
-from np_diagnosis.bulk import BulkError, joint_states
+from np_diagnosis.bulk import BulkError, decoded, joint_states
 from np_diagnosis.signals import Commands, Log
 
 PERIOD = 0.002  # s between joint states
@@ -54,10 +54,10 @@ def read_bag(path: str | Path) -> Log:
             commanded, answers = joint_states(name, "effort_command", raw.get("effort_command"), JOINT_NAMES)
             motor_stamp, motor = joint_states(name, "motor_states", raw.get("motor_states"), None)
             gains = [
-                (m.stamp, np.reshape(m.decode().data, (2, len(JOINT_NAMES))))
+                (m.stamp, np.reshape(decoded(f"{name}: target_gains", m).data, (2, len(JOINT_NAMES))))
                 for m in raw.get("target_gains", ())
             ]
-            phases = [(m.stamp, m.decode().data) for m in raw.get("phase", ())]
+            phases = [(m.stamp, decoded(f"{name}: phase", m).data) for m in raw.get("phase", ())]
     except (BagError, BulkError) as error:
         raise ContractViolation(str(error)) from error
     _check_times(name, stamp / SECOND, PERIOD)
