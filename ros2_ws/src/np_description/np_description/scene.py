@@ -50,8 +50,8 @@ def build_scene(domain: Domain, *, timestep: float = 0.002, arm_collision: bool 
                 camera: Camera = CAMERA) -> mujoco.MjSpec:
     """The scene of a domain as an MjSpec, robot at its ready posture in keyframe "ready".
 
-    timestep s. With `arm_collision` false only hand and fingers touch things (training: the links never reach the
-    table, and their pairs cost time). Joint torques act through seven motors, fingers through position servos;
+    timestep s. With `arm_collision` false only the last link, hand and fingers touch things (training: the other links never
+    reach anything, and their pairs cost time). Joint torques act through seven motors, fingers through position servos;
     gravity is compensated for the robot, as the real one does by itself.
     """
     spec = mujoco.MjSpec()
@@ -102,7 +102,9 @@ def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera) -> No
 def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> None:
     touching = dict(contype=ROBOT_BIT, conaffinity=ENVIRONMENT_BIT | OBJECT_BIT)
     silent = dict(contype=0, conaffinity=0)
-    links = touching if arm_collision else silent
+    # The first two links cannot leave the space above the base. The last one stands beside the hand: a policy that is
+    # trained without it reaches through the object with it.
+    first_touching = 2 if arm_collision else len(panda.joints) - 1
 
     def add_body(parent, name, inertial, frame=None):
         body = parent.add_body(name=name, gravcomp=1.0)
@@ -129,8 +131,7 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> N
                        range=[panda.position_lower[i], panda.position_upper[i]], frictionloss=panda.frictionloss[i],
                        damping=np.array([panda.damping[i], 0, 0]), armature=panda.armature[i])
         for capsule in _LINK_CAPSULES[i + 1]:
-            # The first two links cannot leave the space above the base: only the rest may touch things.
-            add_capsule(body, *capsule, white, **(links if i >= 2 else silent))
+            add_capsule(body, *capsule, white, **(touching if i >= first_touching else silent))
         actuator = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT,
                                      ctrlrange=[-panda.torque_limit[i], panda.torque_limit[i]])
         actuator.set_to_motor()
