@@ -51,7 +51,8 @@ def judge(detector: KeypointDetector, images: Iterator[HeldOut], total: int, nam
         if seen.any():
             error = np.linalg.norm(found.pixels - sample.truth, axis=1)
             pictures.append((float(error[seen].max()), sample, found))
-        print(f"\r{name}: {i + 1}/{total}", end="", file=sys.stderr, flush=True)
+        if sys.stderr.isatty() or i + 1 == total:
+            print(f"\r{name}: {i + 1}/{total}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return summarise(*map(np.array, zip(*rows))), pictures
 
