@@ -163,7 +163,7 @@ class Episode:
             return self._fail(reason or "no plan")
         begins = stamp if self.config.lockstep else self._newest[0]
         self._motion_ends = begins + round((duration + self.config.settle) * SECOND)
-        return [PhaseChange(APPROACH), *([Tick(stamp, APPROACH)] if self.config.lockstep else [])]
+        return [PhaseChange(APPROACH), *([self._tick(stamp)] if self.config.lockstep else [])]
 
     def backend(self, fault: str) -> list[Event]:
         """What the backend reports: "" while it follows commands, else why it does not."""
