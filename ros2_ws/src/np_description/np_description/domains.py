@@ -96,6 +96,8 @@ BUMP = Domain(
     goals=(Region(x=(0.42, 0.58), y=(-0.015, 0.015), surface=0.03, quarter_turns=True),
            Region(x=(0.42, 0.58), y=(0.125, 0.17), quarter_turns=True)), interchangeable=True)
 
+# The goal is a box that lies on the wall. Of one that stands there only the position would count, and a lying box that is
+# tipped up has it too.
 WALL = Domain(
     name="wall", half_size=(0.025, 0.025, 0.05), density=150.0,
     obstacles=(Box("wall", (0.64, 0.0, 0.05), (0.08, 0.20, 0.05)),),
