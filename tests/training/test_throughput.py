@@ -34,6 +34,17 @@ def test_all_figures_of_one_run(trainer, monkeypatch, capsys):
     assert all(result[name]["rounds"] >= throughput.LEAST_ROUNDS for name in rates)
 
 
+def test_the_parts_of_an_iteration_are_less_than_the_whole_and_leave_the_trainer_as_it_was(trainer):
+    env, before = trainer.environment, trainer.iteration
+    solve, bound = throughput.environment_module.solve_ik, dict(vars(env))
+    found = throughput.parts(trainer)
+    assert trainer.iteration == before + 1
+    alone = ("draw_starts", "observe", "step", "physics", "reset", "update")
+    assert min(found.values()) >= 0 and sum(found[name] for name in alone) <= found["iteration"]
+    assert found["inverse_kinematics"] <= found["step"] + found["reset"]
+    assert throughput.environment_module.solve_ik is solve and set(vars(env)) == set(bound)
+
+
 def test_bare_physics_goes_through_the_states_of_the_rollout(trainer):
     physics, seen = trainer.environment.physics, []
     states = throughput.visited(trainer)

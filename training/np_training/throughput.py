@@ -9,7 +9,10 @@ them;
 - bare_free: the same with the arm at its ready posture, holding, and the object resting where no one touches
 it.
 
-All four step the same model with the same options; figures are physics steps a second, over all worlds. Give
+- parts_ms: where an iteration's time goes, ms a policy period: each part of it with the device waited for before and
+after, so that their sum is more than the time of an iteration. inverse_kinematics is part of step and reset.
+
+All four rates step the same model with the same options; figures are physics steps a second, over all worlds. Give
 a checkpoint: what an untrained policy touches costs less. The last line printed is one JSON object.
 """
 
@@ -29,6 +32,7 @@ import warp as wp
 
 from np_description.domains import DOMAINS, find_domain
 from np_description.panda import NOMINAL
+from np_training import environment as environment_module
 from np_training.curriculum import CurriculumConfig
 from np_training.environment import Environment, EnvironmentConfig
 from np_training.networks import sample
@@ -146,7 +150,49 @@ def throughput(trainer: Trainer, seconds: float) -> dict:
             if name != "trainer"
         },
         "policy_steps_per_second": whole / physics.config.substeps,
+        "parts_ms": parts(trainer),
     }
+
+
+def parts(trainer: Trainer) -> dict[str, float]:
+    """ms a policy period that the parts of an iteration take, over one iteration, each by itself: step without the
+    physics in it."""
+    env, physics = trainer.environment, trainer.environment.physics
+    spent: dict[str, float] = {}
+
+    def timed(name: str, function: Callable) -> Callable:
+        def call(*arguments):
+            _wait(physics)
+            begin = time.perf_counter()
+            answer = function(*arguments)
+            _wait(physics)
+            spent[name] = spent.get(name, 0.0) + time.perf_counter() - begin
+            return answer
+
+        return call
+
+    places = {
+        "draw_starts": (env, "draw_starts"),
+        "observe": (env, "observe"),
+        "step": (env, "step"),
+        "physics": (physics, "advance"),
+        "inverse_kinematics": (environment_module, "solve_ik"),
+        "reset": (env, "reset"),
+        "update": (trainer, "_update"),
+    }
+    originals = {name: getattr(owner, attribute) for name, (owner, attribute) in places.items()}
+    for name, (owner, attribute) in places.items():
+        setattr(owner, attribute, timed(name, originals[name]))
+    try:
+        timed("iteration", trainer.iterate)()
+    finally:
+        for name, (owner, attribute) in places.items():
+            if owner is environment_module:
+                setattr(owner, attribute, originals[name])
+            else:
+                delattr(owner, attribute)  # the method of the class shows again
+    spent["step"] -= spent["physics"]
+    return {name: round(1e3 * seconds / trainer.config.rollout, 3) for name, seconds in spent.items()}
 
 
 def make_trainer(
