@@ -44,6 +44,10 @@ def test_steps_aside_for_a_real_ros2(tmp_path):
     real = executable(tmp_path / "opt" / "ros2")
     assert main.real_ros2(f"{ours}:{real.parent}", ours) == str(real)
     assert main.real_ros2(f"{real.parent}:{ours}", ours) == str(real)
+    other = executable(tmp_path / "other" / "ros2")  # of another checkout: the two would hand over to each other for ever
+    other.write_text("#!/usr/bin/python\nfrom ros2_lite.main import main\n")
+    assert main.real_ros2(f"{other.parent}:{ours}", ours) is None
+    assert main.real_ros2(f"{other.parent}:{real.parent}:{ours}", ours) == str(real)
 
 
 def test_hands_its_arguments_over_to_the_real_ros2(tmp_path):

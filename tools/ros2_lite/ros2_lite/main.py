@@ -9,10 +9,12 @@ from pathlib import Path
 
 
 def real_ros2(path: str, own: Path) -> str | None:
-    """The first executable `ros2` on the search path that is not in our own folder, or None."""
+    """The first executable `ros2` on the search path that is not in our own folder and not this command in the environment
+    of another checkout, which would hand back to us, or None."""
     for folder in path.split(os.pathsep):
         candidate = Path(folder or ".") / "ros2"
-        if os.access(candidate, os.X_OK) and candidate.resolve().parent != own:
+        if os.access(candidate, os.X_OK) and candidate.resolve().parent != own \
+                and b"from ros2_lite." not in candidate.read_bytes():
             return str(candidate)
     return None
 
