@@ -9,11 +9,10 @@ them;
 - bare_free: the same with the arm at its ready posture, holding, and the object resting where no one touches
 it.
 
-- parts_ms: where an iteration's time goes, ms a policy period: each part of it with the device waited for before and
-after, so that their sum is more than the time of an iteration. inverse_kinematics is part of step and reset.
-
-All four rates step the same model with the same options; figures are physics steps a second, over all worlds. Give
-a checkpoint: what an untrained policy touches costs less. The last line printed is one JSON object.
+All four step the same model with the same options; figures are physics steps a second, over all worlds. Beside them
+`parts_ms`, where an iteration's time goes, in ms a policy period: the device is waited for before and after each part,
+which makes the iteration longer than it is. inverse_kinematics is part of step and reset. Give a checkpoint: what an
+untrained policy touches costs less. The last line printed is one JSON object.
 """
 
 from __future__ import annotations
@@ -24,8 +23,10 @@ import platform
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import torch
 import warp as wp
@@ -180,17 +181,10 @@ def parts(trainer: Trainer) -> dict[str, float]:
         "reset": (env, "reset"),
         "update": (trainer, "_update"),
     }
-    originals = {name: getattr(owner, attribute) for name, (owner, attribute) in places.items()}
-    for name, (owner, attribute) in places.items():
-        setattr(owner, attribute, timed(name, originals[name]))
-    try:
-        timed("iteration", trainer.iterate)()
-    finally:
+    with ExitStack() as stack:
         for name, (owner, attribute) in places.items():
-            if owner is environment_module:
-                setattr(owner, attribute, originals[name])
-            else:
-                delattr(owner, attribute)  # the method of the class shows again
+            stack.enter_context(patch.object(owner, attribute, timed(name, getattr(owner, attribute))))
+        timed("iteration", trainer.iterate)()
     spent["step"] -= spent["physics"]
     return {name: round(1e3 * seconds / trainer.config.rollout, 3) for name, seconds in spent.items()}
 
