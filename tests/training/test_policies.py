@@ -323,8 +323,7 @@ def test_a_resumed_run_keeps_its_mean_success_and_so_its_practice(environment):
 
 def test_a_run_goes_on_from_a_released_checkpoint_at_its_learning_rate(environment):
     before = Trainer(environment, TrainConfig(rollout=1))
-    for group in before.post.policy_optimiser.param_groups:
-        group["lr"] = 7e-5
+    before.post.rate = 7e-5
     released = without_optimisers(before.state_dict())
     assert set(released["post"]) == {"rate"}
     after = Trainer(environment, TrainConfig(rollout=1))

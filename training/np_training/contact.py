@@ -14,11 +14,12 @@ from math import pi
 
 import torch
 
-from np_control.kinematics import forward_kinematics, pose_distance, solve_ik
+from np_control.kinematics import pose_distance
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion, matrix_from_vector
 from np_description.scene import FINGER_CAPSULES, HAND_CAPSULE
+from np_training.kinematics import forward_kinematics, solve_ik
 from np_training.tasks import Poses
 
 SIZE = 9

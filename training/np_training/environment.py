@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, fields
 
 import torch
 
-from np_control.kinematics import forward_kinematics, solve_ik
 from np_description.domains import Domain, is_lost, is_success, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
@@ -21,6 +20,7 @@ from np_policy import action as actions
 from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training import contact
 from np_training.joint_range import JointRange
+from np_training.kinematics import forward_kinematics, solve_ik
 from np_training.physics import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics, PhysicsConfig
 from np_training.practice import Tasks, draw_tasks
 from np_training.randomisation import NOMINAL_CONDITIONS, Conditions
@@ -53,13 +53,17 @@ class EnvironmentConfig:
 
 @dataclass
 class Starts:
-    """A pool of episode starts: tasks, pre-contact state and action with its log-probability, contact."""
+    """A pool of episode starts: tasks, pre-contact state and action with its log-probability, contact; joints q (n, 7) rad
+    that the approach ends at, goal_corners (n, 8, 3) m, and quarter turns to the goal, tips (n,)."""
 
     tasks: Tasks
     state: torch.Tensor
     action: torch.Tensor
     log_probability: torch.Tensor
     contacts: contact.Contacts
+    q: torch.Tensor
+    goal_corners: torch.Tensor
+    tips: torch.Tensor
     next: int = 0
     usable: torch.Tensor = field(init=False)
 
@@ -179,37 +183,47 @@ class Environment:
         state = pre_contact_state(*as_seen(self.domain, tasks.starts, tasks.goals))
         action, log_probability = pre_policy.act(state, self.config.explore)
         contacts = contact.resolve(self.domain, action, tasks.starts, tasks.sunk)
-        return Starts(tasks, state, action, log_probability, contacts)
+        return self.pool(tasks, state, action, log_probability, contacts)
+
+    def pool(self, tasks: Tasks, state: torch.Tensor, action: torch.Tensor, log_probability: torch.Tensor,
+             contacts: contact.Contacts) -> Starts:
+        """The pool of these starts (n,), under the conditions now, with all that a reset would else work out for a few."""
+        return Starts(tasks, state, action, log_probability, contacts, self._missed(tasks, contacts),
+                      corners(self.domain, tasks.goals), quarter_tips(tasks.starts, tasks.goals))
+
+    def _missed(self, tasks: Tasks, contacts: contact.Contacts) -> torch.Tensor:
+        """Joints (n, 7) rad where approaches to the contacts end: the approach of the real robot, and the student, miss the
+        teacher's pose by a little."""
+        n, c = len(contacts.q), self.config.conditions
+        if not (c.start_position or c.start_rotation):
+            return contacts.q
+        shift = c.start_position * (2 * torch.rand(n, 3, generator=self.generator, device=self.device) - 1)
+        shift[:, 2] = shift[:, 2].abs()
+        turn = matrix_from_vector(c.start_rotation * self._normal(n, 3))
+        missed = solve_ik(contacts.q, contacts.position + shift, turn @ contacts.rotation)
+        free = contact.gripper_clearance(self.domain, missed, contacts.width, tasks.starts, tasks.sunk) > 0
+        return torch.where(free[:, None], missed, contacts.q)
 
     def reset(self, where: torch.Tensor) -> None:
         """Begin new episodes in the worlds `where` (n,), from the pool of starts."""
         n = len(where)
         if n == 0:
             return
-        starts, c = self.starts, self.config.conditions
+        starts = self.starts
         row, tasks = starts.take(n), starts.tasks
-        objects, goals, sunk = tasks.starts[row], tasks.goals[row], tasks.sunk[row]
-        q = starts.contacts.q[row]
-        if c.start_position or c.start_rotation:
-            # The approach of the real robot, and the student, miss the teacher's pose by a little.
-            shift = c.start_position * (2 * torch.rand(n, 3, generator=self.generator, device=self.device) - 1)
-            shift[:, 2] = shift[:, 2].abs()
-            turn = matrix_from_vector(c.start_rotation * self._normal(n, 3))
-            missed = solve_ik(q, starts.contacts.position[row] + shift, turn @ starts.contacts.rotation[row])
-            free = contact.gripper_clearance(self.domain, missed, starts.contacts.width[row], objects, sunk) > 0
-            q = torch.where(free[:, None], missed, q)
+        objects, goals, q = tasks.starts[row], tasks.goals[row], starts.q[row]
         width = starts.contacts.width[row][:, None].expand(n, 2)
-        self.physics.place(where, torch.cat([q, width, objects.position, objects.quaternion], -1), sunk)
+        self.physics.place(where, torch.cat([q, width, objects.position, objects.quaternion], -1), tasks.sunk[row])
         self.physics.fingers[where] = width
         self.physics.hold(where, q)
         self.goals.position[where], self.goals.quaternion[where] = goals.position, goals.quaternion
-        self.goal_corners[where] = corners(self.domain, goals)
+        self.goal_corners[where] = starts.goal_corners[row]
         self.last_action[where] = 0
         self.age[where] = 0
         self.held[where] = 0
         self.total[where] = 0
         self.kind[where] = tasks.kind[row]
-        self.tips[where] = quarter_tips(objects, goals)
+        self.tips[where] = starts.tips[row]
         self.pre_state[where], self.pre_action[where] = starts.state[row], starts.action[row]
         self.pre_log_probability[where] = starts.log_probability[row]
         self._draw_conditions(where)

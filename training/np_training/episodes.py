@@ -15,7 +15,7 @@ from np_policy.networks import PreContactStudent
 from np_training import contact
 from np_training.breakdown import groups_of_tasks
 from np_training.distill import student_input
-from np_training.environment import Environment, Starts, as_seen, pre_contact_state
+from np_training.environment import Environment, as_seen, pre_contact_state
 from np_training.networks import ActorCritic
 from np_training.practice import Tasks
 from np_training.randomisation import Conditions
@@ -142,5 +142,5 @@ def _start(
             contacts = contact.reach(env.domain, *pose, objects)
     everyone = dataclasses.replace(contacts, feasible=torch.ones_like(contacts.feasible))
     none = torch.zeros(len(state), device=env.device)
-    env.starts = Starts(Tasks(objects, goals, none.long(), none), state, action, none, everyone)
+    env.starts = env.pool(Tasks(objects, goals, none.long(), none), state, action, none, everyone)
     return contacts.feasible

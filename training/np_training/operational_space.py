@@ -1,55 +1,38 @@
 """Operational-space control in the batched simulator: np_control.operational_space, one thread a world.
 
-A kernel in a file of its own because Warp compiles by file: loops over 7 x 7 matrices are not unrolled here.
+A kernel in a file of its own: see np_training.chain.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 import warp as wp
 
 from np_control.operational_space import REGULARISATION, CartesianGains
-from np_description.panda import NOMINAL, PandaModel
-from np_description.rotations import xyzw_from_wxyz
+from np_training.chain import Chain, cholesky, cholesky_solve, jacobian, joint_frames, mat6, mat7, mat67, rotation_vector, vec6, vec7
 
 wp.set_module_options({"max_unroll": 1, "enable_backward": False})
 
-mat7 = wp.types.matrix(shape=(7, 7), dtype=float)
-mat6 = wp.types.matrix(shape=(6, 6), dtype=float)
-mat67 = wp.types.matrix(shape=(6, 7), dtype=float)
-vec7 = wp.types.vector(length=7, dtype=float)
-vec6 = wp.types.vector(length=6, dtype=float)
-
 
 @wp.struct
-class Chain:
-    """The arm's fixed transforms, link to link, then hand and T_E, and the gains."""
+class Gains:
+    """Of the law, and row: where each joint's row, columns 0 to j, begins in the simulator's mass matrix."""
 
-    position: wp.array(dtype=wp.vec3)
-    rotation: wp.array(dtype=wp.quat)
-    row: wp.array(dtype=int)  # where the row of a joint begins in the simulator's mass matrix
+    row: wp.array(dtype=int)
     stiffness: vec6
     posture: float
     damping_ratio: float
     regularisation: float
 
 
-def make_chain(
-    rows: np.ndarray, device: wp.Device, gains: CartesianGains = CartesianGains(), panda: PandaModel = NOMINAL
-) -> Chain:
-    """The arm for the kernel. rows (7,): first element of each joint's row, columns 0 to j, of the mass
-    matrix."""
-    frames = [*panda.joint_frames, panda.frames["link7_hand"], panda.frames["hand_tcp"]]
-    chain = Chain()
-    chain.position = wp.array([f.position for f in frames], dtype=wp.vec3, device=device)
-    chain.rotation = wp.array([xyzw_from_wxyz(f.quaternion) for f in frames], dtype=wp.quat, device=device)
-    chain.row = wp.array(rows, dtype=int, device=device)
-    chain.stiffness = vec6(*np.repeat([gains.position, gains.rotation], 3).tolist())
-    chain.posture, chain.damping_ratio = gains.posture, gains.damping_ratio
-    chain.regularisation = REGULARISATION
-    return chain
+def make_gains(rows: np.ndarray, device: wp.Device, cartesian: CartesianGains = CartesianGains()) -> Gains:
+    """The gains for the kernel. rows (7,): first element of each joint's row of the mass matrix."""
+    gains = Gains()
+    gains.row = wp.array(rows, dtype=int, device=device)
+    gains.stiffness = vec6(*np.repeat([cartesian.position, cartesian.rotation], 3).tolist())
+    gains.posture, gains.damping_ratio = cartesian.posture, cartesian.damping_ratio
+    gains.regularisation = REGULARISATION
+    return gains
 
 
 @wp.func
@@ -69,55 +52,11 @@ def count_excess(
         over[kind, i, j] = over[kind, i, j] + 1
 
 
-@wp.func
-def rotation_vector(turn: wp.quat):
-    """Axis times angle in [0, pi] of a unit quaternion."""
-    imaginary = wp.vec3(turn[0], turn[1], turn[2])
-    real = turn[3]
-    if real < 0.0:
-        imaginary = -imaginary
-        real = -real
-    sine = wp.length(imaginary)
-    scale = float(2.0)
-    if sine > 1.0e-7:
-        scale = 2.0 * wp.atan2(sine, real) / sine
-    return scale * imaginary
-
-
-@wp.func
-def cholesky(a: Any, size: int):
-    """Lower factor of a positive definite matrix (size, size)."""
-    for j in range(size):
-        for k in range(j):
-            for i in range(j, size):
-                a[i, j] = a[i, j] - a[i, k] * a[j, k]
-        pivot = wp.sqrt(wp.max(a[j, j], 1.0e-9))
-        for i in range(j, size):
-            a[i, j] = a[i, j] / pivot
-    return a
-
-
-@wp.func
-def cholesky_solve(lower: Any, right: Any, size: int):
-    """x (size,) with L L' x = right, for a lower factor L (size, size)."""
-    for j in range(size):
-        rest = right[j]
-        for k in range(j):
-            rest = rest - lower[j, k] * right[k]
-        right[j] = rest / lower[j, j]
-    for back in range(size):
-        j = size - 1 - back
-        rest = right[j]
-        for k in range(j + 1, size):
-            rest = rest - lower[k, j] * right[k]
-        right[j] = rest / lower[j, j]
-    return right
-
-
 @wp.kernel
 def operational_space_kernel(
     substep: int,
     chain: Chain,
+    gains: Gains,
     limit: wp.array2d(dtype=float),
     qpos: wp.array2d(dtype=float),
     qvel: wp.array2d(dtype=float),
@@ -141,26 +80,11 @@ def operational_space_kernel(
     if substep >= delay[i]:
         new = 3
 
-    # Pose of T_E and its Jacobian (6 x 7) in the base frame.
-    at = wp.vec3(0.0, 0.0, 0.0)
-    turned = wp.quat_identity()
-    origins = mat67()
-    for j in range(9):
-        at = at + wp.quat_rotate(turned, chain.position[j])
-        turned = turned * chain.rotation[j]
-        if j < 7:
-            turned = turned * wp.quat_from_axis_angle(wp.vec3(0.0, 0.0, 1.0), qpos[i, j])
-            axis = wp.quat_rotate(turned, wp.vec3(0.0, 0.0, 1.0))
-            for k in range(3):
-                origins[k, j] = at[k]
-                origins[k + 3, j] = axis[k]
-    jac = mat67()
+    q = vec7()
     for j in range(7):
-        axis = wp.vec3(origins[3, j], origins[4, j], origins[5, j])
-        linear = wp.cross(axis, at - wp.vec3(origins[0, j], origins[1, j], origins[2, j]))
-        for k in range(3):
-            jac[k, j] = linear[k]
-            jac[k + 3, j] = axis[k]
+        q[j] = qpos[i, j]
+    at, turned, joints = joint_frames(chain, q)
+    jac = jacobian(at, joints)
 
     # Acceleration that is asked of T_E.
     target = wp.vec3(command[new + 1, i, 0], command[new + 1, i, 1], command[new + 1, i, 2])
@@ -180,21 +104,21 @@ def operational_space_kernel(
         else:
             error = turn[k - 3]
         force[k] = (
-            chain.stiffness[k] * error - 2.0 * chain.damping_ratio * wp.sqrt(chain.stiffness[k]) * speed
+            gains.stiffness[k] * error - 2.0 * gains.damping_ratio * wp.sqrt(gains.stiffness[k]) * speed
         )
 
     # M and what it makes of the pull towards the posture.
     inertia = mat7()
     for j in range(7):
         for k in range(j + 1):
-            inertia[j, k] = mass[i, chain.row[j] + k]
-            inertia[k, j] = mass[i, chain.row[j] + k]
+            inertia[j, k] = mass[i, gains.row[j] + k]
+            inertia[k, j] = mass[i, gains.row[j] + k]
     inner = vec7()
     for j in range(7):
         total = float(0.0)
         for k in range(7):
-            pull = chain.posture * (command[new, i, k] - qpos[i, k])
-            pull = pull - 2.0 * chain.damping_ratio * wp.sqrt(chain.posture) * qvel[i, k]
+            pull = gains.posture * (command[new, i, k] - qpos[i, k])
+            pull = pull - 2.0 * gains.damping_ratio * wp.sqrt(gains.posture) * qvel[i, k]
             total = total + inertia[j, k] * pull
         inner[j] = total
 
@@ -215,7 +139,7 @@ def operational_space_kernel(
             for j in range(7):
                 entry = entry + jac[k, j] * mobility[m, j]
             product[k, m] = entry
-        product[k, k] = product[k, k] + chain.regularisation
+        product[k, k] = product[k, k] + gains.regularisation
 
     # Both uses of Lambda in one solution: J' Lambda (force - mobility' inner).
     for k in range(6):

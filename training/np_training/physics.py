@@ -15,15 +15,16 @@ import numpy as np
 import torch
 import warp as wp
 
-from np_control.kinematics import forward_kinematics
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
 from np_description.patch import Patch
 from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
 from np_description.scene import OBJECT, load_model
 from np_policy.action import Target
+from np_training.chain import make_chain
 from np_training.effects import check_carried
-from np_training.operational_space import count_excess, make_chain, operational_space_kernel
+from np_training.kinematics import forward_kinematics
+from np_training.operational_space import count_excess, make_gains, operational_space_kernel
 
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.
 RANDOMISED = ("geom_friction", "body_mass", "body_subtreemass", "body_inertia")
@@ -134,7 +135,8 @@ class BatchedPhysics:
             self._noise = wp.zeros((worlds, 7), dtype=float)
             self._limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float)
             self._over = wp.zeros((2, worlds, 7), dtype=int)
-            self._chain = make_chain(model.M_rowadr[ARM], self._wp_device)
+            self._chain = make_chain(self._wp_device.alias)
+            self._gains = make_gains(model.M_rowadr[ARM], self._wp_device)
         d = self.data
         self._overflow = wp.to_torch(d.overflow)
         self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))
@@ -147,8 +149,18 @@ class BatchedPhysics:
             wp.to_torch(getattr(self.model, name)) for name in RANDOMISED
         )
         self.object_body = model.body(OBJECT).id
-        self._nominal = model.geom_friction.copy(), model.body_mass.copy(), model.body_inertia.copy()
-        self._surroundings = {"table", *(box.name for box in domain.obstacles)}
+        self._object_mass, self._whole_mass = float(model.body_mass[self.object_body]), float(model.body_mass.sum())
+        self._object_inertia = torch.tensor(model.body_inertia[self.object_body], dtype=torch.float32, device=self.device)
+        fixed = {"table", *(box.name for box in domain.obstacles)}
+        names = [model.geom(geom).name for geom in range(model.ngeom)]
+        # Indices of the geoms of the surroundings and of the fingers, and their friction.
+        self._rubbing = [
+            (torch.tensor(geoms, device=self.device), torch.tensor(model.geom_friction[geoms, 0]).to(self.friction))
+            for geoms in (
+                [geom for geom, name in enumerate(names) if name in fixed],
+                [geom for geom, name in enumerate(names) if name.startswith("panda_finger")],
+            )
+        ]
         # Where fixed geoms are in the world is worked out once, when the data are made: it may be moved there.
         self._geom_position = wp.to_torch(d.geom_xpos)
         self._obstacles = {model.geom(box.name).id: box.centre[2] for box in domain.obstacles}
@@ -203,7 +215,7 @@ class BatchedPhysics:
                 wp.launch(
                     operational_space_kernel,
                     dim=self.worlds,
-                    inputs=[substep, self._chain, self._limit, *state, d.M, *command],
+                    inputs=[substep, self._chain, self._gains, self._limit, *state, d.M, *command],
                     outputs=out,
                 )
             else:
@@ -228,20 +240,12 @@ class BatchedPhysics:
         self, where: torch.Tensor, table: torch.Tensor, finger: torch.Tensor, mass: torch.Tensor
     ) -> None:
         """Scale nominal friction of the surroundings and fingers, and the object's mass, by factors (n,)."""
-        friction, body_mass, inertia = self._nominal
-        for geom in range(self.host_model.ngeom):
-            name = self.host_model.geom(geom).name
-            factor = (
-                table if name in self._surroundings else finger if name.startswith("panda_finger") else None
-            )
-            if factor is not None:
-                self.friction[where, geom, 0] = float(friction[geom, 0]) * factor
-        object_mass = float(body_mass[self.object_body])
-        self.mass[where, self.object_body] = object_mass * mass
-        self.subtree_mass[where, self.object_body] = object_mass * mass
-        self.subtree_mass[where, 0] = float(body_mass.sum()) + object_mass * (mass - 1)
-        nominal = torch.as_tensor(inertia[self.object_body], dtype=torch.float32, device=self.device)
-        self.inertia[where, self.object_body] = nominal * mass[:, None]
+        for (geoms, friction), factor in zip(self._rubbing, (table, finger)):
+            self.friction[where[:, None], geoms, 0] = friction * factor[:, None]
+        self.mass[where, self.object_body] = self._object_mass * mass
+        self.subtree_mass[where, self.object_body] = self._object_mass * mass
+        self.subtree_mass[where, 0] = self._whole_mass + self._object_mass * (mass - 1)
+        self.inertia[where, self.object_body] = self._object_inertia * mass[:, None]
 
     def take_overflowed(self) -> torch.Tensor:
         """Number () of worlds that lacked room for a contact or a constraint since the last call: these were

@@ -55,12 +55,22 @@ class Learner:
 
     def __init__(self, policy: nn.Module, critic: nn.Module, config: PPOConfig, rate: float = 3e-4) -> None:
         self.policy, self.critic, self.config = policy, critic, config
-        self.policy_optimiser = torch.optim.Adam(policy.parameters(), lr=rate, eps=1e-5)
-        self.critic_optimiser = torch.optim.Adam(critic.parameters(), lr=5e-4, eps=1e-5)
+        # A rate on the device is steered there, without waiting for what has been computed so far.
+        rate = torch.tensor(rate, device=next(policy.parameters()).device)
+        self.policy_optimiser = torch.optim.Adam(policy.parameters(), lr=rate, eps=1e-5, fused=True)
+        self.critic_optimiser = torch.optim.Adam(critic.parameters(), lr=5e-4, eps=1e-5, fused=True)
 
     @property
     def rate(self) -> float:
         """The policy's learning rate now."""
+        return float(self._rate)
+
+    @rate.setter
+    def rate(self, rate: float) -> None:
+        self._rate.fill_(rate)
+
+    @property
+    def _rate(self) -> torch.Tensor:
         return self.policy_optimiser.param_groups[0]["lr"]
 
     def update(
@@ -115,20 +125,18 @@ class Learner:
                 loss.backward()
             modules = self.policy, self.critic
             distributed.add(statistics, *(p.grad for module in modules for p in module.parameters()))
-            self._steer(float(statistics[STATISTICS.index("kl")]))
+            self._steer(statistics[STATISTICS.index("kl")])
             for optimiser, module in zip((self.policy_optimiser, self.critic_optimiser), modules):
                 nn.utils.clip_grad_norm_(module.parameters(), self.config.gradient_norm)
                 optimiser.step()
             sums += statistics
         return dict(zip(STATISTICS, (sums / (number + 1)).tolist()))
 
-    def _steer(self, kl: float) -> None:
-        low, high = self.config.rate
-        factor = (
-            1 / 1.5 if kl > 2 * self.config.target_kl else 1.5 if 0 < kl < self.config.target_kl / 2 else 1.0
-        )
-        for group in self.policy_optimiser.param_groups:
-            group["lr"] = min(max(group["lr"] * factor, low), high)
+    def _steer(self, kl: torch.Tensor) -> None:
+        target, factor = self.config.target_kl, torch.ones_like(self._rate)
+        factor = torch.where(kl > 2 * target, factor / 1.5, factor)
+        factor = torch.where((kl > 0) & (kl < target / 2), factor * 1.5, factor)
+        self._rate.mul_(factor).clamp_(*self.config.rate)
 
     def state_dict(self) -> dict:
         """Optimiser states; the networks are saved by their owner."""
@@ -136,12 +144,13 @@ class Learner:
 
     def load_state_dict(self, state: dict) -> None:
         """Restore what `state_dict` gave; of a released checkpoint, which has no optimisers, the learning rate."""
+        self.rate = state["rate"] if "rate" in state else float(state["policy"]["param_groups"][0]["lr"])
         if "rate" in state:
-            for group in self.policy_optimiser.param_groups:
-                group["lr"] = state["rate"]
             return
+        rate = self._rate
         self.policy_optimiser.load_state_dict(state["policy"])
         self.critic_optimiser.load_state_dict(state["critic"])
+        self.policy_optimiser.param_groups[0]["lr"] = rate
 
 
 def _normalised(advantage: torch.Tensor) -> torch.Tensor:

@@ -56,7 +56,7 @@ _FILES = (
 
 def without_optimisers(state: dict) -> dict:
     """A checkpoint with the learning rates in place of the optimisers, which are two thirds of it."""
-    rates = {name: {"rate": state[name]["policy"]["param_groups"][0]["lr"]} for name in ("post", "pre")}
+    rates = {name: {"rate": float(state[name]["policy"]["param_groups"][0]["lr"])} for name in ("post", "pre")}
     return state | rates
 
 
