@@ -98,7 +98,12 @@ def _launch(kernel: wp.Kernel, like: torch.Tensor, inputs: list, outputs: list[t
     if not len(like):
         return
     device = wp.get_device(str(like.device))
-    stream = wp.stream_from_torch(torch.cuda.current_stream(like.device)) if device.is_cuda else None
+    stream = None
+    if device.is_cuda:
+        current = torch.cuda.current_stream(like.device)
+        # Warp forgets its own stream when a second wrapper of it, made from PyTorch's, goes.
+        if current.cuda_stream != device.stream.cuda_stream:
+            stream = wp.stream_from_torch(current)
     dtypes = {2: None, 3: wp.mat33}
 
     def array(value):

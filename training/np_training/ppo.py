@@ -9,9 +9,11 @@ import torch
 from torch import nn
 
 from np_training import distributed
+from np_training.captured import Captured
 from np_training.networks import distribution
 
 STATISTICS = ("policy_loss", "value_loss", "kl", "entropy")
+GRAIN = 2048  # rows: what minibatches are filled up to a multiple of where they are captured, to have few shapes
 
 
 @dataclass(frozen=True)
@@ -56,9 +58,15 @@ class Learner:
     def __init__(self, policy: nn.Module, critic: nn.Module, config: PPOConfig, rate: float = 3e-4) -> None:
         self.policy, self.critic, self.config = policy, critic, config
         # A rate on the device is steered there, without waiting for what has been computed so far.
-        rate = torch.tensor(rate, device=next(policy.parameters()).device)
-        self.policy_optimiser = torch.optim.Adam(policy.parameters(), lr=rate, eps=1e-5, fused=True)
-        self.critic_optimiser = torch.optim.Adam(critic.parameters(), lr=5e-4, eps=1e-5, fused=True)
+        device = next(policy.parameters()).device
+        rate = torch.tensor(rate, device=device)
+        # Messages between processes stay outside of graphs, so that several processes take the steps as they are.
+        self._captures = device.type == "cuda" and distributed.size() == 1
+        self._options = {"eps": 1e-5, "fused": True, "capturable": self._captures}
+        self.policy_optimiser = torch.optim.Adam(policy.parameters(), lr=rate, **self._options)
+        self.critic_optimiser = torch.optim.Adam(critic.parameters(), lr=5e-4, **self._options)
+        self._sums = torch.zeros(len(STATISTICS), device=device)
+        self._step = Captured(self._minibatch) if self._captures else self._minibatch
 
     @property
     def rate(self) -> float:
@@ -91,7 +99,7 @@ class Learner:
         advantage = _normalised(advantage)
         with torch.no_grad():
             old_mean, old_std = _moments(self.policy, state)
-        sums = torch.zeros(len(STATISTICS), device=state.device)
+        self._sums.zero_()
         sizes = torch.tensor(
             [len(rows) for rows in torch.arange(len(state)).tensor_split(self.config.minibatches)],
             dtype=torch.float32,
@@ -99,38 +107,54 @@ class Learner:
         )
         distributed.add(sizes)
         sizes = sizes.tolist()
+        columns = state, critic_state, action, log_probability, advantage, returns, old_mean
         for number, rows in enumerate(_minibatches(len(state), self.config, state.device)):
-            share = 1 / max(sizes[number % len(sizes)], 1.0)
-            normal = distribution(self.policy, state[rows])
-            ratio = (normal.log_prob(action[rows]).sum(-1) - log_probability[rows]).exp()
-            gain = advantage[rows]
-            clipped = ratio.clamp(1 - self.config.clip, 1 + self.config.clip)
-            entropy = share * normal.entropy().sum()
-            policy_loss = (
-                -share * torch.minimum(ratio * gain, clipped * gain).sum() - self.config.entropy * entropy
-            )
-            value_loss = share * (self.critic(critic_state[rows])[:, 0] - returns[rows]).square().sum()
-            with torch.no_grad():
-                ratio_std = normal.scale / old_std
-                kl = (
-                    0.5 * (ratio_std**2 + ((normal.mean - old_mean[rows]) / old_std) ** 2 - 1)
-                    - ratio_std.log()
-                )
-                statistics = torch.stack([policy_loss, value_loss, share * kl.sum(), entropy])
-            for optimiser, loss in (
-                (self.policy_optimiser, policy_loss),
-                (self.critic_optimiser, value_loss),
-            ):
-                optimiser.zero_grad(set_to_none=True)
-                loss.backward()
-            modules = self.policy, self.critic
-            distributed.add(statistics, *(p.grad for module in modules for p in module.parameters()))
-            self._steer(statistics[STATISTICS.index("kl")])
-            for optimiser, module in zip((self.policy_optimiser, self.critic_optimiser), modules):
-                nn.utils.clip_grad_norm_(module.parameters(), self.config.gradient_norm)
-                optimiser.step()
-            sums += statistics
-        return dict(zip(STATISTICS, (sums / (number + 1)).tolist()))
+            share = torch.full((len(rows),), 1 / max(sizes[number % len(sizes)], 1.0), device=state.device)
+            if self._captures:
+                missing = -len(rows) % GRAIN
+                rows, share = (nn.functional.pad(column, (0, missing)) for column in (rows, share))
+            self._step(*(column[rows] for column in columns), old_std, share)
+        return dict(zip(STATISTICS, (self._sums / (number + 1)).tolist()))
+
+    def _minibatch(
+        self,
+        state: torch.Tensor,
+        critic_state: torch.Tensor,
+        action: torch.Tensor,
+        log_probability: torch.Tensor,
+        advantage: torch.Tensor,
+        returns: torch.Tensor,
+        old_mean: torch.Tensor,
+        old_std: torch.Tensor,
+        share: torch.Tensor,
+    ) -> None:
+        """One step on rows (n,) that count by their share (n,); old_mean (n, k), old_std (1, k): the policy's before the
+        first."""
+        normal = distribution(self.policy, state)
+        ratio = (normal.log_prob(action).sum(-1) - log_probability).exp()
+        clipped = ratio.clamp(1 - self.config.clip, 1 + self.config.clip)
+        entropy = (share * normal.entropy().sum(-1)).sum()
+        policy_loss = (
+            -(share * torch.minimum(ratio * advantage, clipped * advantage)).sum() - self.config.entropy * entropy
+        )
+        value_loss = (share * (self.critic(critic_state)[:, 0] - returns).square()).sum()
+        with torch.no_grad():
+            ratio_std = normal.scale / old_std
+            kl = 0.5 * (ratio_std**2 + ((normal.mean - old_mean) / old_std) ** 2 - 1) - ratio_std.log()
+            statistics = torch.stack([policy_loss, value_loss, (share * kl.sum(-1)).sum(), entropy])
+        for optimiser, loss in (
+            (self.policy_optimiser, policy_loss),
+            (self.critic_optimiser, value_loss),
+        ):
+            optimiser.zero_grad(set_to_none=True)
+            loss.backward()
+        modules = self.policy, self.critic
+        distributed.add(statistics, *(p.grad for module in modules for p in module.parameters()))
+        self._steer(statistics[STATISTICS.index("kl")])
+        for optimiser, module in zip((self.policy_optimiser, self.critic_optimiser), modules):
+            nn.utils.clip_grad_norm_(module.parameters(), self.config.gradient_norm)
+            optimiser.step()
+        self._sums += statistics
 
     def _steer(self, kl: torch.Tensor) -> None:
         target, factor = self.config.target_kl, torch.ones_like(self._rate)
@@ -148,9 +172,12 @@ class Learner:
         if "rate" in state:
             return
         rate = self._rate
-        self.policy_optimiser.load_state_dict(state["policy"])
-        self.critic_optimiser.load_state_dict(state["critic"])
+        for name, optimiser in (("policy", self.policy_optimiser), ("critic", self.critic_optimiser)):
+            groups = [group | self._options for group in state[name]["param_groups"]]
+            optimiser.load_state_dict(state[name] | {"param_groups": groups})
         self.policy_optimiser.param_groups[0]["lr"] = rate
+        if self._captures:  # what was captured had the optimisers' memory of before
+            self._step = Captured(self._minibatch)
 
 
 def _normalised(advantage: torch.Tensor) -> torch.Tensor:
