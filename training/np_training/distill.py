@@ -48,9 +48,15 @@ def _keypoints(domain: Domain, objects: Poses, goals: Poses) -> tuple[torch.Tens
 
 
 def distil(
-    domain: Domain, teacher: PreContactPolicy, device: str, minutes: float, batch: int = 8192, seed: int = 0
+    domain: Domain,
+    teacher: PreContactPolicy,
+    device: str,
+    minutes: float,
+    batch: int = 8192,
+    seed: int = 0,
+    steps: int | None = None,
 ) -> tuple[PreContactStudent, dict[str, float]]:
-    """Train a student for some minutes; returns it with its errors on fresh noiseless tasks: means (mm, rad,
+    """Train a student for some minutes, or for so many steps; returns it with its errors on fresh noiseless tasks: means (mm, rad,
     mm) and the angle's median, which a teacher that decides between two faces leaves far below the mean."""
     generator = torch.Generator(device=device).manual_seed(seed)
     torch.manual_seed(seed)
@@ -68,7 +74,7 @@ def distil(
     begin, step, share = time.monotonic(), 0, 0.0
     pool = [torch.cat(parts) for parts in zip(*(sample() for _ in range(POOL)))]
     while share < 1:
-        share = (time.monotonic() - begin) / (60 * minutes)
+        share = (step + 1) / steps if steps else (time.monotonic() - begin) / (60 * minutes)
         for group in optimiser.param_groups:
             group["lr"] = 1e-3 * max(1 - share, 1e-3)
         if step % REUSE == 0:
@@ -106,6 +112,7 @@ def main() -> None:
     parser.add_argument("--checkpoint", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--minutes", type=float, default=2.0)
+    parser.add_argument("--steps", type=int, help="do so many steps instead")
     parser.add_argument("--batch", type=int, default=8192)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
@@ -119,7 +126,13 @@ def main() -> None:
         {name[4:]: tensor for name, tensor in state["networks"].items() if name.startswith("pre.")}
     )
     student, figures = distil(
-        find_domain(domain), teacher, arguments.device, arguments.minutes, arguments.batch, arguments.seed
+        find_domain(domain),
+        teacher,
+        arguments.device,
+        arguments.minutes,
+        arguments.batch,
+        arguments.seed,
+        arguments.steps,
     )
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / f"pre_contact_student_{domain}.safetensors"

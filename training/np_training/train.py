@@ -105,6 +105,9 @@ def parse() -> argparse.Namespace:
         help="stiffness that an untrained policy commands, -1 to 1 of its range",
     )
     parser.add_argument(
+        "--deviation", type=float, help="largest standard deviation of the actions drawn, for a run's end; default: none"
+    )
+    parser.add_argument(
         "--tolerance",
         type=float,
         help="share of the domain's tolerance that counts as success once randomised; default: what the domain aims at",
@@ -157,6 +160,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         rollout=arguments.rollout,
         start=arguments.start,
         stiffness=arguments.stiffness,
+        deviation=arguments.deviation,
         tolerance=arguments.tolerance,
         reflex=arguments.reflex,
         curriculum=curriculum,

@@ -29,7 +29,8 @@ class TrainConfig:
     tolerance: the share of the domain's within which they have to be then; reflex: whether joints beyond their
     limits end an episode then; pre_least: episodes without which the pre-contact policy is left as it is;
     start: contact where the pre-contact policy chooses, else see `fixed_contact`; stiffness: that an untrained
-    policy commands, -1 to 1 of its range; adaptive_joint_range: see `joint_range`."""
+    policy commands, -1 to 1 of its range; deviation: that actions are drawn with at most, of their range: what a robot runs
+    is the mean, which goes round in circles that drawn actions leave; adaptive_joint_range: see `joint_range`."""
 
     rollout: int = 12
     hold: int = 3
@@ -38,6 +39,7 @@ class TrainConfig:
     pre_least: int = 64
     start: str = "contact"
     stiffness: float = 0.0
+    deviation: float | None = None
     adaptive_joint_range: bool = False
     curriculum: CurriculumConfig = CurriculumConfig()
 
@@ -57,6 +59,7 @@ class Trainer:
         self.networks = ActorCritic().to(environment.device)
         with torch.no_grad():
             self.networks.post.net[-1].bias[STIFFNESS] = math.atanh(config.stiffness)
+        self._narrow()
         self.post = Learner(self.networks.post, self.networks.post_value, ppo)
         self.pre = Learner(
             self.networks.pre, self.networks.pre_value, dataclasses.replace(ppo, epochs=4, minibatches=4)
@@ -152,7 +155,13 @@ class Trainer:
             "overflowed": env.physics.take_overflowed(),
         }
         update = self._update(data, ended)
+        self._narrow()
         return self._row(distributed.total(sums, env.device)) | update
+
+    def _narrow(self) -> None:
+        if self.config.deviation:
+            with torch.no_grad():
+                self.networks.post.log_std.clamp_(max=math.log(self.config.deviation))
 
     def _count(self, out: dict) -> dict[str, torch.Tensor]:
         """Sums over the worlds of what a step gave; those of ended episodes leave practice out."""
@@ -276,6 +285,7 @@ class Trainer:
     def load_state_dict(self, state: dict) -> None:
         """Restore what `state_dict` gave."""
         self.networks.load_state_dict(state["networks"])
+        self._narrow()
         self.post.load_state_dict(state["post"])
         self.pre.load_state_dict(state["pre"])
         self.iteration, self.steps = state["iteration"], state["steps"]

@@ -16,7 +16,6 @@ T95 = 2.0
 BOOTSTRAPS = 200
 ROUNDS = 5
 STEPS = 12  # each of which narrows a shape to .6 of what it was, or moves it
-MODEL = 0.015  # of a value, to which two discretisations of the same law agree: learnt on development cases
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ def estimate(
         half = np.hypot(half, _shift(design, cells, ids, candidate, effect, width))
     at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
     known = np.array([p.background for p in effect.parameters])
-    half[at] = np.maximum(np.hypot(half[at], T95 * known), MODEL * np.abs(whole[at]))
+    half[at] = np.hypot(np.hypot(half[at], T95 * known), effect.model * np.abs(whole[at]))
     found = {
         p.name: Estimate(float(whole[i]), float(whole[i] - half[i]), float(whole[i] + half[i]), p.unit)
         for p, i in zip(effect.parameters, at)
@@ -65,7 +64,7 @@ def estimate(
         found[shape.name] = Estimate(value, value - width, value + width, shape.unit)
     elif shape is not None:
         found.pop("share", None)
-        width = max(float(np.hypot(width, T95 * shape.background)), MODEL * abs(shape.value))
+        width = float(np.hypot(np.hypot(width, T95 * shape.background), effect.model * shape.value))
         value = float(shape.value)
         found[shape.name] = Estimate(value, value - width, value + width, shape.unit)
     if effect.absorbs:

@@ -73,6 +73,7 @@ class Shape:
 
 
 Columns = Callable[[Context, int], np.ndarray]
+MODEL = 0.015  # to which two discretisations of the same law agree: learnt on development cases
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,8 @@ class Effect:
     with the same parameters. variant: what tells it from others of this id, in words. component: of an arm
     effect, the joint it sits at, or "arm"; only_joint: the one joint a variant is meant for, None for all;
     constants: numbers of the variant that a simulator needs besides the parameters. absorbs: nuisance that says
-    the same: what the data put into it beyond its usual value belongs to the effect.
+    the same: what the data put into it beyond its usual value belongs to the effect. model: share of a value to
+    which the law itself is known, half of a 95 % interval.
     """
 
     id: str
@@ -97,6 +99,7 @@ class Effect:
     only_joint: int | None = None
     constants: Mapping[str, float] = field(default_factory=dict)
     absorbs: str = ""
+    model: float = MODEL
 
     @property
     def entry(self) -> dict:

@@ -17,6 +17,7 @@ GAZ = "Gaz et al., RA-L 2019"
 STRIBECK_SPEEDS = tuple(0.03 * 1.4**n for n in range(7))  # rad/s
 PRESLIDING_STROKES = tuple(0.003 * 1.4**n for n in range(9))  # rad
 SMOOTH = 5  # samples of the fine grid
+TINY = 1e-300  # where nothing moves at all
 WARM_UP = (40.0, 70.0, 110.0, 180.0)  # s
 
 
@@ -181,7 +182,9 @@ def dahl(position: np.ndarray, stroke: float) -> np.ndarray:
     return sliding(np.diff(smooth, prepend=smooth[:1]), stroke)
 
 
-def sliding(moved: np.ndarray, stroke: float) -> np.ndarray:
-    """z (m,), -1..1, of dz = (dx - |dx| z) / stroke for steps `moved` (m,): Dahl's and Bouc and Wen's state."""
-    decay = np.exp(-np.abs(moved) / stroke)
-    return recurrence(decay, np.sign(moved) * (1 - decay))
+def sliding(moved: np.ndarray, stroke: float, shaken: float = 0.0) -> np.ndarray:
+    """z (m,), -1..1, of dz = (dx - |dx| z) / stroke for steps `moved` (m,): Dahl's and Bouc and Wen's state. shaken: what
+    moves to and fro besides in each step, across rather than on top of it; it lets go of z and winds nothing up."""
+    path = np.maximum(np.hypot(moved, shaken), TINY)
+    decay = np.exp(-path / stroke)
+    return recurrence(decay, moved / path * (1 - decay))
