@@ -19,9 +19,9 @@ from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
 from np_training import contact, curriculum, ppo, practice, train
 from np_training.distill import distil
-from np_training.environment import Environment, EnvironmentConfig, pre_contact_state
+from np_training.environment import PRE_STATE_SIZE, Environment, EnvironmentConfig, pre_contact_state
 from np_training.evaluate import evaluate
-from np_training.networks import ActorCritic, PreContactPolicy
+from np_training.networks import ActorCritic, PreContactPolicy, sample
 from np_training.physics import BatchedPhysics, PhysicsConfig
 from np_training.randomisation import PAPER
 from np_training.release import without_optimisers
@@ -332,6 +332,22 @@ def test_a_run_goes_on_from_a_released_checkpoint_at_its_learning_rate(environme
     theirs = before.networks.state_dict()
     assert all(torch.equal(value, theirs[name]) for name, value in after.networks.state_dict().items())
     after.iterate()
+
+
+def test_rows_that_fill_a_minibatch_up_count_for_nothing():
+    def updated(filled: bool) -> tuple[list[torch.Tensor], dict[str, float]]:
+        torch.manual_seed(3)
+        networks = ActorCritic()
+        learner = ppo.Learner(networks.pre, networks.pre_value, ppo.PPOConfig(epochs=2, minibatches=3))
+        learner._captures = filled  # as on a GPU, where shapes have to be few
+        state = torch.randn(100, PRE_STATE_SIZE)
+        action, log_probability = sample(networks.pre, state)
+        figures = learner.update(state, state, action.detach(), log_probability.detach(), torch.randn(100), torch.randn(100))
+        return [p.detach() for p in networks.parameters()], figures
+
+    (plain, figures), (filled, same) = updated(False), updated(True)
+    assert all((a - b).abs().max() < 1e-5 for a, b in zip(plain, filled))
+    assert same == pytest.approx(figures, rel=1e-3, abs=1e-6)
 
 
 def test_actions_are_drawn_no_wider_than_asked_for(environment):
