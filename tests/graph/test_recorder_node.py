@@ -28,8 +28,8 @@ def publish_run(probe, start, count, phase="post"):
         )
         if step == start:
             probe.publish("phase", String(data=phase), qos.LATCHED)
-    for topic, kind in (("joint_states", JointState), ("effort_command", JointState)):
-        assert probe.advertise(topic, kind, qos.RECORDER).wait_for_all_acked(Duration(seconds=TIMEOUT))
+    for topic, kind in (("joint_states", JointState), ("effort_command", JointState), ("phase", String)):
+        assert probe.advertise(topic, kind).wait_for_all_acked(Duration(seconds=TIMEOUT))
 
 
 @pytest.fixture
