@@ -85,6 +85,14 @@ def test_damaged_messages_are_what_a_walk_over_the_records_makes_of_them(whole, 
     assert found(bytes(damaged), path) == found(bytes(plain), path)
 
 
+def test_a_length_that_makes_a_footer_of_a_schemas_text_ends_nothing(whole, tmp_path):
+    """Walked, such a chunk seemed to end before its messages; by its index it had them all."""
+    damaged = bytearray(whole)
+    damaged[218] = 0  # in the length of the second channel's schema
+    assert found(bytes(damaged), tmp_path / "a") is ValueError
+    assert found(without_index(bytes(damaged)), tmp_path / "b") is ValueError
+
+
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 def test_rows_are_the_messages_of_each_topic(tmp_path, plugin):
     with Recording(record(tmp_path / "bag", plugin), required=["phase"]) as recording:

@@ -66,7 +66,7 @@ class _Scan:
     """One pass over a file. Messages are kept as rows of (time, begin, end, topic's number)."""
 
     def __init__(self, data: bytes, topics: tuple[str, ...]):
-        self.data, self.topics = data, topics
+        self.data, self.topics, self.end = data, topics, len(data) - len(MAGIC)
         self.numbers = {name: number for number, name in enumerate(topics)}
         self.wanted: dict[int, int] = {}  # topic's number by channel
         self.single: list[tuple[int, int, int, int]] = []  # found record by record
@@ -76,7 +76,7 @@ class _Scan:
 
     def all(self) -> Found:
         """Everything wanted; of one time, in the order of the file."""
-        self.records(len(MAGIC), len(self.data) - len(MAGIC))
+        self.records(len(MAGIC), self.end)
         table = np.concatenate([np.array(self.single, np.int64).reshape(-1, 4).T, *self.tables], axis=1)
         time, begin, end, topic = table[:, np.lexsort((table[1], table[0]))]
         return Found(self.data, self.topics, topic, time, begin, end)
@@ -100,6 +100,8 @@ class _Scan:
                         self.wanted[channel] = self.numbers[topic]
                 elif kind == CHUNK:
                     self.chunk(begin, begin + size)
+                elif kind == FOOTER and end < self.end:
+                    raise ValueError(f"expected no end of the file within a chunk, got one at byte {at}: damaged")
                 elif kind == FOOTER:
                     return
             at += _RECORD.size + size
