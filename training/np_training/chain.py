@@ -78,6 +78,28 @@ def jacobian(at: wp.vec3, joints: mat67):
 
 
 @wp.func
+def posture(q: wp.array2d(dtype=float), i: int):
+    """Joints (7,) of row i."""
+    joints = vec7()
+    for j in range(7):
+        joints[j] = q[i, j]
+    return joints
+
+
+@wp.func
+def times_transposed(a: mat67, b: mat67):
+    """a b' (6 x 6)."""
+    product = mat6()
+    for k in range(6):
+        for m in range(6):
+            entry = float(0.0)
+            for j in range(7):
+                entry = entry + a[k, j] * b[m, j]
+            product[k, m] = entry
+    return product
+
+
+@wp.func
 def rotation_vector(turn: wp.quat):
     """Axis times angle in [0, pi] of a unit quaternion."""
     imaginary = wp.vec3(turn[0], turn[1], turn[2])

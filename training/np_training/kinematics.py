@@ -10,7 +10,18 @@ import torch
 import warp as wp
 
 from np_control.kinematics import IK_DAMPING, IK_ITERATIONS
-from np_training.chain import Chain, cholesky, cholesky_solve, jacobian, joint_frames, make_chain, mat6, rotation_vector, vec6, vec7
+from np_training.chain import (
+    Chain,
+    cholesky,
+    cholesky_solve,
+    jacobian,
+    joint_frames,
+    make_chain,
+    posture,
+    rotation_vector,
+    times_transposed,
+    vec6,
+)
 
 wp.set_module_options({"max_unroll": 1, "enable_backward": False})
 
@@ -24,10 +35,7 @@ def forward_kernel(
 ):
     """Pose of T_E for row i."""
     i = wp.tid()
-    joints = vec7()
-    for j in range(7):
-        joints[j] = q[i, j]
-    at, turned, frames = joint_frames(chain, joints)
+    at, turned, frames = joint_frames(chain, posture(q, i))
     position[i] = at
     rotation[i] = wp.quat_to_matrix(turned)
 
@@ -44,9 +52,7 @@ def inverse_kernel(
 ):
     """np_control.kinematics.solve_ik for row i."""
     i = wp.tid()
-    joints = vec7()
-    for j in range(7):
-        joints[j] = q[i, j]
+    joints = posture(q, i)
     wanted = wp.quat_from_matrix(rotation[i])
     for _ in range(iterations):
         at, turned, frames = joint_frames(chain, joints)
@@ -57,13 +63,8 @@ def inverse_kernel(
         for k in range(3):
             error[k] = shift[k]
             error[k + 3] = turn[k]
-        product = mat6()
+        product = times_transposed(jac, jac)
         for k in range(6):
-            for m in range(6):
-                entry = float(0.0)
-                for j in range(7):
-                    entry = entry + jac[k, j] * jac[m, j]
-                product[k, m] = entry
             product[k, k] = product[k, k] + damping * damping
         error = cholesky_solve(cholesky(product, 6), error, 6)
         for j in range(7):

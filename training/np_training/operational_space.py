@@ -9,7 +9,20 @@ import numpy as np
 import warp as wp
 
 from np_control.operational_space import REGULARISATION, CartesianGains
-from np_training.chain import Chain, cholesky, cholesky_solve, jacobian, joint_frames, mat6, mat7, mat67, rotation_vector, vec6, vec7
+from np_training.chain import (
+    Chain,
+    cholesky,
+    cholesky_solve,
+    jacobian,
+    joint_frames,
+    mat7,
+    mat67,
+    posture,
+    rotation_vector,
+    times_transposed,
+    vec6,
+    vec7,
+)
 
 wp.set_module_options({"max_unroll": 1, "enable_backward": False})
 
@@ -80,10 +93,7 @@ def operational_space_kernel(
     if substep >= delay[i]:
         new = 3
 
-    q = vec7()
-    for j in range(7):
-        q[j] = qpos[i, j]
-    at, turned, joints = joint_frames(chain, q)
+    at, turned, joints = joint_frames(chain, posture(qpos, i))
     jac = jacobian(at, joints)
 
     # Acceleration that is asked of T_E.
@@ -132,13 +142,8 @@ def operational_space_kernel(
         column = cholesky_solve(lower, column, 7)
         for j in range(7):
             mobility[k, j] = column[j]
-    product = mat6()
+    product = times_transposed(jac, mobility)
     for k in range(6):
-        for m in range(6):
-            entry = float(0.0)
-            for j in range(7):
-                entry = entry + jac[k, j] * mobility[m, j]
-            product[k, m] = entry
         product[k, k] = product[k, k] + gains.regularisation
 
     # Both uses of Lambda in one solution: J' Lambda (force - mobility' inner).

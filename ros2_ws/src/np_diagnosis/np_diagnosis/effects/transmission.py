@@ -14,7 +14,7 @@ HYSTERESIS_STROKES = (1e-4, 2e-4, 4e-4, 1e-3)  # rad of twist over which the loo
 # up: taken for still, a gear that is shaken looks half as wide.
 SHAKING = (0.0, 8e-5)
 # How well width and stroke are known at best: how fast a gear is shaken is known to a factor, and they trade against it.
-# Learnt on arms of opened sets, of which it says seven of eight right that the bare intervals say three.
+# Learnt on four arms of an opened set, where by these widths six of eight numbers are held, by the bare intervals three.
 HYSTERESIS_MODEL = 0.3
 PLAY_TORQUE = 4e-4  # of the torque limit, at which the side of the play is sure
 PLAY_KNOWN = 1e-5  # rad
