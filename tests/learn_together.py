@@ -7,7 +7,7 @@ import torch
 from np_policy.networks import mlp
 from np_training import distributed
 from np_training.networks import PreContactPolicy
-from np_training.ppo import Learner, PPOConfig
+from np_training.ppo import Batch, Learner, PPOConfig
 
 
 def learn(batch: tuple[torch.Tensor, ...]) -> tuple[dict, dict, float]:
@@ -16,7 +16,7 @@ def learn(batch: tuple[torch.Tensor, ...]) -> tuple[dict, dict, float]:
     policy = PreContactPolicy()
     critic = mlp(18, (32,), 1)
     learner = Learner(policy, critic, PPOConfig(epochs=3, minibatches=1))
-    statistics = learner.update(*batch)
+    statistics = learner.update(Batch(*batch))
     return {**policy.state_dict(), **critic.state_dict()}, statistics, learner.rate
 
 

@@ -342,7 +342,9 @@ def test_rows_that_fill_a_minibatch_up_count_for_nothing():
         learner._captures = filled  # as on a GPU, where shapes have to be few
         state = torch.randn(100, PRE_STATE_SIZE)
         action, log_probability = sample(networks.pre, state)
-        figures = learner.update(state, state, action.detach(), log_probability.detach(), torch.randn(100), torch.randn(100))
+        figures = learner.update(
+            ppo.Batch(state, state, action.detach(), log_probability.detach(), torch.randn(100), torch.randn(100))
+        )
         return [p.detach() for p in networks.parameters()], figures
 
     (plain, figures), (filled, same) = updated(False), updated(True)

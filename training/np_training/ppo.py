@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import nn
@@ -51,6 +51,23 @@ def advantages(
     return result
 
 
+@dataclass(frozen=True)
+class Batch:
+    """Samples (n, ...): what the policy saw, what its critic saw, what was done and how probable that was (n,), how much better
+    than expected it went (n,) and what came of it (n,)."""
+
+    state: torch.Tensor
+    critic_state: torch.Tensor
+    action: torch.Tensor
+    log_probability: torch.Tensor
+    advantage: torch.Tensor
+    returns: torch.Tensor
+
+    def columns(self) -> list[torch.Tensor]:
+        """The tensors, in the order of the fields."""
+        return [getattr(self, field.name) for field in fields(self)]
+
+
 class Learner:
     """PPO on one policy and its critic, with an optimiser for each and a learning rate steered by the KL
     divergence."""
@@ -81,63 +98,47 @@ class Learner:
     def _rate(self) -> torch.Tensor:
         return self.policy_optimiser.param_groups[0]["lr"]
 
-    def update(
-        self,
-        state: torch.Tensor,
-        critic_state: torch.Tensor,
-        action: torch.Tensor,
-        log_probability: torch.Tensor,
-        advantage: torch.Tensor,
-        returns: torch.Tensor,
-    ) -> dict[str, float]:
-        """Several epochs over one batch, first axis samples; returns the mean of each statistic.
+    def update(self, batch: Batch) -> dict[str, float]:
+        """Several epochs over one batch; returns the mean of each statistic.
 
         With several processes the batch is the union of theirs, which may differ in length: losses are sums
         divided by the number of samples of all, so that gradients summed over the processes are those of one
         large batch.
         """
-        advantage = _normalised(advantage)
+        batch, count, device = replace(batch, advantage=_normalised(batch.advantage)), len(batch.state), batch.state.device
         with torch.no_grad():
-            old_mean, old_std = _moments(self.policy, state)
+            old_mean, old_std = _moments(self.policy, batch.state)
         self._sums.zero_()
         sizes = torch.tensor(
-            [len(rows) for rows in torch.arange(len(state)).tensor_split(self.config.minibatches)],
+            [len(rows) for rows in torch.arange(count).tensor_split(self.config.minibatches)],
             dtype=torch.float32,
-            device=state.device,
+            device=device,
         )
         distributed.add(sizes)
         sizes = sizes.tolist()
-        columns = state, critic_state, action, log_probability, advantage, returns, old_mean
-        for number, rows in enumerate(_minibatches(len(state), self.config, state.device)):
-            share = torch.full((len(rows),), 1 / max(sizes[number % len(sizes)], 1.0), device=state.device)
+        columns = *batch.columns(), old_mean
+        for number, rows in enumerate(_minibatches(count, self.config, device)):
+            share = torch.full((len(rows),), 1 / max(sizes[number % len(sizes)], 1.0), device=device)
             if self._captures:
                 missing = -len(rows) % GRAIN
                 rows, share = (nn.functional.pad(column, (0, missing)) for column in (rows, share))
             self._step(*(column[rows] for column in columns), old_std, share)
         return dict(zip(STATISTICS, (self._sums / (number + 1)).tolist()))
 
-    def _minibatch(
-        self,
-        state: torch.Tensor,
-        critic_state: torch.Tensor,
-        action: torch.Tensor,
-        log_probability: torch.Tensor,
-        advantage: torch.Tensor,
-        returns: torch.Tensor,
-        old_mean: torch.Tensor,
-        old_std: torch.Tensor,
-        share: torch.Tensor,
-    ) -> None:
-        """One step on rows (n,) that count by their share (n,); old_mean (n, k), old_std (1, k): the policy's before the
-        first."""
-        normal = distribution(self.policy, state)
-        ratio = (normal.log_prob(action).sum(-1) - log_probability).exp()
+    def _minibatch(self, *tensors: torch.Tensor) -> None:
+        """One step on the columns of a batch (n, ...), the policy's means (n, k) and deviation (1, k) before the first step, and the
+        share (n,) by which each row counts."""
+        *columns, old_mean, old_std, share = tensors
+        batch = Batch(*columns)
+        normal = distribution(self.policy, batch.state)
+        ratio = (normal.log_prob(batch.action).sum(-1) - batch.log_probability).exp()
         clipped = ratio.clamp(1 - self.config.clip, 1 + self.config.clip)
         entropy = (share * normal.entropy().sum(-1)).sum()
         policy_loss = (
-            -(share * torch.minimum(ratio * advantage, clipped * advantage)).sum() - self.config.entropy * entropy
+            -(share * torch.minimum(ratio * batch.advantage, clipped * batch.advantage)).sum()
+            - self.config.entropy * entropy
         )
-        value_loss = (share * (self.critic(critic_state)[:, 0] - returns).square()).sum()
+        value_loss = (share * (self.critic(batch.critic_state)[:, 0] - batch.returns).square()).sum()
         with torch.no_grad():
             ratio_std = normal.scale / old_std
             kl = 0.5 * (ratio_std**2 + ((normal.mean - old_mean) / old_std) ** 2 - 1) - ratio_std.log()

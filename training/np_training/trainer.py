@@ -19,7 +19,7 @@ from np_training.fixed_contact import FixedContact
 from np_training.joint_range import JointRange
 from np_training.networks import ActorCritic, sample
 from np_training.practice import kinds
-from np_training.ppo import Learner, PPOConfig, advantages
+from np_training.ppo import Batch, Learner, PPOConfig, advantages
 from np_training.randomisation import NOMINAL_CONDITIONS, PAPER
 
 
@@ -238,7 +238,7 @@ class Trainer:
         returns = gain + stacked["value"]
         flat = {name: tensor.flatten(0, 1) for name, tensor in stacked.items()}
         post = self.post.update(
-            flat["state"], flat["critic"], flat["action"], flat["logp"], gain.flatten(), returns.flatten()
+            Batch(flat["state"], flat["critic"], flat["action"], flat["logp"], gain.flatten(), returns.flatten())
         )
         rejected = env.starts.rejected()
         failure = torch.full(
@@ -259,7 +259,7 @@ class Trainer:
         if self.config.start == "contact" and episodes >= self.config.pre_least:
             with torch.no_grad():
                 baseline = nets.pre_value(pre_state)[:, 0]
-            pre = self.pre.update(pre_state, pre_state, pre_action, pre_logp, total - baseline, total)
+            pre = self.pre.update(Batch(pre_state, pre_state, pre_action, pre_logp, total - baseline, total))
             row |= {f"pre_{name}": value for name, value in pre.items()}
             row["pre_std"] = float(nets.pre.log_std.detach().exp().mean())
         return row
