@@ -8,7 +8,7 @@ from arm_generator import PERIOD, Truth, record
 
 from np_diagnosis import rigid
 from np_diagnosis.arm_model import panda
-from np_diagnosis.constancy import misfits, shapes_left
+from np_diagnosis.constancy import _has_slipped, misfits, shapes_left
 from np_diagnosis.context import make_context
 from np_diagnosis.design import make_design
 from np_diagnosis.effects import transmission
@@ -124,3 +124,20 @@ def test_hysteresis_shows_that_winds_up_by_less_than_the_noise_of_the_encoders(w
     assert np.abs(found).max() < 2 * stroke
     gain = 0.5 * len(y) * np.log(squares[0] / squares[1])
     assert gain > 30 if width else gain < 8
+
+
+@pytest.mark.parametrize("shift, found", [(0.0, False), (4e-4, True), (2e-5, False)])
+def test_a_disc_that_slips_shifts_an_encoder_at_once_and_for_good(shift, found):
+    time, rng = np.arange(0.0, 100.0, 0.04), np.random.default_rng(0)
+    left = 3e-6 * rng.normal(size=len(time)) + shift * (time > 6.6)
+    assert _has_slipped(left, time, np.zeros(len(time), int)) == found
+
+
+@pytest.mark.parametrize("left", [
+    lambda t: 2e-4 * np.sign(np.sin(t)),  # a play that is crossed again and again
+    lambda t: 3e-4 * np.tanh((t - 50.0) / 1.0),  # another posture, to which it moves
+    lambda t: 1e-3 * (np.abs(t - 50.0) < 0.1),  # comes back
+])
+def test_what_is_no_slip_is_none(left):
+    time, rng = np.arange(0.0, 100.0, 0.04), np.random.default_rng(0)
+    assert not _has_slipped(left(time) + 3e-6 * rng.normal(size=len(time)), time, np.zeros(len(time), int))

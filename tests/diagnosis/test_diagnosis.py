@@ -10,7 +10,7 @@ from arm_generator import Truth, at, record
 from np_diagnosis.arm_model import load_arm, panda
 from np_diagnosis.contract import check
 from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.effects.friction import PRESLIDING_STROKES
+from np_diagnosis.effects.friction import PRESLIDING_MOST, PRESLIDING_STROKES
 from np_diagnosis.plant import Z1
 from np_diagnosis.reading import read
 from np_diagnosis.report import make_report
@@ -73,6 +73,14 @@ def test_a_stroke_between_two_of_the_grid_calls_for_no_other_effect():
     assert (found.effect.id, found.component) == ("presliding_friction", "panda_joint1")
     assert found.parameters["level"].value == pytest.approx(0.7, abs=0.02)
     assert found.parameters["stroke"].value == pytest.approx(stroke, rel=0.1)
+
+
+def test_friction_that_takes_a_stroke_beyond_the_catalogues_is_no_presliding():
+    """Hoses that rub on each other slide after some degrees: Dahl's law, by another cause."""
+    diagnosis, _ = examine(Truth(slow=at(1, 0.7), stroke=0.1))
+    (found,) = chosen(diagnosis)
+    assert found.effect.id == "presliding_friction" and found.effect.shape.value > PRESLIDING_MOST
+    assert diagnosis.verdict == "unexplained"
 
 
 def test_what_no_catalogue_knows_stays_unexplained():

@@ -13,6 +13,8 @@ they predict of blocks that their fit has not seen (as in `omnibus`):
   effect;
 - twist: of the joint's angle, the load, and the directions of both: a gear that yields twists with the load
   alone.
+
+What happens once cannot be predicted from other blocks, and is looked for by itself (`slipped`).
 """
 
 from __future__ import annotations
@@ -34,6 +36,9 @@ OF_LEFT = 0.15  # share of the squares that the effects leave
 OF_ALL = 0.003
 MATERIAL = 0.0002  # of the torque limit
 TWISTED = 3e-5  # rad of twist, likewise
+BESIDE = 10.0  # s on either side of a jump
+LASTING, USUAL = 10.0, 0.9  # times what this share of them stays below about its level
+AT_ONCE, MOST_OF = 2, 0.7  # samples in which so much of it comes
 LAGS = (1, 2, 3, 4, 6, 8)  # samples
 DRIFT = "thermal_drift"  # the one effect whose size may change with time
 
@@ -86,6 +91,35 @@ def misfits(search: Search, members: tuple[int, ...]) -> Iterator[Misfit]:
             removed = float(np.mean(left[rows] ** 2) - np.mean(after[rows] ** 2))
             yield Misfit(question, cell.stage, cell.joint, gain, error, removed,
                          float(np.mean(left[rows] ** 2)), float(np.mean(base**2)))
+
+
+def slipped(search: Search, members: tuple[int, ...]) -> set[int]:
+    """Joints of which the two encoders part at once and for good: a disc has slipped on its shaft."""
+    found, fits, samples = set(), fits_of(search, members), search.design.context.samples
+    for cell in search.design.cells:
+        if cell.stage == "r3" and cell.used.sum() >= 4:
+            ids, fit = fits[cell.joint]
+            values = np.zeros(len(search.design.parameters))
+            values[ids] = fit.parameters.mean(axis=0)
+            if _has_slipped(cell.residual - cell.matrix @ values[cell.ids], samples.time, samples.trajectory):
+                found.add(cell.joint)
+    return found
+
+
+def _has_slipped(left: np.ndarray, time: np.ndarray, trajectory: np.ndarray) -> bool:
+    """Whether the largest jump of what is left (n,) rad at times (n,) s of a trajectory lasts on both sides."""
+    jumps = np.where(trajectory[1:] == trajectory[:-1], np.abs(np.diff(left)), 0.0)
+    at = int(np.argmax(jumps)) + 1
+    near = (trajectory == trajectory[at]) & (np.abs(time - time[at]) < BESIDE)
+    later = np.arange(len(left)) >= at
+    sides = [left[near & side] for side in (~later, later)]
+    if min(map(len, sides)) < 10:
+        return False
+    levels = [float(np.median(side)) for side in sides]
+    usual = max(float(np.quantile(np.abs(side - level), USUAL)) for side, level in zip(sides, levels))
+    apart, own = abs(levels[1] - levels[0]), np.flatnonzero(near)
+    first, last = max(at - AT_ONCE, own[0]), min(at + AT_ONCE - 1, own[-1])
+    return apart > max(TWISTED, LASTING * usual) and abs(left[last] - left[first]) > MOST_OF * apart
 
 
 def _questions(search: Search, cell: Cell, members: tuple[int, ...], values: np.ndarray

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_diagnosis.arm_model import Arm, panda
-from np_diagnosis.constancy import shapes_left
+from np_diagnosis.constancy import shapes_left, slipped
 from np_diagnosis.context import make_context
 from np_diagnosis.design import Design, make_design
 from np_diagnosis.effects import Context, Effect
@@ -92,7 +92,7 @@ def diagnose(logs: list[Log], arm: Arm | None = None, seed: int = 0, quick: bool
     rests = examine(search, chosen.members)
     odd = [_crowded(search, chosen), _extreme(search, chosen), ageing(search, chosen.members)]
     if not quick:
-        odd.append({m.joint for m in shapes_left(search, chosen.members, rests)})
+        odd += [{m.joint for m in shapes_left(search, chosen.members, rests)}, slipped(search, chosen.members)]
     unexplained = tuple(sorted(set(_unexplained(rests, design)).union(*odd)))
     gap = measure(search, chosen, seed)
     found = _findings(search, chosen, gap, seed, quick)
@@ -120,9 +120,10 @@ def _extreme(search: Search, chosen: Structure) -> set[int]:
         ids, fitted = search.ids(joints, inside), search.group(joints, inside)[0].fit.parameters.mean(axis=0)
         for m in inside:
             candidate = search.design.candidates[m]
-            places = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
-            if any(abs(fitted[at]) > EXTREME * p.upper for at, p in zip(places, candidate.effect.parameters)
-                   if p.name != "share"):
+            places, shape = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids], candidate.effect.shape
+            if shape is not None and shape.value > shape.upper or any(
+                    abs(fitted[at]) > EXTREME * p.upper for at, p in zip(places, candidate.effect.parameters)
+                    if p.name != "share"):
                 place = candidate.joint if candidate.joint is not None else candidate.component_joint
                 found |= set(search.reach(candidate)) if place is None else {place}
     return found

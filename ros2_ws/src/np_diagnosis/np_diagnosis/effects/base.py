@@ -61,7 +61,8 @@ class Parameter:
 @dataclass(frozen=True, eq=False)
 class Shape:
     """A parameter that columns are not linear in. linear: to first order the effect is proportional to it, so
-    that the only coefficient is its share: value times coefficient is the better value."""
+    that the only coefficient is its share: value times coefficient is the better value. upper: beyond it, it is another
+    effect, of the same form."""
 
     name: str
     unit: str
@@ -70,6 +71,7 @@ class Shape:
     linear: bool = False
     background: float = 0.0
     least: float = 0.0
+    upper: float = np.inf
 
 
 Columns = Callable[[Context, int], np.ndarray]

@@ -16,6 +16,7 @@ GAZ = "Gaz et al., RA-L 2019"
 # So fine that the best one leaves nothing to other effects.
 STRIBECK_SPEEDS = tuple(0.03 * 1.4**n for n in range(7))  # rad/s
 PRESLIDING_STROKES = tuple(0.003 * 1.4**n for n in range(9))  # rad
+PRESLIDING_MOST = 0.045  # rad: the catalogue has 3 to 30 mrad; hoses and seals that slide after more say the same by another cause
 SMOOTH = 5  # samples of the fine grid
 TINY = 1e-300  # where nothing moves at all
 WARM_UP = (40.0, 70.0, 110.0, 180.0)  # s
@@ -131,7 +132,7 @@ def _presliding(stroke: float) -> Effect:
         {"r2": columns},
         "Dahl 1968: dF/dx = (Fc - F sgn v) / x0",
         f"{1e3 * stroke:.3g} mrad",
-        Shape("stroke", "rad", stroke, _presliding),
+        Shape("stroke", "rad", stroke, _presliding, upper=PRESLIDING_MOST),
     )
 
 
