@@ -26,6 +26,7 @@ import numpy as np
 
 from np_diagnosis.design import REVERSAL, Cell, rung
 from np_diagnosis.effects.base import Context
+from np_diagnosis.fit import places
 from np_diagnosis.omnibus import Rest, predicted
 from np_diagnosis.search import Search, fits_of, held_out
 
@@ -37,8 +38,10 @@ OF_ALL = 0.003
 MATERIAL = 0.0002  # of the torque limit
 TWISTED = 3e-5  # rad of twist, likewise
 BESIDE = 10.0  # s on either side of a jump
-LASTING, USUAL = 10.0, 0.9  # times what this share of them stays below about its level
-AT_ONCE, MOST_OF = 2, 0.7  # samples in which so much of it comes
+# A jump lasts where its sides are apart by so many times what they stay within, but for a tenth of their samples.
+LASTING, USUAL = 10.0, 0.9
+# It comes at once where so many samples on either side of it hold so much of it.
+AT_ONCE, MOST_OF = 2, 0.7
 LAGS = (1, 2, 3, 4, 6, 8)  # samples
 DRIFT = "thermal_drift"  # the one effect whose size may change with time
 
@@ -99,9 +102,9 @@ def slipped(search: Search, members: tuple[int, ...]) -> set[int]:
     for cell in search.design.cells:
         if cell.stage == "r3" and cell.used.sum() >= 4:
             ids, fit = fits[cell.joint]
-            values = np.zeros(len(search.design.parameters))
-            values[ids] = fit.parameters.mean(axis=0)
-            if _has_slipped(cell.residual - cell.matrix @ values[cell.ids], samples.time, samples.trajectory):
+            columns, at = places(cell, ids)
+            left = cell.residual - cell.matrix[:, columns] @ fit.parameters.mean(axis=0)[at]
+            if _has_slipped(left, samples.time, samples.trajectory):
                 found.add(cell.joint)
     return found
 
@@ -117,9 +120,8 @@ def _has_slipped(left: np.ndarray, time: np.ndarray, trajectory: np.ndarray) -> 
         return False
     levels = [float(np.median(side)) for side in sides]
     usual = max(float(np.quantile(np.abs(side - level), USUAL)) for side, level in zip(sides, levels))
-    apart, own = abs(levels[1] - levels[0]), np.flatnonzero(near)
-    first, last = max(at - AT_ONCE, own[0]), min(at + AT_ONCE - 1, own[-1])
-    return apart > max(TWISTED, LASTING * usual) and abs(left[last] - left[first]) > MOST_OF * apart
+    apart, at_once = abs(levels[1] - levels[0]), abs(left[at + AT_ONCE - 1] - left[at - AT_ONCE])
+    return apart > max(TWISTED, LASTING * usual) and at_once > MOST_OF * apart
 
 
 def _questions(search: Search, cell: Cell, members: tuple[int, ...], values: np.ndarray
@@ -131,8 +133,8 @@ def _questions(search: Search, cell: Cell, members: tuple[int, ...], values: np.
         candidate = search.design.candidates[m]
         at = np.flatnonzero(np.isin(cell.ids, candidate.ids))
         if at.size:
-            place = candidate.joint if candidate.joint is not None else candidate.component_joint
-            shown.append((cell.matrix[:, at] @ values[cell.ids[at]], j if place is None else place))
+            place = j if candidate.place is None else candidate.place
+            shown.append((cell.matrix[:, at] @ values[cell.ids[at]], place))
             names.append(candidate.effect.id)
     if shown and (rung(cell.stage) != "r2" or DRIFT not in names):
         elapsed = when(context, cell)

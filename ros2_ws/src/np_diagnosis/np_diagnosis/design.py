@@ -46,6 +46,11 @@ class Candidate:
     ids: np.ndarray
     component_joint: int | None = None  # that an effect of the arm sits at
 
+    @property
+    def place(self) -> int | None:
+        """Number of the joint that it is at, an effect of the arm too; None where that is no single one."""
+        return self.component_joint if self.joint is None else self.joint
+
     def at(self, joints: tuple[str, ...]) -> str:
         """Joint name, or the arm effect's own component."""
         return self.effect.component if self.joint is None else joints[self.joint]

@@ -120,12 +120,12 @@ def _extreme(search: Search, chosen: Structure) -> set[int]:
         ids, fitted = search.ids(joints, inside), search.group(joints, inside)[0].fit.parameters.mean(axis=0)
         for m in inside:
             candidate = search.design.candidates[m]
-            places, shape = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids], candidate.effect.shape
-            if shape is not None and shape.value > shape.upper or any(
-                    abs(fitted[at]) > EXTREME * p.upper for at, p in zip(places, candidate.effect.parameters)
-                    if p.name != "share"):
-                place = candidate.joint if candidate.joint is not None else candidate.component_joint
-                found |= set(search.reach(candidate)) if place is None else {place}
+            places = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
+            shape = candidate.effect.shape
+            is_beyond = shape is not None and shape.value > shape.upper
+            if is_beyond or any(abs(fitted[at]) > EXTREME * p.upper
+                                for at, p in zip(places, candidate.effect.parameters) if p.name != "share"):
+                found |= set(search.reach(candidate)) if candidate.place is None else {candidate.place}
     return found
 
 

@@ -247,8 +247,7 @@ class Search:
                                and other.effect.component == mine.effect.component):
                 return False
         here = [self.design.candidates[m] for m in (*parent.members, number)]
-        crowds = [sum(c.joint == j or (c.joint is None and c.component_joint == j) for c in here)
-                  for j in range(len(self.design.context.arm))]
+        crowds = [sum(c.place == j for c in here) for j in range(len(self.design.context.arm))]
         return max(crowds) <= CROWD and bool(mine.joint is not None or self.reach(mine))
 
     def _parameters(self, structure: Structure) -> int:

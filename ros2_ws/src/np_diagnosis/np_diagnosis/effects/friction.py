@@ -16,7 +16,8 @@ GAZ = "Gaz et al., RA-L 2019"
 # So fine that the best one leaves nothing to other effects.
 STRIBECK_SPEEDS = tuple(0.03 * 1.4**n for n in range(7))  # rad/s
 PRESLIDING_STROKES = tuple(0.003 * 1.4**n for n in range(9))  # rad
-PRESLIDING_MOST = 0.045  # rad: the catalogue has 3 to 30 mrad; hoses and seals that slide after more say the same by another cause
+# rad: the catalogue has 3 to 30 mrad; hoses and seals that slide after more follow the same law by another cause.
+PRESLIDING_MOST = 0.045
 SMOOTH = 5  # samples of the fine grid
 TINY = 1e-300  # where nothing moves at all
 WARM_UP = (40.0, 70.0, 110.0, 180.0)  # s
