@@ -85,6 +85,8 @@ def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypat
             "right",
             "--controller",
             "osc",
+            "--cartesian-stiffness",
+            "400",
             "--curriculum",
             "none",
             "--adaptive-joint-range",
@@ -100,7 +102,13 @@ def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypat
     last = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
     assert last["stage"] == STAGES and last["steps"] == 2 * 8 * 3
     state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
-    assert state["setting"] == {"domain": "bump", "start": "right", "controller": "osc", "limit": 4}
+    assert state["setting"] == {
+        "domain": "bump",
+        "start": "right",
+        "controller": "osc",
+        "cartesian_stiffness": 400.0,
+        "limit": 4,
+    }
     rows = read_log(tmp_path / "log.csv")
     assert len(rows) == 2 and rows[-1]["joint_range"] == 1.0 and "pre_kl" not in rows[-1]
     for group in ("tips0", "tips1", "tips2", "goal0", "goal1"):

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from np_control.kinematics import forward_kinematics, pose_distance
-from np_control.operational_space import CartesianGains, operational_space_torque
+from np_control.operational_space import operational_space_torque, uniform_gains
 from np_description.domains import BUMP, CARD
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_vector
@@ -32,8 +32,10 @@ def mass_matrix(physics: BatchedPhysics) -> np.ndarray:
     return full
 
 
-def test_kernel_and_controller_compute_the_same_torque():
-    physics = BatchedPhysics(CARD, WORLDS, "cpu", PhysicsConfig(substeps=1, controller="osc"))
+@pytest.mark.parametrize("stiffness", [200, 400])
+def test_kernel_and_controller_compute_the_same_torque(stiffness):
+    gains = uniform_gains(stiffness)
+    physics = BatchedPhysics(CARD, WORLDS, "cpu", PhysicsConfig(substeps=1, controller="osc", cartesian=gains))
     generator = torch.Generator().manual_seed(1)
     physics.qpos[:, ARM] += 0.2 * torch.randn(WORLDS, 7, generator=generator)
     physics.advance()  # mass matrix and Coriolis terms of this posture
@@ -62,7 +64,7 @@ def test_kernel_and_controller_compute_the_same_torque():
             targets[new].position[i].double().numpy(),
             targets[new].rotation[i].double().numpy(),
             postures[new][i].double().numpy(),
-            CartesianGains(),
+            gains,
             mass[i],
             bias[i] - gravity[i],
         )

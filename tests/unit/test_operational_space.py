@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+import pytest
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -9,7 +10,7 @@ from np_control.controller import Controller, ControllerConfig
 from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, jacobian, pose_distance
-from np_control.operational_space import CartesianGains, operational_space_torque
+from np_control.operational_space import CartesianGains, operational_space_torque, uniform_gains
 from np_control.safety import LIMITS
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
@@ -61,3 +62,9 @@ def test_in_closed_loop_the_target_is_reached_and_kept():
     distance, angle = pose_distance(data.qpos[:7], target, turned)
     assert distance < 0.01 and angle < 0.05  # Coulomb friction over stiffness
     assert np.abs(data.qvel[:7]).max() < 0.02
+
+
+@pytest.mark.parametrize("stiffness", [0.0, -1.0, float("nan")])
+def test_a_stiffness_that_is_not_positive_is_refused(stiffness):
+    with pytest.raises(ValueError, match="expected a positive number of 1/s"):
+        uniform_gains(stiffness)

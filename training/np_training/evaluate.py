@@ -21,6 +21,7 @@ import numpy as np
 import torch
 
 from np_bringup.intervals import wilson_interval
+from np_control.operational_space import CartesianGains, uniform_gains
 from np_description.domains import DOMAINS, find_domain
 from np_policy.networks import PreContactStudent
 from np_policy.policy import weights_file
@@ -35,7 +36,13 @@ from np_training.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, 
 from np_training.recording import save_recording
 from np_training.train import LIMITS
 
-SETTING = {"domain": "card", "start": "contact", "controller": "impedance", "limit": 100}
+SETTING = {
+    "domain": "card",
+    "start": "contact",
+    "controller": "impedance",
+    "cartesian_stiffness": CartesianGains.position,
+    "limit": 100,
+}
 CONDITIONS = {"nominal": NOMINAL_CONDITIONS, "paper": PAPER, "twice": TWICE}
 
 
@@ -163,6 +170,7 @@ def main() -> None:
     )
     parser.add_argument("--start", choices=list(STARTS), help="default: the checkpoint's")
     parser.add_argument("--controller", choices=CONTROLLERS, help="default: the checkpoint's")
+    parser.add_argument("--cartesian-stiffness", type=float, help="default: the checkpoint's")
     parser.add_argument("--limit", type=int, help="steps an episode; default: the checkpoint's")
     parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
     parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
@@ -204,6 +212,7 @@ def main() -> None:
                 contacts=arguments.contacts,
                 constraints=arguments.constraints,
                 controller=setting["controller"],
+                cartesian=uniform_gains(setting["cartesian_stiffness"]),
                 effects=effects,
             ),
         ),

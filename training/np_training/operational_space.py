@@ -38,7 +38,7 @@ class Gains:
     regularisation: float
 
 
-def make_gains(rows: np.ndarray, device: wp.Device, cartesian: CartesianGains = CartesianGains()) -> Gains:
+def make_gains(rows: np.ndarray, device: wp.Device, cartesian: CartesianGains) -> Gains:
     """The gains for the kernel. rows (7,): first element of each joint's row of the mass matrix."""
     gains = Gains()
     gains.row = wp.array(rows, dtype=int, device=device)

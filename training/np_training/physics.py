@@ -15,6 +15,7 @@ import numpy as np
 import torch
 import warp as wp
 
+from np_control.operational_space import CartesianGains
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
 from np_description.patch import Patch
@@ -43,8 +44,8 @@ ARM, OBJECT_POSITION, OBJECT_QUATERNION = slice(0, 7), slice(9, 12), slice(12, 1
 @dataclass(frozen=True)
 class PhysicsConfig:
     """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
-    controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, its
-    gains); effects: what the arm has besides the nominal one, as far as np_training.effects carries it."""
+    controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, with
+    the gains `cartesian`); effects: what the arm has besides the nominal one, as far as np_training.effects carries it."""
 
     timestep: float = 0.005
     substeps: int = 20
@@ -53,6 +54,7 @@ class PhysicsConfig:
     iterations: int = 8
     ls_iterations: int = 10
     controller: str = "impedance"
+    cartesian: CartesianGains = CartesianGains()
     effects: Patch = Patch()
 
     def __post_init__(self) -> None:
@@ -136,7 +138,7 @@ class BatchedPhysics:
             self._limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float)
             self._over = wp.zeros((2, worlds, 7), dtype=int)
             self._chain = make_chain(self._wp_device.alias)
-            self._gains = make_gains(model.M_rowadr[ARM], self._wp_device)
+            self._gains = make_gains(model.M_rowadr[ARM], self._wp_device, config.cartesian)
         d = self.data
         self._overflow = wp.to_torch(d.overflow)
         self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import torch
 
+from np_control.operational_space import CartesianGains, uniform_gains
 from np_description.domains import DOMAINS, find_domain
 from np_training import distributed
 from np_training.curriculum import CurriculumConfig
@@ -69,6 +70,12 @@ def parse() -> argparse.Namespace:
         choices=CONTROLLERS,
         default=PhysicsConfig.controller,
         help="osc: operational-space control of T_E with gains of its own",
+    )
+    parser.add_argument(
+        "--cartesian-stiffness",
+        type=float,
+        default=CartesianGains.position,
+        help="of --controller osc, 1/s^2, of position and rotation",
     )
     parser.add_argument(
         "--start",
@@ -149,6 +156,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
                 contacts=arguments.contacts,
                 constraints=arguments.constraints,
                 controller=arguments.controller,
+                cartesian=uniform_gains(arguments.cartesian_stiffness),
                 effects=arguments.effects,
             ),
         ),
@@ -193,7 +201,7 @@ def check_same_run(state: dict, trainer: Trainer, found: Path | None) -> None:
     """Raise ValueError where a checkpoint that was found, not named, is of another task: two runs share a
     folder."""
     theirs = state.get("setting", {})
-    names = "domain", "start", "controller"
+    names = "domain", "start", "controller", "cartesian_stiffness"
     other = [name for name in names if theirs.get(name, trainer.setting[name]) != trainer.setting[name]]
     if found and other:
         raise ValueError(

@@ -79,13 +79,14 @@ class Trainer:
         environment.age.random_(0, environment.config.limit, generator=environment.generator)
 
     @property
-    def setting(self) -> dict[str, str | int]:
+    def setting(self) -> dict[str, str | int | float]:
         """What an evaluation has to share with the training."""
         env = self.environment
         return {
             "domain": env.domain.name,
             "start": self.config.start,
             "controller": env.config.physics.controller,
+            "cartesian_stiffness": env.config.physics.cartesian.position,
             "limit": env.config.limit,
         }
 

@@ -26,6 +26,14 @@ class CartesianGains:
     damping_ratio: float = 1.0
 
 
+def uniform_gains(stiffness: float) -> CartesianGains:
+    """Gains of one stiffness, 1/s^2, in every direction of position and rotation; the others are the defaults.
+    Raises ValueError where it is not positive."""
+    if not stiffness > 0:
+        raise ValueError(f"Cartesian stiffness: expected a positive number of 1/s^2, got {stiffness}")
+    return CartesianGains(position=stiffness, rotation=stiffness)
+
+
 def operational_space_torque(q: np.ndarray, dq: np.ndarray, position: np.ndarray, rotation: np.ndarray,
                              posture: np.ndarray, gains: CartesianGains, mass_matrix: np.ndarray,
                              coriolis: np.ndarray) -> np.ndarray:
