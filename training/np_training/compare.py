@@ -15,7 +15,7 @@ from pathlib import Path
 from np_training.curves import draw_comparison, reached, save
 from np_training.report import Run, read_run
 
-EVALUATED = ("conditions", "student", "success", "ci95", "episodes", "breaks_first")
+EVALUATED = ("steps", "conditions", "student", "success", "ci95", "episodes", "breaks_first")
 
 
 def summary(run: Run, success: float) -> dict:

@@ -60,7 +60,7 @@ def draw_comparison(runs: dict[str, Rows]) -> Figure:
         axes[0, 0].set(ylabel="success of ended episodes", ylim=(0, 1.02))
         axes[1, 0].set(ylabel=f"stage ({STAGES + 1}: randomised)", xlabel="million policy steps")
         axes[1, 1].set_xlabel("minutes")
-        axes[0, 0].legend()
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return figure
 
 
