@@ -20,7 +20,8 @@ from np_diagnosis.blind.friction import bouc_wen, lugre, prandtl
 from np_diagnosis.blind.heldout import LOST, gaps, motions
 from np_diagnosis.blind.loop import Diverged, make_targets, run
 from np_diagnosis.blind.patched import patched_physics
-from np_diagnosis.blind.plant import PERIOD, Plant, nominal_physics, stack
+from np_diagnosis.blind.physics import nominal_physics, stack
+from np_diagnosis.blind.plant import PERIOD, Plant
 from np_diagnosis.blind.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
 from np_diagnosis.blind.scoring import modules
 from np_diagnosis.blind.strangers import ALL_FROM, FIRST, LATER, LATER_FROM, NEWEST, SCALE, STRANGERS

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from np_diagnosis.blind.plant import PERIOD, nominal_physics
+from np_diagnosis.blind.physics import nominal_physics
+from np_diagnosis.blind.plant import PERIOD
 from np_diagnosis.blind.strange import Strange, off_centre, slipped
 from np_diagnosis.excitation import READY
 

@@ -8,9 +8,10 @@ import pytest
 from np_description.panda import NOMINAL
 from np_diagnosis import patching
 from np_diagnosis.averaging import spread
-from np_diagnosis.design import REVERSAL, Candidate
+from np_diagnosis.design import Candidate
 from np_diagnosis.effects.base import Effect, Parameter
 from np_diagnosis.fit import Fit, Score
+from np_diagnosis.nuisances import REVERSAL
 from np_diagnosis.omnibus import _outlying
 from np_diagnosis.patching import tried_patch
 from np_diagnosis.ranking import larger

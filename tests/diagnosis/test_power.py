@@ -9,6 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from np_diagnosis.arm_model import panda
 from np_diagnosis.context import make_context
+from np_diagnosis.ambiguity import Ambiguity, ambiguity, open_question
 from np_diagnosis.design import make_design
 from np_diagnosis.excitation import experiment, suite
 from np_diagnosis.page import render
@@ -16,13 +17,10 @@ from np_diagnosis.planning import planned_cells, planned_log
 from np_diagnosis.power import (
     EXPERIMENTS,
     NONE,
-    Ambiguity,
     _Belief,
     _evidence,
     _factors,
-    ambiguity,
     next_experiment,
-    open_question,
     powers,
 )
 from np_diagnosis.refit import second_opinion
@@ -143,7 +141,7 @@ def test_an_ambiguity_is_answered_with_a_command_and_its_odds(stuck, monkeypatch
     diagnosis, log = stuck
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
     # As if the recording had left it open whether it is viscous.
-    monkeypatch.setattr("np_diagnosis.power.NEAR", np.inf)
+    monkeypatch.setattr("np_diagnosis.ambiguity.NEAR", np.inf)
     open_ = replace(diagnosis, findings=(replace(finding, equivalent_to=("viscous_friction",)),))
     question = open_question(open_)
     answer = next_experiment(open_, question)

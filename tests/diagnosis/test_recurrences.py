@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from np_diagnosis.design import GAP, Block, Cell, make_cell
+from np_diagnosis.cells import GAP, Block, Cell, make_cell
 from np_diagnosis.effects import Parameter
 from np_diagnosis.effects.base import recurrence
 from np_diagnosis.effects.timing import delayed, find_held

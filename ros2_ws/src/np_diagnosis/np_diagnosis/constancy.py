@@ -24,10 +24,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_diagnosis.design import REVERSAL, Cell, rung
+from np_diagnosis.cells import Cell
 from np_diagnosis.effects.base import Context
 from np_diagnosis.fit import places
+from np_diagnosis.nuisances import REVERSAL
 from np_diagnosis.omnibus import Rest, predicted
+from np_diagnosis.residuals import rung
 from np_diagnosis.search import Search, fits_of, held_out
 
 SURE = 60.0  # nats by which the columns must predict better

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from np_diagnosis.averaging import spread
-from np_diagnosis.design import Candidate, Cell, Design, make_cell
+from np_diagnosis.cells import Cell, make_cell
+from np_diagnosis.design import Candidate, Design
 from np_diagnosis.effects import Effect
 from np_diagnosis.fit import fit, places
 from np_diagnosis.search import Search, Structure, absorbed

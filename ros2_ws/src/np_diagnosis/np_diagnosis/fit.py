@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_diagnosis.design import Cell, Parameter
+from np_diagnosis.cells import Cell
+from np_diagnosis.effects import Parameter
 
 PASSES = 3  # noise and parameters determine each other; three rounds settle
 LEAST_VARIANCE = 1e-16

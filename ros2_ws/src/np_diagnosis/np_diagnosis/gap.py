@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_diagnosis.design import rung
 from np_diagnosis.floor import repeatability, white_noise
+from np_diagnosis.residuals import rung
 from np_diagnosis.search import Search, Structure, held_out
 
 BOOTSTRAPS = 300

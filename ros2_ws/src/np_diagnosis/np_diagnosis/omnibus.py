@@ -11,9 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_diagnosis.design import REVERSAL, Cell, Design, Stages, make_cell, rung
+from np_diagnosis.cells import Cell, make_cell
+from np_diagnosis.design import Design
 from np_diagnosis.effects.base import Context, Parameter
 from np_diagnosis.fit import score
+from np_diagnosis.nuisances import REVERSAL
+from np_diagnosis.residuals import Stages, rung
 from np_diagnosis.rigid import felt_inertia
 from np_diagnosis.search import Search, fits_of, held_out
 

@@ -18,10 +18,12 @@ from np_control.safety import LIMITS
 
 from np_diagnosis import nuisances, rigid
 from np_diagnosis.arm_model import Arm
+from np_diagnosis.cells import Block, Cell, make_cell
 from np_diagnosis.context import make_context
-from np_diagnosis.design import Block, Cell, Design, Stages, make_cell
+from np_diagnosis.design import Design
 from np_diagnosis.effects import Context, Effect, all_effects
 from np_diagnosis.excitation import Segment, experiment
+from np_diagnosis.residuals import Stages
 from np_diagnosis.signals import Commands, Log
 from np_diagnosis.stages import sign
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from np_description.patch import dump_patch
 
-from np_diagnosis.design import REVERSAL
+from np_diagnosis.ambiguity import open_question
 from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.gap import REGIMES, regimes
+from np_diagnosis.nuisances import REVERSAL
 from np_diagnosis.patching import make_patch, tried_patch
 from np_diagnosis.schema import validate
 from np_diagnosis.signals import Log
@@ -106,7 +107,7 @@ def write(
     patch, left_out = make_patch(diagnosis), ()
     if not quick:
         # Simulators and planners take a second to import, which a quick look has not.
-        from np_diagnosis.power import next_experiment, open_question
+        from np_diagnosis.power import next_experiment
         from np_diagnosis.refit import second_opinion
 
         question = open_question(diagnosis)

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from np_diagnosis.design import Candidate, Cell, Design
+from np_diagnosis.cells import Cell
+from np_diagnosis.design import Candidate, Design
 from np_diagnosis.effects import Effect
 from np_diagnosis.fit import Fit, Score, part, places, remaining, score
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_diagnosis.design import REVERSAL
+from np_diagnosis.nuisances import REVERSAL
 from np_diagnosis.search import Search, fits_of, held_out
 from np_diagnosis.signals import GRID, Samples
 

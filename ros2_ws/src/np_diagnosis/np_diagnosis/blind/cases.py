@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_diagnosis.blind.faults import EFFECTS, Fault, Parameters, apply, limit_of, limits
-from np_diagnosis.blind.plant import Physics, nominal_physics
+from np_diagnosis.blind.physics import Physics, nominal_physics
 from np_diagnosis.blind.strangers import STRANGERS, apply_stranger, strangers_of
 
 KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, "stranger": 0.175}

@@ -17,7 +17,7 @@ import yaml
 from np_control.impedance import STIFFNESS_MAX
 from np_description.panda import JOINT_NAMES, NOMINAL
 
-from np_diagnosis.blind.plant import Physics
+from np_diagnosis.blind.physics import Physics
 from np_diagnosis.blind.rigid_arm import nominal_inertials, tcp_in_link7
 
 ARM = "arm"

@@ -12,7 +12,7 @@ from np_control.impedance import STIFFNESS_MAX
 from np_diagnosis.blind.cases import Case, make_physics
 from np_diagnosis.blind.loop import Targets, make_targets, run_staying
 from np_diagnosis.blind.patched import patched_physics
-from np_diagnosis.blind.plant import Physics, stack
+from np_diagnosis.blind.physics import Physics, stack
 from np_diagnosis.excitation import READY, SCALE, Segment
 from np_diagnosis.motions import Motion, visits, waves
 

@@ -14,7 +14,8 @@ import numpy as np
 from np_control.impedance import lead, torque as impedance_torque
 from np_control.safety import LIMITS, limit_torque, slew_gains
 
-from np_diagnosis.blind.plant import PERIOD, Physics, Plant
+from np_diagnosis.blind.physics import Physics
+from np_diagnosis.blind.plant import PERIOD, Plant
 from np_diagnosis.blind.rigid_arm import JOINTS
 from np_diagnosis.blind.strange import off_centre, slipped
 from np_diagnosis.excitation import READY, Segment, end_of, schedule

@@ -12,7 +12,8 @@ from np_control.impedance import STIFFNESS_MAX
 from np_description.panda import JOINT_NAMES, NOMINAL
 
 from np_diagnosis.blind.faults import ROTOR_FIXED, soften
-from np_diagnosis.blind.plant import LONGEST_DELAY, Physics, nominal_physics
+from np_diagnosis.blind.physics import Physics, nominal_physics
+from np_diagnosis.blind.plant import LONGEST_DELAY
 from np_diagnosis.blind.rigid_arm import tcp_in_link7
 
 # Joint by joint: effect, {parameter of the patch: (array of Physics, factor)}; changes against what is there.

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from np_description.panda import NOMINAL
 
-if TYPE_CHECKING:
-    from np_diagnosis.blind.plant import Physics
+from np_diagnosis.blind.physics import Physics
 
 MOVING = 0.005  # rad/s, beyond which grease does not set
 FORGETS = 0.05  # s, in which motion makes it thin again
