@@ -1,4 +1,4 @@
-"""The `ros2` command on a live graph: run, topic list|echo|hz and launch, on nodes in processes of their own."""
+"""The `ros2` command on a live graph: run, topic list|echo|hz, service list|call and launch, on nodes in processes of their own."""
 
 import os
 import shutil
@@ -19,6 +19,7 @@ from np_ros.node import parameter, run
 from np_ros.qos import LATCHED, LOCKSTEP
 from rclpy.node import Node
 from std_msgs.msg import Float64, String
+from std_srvs.srv import SetBool
 
 class Talker(Node):
     def __init__(self):
@@ -27,7 +28,11 @@ class Talker(Node):
         self.command = self.create_publisher(Float64, "gripper_command", LOCKSTEP)
         self.phase = self.create_publisher(String, "phase", LATCHED)
         self.phase.publish(String(data="idle"))
+        self.create_service(SetBool, "~/open", self.open)
         self.create_timer(0.02, self.say)
+    def open(self, request, response):
+        response.success, response.message = True, "opened" if request.data else "closed"
+        return response
     def say(self):
         self.command.publish(Float64(data=self.opening))
         print("pid", os.getpid(), flush=True)
@@ -128,6 +133,15 @@ def test_topic_list_echo_and_hz(ros2):
     assert float(line(hz, "average rate").split()[-1]) > 0
     hz.send_signal(signal.SIGINT)
     assert hz.wait() in (0, -signal.SIGINT)
+
+
+def test_service_list_and_call(ros2):
+    call = ros2.start("service", "call", "/talker/open", "std_srvs/srv/SetBool", "{data: true}")
+    line(ros2.start("run", "pushers", "talker"), "pid")
+    assert "success=True, message='opened'" in call.communicate()[0]
+    assert call.returncode == 0
+    listed = ros2.start("service", "list", "-t").stdout.read().splitlines()
+    assert "/talker/open [std_srvs/srv/SetBool]" in listed
 
 
 def test_launch_runs_the_table_and_stops_it(ros2, probe):

@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from geometry_msgs.msg import PoseStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from np_description.panda import JOINT_NAMES
 from np_ros import messages
+from std_srvs.srv import SetBool
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "tools" / "ros2_lite"))
-from ros2_lite import launch, main, packages, topic  # noqa: E402
+from ros2_lite import launch, main, packages, service, topic  # noqa: E402
 
 
 def executable(path: Path) -> Path:
@@ -107,3 +109,24 @@ def test_rate_of_an_even_stream(gap, count):
     rate = float(line.split("average rate: ")[1].split()[0])
     assert rate == pytest.approx(1 / gap, rel=1e-3, abs=1e-3)
     assert line.endswith(f"window: {count}")
+
+
+def test_a_request_is_filled_from_yaml():
+    request = SetBool.Request()
+    service.fill(request, {"data": True})
+    assert request.data
+    pose = PoseStamped()
+    service.fill(pose, {"header": {"frame_id": "panda_link0"}, "pose": {"position": {"x": 0.5}}})
+    assert pose.header.frame_id == "panda_link0" and pose.pose.position.x == 0.5
+
+
+@pytest.mark.parametrize("values", [{"date": True}, {"data": 3}, [True], {"data": {"a": 1}}])
+def test_what_no_field_takes_is_refused(values):
+    with pytest.raises(ValueError, match="request: .*expected"):
+        service.fill(SetBool.Request(), values)
+
+
+@pytest.mark.parametrize("name", ["std_srvs/Trigger", "std_srvs/srv/Push", "shovers/srv/Push", "", "/srv/"])
+def test_an_unknown_service_type_is_refused(name):
+    with pytest.raises(ValueError, match="expected one as std_srvs/srv/Trigger"):
+        service.service_type(name)

@@ -44,6 +44,14 @@ def parser() -> argparse.ArgumentParser:
     hz.add_argument("topic")
     hz.add_argument("--window", "-w", type=int, default=10000, help="messages the rate is computed over")
 
+    service = commands.add_parser("service", help="what can be asked").add_subparsers(dest="verb", required=True)
+    names = service.add_parser("list", help="names of the services")
+    names.add_argument("-t", "--show-types", action="store_true")
+    call = service.add_parser("call", help="call a service and print its response")
+    call.add_argument("service")
+    call.add_argument("type", help="for example std_srvs/srv/Trigger")
+    call.add_argument("values", nargs="?", default="{}", help="fields of the request as YAML")
+
     launch = commands.add_parser("launch", help="run a launch file of this project")
     launch.add_argument("package")
     launch.add_argument("file")
@@ -58,7 +66,7 @@ def main() -> int:
     if real:
         os.execv(real, [real, *sys.argv[1:]])
     arguments = parser().parse_args()
-    from ros2_lite import launch, packages, topic
+    from ros2_lite import launch, packages, service, topic
 
     try:
         if arguments.command == "run":
@@ -67,6 +75,10 @@ def main() -> int:
             return packages.list_executables(arguments.package)
         if arguments.command == "launch":
             return launch.launch(arguments.package, arguments.file, arguments.arguments, arguments.show_args)
+        if arguments.command == "service":
+            if arguments.verb == "list":
+                return service.list_services(arguments.show_types)
+            return service.call(arguments.service, arguments.type, arguments.values)
         if arguments.verb == "list":
             return topic.list_topics(arguments.show_types)
         if arguments.verb == "echo":

@@ -7,44 +7,21 @@ import statistics
 import sys
 import time
 from collections import deque
-from contextlib import contextmanager
 
-import rclpy
 import yaml
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 
-DISCOVERY = 1.0  # s that `list` listens for other participants
+from ros2_lite import graph
+
 MAX_ITEMS = 128  # array entries printed without --full-length
-
-
-@contextmanager
-def _node():
-    """A node without parameter services, so that looking at a graph adds next to nothing to it."""
-    rclpy.init()
-    try:
-        yield rclpy.create_node("_ros2_lite", start_parameter_services=False, enable_rosout=False)
-    except ExternalShutdownException:
-        raise KeyboardInterrupt from None
-    finally:
-        rclpy.try_shutdown()
-
-
-def _spin_once(node: Node, timeout: float) -> None:
-    rclpy.spin_once(node, timeout_sec=timeout)
-    if not node.context.ok():
-        raise KeyboardInterrupt
 
 
 def list_topics(show_types: bool) -> int:
     """Print the topics of the graph."""
-    with _node() as node:
-        end = time.monotonic() + DISCOVERY
-        while (left := end - time.monotonic()) > 0:
-            _spin_once(node, left)
-        for name, types in sorted(node.get_topic_names_and_types()):
-            print(f"{name} [{', '.join(types)}]" if show_types else name)
+    with graph.node() as node:
+        graph.discover(node)
+        graph.print_names(node.get_topic_names_and_types(), show_types)
     return 0
 
 
@@ -55,7 +32,7 @@ def _wait_for_topic(node: Node, topic: str) -> tuple[str, type]:
         if not told:
             print(f"waiting for a publisher of {name}", file=sys.stderr)
             told = True
-        _spin_once(node, 0.1)
+        graph.spin_once(node, 0.1)
     types = dict(node.get_topic_names_and_types())[name]
     if len(types) != 1:
         raise ValueError(f"{name}: expected one message type, the graph has {types}")
@@ -90,13 +67,13 @@ def plain(value, limit: int | None):
 
 def echo(topic: str, once: bool, full_length: bool) -> int:
     """Print the messages of a topic as YAML documents."""
-    with _node() as node:
+    with graph.node() as node:
         name, message_type = _wait_for_topic(node, topic)
         received = deque()
         node.create_subscription(message_type, name, lambda message: received.append(message),
                                  _profile(node, name))
         while True:
-            _spin_once(node, 1.0)
+            graph.spin_once(node, 1.0)
             while received:
                 document = plain(received.popleft(), None if full_length else MAX_ITEMS)
                 text = yaml.safe_dump(document, sort_keys=False, default_flow_style=False)
@@ -116,14 +93,14 @@ def rate_line(arrivals: deque) -> str:
 
 def hz(topic: str, window: int) -> int:
     """Print the arrival rate of a topic once a second."""
-    with _node() as node:
+    with graph.node() as node:
         name, message_type = _wait_for_topic(node, topic)
         arrivals = deque(maxlen=max(2, window))
         node.create_subscription(message_type, name, lambda _: arrivals.append(time.monotonic()),
                                  _profile(node, name), raw=True)
         printed = time.monotonic()
         while True:
-            _spin_once(node, 0.1)
+            graph.spin_once(node, 0.1)
             if time.monotonic() - printed >= 1.0:
                 printed = time.monotonic()
                 print(rate_line(arrivals) if len(arrivals) > 1 else "no new messages", flush=True)
