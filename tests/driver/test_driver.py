@@ -36,7 +36,7 @@ def start(start_robot):
         usual = Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
         checklist = replace(usual, **changes)
         drivers.append(Driver(arm, FR3_LIMITS, checklist, onboard))
-        drivers[-1].start(time.time_ns())
+        drivers[-1].start()
         return drivers[-1]
     yield started
     for driver in drivers:
@@ -78,14 +78,13 @@ def test_stamps_begin_at_the_hosts_time_and_go_with_the_robots_clock(driver):
     cycles = [driver.cycle() for _ in range(50)]
     assert abs(cycles[0].stamp - time.time_ns()) < 60e9
     for before, after in zip(cycles, cycles[1:]):
-        assert after.stamp - before.stamp == after.reading.time - before.reading.time > 0
-        assert after.stamp % CYCLE_NS == 0
+        assert after.stamp - before.stamp == after.reading.time - before.reading.time > 0  # no window has passed
 
 
 def test_recover_is_refused_while_nothing_is_wrong(driver):
     driver.cycle()
     with pytest.raises(Refusal, match="nothing to recover"):
-        driver.recover(time.time_ns())
+        driver.recover()
 
 
 def test_a_command_that_is_not_finite_leaves_the_last_one_in_force(driver):
@@ -121,5 +120,5 @@ def test_what_is_not_in_order_is_a_fault_and_recover_says_so(start):
     for text in ("no calibration", "damping ratio: expected"):
         assert text in driver.filter.watchdog.cause
         with pytest.raises(OSError, match=text):
-            driver.recover(time.time_ns())
+            driver.recover()
     assert driver.state is State.FAULT and not driver.arm.is_controlled

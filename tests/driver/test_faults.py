@@ -2,7 +2,9 @@
 back.
 """
 
+import os
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -137,6 +139,27 @@ def test_a_joint_driven_at_its_limit_stays_inside_its_range_and_speed(start_robo
     speed = np.abs([state.velocity[:7] for state in harness.states])
     assert (position < FR3_LIMITS.position_upper).all() and (position > FR3_LIMITS.position_lower).all()
     assert (speed < LIMITS.velocity).all() and speed[:, 6].max() > 0.5 * LIMITS.velocity[6]
+
+
+def hand_process(harness):
+    """The process of the driver's hand."""
+    pid = harness.graph.pid("franka_driver")
+    return next(child for thread in Path(f"/proc/{pid}/task").iterdir()
+                for child in map(int, (thread / "children").read_text().split())
+                if b"np_franka.gripper" in Path(f"/proc/{child}/cmdline").read_bytes())
+
+
+def test_a_hand_whose_process_died_is_a_warning_until_recover_starts_another(start_robot, start_driver):
+    _, parameters = start_robot()
+    harness = start_driver(parameters)
+    harness.wait_state("ready")
+    os.kill(hand_process(harness), signal.SIGKILL)
+    harness.wait(lambda: "hand: the hand's process has ended" in harness.message, "the hand's end to be told")
+    assert harness.level == b"\x01" and harness.message.startswith("ready")
+    harness.resume()
+    harness.wait(lambda: harness.status["gripper_error"] == "" and harness.level == b"\x00", "another hand")
+    process = hand_process(harness)
+    assert os.sched_getscheduler(process) == os.SCHED_OTHER
 
 
 @pytest.mark.parametrize("parameters, text", [

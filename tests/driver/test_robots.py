@@ -1,9 +1,12 @@
 """The choice of a robot: a wrong one is refused by name, and what the original Panda's client needs besides
 its package is tried on the FR3's protocol."""
 
+from threading import Event
+
 import numpy as np
 import pytest
 from np_bringup.supervisor import NodeDied
+from np_franka.client import Aborted, Lost
 from np_franka.turnstile import Turnstile
 
 
@@ -81,3 +84,53 @@ def test_an_abandoned_loop_ends(turnstile):
     turn.abandon()
     with pytest.raises(RuntimeError, match="abandoned"):
         turn.read()
+
+
+class Connection:
+    """What panda_py's Robot is to the client, with a control loop that is given."""
+
+    def __init__(self, loop):
+        self.control = lambda callback, **_: loop(callback)
+
+    def load_model(self):
+        return None
+
+    def read_once(self):
+        """States still come."""
+
+
+@pytest.fixture
+def panda(monkeypatch):
+    """A function that gives the original Panda's client under control, over a loop in place of libfranka's."""
+    from np_franka import panda_client
+
+    def controlled(loop):
+        monkeypatch.setattr(panda_client.franka, "Robot", lambda *_: Connection(loop))
+        client = panda_client.PandaClient("panda", enforce_realtime=False)
+        client.start()
+        return client
+    return controlled
+
+
+def wrong_type(_callback):
+    raise TypeError("control(): incompatible function arguments")
+
+
+@pytest.mark.parametrize("loop, words", [
+    (wrong_type, "TypeError: control"), (lambda _: None, "has ended by itself")])
+def test_a_motion_of_the_panda_that_ends_is_aborted_whatever_ended_it(panda, loop, words):
+    client = panda(loop)
+    with pytest.raises(Aborted, match=words):
+        client.read()
+    client.close()
+
+
+def test_a_panda_that_neither_calls_back_nor_ends_is_lost(panda, monkeypatch):
+    monkeypatch.setattr("np_franka.turnstile.TIMEOUT", 0.05)
+    over = Event()
+    for ask in (lambda client: client.read(), lambda client: client.write(np.zeros(7), True)):
+        client = panda(lambda _: over.wait())
+        with pytest.raises(Lost, match="connection to panda: .* within 0.05 s"):
+            ask(client)
+        client.close()
+    over.set()

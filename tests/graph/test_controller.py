@@ -202,6 +202,93 @@ def test_in_a_fault_the_target_goes_along_with_the_arm(start, state, probe):
     probe.wait_until(followed, what="the target to go along")
 
 
+class FollowingArm:
+    """Goes where the controller wants it, a period at a time. Nobody waits for ticks, as in real time."""
+
+    def __init__(self, start, state, probe):
+        start(tick_barrier=False)
+        self._state, self._probe, self.stamp, self.joints = state, probe, 0, NOMINAL.ready
+
+    def step(self, periods=1):
+        """The joint target after so many periods."""
+        for _ in range(periods):
+            self.stamp += PERIOD
+            self._probe.messages["effort_command"].clear()
+            self._state(self.stamp, self.joints)
+            self.joints = answered(self._probe, self.stamp)[0]
+        return self.joints
+
+    def until(self, condition, what):
+        """Go on until the condition holds, asked every tenth period."""
+        self._probe.wait_until(lambda: condition(self.step(10)), what=what)
+
+
+@pytest.fixture
+def arm(start, state, probe):
+    return FollowingArm(start, state, probe)
+
+
+def say(probe, phase):
+    probe.publish("phase", String(data=phase), qos.LATCHED)
+
+
+def test_the_end_of_an_episode_stops_an_arm_on_its_way_and_late_plans_are_refused(arm, probe):
+    goal = NOMINAL.ready + 0.4
+    say(probe, "approach")
+    arm.step()
+    probe.publish("joint_trajectory", plan(0, [0.0, 2.0], goal), qos.EVENT)
+    arm.until(lambda joints: (joints > NOMINAL.ready + 0.1).all(), "the way")
+    say(probe, "failed: approach: stopped on request")
+    before = None
+
+    def rests(joints):
+        nonlocal before
+        is_still, before = before is not None and (joints == before).all(), joints
+        return is_still
+    arm.until(rests, "rest")
+    rest = arm.joints
+    assert (rest < NOMINAL.ready + 0.3).all()
+    probe.publish("joint_trajectory", trajectory_message(0, JOINT_NAMES, [0.0, 1.0], [rest, goal], np.zeros((2, 7))),
+                  qos.EVENT)
+    counted(probe, "refused_state")
+    np.testing.assert_array_equal(arm.step(50), rest)
+
+
+def test_after_a_fault_the_arm_is_held_again(arm, state, probe):
+    arm.step()
+    say(probe, "fault: test")
+    pushed = NOMINAL.ready + 0.003
+
+    def goes_along(_):
+        arm.joints = pushed
+        return (arm.step() == pushed).all()
+    arm.until(goes_along, "the target to go along")
+    say(probe, "idle")
+
+    def holds(_):
+        before = arm.step()
+        arm.joints = before + 0.002  # somebody pushes
+        return (arm.step() == before).all()
+    arm.until(holds, "the arm to be held")
+    state(arm.stamp + PERIOD, arm.joints + 0.002)
+    assert (answered(probe, arm.stamp + PERIOD)[2] < 0).all()
+
+
+def test_an_arm_that_comes_back_in_the_middle_of_an_episode_is_not_moved(arm, probe):
+    """Its driver was restarted: the policy went on for the one before."""
+    say(probe, "post")
+    arm.step(10)
+    arm.stamp += 10**9
+    arm.step()
+
+    def refused(_):
+        probe.publish("target_gains", gains_message(GAINS))
+        probe.publish("target_pose", pose_message(arm.stamp, BASE_FRAME, POSITION + [0.02, 0, 0], QUATERNION))
+        return is_counted(probe, "refused_state")
+    arm.until(refused, "the target to be refused")
+    np.testing.assert_array_equal(arm.step(30), NOMINAL.ready)
+
+
 def test_with_the_sim_bridge_the_arm_arrives(graph, probe, tmp_path):
     """Lockstep, no episode: the bridge's physics carries the arm along a trajectory to its end."""
     goal = NOMINAL.ready + [0.3, 0.2, -0.2, 0.2, 0.2, -0.2, 0.3]

@@ -3,8 +3,11 @@
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from np_control.controller import Controller, ControllerConfig
+from np_control.following import Following
 from np_control.impedance import DAMPING_RATIO_MAX, STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, pose_distance
 from np_control.lockstep import TickGate
@@ -79,7 +82,6 @@ def test_a_trajectory_is_tracked_within_5_mrad_and_ends_at_rest(seed):
     assert np.abs(errors).max() < 5e-3
     assert np.abs(arm.q - goal).max() < 3e-3 and np.abs(arm.dq).max() < 5e-3
     assert arm.safety.state is State.MOVING and arm.safety.refusals.total == 0
-    assert not arm.controller.is_following
 
 
 def test_the_same_inputs_give_the_same_torques_bit_for_bit():
@@ -182,7 +184,8 @@ def test_a_state_the_arm_cannot_have_reached_is_a_new_beginning(stamp, q):
     answer = controller.answer()
     np.testing.assert_array_equal(answer.position, q)
     np.testing.assert_allclose(answer.torque, 0, atol=1e-12)
-    assert not controller.is_following
+    controller.observe(stamp + PERIOD, q, ZERO)
+    np.testing.assert_array_equal(controller.answer().position, q)  # the trajectory was dropped
 
 
 def test_a_repeated_state_gets_the_same_answer_and_no_progress():
@@ -204,17 +207,112 @@ def test_a_trajectory_from_elsewhere_is_refused():
     assert refusal.value.reason is Reason.START
 
 
-def test_hold_keeps_the_joint_target_of_the_moment():
+def answers(controller, periods, first=0):
+    """The answers of so many periods, from period `first` on, with the arm at its ready posture."""
+    given = []
+    for stamp in range(first * PERIOD, (first + periods) * PERIOD, PERIOD):
+        controller.observe(stamp, READY, ZERO)
+        given.append(controller.answer())
+    return given
+
+
+@given(st.integers(1, 700), st.sampled_from([Controller.stop, Controller.hold]))
+@settings(max_examples=30, deadline=None)
+def test_a_trajectory_broken_off_comes_to_rest_on_its_path(moment, break_off):
+    """Within `stop_ns`, at a velocity and an acceleration that are those of the joint target."""
+    goal, controller = READY + [0.3, -0.2, 0.1, 0.2, -0.3, 0.2, 0.1], Controller()
+    answers(controller, 1)
+    controller.follow(quintic(goal, 1.0), 0)
+    before = answers(controller, moment)
+    break_off(controller)
+    break_off(controller)  # a second time changes nothing
+    after = answers(controller, 150, first=moment)
+    positions = np.array([a.position for a in (*before, *after)])
+    velocities = np.array([a.velocity for a in (*before, *after)])
+    share = (positions - READY) / (goal - READY)
+    np.testing.assert_allclose(share, share[:, :1].repeat(7, axis=1), atol=1e-9)  # the path is a line
+    assert (np.diff(share[:, 0]) >= -1e-12).all() and share[-1, 0] <= 1 + 1e-12
+    moved = np.diff(positions, axis=0) / (PERIOD * 1e-9)
+    np.testing.assert_allclose(moved, (velocities[1:] + velocities[:-1]) / 2, atol=5e-3)
+    assert (velocities[moment + 101:] == 0).all() and (np.diff(positions[moment + 101:], axis=0) == 0).all()
+
+
+def test_a_trajectory_that_has_not_begun_is_dropped_by_a_stop():
     controller = Controller()
-    controller.observe(0, READY, ZERO)
-    controller.follow(quintic(READY + 0.1, 1.0))
-    for stamp in range(0, 200 * PERIOD, PERIOD):
-        controller.observe(stamp, READY, ZERO)
-        target = controller.answer().position
-    controller.hold()
-    for stamp in range(200 * PERIOD, 400 * PERIOD, PERIOD):
-        controller.observe(stamp, READY, ZERO)
-        np.testing.assert_array_equal(controller.answer().position, target)
+    answers(controller, 1)
+    controller.follow(quintic(READY + 0.1, 1.0), 10 * PERIOD)
+    controller.stop()
+    np.testing.assert_array_equal(answers(controller, 200)[-1].position, READY)
+
+
+@pytest.mark.parametrize("break_off", [Controller.stop, Controller.hold])
+def test_an_arm_that_was_released_in_motion_is_held_where_it_is_found(break_off):
+    controller = Controller()
+    answers(controller, 1)
+    controller.follow(quintic(READY + 0.1, 1.0), 0)
+    answers(controller, 100)
+    controller.release()
+    break_off(controller)
+    np.testing.assert_array_equal(answers(controller, 50, first=100)[-1].position, READY)
+
+
+def test_a_stop_leaves_a_target_with_its_gains():
+    """Stiffer gains would press harder on what the arm leans against."""
+    controller = Controller()
+    answers(controller, 1)
+    position, rotation = forward_kinematics(READY)
+    controller.set_target(0, position + [0.02, 0, 0], rotation, *SOFT)
+    before = answers(controller, 50)[-1]
+    controller.stop()
+    after = answers(controller, 50, first=50)[-1]
+    np.testing.assert_array_equal(after.position, before.position)
+    np.testing.assert_allclose(after.torque, before.torque)
+
+
+@pytest.mark.parametrize("end", ["failed", "succeeded", "fault"])
+def test_after_an_episode_nothing_is_followed_until_the_next(end):
+    controller = Controller()
+    following = Following(controller)
+    answers(controller, 1)
+    for phase in ("pre", "approach"):
+        following.enter(phase)
+    following.trajectory(quintic(READY + 0.3, 1.0), 0)
+    moving = answers(controller, 200)[-1]
+    following.enter(end)
+    rest = answers(controller, 150, first=200)[-1]
+    assert np.abs(rest.position - moving.position).max() < 0.1 and (rest.velocity == 0).all()
+    with pytest.raises(Refusal, match=f"expected an episode under way.*phase is {end}"):
+        following.trajectory(quintic(READY + 0.3, 1.0))
+    following.gains(np.stack(SOFT))
+    with pytest.raises(Refusal, match="expected an episode under way"):
+        following.pose(0, forward_kinematics(READY))
+    following.enter("pre")
+    following.trajectory(quintic(READY + 0.3, 1.0))
+
+
+def test_an_arm_that_comes_back_in_the_middle_of_an_episode_is_not_moved():
+    """A driver that was restarted: the policy goes on, but not for this arm."""
+    following = Following(controller := Controller())
+    answers(controller, 1)
+    for phase in ("pre", "approach", "post"):
+        following.enter(phase)
+    following.begin()
+    following.gains(np.stack(SOFT))
+    with pytest.raises(Refusal, match="with the arm as it was"):
+        following.pose(0, forward_kinematics(READY))
+    following.enter("failed")
+    following.enter("pre")
+    following.gains(np.stack(SOFT))
+    assert following.pose(0, forward_kinematics(READY)) is False
+
+
+def test_without_an_episode_everything_is_followed():
+    following = Following(controller := Controller())
+    answers(controller, 1)
+    following.begin()
+    following.trajectory(quintic(READY + 0.3, 1.0))
+    following.enter("idle")
+    following.trajectory(quintic(READY + 0.3, 1.0))
 
 
 TICK = 50 * PERIOD

@@ -34,6 +34,11 @@ def test_a_robot_that_is_ready_may_be_moved():
     assert CHECKLIST.problems(GOOD, NOW) == []
 
 
+def test_of_a_robot_under_control_all_but_its_own_words_is_checked():
+    assert CHECKLIST.problems(None, NOW) == []
+    assert len(replace(CHECKLIST, calibration="", stiffness=2 * STIFFNESS_MAX).problems(None, NOW)) == 2
+
+
 @pytest.mark.parametrize(
     "facts, text",
     [

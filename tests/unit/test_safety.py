@@ -230,6 +230,40 @@ def test_recovery_is_refused_while_the_arm_moves_or_has_not_been_seen():
     assert safety.state is State.READY
 
 
+def pushed(safety):
+    """Under a torque that takes many periods to build up, then stopped, at rest; that torque."""
+    effort = np.full(7, 10.0)
+    for k in range(10, 20):
+        safety.offer(**command(stamp=k * PERIOD, effort=effort), now=k * PERIOD)
+        torque = safety.apply(k * PERIOD, READY, ZERO).torque
+    np.testing.assert_array_equal(torque, effort)
+    safety.stop("test")
+    return torque
+
+
+@pytest.mark.parametrize("applied", [None, ZERO, np.full(7, 3.0)])
+def test_torque_goes_on_after_recovery_from_what_is_on_the_arm(applied):
+    safety = started()
+    before = pushed(safety)
+    safety.recover(READY, applied=applied)
+    torque = safety.apply(20 * PERIOD, READY, ZERO).torque
+    step = LIMITS.torque_rate * LIMITS.period
+    np.testing.assert_allclose(torque, np.maximum((before if applied is None else applied) - step, 0), atol=1e-9)
+
+
+def test_an_arm_is_slack_once_it_is_at_rest_and_its_torque_a_step_from_none():
+    safety = started()
+    torque, step = pushed(safety), LIMITS.torque_rate * LIMITS.period
+    faded = []
+    while torque.any():
+        assert safety.is_slack == (np.abs(torque) <= step).all()
+        faded.append(torque)
+        torque = safety.fade()
+    assert len(faded) > 2 and np.abs(np.diff(faded, axis=0)).max() <= step + 1e-9
+    safety.apply(20 * PERIOD, READY, np.full(7, 2 * LIMITS.rest_speed))
+    assert not safety.is_slack
+
+
 @pytest.mark.parametrize("q, dq, cause", [
     (changed(READY, 1, np.nan), ZERO, "not finite"), (READY, changed(ZERO, 4, np.inf), "not finite"),
     (READY, changed(ZERO, 2, 2.3), "panda_joint3: 2.30 rad/s is over"),

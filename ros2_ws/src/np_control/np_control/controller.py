@@ -29,8 +29,9 @@ class ControllerConfig:
     that answers the state of t takes effect at t + policy_latency. reach_position m, reach_angle rad: how far
     inverse kinematics may miss a target before it is refused. largest_gap_ns: a longer time between two
     states, or a step no arm can make, is a new beginning. largest_target_age_ns: an older target is refused;
-    states are kept that long, to resolve a target at the state it answers. cartesian: follow targets of T_E
-    in operational space with these gains, whatever gains they carry; None for joint impedance.
+    states are kept that long, to resolve a target at the state it answers. stop_ns: time in which a
+    trajectory that is broken off comes to rest. cartesian: follow targets of T_E in operational space with
+    these gains, whatever gains they carry; None for joint impedance.
     """
 
     stiffness: np.ndarray = field(default_factory=STIFFNESS_MAX.copy)
@@ -40,6 +41,7 @@ class ControllerConfig:
     reach_angle: float = 0.2
     largest_gap_ns: int = 200_000_000
     largest_target_age_ns: int = 500_000_000
+    stop_ns: int = 200_000_000
     cartesian: CartesianGains | None = None
 
 
@@ -93,11 +95,6 @@ class Controller:
         """Stamp ns of the newest state."""
         return self._states[-1].stamp if self._states else None
 
-    @property
-    def is_following(self) -> bool:
-        """Whether a trajectory has been given and is not over."""
-        return self._trajectory is not None
-
     def observe(self, stamp: int, q: np.ndarray, dq: np.ndarray) -> bool:
         """Take the state of `stamp` ns: q (7,) rad, dq (7,) rad/s. Returns whether it is a new beginning.
 
@@ -144,7 +141,7 @@ class Controller:
             raise Refusal(Reason.START, f"trajectory begins with {self.limits.joints[i]} at "
                           f"{trajectory.positions[0][i]:.3f} rad, {error[i]:.3f} rad from the measured "
                           f"position; allowed are {self.limits.start_tolerance}")
-        self._trajectory, self._start, self._target = trajectory, start, None
+        self._trajectory, self._start, self._target, self._broken_off = trajectory, start, None, None
         self._targets.clear()
         self._gains_target = gains
 
@@ -196,9 +193,20 @@ class Controller:
         self._targets.append(_Target(effective, position, rotation, joints, gains))
         return clamped
 
+    def stop(self) -> None:
+        """Break a trajectory off: come to rest on its path, within `stop_ns`. What else is held stays held."""
+        if self._trajectory is None or self._broken_off is not None:
+            return
+        if not self._states or self._start is None or self._states[-1].stamp < self._start:
+            self._trajectory = None  # it has not begun, or the arm is let go of
+        else:
+            self._broken_off = self._states[-1].stamp
+
     def hold(self) -> None:
-        """Drop trajectory and targets, and hold the present joint target with the controller's own gains."""
-        self._trajectory = self._start = self._target = None
+        """Drop targets, break a trajectory off, and hold the present joint target with the controller's own
+        gains."""
+        self.stop()
+        self._target = None
         self._targets.clear()
         self._gains_target = self._own_gains
 
@@ -228,19 +236,35 @@ class Controller:
         self._torque = np.zeros(7)
         self._trajectory: Trajectory | None = None
         self._start: int | None = None
+        self._broken_off: int | None = None  # stamp from which the trajectory is slowed down
         self._targets: deque[_Target] = deque()  # to come, in order
         self._target: _Target | None = None  # in force
         self._newest_target: int | None = None
+
+    def _advance(self, stamp: int) -> tuple[np.ndarray, np.ndarray]:
+        """Move the joint target along the trajectory to where it is at `stamp` ns; its velocity and acceleration.
+
+        One that was broken off goes on at a speed that falls to nothing, evenly: it stays on the path, which
+        was found free.
+        """
+        self._start = stamp if self._start is None else self._start
+        elapsed, pace, slowing = (stamp - self._start) * 1e-9, 1.0, 0.0
+        if self._broken_off is not None:
+            duration = self.config.stop_ns * 1e-9
+            since = min((stamp - self._broken_off) * 1e-9, duration)
+            elapsed = (self._broken_off - self._start) * 1e-9 + since - since**2 / (2 * duration)
+            pace, slowing = 1 - since / duration, -1 / duration
+        self._position, velocity, acceleration = self._trajectory.sample_with_acceleration(elapsed)
+        if elapsed >= self._trajectory.duration or pace == 0.0:
+            self._trajectory = None
+            return np.zeros(7), np.zeros(7)
+        return pace * velocity, pace**2 * acceleration + slowing * velocity
 
     def _wanted(self, state: _State) -> tuple[np.ndarray, np.ndarray]:
         """Torque of the law and velocity of the joint target; brings target and gains up to date."""
         velocity = acceleration = np.zeros(7)
         if self._trajectory is not None:
-            self._start = state.stamp if self._start is None else self._start
-            elapsed = (state.stamp - self._start) * 1e-9
-            self._position, velocity, acceleration = self._trajectory.sample_with_acceleration(elapsed)
-            if elapsed >= self._trajectory.duration:
-                self._trajectory = None
+            velocity, acceleration = self._advance(state.stamp)
         while self._targets and self._targets[0].stamp <= state.stamp:
             self._target, self._trajectory = self._targets.popleft(), None
             self._position, self._gains_target = self._target.joints, self._target.gains

@@ -1,4 +1,5 @@
-"""What a controller follows in real time: everything takes effect when it comes. No ROS.
+"""What a controller follows in real time: everything takes effect when it comes, while an episode allows it. No
+ROS.
 
 The counterpart of `np_control.lockstep.TickGate`, for the controller node and for a driver with the
 controller on board. """
@@ -12,21 +13,44 @@ from np_control.safety import Reason, Refusal
 from np_control.trajectory import Trajectory
 
 NEW_EPISODE = "pre"
+MOVING = ("approach", "post")
+ENDS = ("succeeded", "failed", "fault")
 
 
 class Following:
-    """Leads one `Controller` by trajectories, by pairs of gains and pose, and by the phase of an episode."""
+    """Leads one `Controller` by trajectories, by pairs of gains and pose, and by the phase of an episode.
+
+    Once an episode has ended nothing is followed until the next one begins, or something else has a phase: a
+    plan that comes late was made for an arm that moves no more. Without any phase all is followed.
+    """
 
     def __init__(self, controller: Controller):
         self._controller = controller
         self._gains: np.ndarray | None = None
         self._phase = ""
+        self._is_open = True
 
     def enter(self, phase: str) -> None:
-        """The phase in force from now on; a new episode begins with a hold."""
-        if phase == NEW_EPISODE != self._phase:
+        """The phase in force from now on. A new episode begins with a hold; at the end of one the arm comes to
+        rest."""
+        if phase == self._phase:
+            return
+        self._phase, self._is_open = phase, phase not in ENDS
+        if phase == NEW_EPISODE:
             self._controller.hold()
-        self._phase = phase
+        elif phase in ENDS or phase == "idle":
+            self._controller.stop()
+
+    def begin(self) -> None:
+        """The arm is not where it was, as after a restart of what drives it: an episode under way moved another."""
+        if self._phase in MOVING:
+            self._is_open = False
+
+    def check_open(self) -> None:
+        """Raises Refusal(state) where nothing is to be followed now."""
+        if not self._is_open:
+            raise Refusal(Reason.STATE, "expected an episode under way, with the arm as it was at its start; "
+                                        f"the phase is {self._phase}")
 
     def trajectory(self, trajectory: Trajectory | None, start: int | None = None) -> None:
         """Follow a plan from the state of `start` ns on, or from now, with the gains that came since the last
@@ -34,6 +58,7 @@ class Following:
         """
         if trajectory is not None:
             gains, self._gains = self._gains, None
+            self.check_open()
             self._controller.follow(trajectory, start, gains)
 
     def gains(self, gains: np.ndarray | None) -> None:
@@ -52,10 +77,11 @@ class Following:
         return pose is not None and self._controller.set_target(stamp, *pose, *gains)
 
     def take_gains(self, stamp: int) -> np.ndarray:
-        """The gains (2, 7) for the pose of `stamp` ns. Raises Refusal(unpaired) where none came since the
-        last pose.
+        """The gains (2, 7) for the pose of `stamp` ns. Raises Refusal: unpaired where none came since the last
+        pose, state where nothing is to be followed.
         """
         gains, self._gains = self._gains, None
         if gains is None:
             raise Refusal(Reason.UNPAIRED, f"target pose of {stamp} ns came without gains")
+        self.check_open()
         return gains

@@ -45,9 +45,13 @@ class Checklist:
     damping_ratio: np.ndarray
     limits: SafetyLimits
 
-    def problems(self, facts: Facts, now: datetime | None = None) -> list[str]:
-        """Why the arm must not be moved, each in one line; empty if it may."""
-        return [*_mode(facts), *_payload(facts), *self._gains(), *self._calibration(now)]
+    def problems(self, facts: Facts | None, now: datetime | None = None) -> list[str]:
+        """Why the arm must not be moved, each in one line; empty if it may.
+
+        facts: None of a robot that is under control, and so in order. now: None for the time it is.
+        """
+        robot = [] if facts is None else [*_mode(facts), *_payload(facts)]
+        return [*robot, *self._gains(), *self._calibration(now)]
 
     def _gains(self) -> list[str]:
         try:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from time import monotonic
+from time import monotonic, time_ns
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from np_control.controller import Answer
 from np_control.safety import Applied, Refusal, SafetyFilter, SafetyLimits, State
 from np_franka.arm import Arm
 from np_franka.checklist import Checklist
-from np_franka.client import MILLISECOND, ArmError, Reading
+from np_franka.client import ArmError, Reading
+from np_franka.clock import RobotClock
 from np_franka.limits import CYCLE_NS
 from np_franka.onboard import Onboard
 from np_franka.timing import CycleTimes
@@ -41,17 +42,15 @@ class Driver:
     Between commands the last one holds: torques change at the controller's rate, guards act at the robot's.
     With a controller on board they change at the robot's too; it is commanded by nobody else then. What
     breaks in between is a fault with the robot's words as cause; `recover` clears it, and connects again
-    where the connection was lost. """
+    where the connection was lost. host_time: ns, the clock that stamps are led by. """
 
-    def __init__(self, arm: Arm, limits: SafetyLimits, checklist: Checklist, onboard: Onboard | None = None):
+    def __init__(self, arm: Arm, limits: SafetyLimits, checklist: Checklist, onboard: Onboard | None = None,
+                 host_time: Callable[[], int] = time_ns):
         self.arm, self.checklist, self.onboard = arm, checklist, onboard
         self.filter = SafetyFilter(limits)
-        self.stamp = 0
+        self.clock, self._host_time = RobotClock(), host_time
         self.lost_cycles = self.commands = 0  # commands: accepted
         self.error = ""  # what broke last, even where a stop came first
-        self._origin = 0
-        self._time = 0
-        self._sent = np.zeros(7)
         self._read_at: float | None = None
         self.times = CycleTimes()  # since the arm was taken under control or recovered last
 
@@ -60,12 +59,17 @@ class Driver:
         """State of the watchdog."""
         return self.filter.state
 
-    def start(self, now: int) -> None:
-        """Connect, and hold the arm where it is; `now`: ns, what the stamps begin with.
+    @property
+    def stamp(self) -> int:
+        """Of the newest state, ns on the driver's clock."""
+        return self.clock.stamp
+
+    def start(self) -> None:
+        """Connect, and hold the arm where it is.
 
         A robot that must not move now is connected all the same, at fault. Raises ArmError if none answers.
         """
-        reading = self._connect(now)
+        reading = self._connect()
         try:
             obstacle = self._obstacle()
             if not obstacle:
@@ -90,12 +94,12 @@ class Driver:
         if not self.arm.is_controlled:
             return Cycle(self.stamp, reading, replace(applied, torque=np.zeros(7)))
         try:
-            self._write(applied.torque)
+            self.arm.write(applied.torque)
         except ArmError as error:
             self._fault(str(error))
         clamped, thought = self._think()
         refusal = refusal or thought
-        return Cycle(self.stamp, reading, replace(applied, torque=self._sent), answer, refusal, clamped)
+        return Cycle(self.stamp, reading, applied, answer, refusal, clamped)
 
     def offer(self, stamp: int, names: Sequence[str], position: Sequence[float], velocity: Sequence[float],
               effort: Sequence[float]) -> None:
@@ -107,26 +111,28 @@ class Driver:
         """Damp to rest from the next cycle on, until `recover`."""
         self.filter.stop(cause)
 
-    def recover(self, now: int) -> None:
+    def recover(self) -> None:
         """Hold the measured pose again, after connecting and clearing the robot's errors where needed.
 
         Raises Refusal, or ArmError for what the robot says; the arm then stays stopped or at fault.
         """
-        if self.onboard is not None and not self.filter.watchdog.may_move:
+        may_move = self.filter.watchdog.may_move
+        if self.onboard is not None and not may_move:
             self.onboard.release()
-        if self.filter.watchdog.may_move or self.arm.is_controlled:
-            self.filter.recover(self._reading.q)  # the first is a refusal
+        if may_move or self.arm.is_controlled:
+            # What is refused anyway is not checked first: a file takes longer to read than a cycle.
+            if self.filter.at_rest and not may_move:
+                self._check()
+            self.filter.recover(self._reading.q)
             self.times.clear()
             return
         if not self.arm.is_connected:
-            self._connect(now)
+            self._connect()
         self.arm.clear_errors()
-        obstacle = self._obstacle()
-        if obstacle:
-            raise ArmError(obstacle)
+        self._check()
         reading = self._read()
         self.filter.apply(self.stamp, reading.q, reading.dq)  # whether it is at rest
-        self.filter.recover(reading.q)
+        self.filter.recover(reading.q, applied=np.zeros(7))
         try:
             self._take_control()
         except ArmError as error:
@@ -134,17 +140,18 @@ class Driver:
             raise
 
     def close(self) -> None:
-        """Bring the arm to rest, end the motion and leave the robot."""
+        """Bring the arm to rest, take the torque off it, end the motion and leave the robot."""
         self.filter.stop("the driver ends")
         deadline = monotonic() + REST_TIMEOUT
-        while self.arm.is_controlled and not self.filter.at_rest and monotonic() < deadline:
+        while self.arm.is_controlled and not self.filter.is_slack and monotonic() < deadline:
             self.cycle()
-        if self.arm.is_controlled:
-            try:
+        try:
+            while self.arm.is_controlled:  # once, unless it has not come to rest in time
                 self._read()
-                self.arm.write(np.zeros(7), last=True)
-            except ArmError:
-                pass  # it ends in any case, and the robot holds itself
+                torque = self.filter.fade()
+                self.arm.write(torque, last=not torque.any())
+        except ArmError:
+            pass  # it ends in any case, and the robot holds itself
         self.arm.close()
 
     def _command(self, reading: Reading) -> tuple[Answer | None, Refusal | None]:
@@ -173,39 +180,36 @@ class Driver:
             return False, refusal
 
     def _obstacle(self) -> str:
-        return "; ".join(self.checklist.problems(self.arm.facts()))
+        # A robot under control cannot be asked: it was in order when that began, and ends it where it no longer is.
+        facts = None if self.arm.is_controlled else self.arm.facts()
+        return "; ".join(self.checklist.problems(facts))
+
+    def _check(self) -> None:
+        """Raise ArmError where the arm must not be moved."""
+        if obstacle := self._obstacle():
+            raise ArmError(obstacle)
 
     def _fault(self, cause: str) -> None:
         self.error = cause
         self.filter.fault(cause)
 
-    def _connect(self, now: int) -> Reading:
+    def _connect(self) -> Reading:
         self.arm.connect()
         reading = self._reading = self.arm.read()
-        # Stamps begin at the host's time and go on with the robot's clock; they never go back.
-        begin = max(now, self.stamp + self.filter.limits.period_ns)
-        self._origin = -(-begin // MILLISECOND) * MILLISECOND - reading.time
-        self._time, self.stamp = reading.time, self._origin + reading.time
+        self.clock.begin(reading.time, self._host_time(), after=CYCLE_NS)
         return reading
 
     def _take_control(self) -> None:
-        self._sent = np.zeros(7)
         self._read_at = None
         self.times.clear()
         self.arm.start()
 
     def _read(self) -> Reading:
-        reading = self._reading = self.arm.read()
+        before, reading = self._reading, self.arm.read()
         now = monotonic()
         if self._read_at is not None:
             self.times.add(now - self._read_at)
-            self.lost_cycles += max(0, (reading.time - self._time) // CYCLE_NS - 1)
-        self._read_at, self._time = now, reading.time
-        self.stamp = self._origin + reading.time
+            self.lost_cycles += max(0, (reading.time - before.time) // CYCLE_NS - 1)
+        self._read_at, self._reading = now, reading
+        self.clock.go_on(reading.time, self._host_time())
         return reading
-
-    def _write(self, torque: np.ndarray) -> None:
-        """Send torque (7,) Nm no further from the last one sent than the torque rate allows."""
-        step = self.filter.limits.torque_rate * self.filter.limits.period
-        self._sent = np.minimum(np.maximum(torque, self._sent - step), self._sent + step)
-        self.arm.write(self._sent)

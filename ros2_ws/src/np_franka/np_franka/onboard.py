@@ -51,6 +51,7 @@ class Onboard:
         if self._controller.observe(stamp, q, dq):
             # A state the arm cannot have reached: what was followed is over.
             self._is_engaged, self._due, self._thought = False, None, None
+            self._following.begin()
         if not self._is_engaged or (self._due is not None and stamp > self._due):
             return None
         if self._first is not None:
@@ -104,15 +105,12 @@ class Onboard:
             raise
         return False
 
-    def tick(self, phase: str) -> None:
-        """A policy tick, with the phase in force from it on."""
-        self._following.enter(phase)
-
     def phase(self, phase: str) -> None:
-        """The phase of the episode: after its end the arm holds, and no target is due."""
+        """The phase of the episode: at its end the arm comes to rest and holds, and no target is due."""
         self._phase = phase
+        self._following.enter(phase)
         if phase in ENDED:
-            self._due = None
+            self._due = self._thought = None
 
     def _engage(self, first: Answer) -> None:
         """The first command asks for the measured posture, whatever is followed then."""

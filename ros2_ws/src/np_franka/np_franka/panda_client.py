@@ -22,7 +22,7 @@ Gripper = franka.Gripper
 class PandaClient:
     """See `np_franka.client.Client`."""
 
-    errors = ERRORS
+    errors = (*ERRORS, TimeoutError)
 
     @translated
     def __init__(self, hostname: str, *, enforce_realtime: bool):
@@ -68,8 +68,8 @@ class PandaClient:
         if not last:
             self._control.write(torques)
             return
-        control, self._control = self._control, None
-        control.finish(torques)
+        self._control.finish(torques)
+        self._control = None
 
     @translated
     def clear_errors(self) -> None:
@@ -83,7 +83,9 @@ class PandaClient:
             self._control = None
 
     def translate(self, error: Exception) -> ArmError:
-        """What an error of panda_py means: it says so itself in words only."""
+        """What an error of panda_py means: it says so itself in words only; of the turnstile, that nobody answers."""
+        if isinstance(error, TimeoutError):
+            return Lost(f"connection to {self._hostname}: {error}")  # `close` then ends the motion
         was_controlled, self._control = self._control is not None, None
         if refusal := mismatch("panda", PACKAGE, self._hostname, error):
             return refusal

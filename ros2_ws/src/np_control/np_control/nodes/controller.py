@@ -104,6 +104,8 @@ class ControllerNode(Node):
             if self._controller.observe(stamp, q[:7], dq[:7]):
                 self._gate.begin()
                 self._answered = None
+                if not self._waits:
+                    self._following.begin()
         except (BadMessage, Refusal) as error:
             self.refuse(error)
             return
@@ -195,14 +197,14 @@ class ControllerNode(Node):
         if self._waits:
             self._gate.tick(stamp, phase)
             self._answer()
-        else:
-            self._following.enter(phase)
 
     def on_phase(self, phase: str) -> None:
         """A stopped arm is not where its target was: the target goes along with it until the fault is
-        over.
+        over. Where nobody waits the phase takes effect as it comes, at a barrier with its tick.
         """
         self._is_fault = phase == "fault"
+        if not self._waits:
+            self._following.enter(phase)
 
     # Diagnostics
 

@@ -62,6 +62,11 @@ class SafetyFilter:
         """Whether the last measured state was finite and slower than `rest_speed`."""
         return bool((np.abs(self._dq) < self.limits.rest_speed).all())
 
+    @property
+    def is_slack(self) -> bool:
+        """Whether the arm is at rest, and what torque is left on it can be taken off in one period."""
+        return self.at_rest and bool((np.abs(self._torque) <= self._step).all())
+
     def start(self, q: np.ndarray) -> None:
         """The arm stands at the measured q (7,) rad: hold it there and wait for commands (start-up, reset).
 
@@ -103,8 +108,7 @@ class SafetyFilter:
         if not (isfinite(q @ q) and isfinite(dq @ dq)):
             self.watchdog.fault("measured state is not finite")
             self._dq = np.full(len(self.limits.joints), np.inf)
-            self._torque = self._faded()
-            return Applied(self.state, self._target, np.zeros_like(self._target), self._torque, ("state",))
+            return Applied(self.state, self._target, np.zeros_like(self._target), self.fade(), ("state",))
         self._check_state(q, dq)
         state = self.watchdog.poll(now)
         wanted, velocity = self._wanted(state, q, dq)
@@ -124,14 +128,23 @@ class SafetyFilter:
         """Damp to rest because the backend found something broken (a reflex, a lost connection)."""
         self.watchdog.fault(cause)
 
-    def recover(self, q: np.ndarray) -> None:
+    def fade(self) -> np.ndarray:
+        """Torque (7,) Nm in place of the next `apply`, a period's step nearer to none: the way out of control."""
+        self._torque = self._torque - np.clip(self._torque, -self._step, self._step)
+        return self._torque
+
+    def recover(self, q: np.ndarray, applied: np.ndarray | None = None) -> None:
         """Leave stopped or fault: hold the measured q (7,) rad.
 
+        applied (7,) Nm: what is on the arm now, from which torque may only go on at its rate; None: what `apply`
+        gave last. It is something else where that did not reach the arm (a lost connection).
         Raises Refusal, counted: state, not_at_rest, not_finite.
         """
         with self.refusals.counting():
             check_finite(q=q)
             self.watchdog.recover(self.at_rest)
+        if applied is not None:
+            self._torque = applied
         self._hold(q)
 
     def _hold(self, q: np.ndarray) -> None:
@@ -162,7 +175,8 @@ class SafetyFilter:
             self.watchdog.fault(f"{limits.joints[i]}: {q[i]:.3f} rad is outside "
                                 f"{limits.position_lower[i]} to {limits.position_upper[i]}")
 
-    def _faded(self) -> np.ndarray:
-        step = self.limits.torque_rate * self.limits.period
-        return self._torque - np.clip(self._torque, -step, step)
+    @property
+    def _step(self) -> float:
+        """Nm, by which torque may change in a period."""
+        return self.limits.torque_rate * self.limits.period
 

@@ -7,23 +7,22 @@ what the controller on board makes of trajectories and targets. """
 from __future__ import annotations
 
 import gc
-import time
 from collections.abc import Callable
 from itertools import count
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from np_control.nodes import inputs
-from np_control.safety import LIMITS, Refusal, State
+from np_control.safety import LIMITS, Refusal
 from np_control.trajectory import Trajectory
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_franka.driver import Cycle
 from np_franka.gripper import Gripper
+from np_franka.nodes.condition import condition
 from np_franka.nodes.settings import declare
 from np_franka.onboard import Onboard
 from np_franka.telling import Telling
@@ -37,8 +36,6 @@ APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
 STATISTICS_EVERY = 1.0  # s
 SERVED_EVERY = 4  # cycles from one look at timers and services to the next: a stop takes effect within 5 ms
 IDLE_WAIT = 0.05  # s that is waited for messages while there is no robot to pace the loop
-LEVELS = {State.HOLDING: DiagnosticStatus.WARN, State.STOPPED: DiagnosticStatus.ERROR,
-          State.FAULT: DiagnosticStatus.ERROR}
 
 
 class FrankaDriver(Node):
@@ -48,6 +45,8 @@ class FrankaDriver(Node):
         super().__init__("franka_driver")
         settings, self._driver = declare(self)
         self._gripper = Gripper(settings.robot, settings.hostname) if settings.has_gripper else None
+        # A simulated robot's clock is as slow as the computer that it has.
+        self._judges_clock = settings.realtime == "enforce"
         self._published = -1  # number of the period published last
         self._telling = Telling()
         self.diagnostics = Diagnostics(self)
@@ -76,7 +75,7 @@ class FrankaDriver(Node):
         gc.collect()
         gc.freeze()  # what start-up made stays: later collections need not walk it
         try:
-            self._driver.start(time.time_ns())
+            self._driver.start()
         except OSError:
             self._close_gripper()
             raise
@@ -141,9 +140,8 @@ class FrankaDriver(Node):
         """On board: a target of T_E."""
         self._lead(lambda onboard: onboard.pose(stamp, pose))
 
-    def on_tick(self, _stamp: int, phase: str) -> None:
-        """On board: a policy tick."""
-        self._driver.onboard.tick(phase)
+    def on_tick(self, _stamp: int, _phase: str) -> None:
+        """On board: a policy tick says nothing that its phase has not."""
 
     def on_phase(self, phase: str) -> None:
         """On board: the phase of the episode."""
@@ -184,8 +182,10 @@ class FrankaDriver(Node):
         return "stop requested"
 
     def _recover(self) -> str:
+        if self._gripper is not None:
+            self._gripper.revive()
         try:
-            self._driver.recover(time.time_ns())
+            self._driver.recover()
         finally:
             self._report()
         return "holding the measured posture"
@@ -194,23 +194,30 @@ class FrankaDriver(Node):
 
     def _report(self) -> None:
         """Tell the state, and what it means, where that is due."""
-        state, cause = self._driver.state, self._driver.filter.watchdog.cause
-        if self._telling.is_due(self._driver.stamp, state, cause):
-            self.diagnostics.values.update(state=str(state), last_error=self._driver.error)
-            self.diagnostics.report(LEVELS.get(state, DiagnosticStatus.OK), f"{state}: {cause}")
+        watchdog = self._driver.filter.watchdog
+        if self._telling.is_due(self._driver.stamp, watchdog.state, watchdog.cause):
+            self._tell()
+
+    def _tell(self) -> None:
+        watchdog = self._driver.filter.watchdog
+        self.diagnostics.values.update(state=str(watchdog.state), last_error=self._driver.error)
+        hand = "" if self._gripper is None else self._gripper.error
+        lag = self._driver.clock.lag * 1e-6 if self._judges_clock else 0.0
+        self.diagnostics.report(*condition(watchdog.state, watchdog.cause, hand, lag))
 
     def _on_statistics(self) -> None:
         values = self.diagnostics.values
         # What breaks after a stop leaves the state as it is.
         values.update(lost_cycles=self._driver.lost_cycles, commands=self._driver.commands,
                       last_error=self._driver.error)
-        values["clock_lag_ms"] = round((time.time_ns() - self._driver.stamp) * 1e-6, 1)
+        values["clock_lag_ms"] = round(self._driver.clock.lag * 1e-6, 1)
         times = self._driver.times  # since the arm was taken under control
         values.update(cycles=times.count, cycle_rate_hz=round(times.rate, 1))
         for name, percent in (("p50", 50), ("p99", 99), ("max", 100)):
             values[f"cycle_{name}_ms"] = round(times.percentile(percent) * 1e3, 3)
         limited = self._driver.filter.limited
         values.update({f"limited_{name}": count for name, count in limited.items() if count})
+        self._tell()  # what is wrong with hand and clock changes without the state
 
     def _close_gripper(self) -> None:
         if self._gripper is not None:

@@ -27,12 +27,13 @@ CONTROLS = ("topic", "onboard")
 
 @dataclass(frozen=True)
 class Settings:
-    """What the node needs besides its driver."""
+    """What the node needs besides its driver. realtime: enforce, or ignore for a simulated robot."""
 
     robot: str
     hostname: str
     control: str
     calibration: str
+    realtime: str
     has_gripper: bool
     priority: int
 
@@ -48,10 +49,7 @@ def declare(node: Node) -> tuple[Settings, Driver]:
     checklist = _checklist(node, settings, stiffness, ratio, robot.limits)
     onboard = _onboard(node, stiffness, ratio, robot.limits)
     collision = _collision(node)
-    realtime = parameter(
-        node, "realtime", "enforce", "enforce: refuse to start without a real-time kernel and priority; "
-        "ignore: only for a simulated robot.", choices=("enforce", "ignore"))
-    arm = Arm(partial(robot.open, settings.hostname, enforce_realtime=realtime == "enforce"),
+    arm = Arm(partial(robot.open, settings.hostname, enforce_realtime=settings.realtime == "enforce"),
               collision.torques(robot.limits), collision.wrench())
     return settings, Driver(arm, robot.limits, checklist, onboard if settings.control == "onboard" else None)
 
@@ -63,6 +61,9 @@ def _settings(node: Node) -> Settings:
         parameter(node, "control", "topic", "topic: torques come as effort_command, 500 times a second; "
                   "onboard: the impedance law runs here in every cycle of the robot.", choices=CONTROLS),
         parameter(node, "calibration", "", "The camera's calibration file; none: a run without a camera."),
+        parameter(
+            node, "realtime", "enforce", "enforce: refuse to start without a real-time kernel and priority; "
+            "ignore: only for a simulated robot.", choices=("enforce", "ignore")),
         parameter(node, "gripper", True, "Whether the robot has a Franka Hand."),
         parameter(node, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90))
 

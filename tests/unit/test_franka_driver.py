@@ -1,0 +1,163 @@
+"""The driver cycle by cycle, against a robot that is nothing but its client; no hardware extra needed."""
+
+from dataclasses import replace
+from datetime import timedelta
+
+import numpy as np
+import pytest
+from np_control.impedance import STIFFNESS_MAX
+from np_control.safety import Refusal, State
+from np_description.panda import JOINT_NAMES, NOMINAL
+from np_franka.arm import Arm
+from np_franka.checklist import Checklist, Facts
+from np_franka.client import MILLISECOND, ArmError, Lost, Reading
+from np_franka.driver import Driver
+from np_franka.limits import FR3_LIMITS, Collision
+
+STEP = FR3_LIMITS.torque_rate * FR3_LIMITS.period  # Nm
+LOAD = np.array([0, 30.0, 0, 0, 0, 0, 0])  # Nm
+STILL = np.zeros(7)
+EPOCH = 1_790_000_000_000_000_000  # ns
+
+
+class Robot:
+    """A client whose arm stands where it is. written: every torque that it was given, with whether it was the
+    last; is_gone: whether it does not answer; facts: what it says of itself while it is not controlled."""
+
+    def __init__(self):
+        self.written, self.is_gone, self.time = [], False, 0
+        self.facts_said = Facts("Idle", "", NOMINAL.inertials["hand"].mass, 0.0)
+        self.dq = STILL
+        self.is_controlled = False
+
+    def set_collision_behavior(self, torques, wrench):
+        assert torques.shape == (7,) and wrench.shape == (6,)
+
+    def facts(self):
+        assert not self.is_controlled  # no client can be asked then
+        return self.facts_said
+
+    def start(self):
+        self.is_controlled = True
+
+    def read(self):
+        if self.is_gone:
+            raise Lost("connection to the robot: UDP receive: Timeout")
+        self.time += MILLISECOND
+        return Reading(self.time, NOMINAL.ready, self.dq, STILL, STILL, STILL, STILL, "Move", "", 1.0)
+
+    def write(self, torque, last):
+        self.written.append((torque, last))
+        self.is_controlled = not last
+
+    def clear_errors(self):
+        pass
+
+    def close(self):
+        self.is_controlled = False
+
+    @property
+    def torques(self):
+        """What it was told, (n, 7) Nm, from no torque on."""
+        return np.array([STILL, *(torque for torque, _ in self.written)])
+
+
+@pytest.fixture
+def robot():
+    return Robot()
+
+
+def started(robot, *, drift=0.0, **changes):
+    """A driver that holds this robot, whose clock gains `drift` s/s on the host's."""
+    checklist = Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
+    collision = Collision()
+    arm = Arm(lambda: robot, collision.torques(FR3_LIMITS), collision.wrench())
+    driver = Driver(arm, FR3_LIMITS, replace(checklist, **changes),
+                    host_time=lambda: EPOCH + round(robot.time / (1 + drift)))
+    driver.start()
+    return driver
+
+
+def loaded(driver):
+    """Let the arm rest under LOAD."""
+    for _ in range(100):
+        driver.offer(driver.stamp, JOINT_NAMES, NOMINAL.ready, STILL, LOAD)
+        cycle = driver.cycle()
+    np.testing.assert_array_equal(cycle.applied.torque, LOAD)
+
+
+def test_torque_begins_at_none_again_after_a_lost_connection(robot):
+    driver = started(robot)
+    loaded(driver)
+    robot.is_gone = True
+    assert driver.cycle() is None and driver.state is State.FAULT
+    robot.is_gone = False
+    robot.written.clear()
+    driver.recover()
+    for _ in range(100):
+        driver.cycle()
+    assert driver.state is State.READY
+    assert np.abs(robot.torques).max() < 1e-9  # at rest, in its own posture: there is nothing to pull back to
+
+
+def test_torque_goes_on_from_what_is_applied_after_a_stop(robot):
+    driver = started(robot)
+    loaded(driver)
+    driver.stop()
+    driver.cycle()
+    driver.recover()
+    for _ in range(100):
+        driver.cycle()
+    assert np.abs(np.diff(robot.torques, axis=0)).max() <= STEP + 1e-9
+    assert np.abs(robot.torques[-1]).max() < 1e-9
+
+
+def test_every_recovery_is_checked_and_none_while_the_arm_moves(robot):
+    driver = started(robot)
+    driver.stop()
+    driver.checklist = replace(driver.checklist, calibration="")  # as if the file were gone
+    robot.dq = np.full(7, 0.2)
+    driver.cycle()
+    with pytest.raises(Refusal, match="still moves"):
+        driver.recover()
+    robot.dq = STILL
+    driver.cycle()
+    with pytest.raises(ArmError, match="no calibration"):
+        driver.recover()
+    assert driver.state is State.STOPPED and driver.arm.is_controlled
+    driver.checklist = replace(driver.checklist, calibration="none")
+    driver.recover()
+    assert driver.state is State.READY
+
+
+@pytest.mark.parametrize("drift", [-100e-6, 100e-6])
+def test_stamps_follow_the_hosts_clock_and_never_go_back(robot, drift):
+    driver = started(robot, drift=drift)
+    stamps = [driver.stamp, *(driver.cycle().stamp for _ in range(8000))]
+    assert (np.diff(stamps) > 0).all()
+    assert abs(EPOCH + robot.time / (1 + drift) - driver.stamp) < 0.25e6  # 0.8 ms if it went on by itself
+    robot.is_gone = True
+    driver.cycle()
+    robot.is_gone = False
+    driver.recover()
+    assert driver.stamp > stamps[-1]
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.2], ids=["at rest", "never at rest"])
+def test_the_end_takes_torque_back_no_faster_than_ever(robot, speed, monkeypatch):
+    monkeypatch.setattr("np_franka.driver.REST_TIMEOUT", 0.2)
+    driver = started(robot)
+    loaded(driver)
+    robot.dq = np.full(7, speed)
+    driver.close()
+    assert [last for _, last in robot.written].index(True) == len(robot.written) - 1
+    assert np.abs(np.diff(robot.torques, axis=0)).max() <= STEP + 1e-9
+    assert not robot.torques[-1].any() and not driver.arm.is_connected
+
+
+def test_the_end_of_a_robot_that_is_gone_does_not_wait_for_it(robot):
+    driver = started(robot)
+    loaded(driver)
+    robot.is_gone = True
+    driver.close()
+    assert not driver.arm.is_connected
