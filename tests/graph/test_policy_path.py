@@ -342,6 +342,29 @@ def test_in_real_time_nobody_is_waited_for_and_a_silent_camera_ends_the_episode(
     backend.probe.wait_until(lambda: backend.phase() == "failed: post: no keypoints within 1 s", what="its end")
 
 
+def test_in_real_time_an_episode_does_not_begin_with_what_a_silent_camera_saw(begin):
+    """Long ago, and the object may be anywhere."""
+    backend = begin(mode="realtime", silence=1.0)
+    backend.goal(backend.tick(1))
+    backend.stand(backend.tick(2))
+    for number in range(3):
+        backend.see(backend.tick(2) + number)
+    backend.start()
+    backend.probe.wait_until(lambda: backend.phase().startswith("failed"), what="the end")
+    assert backend.phase() == "failed: pre: no keypoints within 1 s"
+    assert not (backend.said("pre_contact_pose") or backend.said("joint_trajectory") or backend.ticks())
+
+
+def test_in_real_time_a_backend_that_falls_silent_ends_the_episode(begin):
+    backend = begin(mode="realtime", silence=60.0)
+    status = DiagnosticStatus(name="/sim_bridge", level=DiagnosticStatus.OK, message="moving")
+    backend.goal(backend.tick(1))
+    backend.probe.publish("diagnostics", DiagnosticArray(status=[status]), qos.EVENT)
+    backend.start()
+    backend.probe.wait_until(lambda: backend.phase().startswith("failed"), what="the end")
+    assert backend.phase() == "failed: pre: no diagnostics of sim_bridge within 3 s"
+
+
 @pytest.mark.parametrize("name", ["pre_contact", "post_contact"])
 def test_a_node_without_weights_does_not_start_and_names_the_file(name, graph, tmp_path):
     result = subprocess.run(

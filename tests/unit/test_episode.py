@@ -209,8 +209,22 @@ def test_a_fault_ends_the_episode_and_forbids_the_next():
     assert episode.backend("stopped: joint 3") == []
     with pytest.raises(Refused, match="stopped: joint 3"):
         episode.start()
-    episode.backend("")
+    assert phases(episode.backend("")) == ["idle"]
+    assert episode.backend("") == []
     assert phases(episode.start()) == ["pre"]
+
+
+def ended(episode):
+    """The episode, stopped."""
+    episode.stop()
+    return episode
+
+
+@pytest.mark.parametrize("reach", [make, in_post, lambda: ended(in_post())])
+def test_a_fault_is_told_in_every_phase_for_the_controller_goes_by_it(reach):
+    episode = reach()
+    assert phases(episode.backend("stopped: joint 3")) == ["fault: stopped: joint 3"]
+    assert phases(episode.backend("")) == ["idle"]
 
 
 def test_start_and_stop_are_refused_where_they_make_no_sense():
@@ -245,7 +259,44 @@ def test_in_real_time_the_same_goal_may_be_tried_again():
     episode.keypoints(9 * TICK, keypoints())
     events = episode.start()
     goal = next(event for event in events if isinstance(event, Goal))
-    assert goal.stamp == 9 * TICK and episode.awaits == "joint_trajectory"
+    assert goal.stamp == 9 * TICK + 1 and episode.awaits == "keypoints"
+    assert ticks(episode.keypoints(10 * TICK, keypoints())) == [(10, "pre")]
+    assert episode.awaits == "joint_trajectory"
+
+
+@pytest.mark.parametrize("is_used", [False, True])
+def test_in_real_time_an_episode_begins_with_an_image_of_after_its_start(is_used):
+    """However long the camera has been silent."""
+    episode = make(lockstep=False)
+    episode.goal(TICK, GOAL)
+    if is_used:
+        episode.start()
+        episode.keypoints(TICK, keypoints())
+        episode.stop()
+    episode.keypoints(2 * TICK, keypoints())
+    assert not ticks(episode.start())
+    assert episode.awaits == "keypoints"
+    with pytest.raises(Refused):  # for the old image
+        episode.trajectory(2 * TICK, 1.0)
+    assert phases(episode.overdue(31.0)) == ["failed: pre: no keypoints within 30 s"]
+
+
+@pytest.mark.parametrize("off, phase", [(0.05, "post"), (0.2, "failed: approach: the arm did not arrive: "
+                                                         "joint 3 is 0.20 rad from the plan's end")])
+def test_post_begins_only_where_the_plan_ends(off, phase):
+    end = np.linspace(-1, 1, 7)
+    episode = Episode(EpisodeConfig(CARD, lockstep=False), lambda: end + off * (np.arange(7) == 2))
+    episode.goal(TICK, GOAL)
+    episode.start()
+    episode.keypoints(TICK, keypoints())
+    episode.trajectory(TICK, 0.2, end=end)
+    assert phases(episode.keypoints(7 * TICK, keypoints())) == [phase]
+
+
+def test_a_backend_that_says_nothing_more_ends_the_episode_once():
+    episode = in_post()
+    assert phases(episode.backend_lost("no diagnostics")) == ["failed: post: no diagnostics"]
+    assert episode.backend_lost("no diagnostics") == []
 
 
 def test_in_real_time_ticks_go_on_while_the_planner_thinks_and_the_motion_begins_on_receipt():
@@ -289,7 +340,7 @@ def test_whatever_comes_ticks_increase_and_belong_to_an_episode(data):
                 assert event.stamp >= last and event.phase in ACTIVE
                 last = event.stamp
         ends = [event for event in events if isinstance(event, PhaseChange) and event.phase not in ACTIVE]
-        assert all(event.phase == "succeeded" or event.reason for event in ends)
+        assert all(event.phase in ("succeeded", IDLE) or event.reason for event in ends)
         if ends and ends[-1] is events[-1]:
             assert not episode.is_active
     assert episode.phase in (*ACTIVE, IDLE, FAILED, "succeeded", "fault")

@@ -121,10 +121,9 @@ def load_episode(recording: Recording) -> EpisodeData:
     goal = Pose(*pose_arrays(collected["goal_pose"][0][1], BASE_FRAME))
     distance, angle = pose_error(poses.values[:, :3], poses.values[:, 3:], goal.position, goal.quaternion)
     phases = [((stamp - start) / SECOND, message.data) for stamp, message in collected["phase"]]
-    declared, reason = next(
-        (split_phase(text) for _, text in reversed(phases) if split_phase(text)[0] in END_PHASES),
-        ("unfinished", ""),
-    )
+    said = [split_phase(text) for _, text in phases]
+    began = next((number for number, (phase, _) in enumerate(said) if phase == "pre"), 0)
+    declared, reason = next((each for each in said[began:] if each[0] in END_PHASES), ("unfinished", ""))
     duration = (recording.end - start) / SECOND
     final = Pose(poses.values[-1, :3], poses.values[-1, 3:])
     return EpisodeData(

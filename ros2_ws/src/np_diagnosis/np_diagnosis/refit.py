@@ -31,7 +31,6 @@ from np_diagnosis.search import Structure
 ROUNDS = 3  # of Gauss-Newton: the torque domain's answer is a good start
 MOST = 48  # windows fitted to
 DELAY_SPREAD = 1.5e-4  # s, standard deviation of the delay that any loop has
-NUISANCE = "delay"
 T95 = 2.0
 LEAST_STEP = 1e-3  # of a value, for its sensitivity
 FINEST = 2e-6  # rad, of what two simulators can agree on

@@ -7,6 +7,7 @@ The contract is docs/graph.md.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +61,8 @@ class EpisodeConfig:
 
     pre_timeout, post_blind: how long keypoints may be unusable; success_frames: ticks in a row within success_share of the
     tolerance, or, when the time is over, within all of it; min_score: of a usable keypoint; camera: that sees them;
-    silence, planning: how long by the wall clock nothing may come at all.
+    silence, planning: how long by the wall clock nothing may come at all; arrival: rad that a joint may be off the plan's
+    end for the arm to have arrived there.
     """
 
     domain: Domain
@@ -75,14 +77,19 @@ class EpisodeConfig:
     min_score: float = 0.3
     silence: float = 30.0
     planning: float = 60.0
+    arrival: float = 0.1
     camera: Camera = CAMERA
 
 
 class Episode:
-    """Who is asked to act, from one start to success or failure."""
+    """Who is asked to act, from one start to success or failure.
 
-    def __init__(self, config: EpisodeConfig) -> None:
+    joints: asked for where the arm is, (7,) rad, when it should have arrived; None, where nobody can tell, passes.
+    """
+
+    def __init__(self, config: EpisodeConfig, joints: Callable[[], np.ndarray | None] = lambda: None) -> None:
         self.config = config
+        self._joints = joints
         self.phase = IDLE
         self.distance = self.angle = float("nan")
         """Error of the object's estimated pose, m and rad; NaN where there is none."""
@@ -98,6 +105,7 @@ class Episode:
         self._begun = False  # whether the goal is in use
         self._planned_from: int | None = None  # stamp of the keypoints that a plan is awaited for
         self._motion_ends = self._post_began = 0
+        self._plan_end: np.ndarray | None = None
         self._blind_since: int | None = None
         self._sure = self._near = self._gone = 0
 
@@ -115,10 +123,11 @@ class Episode:
         self._forget()
         self.phase = PRE
         events: list[Event] = [PhaseChange(PRE)]
-        if self._goal_used and not self.config.lockstep and self._newest is not None:
-            # The same goal once more: stamped anew, so that pre_contact knows it for another task.
-            self._goal, self._goal_used = Goal(self._newest[0], self._goal.keypoints), False
-            events.append(self._goal)
+        if self._goal is not None and not self.config.lockstep and self._newest is not None \
+                and self._newest[0] >= self._goal.stamp:
+            # Stamped anew: for an image still to come, however long ago the last one was, and known for another task.
+            self._goal, self._goal_used = Goal(self._newest[0] + 1, self._goal.keypoints), False
+            events.insert(0, self._goal)
         return events + self._decide()
 
     def stop(self) -> list[Event]:
@@ -147,8 +156,8 @@ class Episode:
         self._newest = stamp, keypoints
         return self._decide()
 
-    def trajectory(self, stamp: int, duration: float | None, reason: str = "") -> list[Event]:
-        """The plan for the keypoints of stamp ns: its duration s, or None and the reason why there is none.
+    def trajectory(self, stamp: int, duration: float | None, reason: str = "", end: np.ndarray | None = None) -> list[Event]:
+        """The plan for the keypoints of stamp ns: its duration s and last joints (7,) rad, or None and why there is none.
 
         Raises Refused for a plan that nobody waits for.
         """
@@ -161,17 +170,28 @@ class Episode:
         self.phase = APPROACH
         if duration is None:
             return self._fail(reason or "no plan")
+        self._plan_end = end
         begins = stamp if self.config.lockstep else self._newest[0]
         self._motion_ends = begins + round((duration + self.config.settle) * SECOND)
         return [PhaseChange(APPROACH), *([self._tick(stamp)] if self.config.lockstep else [])]
 
     def backend(self, fault: str) -> list[Event]:
-        """What the backend reports: "" while it follows commands, else why it does not."""
-        self._fault = fault
-        if not (fault and self.is_active):
-            return []
-        self.phase = FAULT
-        return [PhaseChange(FAULT, fault)]
+        """What the backend reports: "" while it follows commands, else why it does not.
+
+        A fault ends whatever phase there is; once it is over nothing is under way.
+        """
+        before, self._fault = self._fault, fault
+        if fault and not before:
+            self.phase = FAULT
+            return [PhaseChange(FAULT, fault)]
+        if before and not fault and self.phase == FAULT:
+            self.phase = IDLE
+            return [PhaseChange(IDLE)]
+        return []
+
+    def backend_lost(self, reason: str) -> list[Event]:
+        """The backend says nothing any more: what comes back may be another arm, or the same one elsewhere."""
+        return self._fail(reason) if self.is_active else []
 
     @property
     def awaits(self) -> str:
@@ -207,6 +227,8 @@ class Episode:
             return self._decide_pre(stamp, good)
         events: list[Event] = []
         if self.phase == APPROACH and stamp >= self._motion_ends:
+            if missed := self._missed():
+                return self._fail(missed)
             self.phase, self._post_began, self._blind_since = POST, stamp, None
             events.append(PhaseChange(POST))
         if self.phase == POST:
@@ -251,6 +273,16 @@ class Episode:
             if self._gone >= config.success_frames:
                 return self._fail("the object left the workspace")
         return self._fail("timeout") if self._is_over(stamp) else []
+
+    def _missed(self) -> str:
+        """How the arm is not where the plan ends, as where its controller refused to follow it, or ""."""
+        joints = self._joints()
+        if joints is None or self._plan_end is None:
+            return ""
+        off = np.abs(joints - self._plan_end)
+        worst = int(off.argmax())
+        return f"the arm did not arrive: joint {worst + 1} is {off[worst]:.2f} rad from the plan's end" \
+            if off[worst] > self.config.arrival else ""
 
     def _is_over(self, stamp: int) -> bool:
         return stamp - self._post_began >= self.config.post_timeout * SECOND

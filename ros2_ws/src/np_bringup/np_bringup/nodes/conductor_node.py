@@ -116,7 +116,7 @@ class Conductor(Participant):
             self._wait(lambda: self._has_ended, SERVICE_TIMEOUT, "the end of the episode")
         self._wait(lambda: self._poses, SERVICE_TIMEOUT, "object_pose")
         self._hear_out()
-        declared, reason = self._phases[-1]
+        declared, reason = next(phase for phase in self._phases if phase[0] in END_PHASES)
         ended, pose = self._poses[-1]
         return score(self._domain, declared, reason, pose, goal, (ended - began) / 1e9)
 
@@ -130,7 +130,7 @@ class Conductor(Participant):
 
     @property
     def _has_ended(self) -> bool:
-        return bool(self._phases) and self._phases[-1][0] in END_PHASES
+        return any(phase in END_PHASES for phase, _ in self._phases)
 
     def _hear_out(self) -> None:
         """Lockstep: time rests at an episode's end; take what came before, the last pose above all."""

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
 from trajectory_msgs.msg import JointTrajectory
@@ -27,6 +28,7 @@ from np_diagnosis.excitation import TICK_NS, Segment, end_of, schedule, suite
 _READY_TIMEOUT = 120.0  # s of wall time
 GAINS_AHEAD = TICK_NS  # ns by which gains go before their trajectory in real time
 SILENCE = 20.0  # s of wall time without a state
+FAREWELL = 1.0  # s at most, until everyone has the last phase
 # A busy host makes single commands late: the backend's watchdog judges that, and the recording shows it.
 PASSING = ("refused_late", "refused_order", "refused_future")
 
@@ -83,9 +85,12 @@ class Exciter(Participant):
         begin = -(-stamp // TICK_NS) * TICK_NS
         self._starts, self._end = schedule(self._plan, begin), end_of(self._plan, begin)
         self._heard = time.monotonic()
-        self._advance()
-        self._follow(lambda: self._state[0] >= self._end, "the end of the experiment")
-        self._say_phase("idle")
+        try:
+            self._advance()
+            self._follow(lambda: self._state[0] >= self._end, "the end of the experiment")
+        finally:  # whatever ends it, the arm goes no further
+            self._say_phase("idle")
+            self._phase.wait_for_all_acked(Duration(seconds=FAREWELL))
         return [segment.name for segment in self._plan]
 
     def _receive_state(self, message: JointState) -> None:

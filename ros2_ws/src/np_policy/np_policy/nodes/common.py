@@ -20,6 +20,9 @@ from np_ros.messages import NANOSECONDS, BadMessage, joint_state_arrays, keypoin
 from np_ros.node import Diagnostics, parameter
 
 
+OLDEST_STATE = 200_000_000  # ns before the image; the clocks of a robot and a camera may be apart too
+
+
 @dataclass(frozen=True)
 class Settings:
     """Parameters of every node here; policy_period ns; camera: the one that the keypoints are seen by."""
@@ -108,8 +111,10 @@ class StateStream:
         node.create_subscription(JointState, "joint_states", self._receive, qos.subscriber(settings.lockstep), raw=True)
 
     def has(self, stamp: int) -> bool:
-        """Whether a state is there to decide on about the image of stamp ns."""
-        return self.stamp == stamp if self._settings.lockstep else self._raw is not None
+        """Whether a state is there to decide on about the image of stamp ns: its own, or, in real time, one hardly older."""
+        if self._settings.lockstep:
+            return self.stamp == stamp
+        return self._raw is not None and self.stamp >= stamp - OLDEST_STATE
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities (9,) of joints and fingers: rad, m and per s. Raises BadMessage."""

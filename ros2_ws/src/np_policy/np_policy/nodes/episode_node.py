@@ -17,13 +17,14 @@ from np_description.domains import Pose
 from np_description.panda import BASE_FRAME, JOINT_NAMES
 from np_description.scene import CAMERA_NAME
 from np_policy.episode import Episode, EpisodeConfig, Event, Goal, PhaseChange, Refused, Tick
-from np_policy.nodes.common import declare_settings, subscribe_keypoints
+from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_ros import qos
 from np_ros.messages import BadMessage, header_message, keypoints_message, pose_arrays, stamp_nanoseconds, \
     trajectory_arrays
 from np_ros.node import Diagnostics, parameter, run
 
-_FIELDS = ("settle", "pre_timeout", "post_timeout", "post_blind", "success_frames", "success_share", "planning")
+_FIELDS = ("settle", "pre_timeout", "post_timeout", "post_blind", "success_frames", "success_share", "planning", "arrival")
+BACKEND_SILENCE = 3.0  # s of wall time; it reports every second
 _HELP = {
     "settle": ("Rest between approach and post, s.", 0.0, 10.0),
     "pre_timeout": ("How long keypoints may be unusable in phase pre, s.", 0.0, 600.0),
@@ -32,6 +33,7 @@ _HELP = {
     "success_frames": ("Ticks in a row within the tolerance's share that make a success.", 1, 100),
     "success_share": ("Share of the domain's tolerance that the estimated pose has to be within.", 0.05, 1.0),
     "planning": ("Wall time in which a trajectory must come, s.", 0.1, 3600.0),
+    "arrival": ("Real time: rad that a joint may be off the plan's end when phase post begins.", 0.01, 3.0),
 }
 
 
@@ -47,11 +49,14 @@ class EpisodeNode(Node):
                                       "time, 30 s in lockstep, where slow is no fault.", 0.0, 3600.0) \
             or (30.0 if settings.lockstep else 2.0)
         self._backend = parameter(self, "backend", "sim_bridge", "Name of the node whose diagnostics tell of a hold.")
+        self.diagnostics = Diagnostics(self)
+        # In lockstep time stands still for a plan, and its first state is the one it was made for.
+        self._state = None if settings.lockstep else StateStream(self, self.diagnostics, settings, lambda: None)
         self._episode = Episode(EpisodeConfig(
             settings.domain, lockstep=settings.lockstep, policy_period=settings.policy_period,
-            min_score=settings.min_score, camera=settings.camera, **values))
+            min_score=settings.min_score, camera=settings.camera, **values), self._joints)
         self._waits_for, self._waits_since = "", time.monotonic()
-        self.diagnostics = Diagnostics(self)
+        self._backend_heard: float | None = None
         self._phase = self.create_publisher(String, "phase", qos.LATCHED)
         self._tick = self.create_publisher(Header, "tick", qos.publisher(settings.lockstep))
         self._goal = self.create_publisher(PointCloud2, "goal_keypoints", qos.LATCHED)
@@ -81,10 +86,10 @@ class EpisodeNode(Node):
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         try:
-            times, _, _ = trajectory_arrays(message, JOINT_NAMES)
-            duration = float(times[-1]) if len(times) else None
-            events = self._episode.trajectory(stamp_nanoseconds(message.header.stamp), duration,
-                                              "" if len(times) else message.header.frame_id)
+            times, positions, _ = trajectory_arrays(message, JOINT_NAMES)
+            stamp = stamp_nanoseconds(message.header.stamp)
+            events = self._episode.trajectory(stamp, float(times[-1]), end=positions[-1]) if len(times) else \
+                self._episode.trajectory(stamp, None, message.header.frame_id)
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
         except Refused as error:
@@ -94,11 +99,24 @@ class EpisodeNode(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.rsplit("/", 1)[-1] == self._backend:
+                self._backend_heard = time.monotonic()
                 failed = status.level == DiagnosticStatus.ERROR
                 self._publish(self._episode.backend(status.message if failed else ""))
 
     def _on_timer(self) -> None:
-        self._publish(self._episode.overdue(time.monotonic() - self._waits_since))
+        now = time.monotonic()
+        self._publish(self._episode.overdue(now - self._waits_since))
+        if self._state and self._backend_heard is not None and now - self._backend_heard > BACKEND_SILENCE:
+            self._publish(self._episode.backend_lost(f"no diagnostics of {self._backend} within {BACKEND_SILENCE:g} s"))
+
+    def _joints(self) -> np.ndarray | None:
+        if self._state is None or self._state.stamp < 0:
+            return None
+        try:
+            return self._state.arrays()[0][:len(JOINT_NAMES)]
+        except BadMessage as error:
+            self.diagnostics.refuse(error.kind, error)
+            return None
 
     def _serve(self, action, response: Trigger.Response) -> Trigger.Response:
         try:

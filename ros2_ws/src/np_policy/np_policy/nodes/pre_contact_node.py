@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import torch
 from geometry_msgs.msg import PoseStamped
@@ -17,6 +19,9 @@ from np_ros.messages import pose_message
 from np_ros.node import Diagnostics, run
 
 
+OLDEST_KEYPOINTS = 0.5  # s since they came, in real time
+
+
 class PreContactNode(Node):
     """Answers every new goal once, with the first good keypoints of phase `pre`; again if the backend repeats those."""
 
@@ -30,6 +35,7 @@ class PreContactNode(Node):
         self._answered = -1  # stamp of the last goal that was answered
         self._answer: tuple[int, Float64, PoseStamped] | None = None  # stamp of its keypoints, and the messages
         self._keypoints: tuple[int, np.ndarray] | None = None
+        self._arrived = 0.0  # s of wall time, of the newest keypoints
         self._in_phase = False
         self._gripper = self.create_publisher(Float64, "gripper_command", qos.EVENT)
         self._pose = self.create_publisher(PoseStamped, "pre_contact_pose", qos.EVENT)
@@ -51,7 +57,7 @@ class PreContactNode(Node):
             return
         if self._in_phase and self._settings.lockstep and self._answer and self._answer[0] == stamp:
             return self._send()
-        self._keypoints = (stamp, keypoints) if good else None
+        self._keypoints, self._arrived = (stamp, keypoints) if good else None, time.monotonic()
         self._act()
 
     def _act(self) -> None:
@@ -60,6 +66,8 @@ class PreContactNode(Node):
         began, (stamp, keypoints) = self._goal.stamp, self._keypoints
         if began == self._answered or stamp < began or not self._is_heard():
             return
+        if not self._settings.lockstep and time.monotonic() - self._arrived > OLDEST_KEYPOINTS:
+            return  # of a camera that has fallen silent
         self._answered = began
         try:
             wanted = self._planner.propose(keypoints, self._goal.keypoints)
