@@ -2,16 +2,18 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from detector_weights import write_detector
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from np_description.camera import CAMERA
 from np_description.domains import CARD
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 from np_ros import qos
-from np_ros.messages import image_message, keypoints_array, stamp_nanoseconds
-from sensor_msgs.msg import Image, PointCloud2
+from np_ros.messages import camera_info_message, image_message, keypoints_array, stamp_nanoseconds
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 TOPIC = "camera/image_raw"
 
@@ -116,3 +118,30 @@ def test_missing_weights_end_the_node_with_one_clear_line(graph, tmp_path):
     assert ended.returncode == 1
     assert "cannot start: keypoint detector: expected the network" in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+def test_images_of_another_camera_are_refused_until_they_are_of_the_one_of_training(graph, probe, weights):
+    start(graph, probe, weights, mode="lockstep")
+    probe.advertise("camera/camera_info", CameraInfo)
+    probe.wait_until(lambda: probe.matched("camera/camera_info"), what="the detector")
+    stamp = 0
+
+    def show(camera):
+        nonlocal stamp
+        stamp += 1
+        probe.publish("camera/camera_info", camera_info_message(stamp, "camera", camera))
+        probe.publish(TOPIC, image_message(stamp, "camera", random_image(stamp)))
+
+    def refused():
+        show(replace(CAMERA, fx=CAMERA.fx + 20))
+        return any(pair.key == "refused images: camera" for array in probe.messages["diagnostics"]
+                   for status in array.status for pair in status.values)
+
+    probe.wait_until(refused, what="refused images in diagnostics")
+    answered = len(probe.messages["keypoints"])
+
+    def seen():
+        show(CAMERA)
+        return len(probe.messages["keypoints"]) > answered
+
+    probe.wait_until(seen, what="keypoints")

@@ -39,7 +39,8 @@ def test_a_recorder_does_not_wait_for_what_only_a_simulation_knows():
     ({"backend": "other"}, "backend: expected one of"), ({"mode": "lockstep"}, "mode: expected realtime"),
     ({"keypoints": "truth"}, "keypoints: expected camera"), ({"hostname": ""}, "hostname: expected one"),
     ({"robot": "ur5"}, "robot: expected one of fr3, panda"),
-    ({"calibration": ""}, "calibration: expected one"), ({"control": "other"}, "control: expected one of"),
+    ({"calibration": ""}, "calibration: expected one"), ({"calibration": "none"}, "calibration: expected one"),
+    ({"control": "other"}, "control: expected one of"),
     ({"control": "onboard", "controller": "osc"}, "no other law runs in the driver"),
 ])
 def test_what_does_not_go_together_is_named(changes, text):

@@ -138,7 +138,7 @@ def test_gains_refused():
         messages.gains_message(np.ones((7, 2)))
 
 
-@given(stamps, vectors(8, 2, width=32, dtype=np.float32), vectors(8, low=0, high=1, width=32, dtype=np.float32))
+@given(stamps, vectors(8, 2, low=-1e5, high=1e5, width=32, dtype=np.float32), vectors(8, low=0, high=1, width=32, dtype=np.float32))
 def test_keypoints_round_trip(stamp, pixels, scores):
     keypoints = np.column_stack([pixels, scores]).astype(np.float64)
     message = sent(messages.keypoints_message(stamp, "camera_optical", keypoints))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from np_description.camera import CAMERA
 from np_description.domains import CARD, DOMAINS, Pose, pose_error, sample_task
 from np_description.keypoints import box_keypoints
@@ -97,3 +98,20 @@ def test_nan_is_a_missing_keypoint():
     keypoints = seen(CARD, pose)
     keypoints[4] = np.nan
     assert error(estimate_pose(keypoints, CARD), pose)[0] < 1e-5
+
+
+@given(arrays(float, (8, 2), elements=st.one_of(st.floats(-1e5, 1e5), st.sampled_from([0.0, 112.0]))),
+       st.sampled_from(list(DOMAINS.values())))
+@settings(max_examples=150, deadline=None)
+def test_any_keypoints_have_a_finite_pose_or_none(pixels, domain):
+    try:
+        found = estimate_pose(np.column_stack([pixels, np.ones(8)]), domain)
+    except PoseError:
+        return
+    assert np.isfinite(found.pose.position).all() and np.isfinite(found.pose.quaternion).all()
+
+
+@pytest.mark.parametrize("pixels", [np.zeros((8, 2)), np.full((8, 2), 112.0), np.outer(np.arange(8), [10.0, 5.0])])
+def test_keypoints_in_one_place_or_on_a_line_are_no_pose(pixels):
+    with pytest.raises(PoseError):
+        estimate_pose(np.column_stack([pixels, np.ones(8)]), CARD)

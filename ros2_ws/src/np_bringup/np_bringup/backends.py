@@ -11,7 +11,6 @@ BACKENDS = (SIMULATED, REAL)
 CAMERAS = ("realsense", "none")
 CONTROLS = ("topic", "onboard")
 ROBOTS = ("fr3", "panda")
-NO_CAMERA = "none"  # in place of a calibration: the driver then asks for none
 DRIVER_PRIORITY, CONTROLLER_PRIORITY = 80, 79  # of first-in-first-out scheduling, on a real robot
 
 ARGUMENTS = (
@@ -64,13 +63,8 @@ def check(given: Mapping[str, str]) -> None:
             "controller: expected impedance with control onboard: no other law runs in the driver"
         )
     for name in ("hostname", "calibration"):
-        if not given[name]:
-            raise ValueError(f"{name}: expected one with backend franka_driver, got none")
-
-
-def calibration_file(given: Mapping[str, str]) -> str:
-    """What nodes that project are given: the path, or "" for the camera of training."""
-    return "" if given["calibration"] == NO_CAMERA else given["calibration"]
+        if given[name] in ("", "none"):  # a driver alone may do without a camera, this graph sees
+            raise ValueError(f"{name}: expected one with backend franka_driver, got {given[name] or 'none'}")
 
 
 def real_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
@@ -98,6 +92,6 @@ def real_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
             )
         )
     if given["camera"] == "realsense":
-        parameters = {"calibration": calibration_file(given)}
+        parameters = {"calibration": given["calibration"]}
         nodes.append(NodeSpec("np_franka", "realsense_camera", parameters=parameters))
     return nodes

@@ -58,7 +58,7 @@ def card_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     is_real = given["backend"] == backends.REAL
     common = {"mode": given["mode"]}
     task = {**common, "domain": given["domain"]}
-    seeing = {**task, "calibration": backends.calibration_file(given)}
+    seeing = {**task, "calibration": given["calibration"]}
     learned = {**seeing, "weights": given["weights"]}
     seed, image_rate = _integer(given, "seed"), _integer(given, "image_rate")
     from_camera = given["keypoints"] == "camera"

@@ -63,12 +63,6 @@ class Camera(Pinhole):
         return xp.stack([(pixels[..., 0] + 0.5) * (2 / self.width) - 1,
                          (pixels[..., 1] + 0.5) * (2 / self.height) - 1], axis=-1)
 
-    def denormalise(self, coordinates):
-        """Inverse of `normalise`."""
-        xp = namespace(coordinates)
-        return xp.stack([(coordinates[..., 0] + 1) * (self.width / 2) - 0.5,
-                         (coordinates[..., 1] + 1) * (self.height / 2) - 0.5], axis=-1)
-
 
 def look_at(position, target) -> tuple[tuple[float, float, float], ...]:
     """Rotation optical -> base of a camera at `position` that looks at `target`, image upright."""

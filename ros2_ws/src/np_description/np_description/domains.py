@@ -116,14 +116,18 @@ def find_domain(name: str) -> Domain:
 
 def sample_pose(domain: Domain, region: Region, rng: np.random.Generator) -> Pose:
     """A pose of the domain's object at rest in `region`."""
-    quaternion = yaw_quaternion(np.asarray(rng.uniform(*region.yaw)))
+    yaw = rng.uniform(*region.yaw)
     roll, pitch = rng.integers(0, 4, size=2) * (pi / 2) if region.quarter_turns else (0.0, region.pitch)
+    return resting_pose(domain, region, rng.uniform(*region.x), rng.uniform(*region.y), yaw, roll, pitch)
+
+
+def resting_pose(domain: Domain, region: Region, x: float, y: float, yaw: float, roll: float, pitch: float) -> Pose:
+    """The object at x, y m on the surface of `region`, turned by roll, then pitch, then yaw, rad; face-down."""
+    quaternion = yaw_quaternion(np.asarray(yaw))
     if roll or pitch:
         turn = matrix_from_vector(np.array([0.0, pitch, 0.0])) @ matrix_from_vector(np.array([roll, 0.0, 0.0]))
         quaternion = quaternion_multiply(quaternion, quaternion_from_matrix(turn))
-    position = np.array([rng.uniform(*region.x), rng.uniform(*region.y), region.surface])
-    position[2] += resting_height(domain, quaternion)
-    return Pose(position, quaternion)
+    return Pose(np.array([x, y, region.surface + resting_height(domain, quaternion)]), quaternion)
 
 
 def resting_height(domain: Domain, quaternion: np.ndarray) -> float:

@@ -17,6 +17,7 @@ from np_description.domains import Box, Domain, Pose
 from np_description.keypoints import CORNERS, box_keypoints
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 
+FARTHEST = 3.0  # m; the camera is about 1 m from the workspace
 MIN_POINTS = 6
 _GOOD = 1.0  # px, error of a fit that needs no second look
 _HUBER = 1.5  # px, residual from which a keypoint counts less
@@ -78,6 +79,9 @@ def estimate_pose(keypoints, domain: Domain, *, min_score: float = 0.3, max_rms:
     position, rotation, rms = resting if is_resting else free
     if not rms <= max_rms:
         raise PoseError(f"expected a pose that reprojects within {max_rms:g} px rms, the best is off by {rms:.1f} px")
+    far = float(np.linalg.norm(position - camera.position))
+    if far > FARTHEST:  # from there any box is a point, and explains eight keypoints in one place
+        raise PoseError(f"expected an object within {FARTHEST:g} m of the camera, the best pose is {far:.1f} m from it")
     return PoseEstimate(Pose(position, quaternion_from_matrix(rotation)), rms, is_resting)
 
 
@@ -139,7 +143,10 @@ class _Fit:
     def free_starts(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Position (3,) and rotation (3, 3) by SQPnP (Terzakis and Lourakis, 2020), as a list of none or one."""
         view, eye = self._view
-        found, turn, shift = cv2.solvePnP(self.points, self.pixels, self.camera.matrix, None, flags=cv2.SOLVEPNP_SQPNP)
+        try:
+            found, turn, shift = cv2.solvePnP(self.points, self.pixels, self.camera.matrix, None, flags=cv2.SOLVEPNP_SQPNP)
+        except cv2.error:  # pixels that coincide, or lie on a line
+            return []
         if not found or not (np.isfinite(turn).all() and np.isfinite(shift).all()):
             return []
         return [(view @ shift[:, 0] + eye, view @ matrix_from_vector(turn[:, 0]))]

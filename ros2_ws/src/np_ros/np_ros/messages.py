@@ -27,6 +27,7 @@ NANOSECONDS = 1_000_000_000
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
 KEYPOINT_FIELDS = ("u", "v", "score")
 _KEYPOINT_STEP = 4 * len(KEYPOINT_FIELDS)
+FARTHEST_PIXEL = 1e5  # px; where a hidden corner projects to may be far outside of an image
 _UNIT_TOLERANCE = 1e-3
 
 
@@ -239,6 +240,8 @@ def keypoints_array(message: PointCloud2) -> np.ndarray:
                                   f"got {layout}")
     keypoints = np.frombuffer(message.data, dtype="<f4").astype(np.float64).reshape(COUNT, 3)
     _finite(keypoints, "PointCloud2 keypoints")
+    if (np.abs(keypoints[:, :2]) > FARTHEST_PIXEL).any():
+        raise BadMessage("range", f"PointCloud2 pixels: expected within {FARTHEST_PIXEL:g} px, got {keypoints[:, :2].tolist()}")
     if not ((keypoints[:, 2] >= 0) & (keypoints[:, 2] <= 1)).all():
         raise BadMessage("range", f"PointCloud2 scores: expected 0 .. 1, got {keypoints[:, 2].tolist()}")
     return keypoints

@@ -10,15 +10,17 @@ import time
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
+from np_description.camera import CAMERA
 from np_description.domains import find_domain
 from np_ros import qos
-from np_ros.messages import BadMessage, image_array, keypoints_message, stamp_nanoseconds
+from np_ros.messages import BadMessage, camera_info_arrays, image_array, keypoints_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run
 from rclpy.node import Node
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 
+_SAME = 0.01  # px, within which a camera's parameters are those of training
 _COLLAPSED = 15  # images in a row without enough sure keypoints: half a second at 30 Hz
 
 
@@ -67,7 +69,22 @@ class KeypointDetectorNode(Node):
         self.create_subscription(
             Image, "camera/image_raw", self._on_image, qos.subscriber(not self._realtime)
         )
+        self._misfit = ""  # why the images are not those of the camera that policies were trained with
+        self.create_subscription(
+            CameraInfo, "camera/camera_info", self._on_info, qos.subscriber(not self._realtime)
+        )
         self.create_timer(min(self._timeout, 0.5), self._watch)
+
+    def _on_info(self, message: CameraInfo) -> None:
+        try:
+            width, height, matrix = camera_info_arrays(message)
+        except BadMessage as error:
+            self._misfit = str(error)
+            return
+        fits = (width, height) == (CAMERA.width, CAMERA.height) and np.allclose(matrix, CAMERA.matrix, rtol=0, atol=_SAME)
+        self._misfit = "" if fits else (
+            f"camera_info: expected {CAMERA.width} x {CAMERA.height} px, k {CAMERA.matrix.ravel().round(2).tolist()}, got "
+            f"{width} x {height} px, k {matrix.ravel().round(2).tolist()}: rectify as realsense_camera does")
 
     def _on_image(self, message: Image) -> None:
         began = self._last_image = time.monotonic()
@@ -77,6 +94,8 @@ class KeypointDetectorNode(Node):
             if image.shape != IMAGE_SHAPE:
                 raise BadMessage("shape", f"Image: expected {IMAGE_SHAPE[0]} x {IMAGE_SHAPE[1]} pixels, "
                                           f"got {image.shape[0]} x {image.shape[1]}")
+            if self._misfit:
+                raise BadMessage("camera", self._misfit)
         except BadMessage as error:
             self._diagnostics.count(f"refused images: {error.kind}")
             self.get_logger().error(f"camera/image_raw refused: {error}", throttle_duration_sec=5.0)
