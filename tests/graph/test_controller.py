@@ -208,6 +208,7 @@ class FollowingArm:
     def __init__(self, start, state, probe):
         start(tick_barrier=False)
         self._state, self._probe, self.stamp, self.joints = state, probe, 0, NOMINAL.ready
+        self.step()  # the first state is a beginning, which an episode has to come after
 
     def step(self, periods=1):
         """The joint target after so many periods."""

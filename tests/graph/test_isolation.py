@@ -7,7 +7,7 @@ from np_ros import qos
 from std_msgs.msg import String
 
 ALLOWED = {
-    "keypoint_detector": {"camera/image_raw"},
+    "keypoint_detector": {"camera/image_raw", "camera/camera_info"},
     "pre_contact": {"phase", "goal_keypoints", "keypoints"},
     "approach": {"gripper_command", "pre_contact_pose", "keypoints", "joint_states"},
     "post_contact": {"goal_keypoints", "keypoints", "tick", "joint_states"},
