@@ -8,7 +8,7 @@ import subprocess
 import pytest
 from graph_tools import command
 from np_bringup.bag import Recording
-from np_bringup.contract import END_PHASES
+from np_description.phases import ENDS
 
 LIMIT = 280  # s
 
@@ -52,7 +52,7 @@ def test_the_demo_records_and_reports(tmp_path, untrained):
     assert status == 0, err
     folder = tmp_path / "demo_000"
     assert result["episodes"] == 2 and result["error"] == "" and len(result["bags"]) == 2
-    assert all(outcome.split(":")[0] in END_PHASES for outcome in result["outcomes"])
+    assert all(outcome.split(":")[0] in ENDS for outcome in result["outcomes"])
     for bag in result["bags"]:
         with Recording(
             bag, ["joint_states", "camera/image_raw", "keypoints", "goal_pose", "phase"]

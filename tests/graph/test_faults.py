@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from graph_tools import Graph, card_specs, command
-from np_bringup.contract import END_PHASES, split_phase
+from np_description.phases import ENDS, split_phase
 from np_bringup.graph import NodeSpec
 from np_control.safety import LIMITS
 from np_description.panda import STATE_NAMES
@@ -81,7 +81,7 @@ class Episode:
             said = [split_phase(message.data) for message in self.phases]
             began = max((i for i, (name, _) in enumerate(said) if name == "pre"), default=len(said))
             names = {name for name, _ in said[began:]}
-            assert phase in names or not names.intersection(END_PHASES), f"expected {phase}, got {said}"
+            assert phase in names or not names.intersection(ENDS), f"expected {phase}, got {said}"
             return phase in names
 
         self.probe.wait_until(has_come, what=f"phase {phase}")
@@ -95,7 +95,7 @@ class Episode:
     def end(self):
         """The phase that ended the episode and its reason, once the arm is at rest."""
         self.probe.wait_until(
-            lambda: split_phase(self.phases[-1].data)[0] in END_PHASES, what="the end of the episode"
+            lambda: split_phase(self.phases[-1].data)[0] in ENDS, what="the end of the episode"
         )
         self.probe.wait_until(self.is_at_rest, what="the arm at rest")
         return split_phase(self.phases[-1].data)

@@ -5,7 +5,7 @@ import signal
 
 import numpy as np
 from graph_tools import TIMEOUT
-from np_bringup.contract import END_PHASES, split_phase
+from np_description.phases import ENDS, split_phase
 from np_description.camera import CAMERA
 from np_description.scene import CAMERA_NAME
 from np_ros import qos
@@ -33,7 +33,7 @@ def test_an_episode_in_real_time(graph, probe, untrained, tmp_path):
     probe.wait_until(lambda: probe.call("sim_bridge/reset").success or recover(probe), what="a reset")
     phases.clear()
     probe.wait_until(lambda: probe.call("episode/start").success, what="a start")
-    probe.wait_until(lambda: phases and split_phase(phases[-1].data)[0] in END_PHASES, what="the end")
+    probe.wait_until(lambda: phases and split_phase(phases[-1].data)[0] in ENDS, what="the end")
     assert split_phase(phases[0].data)[0] == "pre"
     assert graph.kill("round_trip", signal.SIGINT) == 0
     result = json.loads((tmp_path / "round_trip.json").read_text())

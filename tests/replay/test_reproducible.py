@@ -9,7 +9,8 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from graph_tools import Graph, Probe, card_specs, command
 from np_bringup.bag import Recording
-from np_bringup.contract import END_PHASES, TOPICS, split_phase
+from np_bringup.contract import TOPICS
+from np_description.phases import ENDS, split_phase
 from np_bringup.recorder import BagWriter
 from np_description.panda import BASE_FRAME
 from np_ros import qos
@@ -44,7 +45,7 @@ def record(folder, weights, seed, episodes):
                 phases.clear()
                 assert probe.call("episode/start").success
                 probe.wait_until(
-                    lambda: phases and split_phase(phases[-1].data)[0] in END_PHASES, what="the end"
+                    lambda: phases and split_phase(phases[-1].data)[0] in ENDS, what="the end"
                 )
                 answer = json.loads(probe.call("recorder/stop").message)
                 assert answer["lost"] == 0
@@ -96,7 +97,7 @@ def test_a_bag_holds_a_whole_episode(runs):
     with Recording(runs[0][0]) as recording:
         phases = [split_phase(m.decode().data)[0] for m in recording.messages("phase")]
         states = [m.stamp for m in recording.messages("joint_states")]
-    assert phases[:3] == ["pre", "approach", "post"] and phases[-1] in END_PHASES
+    assert phases[:3] == ["pre", "approach", "post"] and phases[-1] in ENDS
     assert set(b - a for a, b in zip(states, states[1:])) == {2_000_000}
 
 

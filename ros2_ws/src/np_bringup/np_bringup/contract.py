@@ -46,10 +46,3 @@ TOPICS = (
 
 BY_NAME = {topic.name: topic for topic in TOPICS}
 TIMELINE = BY_NAME["joint_states"]
-END_PHASES = ("succeeded", "failed", "fault")
-
-
-def split_phase(text: str) -> tuple[str, str]:
-    """Phase and reason of a `phase` message: "failed: post: timeout" -> ("failed", "post: timeout")."""
-    phase, _, reason = text.partition(":")
-    return phase.strip(), reason.strip()

@@ -10,10 +10,10 @@ from np_description.camera import CAMERA
 from np_description.domains import Domain, Pose, find_domain, is_success, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
+from np_description.phases import ACTIVE, ENDS, FAILED, POST, PRE, SUCCEEDED, split_phase
 from np_ros.messages import image_array, joint_state_arrays, keypoints_array, pose_arrays
 
 from np_bringup.bag import BagError, Recording
-from np_bringup.contract import END_PHASES, split_phase
 
 SECOND = 1e9
 
@@ -42,9 +42,9 @@ class Outcome:
         """
         if self.success:
             return ""
-        if self.declared == "failed" and split_phase(self.reason)[0] in ("pre", "approach", "post"):
+        if self.declared == FAILED and split_phase(self.reason)[0] in ACTIVE:
             return split_phase(self.reason)[0]
-        return "post" if self.declared == "succeeded" else self.declared
+        return POST if self.declared == SUCCEEDED else self.declared
 
 
 def score(domain: Domain, declared: str, reason: str, pose: Pose, goal: Pose, duration: float) -> Outcome:
@@ -122,8 +122,8 @@ def load_episode(recording: Recording) -> EpisodeData:
     distance, angle = pose_error(poses.values[:, :3], poses.values[:, 3:], goal.position, goal.quaternion)
     phases = [((stamp - start) / SECOND, message.data) for stamp, message in collected["phase"]]
     said = [split_phase(text) for _, text in phases]
-    began = next((number for number, (phase, _) in enumerate(said) if phase == "pre"), 0)
-    declared, reason = next((each for each in said[began:] if each[0] in END_PHASES), ("unfinished", ""))
+    began = next((number for number, (phase, _) in enumerate(said) if phase == PRE), 0)
+    declared, reason = next((each for each in said[began:] if each[0] in ENDS), ("unfinished", ""))
     duration = (recording.end - start) / SECOND
     final = Pose(poses.values[-1, :3], poses.values[-1, 3:])
     return EpisodeData(

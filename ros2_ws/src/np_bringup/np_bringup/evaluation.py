@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from np_description.phases import SUCCEEDED
+
 from np_bringup.episode import Outcome
 from np_bringup.intervals import wilson_interval
 
@@ -103,8 +105,8 @@ def summary(results: list[Result]) -> dict[str, object]:
         "ci95": [round(bound, 4) for bound in wilson_interval(successes, len(results))],
         "episodes": len(results),
         "failures": dict(sorted(Counter(r.failed_in for r in results if not r.success).items())),
-        "declared_wrongly": sum(r.declared == "succeeded" and not r.success for r in results),
-        "missed": sum(r.declared != "succeeded" and r.success for r in results),
+        "declared_wrongly": sum(r.declared == SUCCEEDED and not r.success for r in results),
+        "missed": sum(r.declared != SUCCEEDED and r.success for r in results),
         "wall_s": round(sum(r.wall_s for r in results), 1),
     }
 

@@ -8,21 +8,21 @@ from matplotlib.figure import Figure
 from np_description.domains import Domain
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
+from np_description.phases import APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED, split_phase
 
-from np_bringup.contract import split_phase
 from np_bringup.episode import EpisodeData, Series
 from np_bringup.evaluation import Result
 from np_bringup.pages import style, svg
 
 WIDTH = 9.6
 PHASE_COLOURS = {
-    "idle": "#eeeeee",
-    "pre": "#dfe7f5",
-    "approach": "#fdf0d5",
-    "post": "#e3f1e1",
-    "succeeded": "#b7e1b0",
-    "failed": "#f3c6c6",
-    "fault": "#e9a3a3",
+    IDLE: "#eeeeee",
+    PRE: "#dfe7f5",
+    APPROACH: "#fdf0d5",
+    POST: "#e3f1e1",
+    SUCCEEDED: "#b7e1b0",
+    FAILED: "#f3c6c6",
+    FAULT: "#e9a3a3",
 }
 
 

@@ -11,10 +11,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from np_description.phases import IDLE, PRE, split_phase
 
 from np_bringup.bag import BagError, Message, Recording
 from np_bringup.cdr import TYPESTORE
-from np_bringup.contract import BY_NAME, split_phase
+from np_bringup.contract import BY_NAME
 from np_bringup.graph import NodeSpec
 
 BEFORE_TICK = ("keypoints", "gripper_command", "pre_contact_pose", "joint_trajectory")
@@ -102,7 +103,7 @@ class Script:
             return step.answers if name in BEFORE_TICK else step.final_answers
         # The phases after `pre` answer the plan; so does the tick.
         later = (
-            name == "tick" or name == "phase" and split_phase(message.decode().data)[0] not in ("idle", "pre")
+            name == "tick" or name == "phase" and split_phase(message.decode().data)[0] not in (IDLE, PRE)
         )
         return step.then if later else step.first
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from np_description.panda import NOMINAL
+from np_description.phases import split_phase
 
 from np_bringup import plots
 from np_bringup.bag import Recording
-from np_bringup.contract import split_phase
 from np_bringup.episode import EpisodeData, images, load_episode
 from np_bringup.intervals import wilson_interval
 from np_bringup.pages import page

@@ -11,10 +11,9 @@ import numpy as np
 from np_control.controller import Controller
 from np_control.safety import Reason, Refusal
 from np_control.trajectory import Trajectory
+from np_description.phases import APPROACH, ENDS, IDLE, POST, PRE
 
-NEW_EPISODE = "pre"
-MOVING = ("approach", "post")
-ENDS = ("succeeded", "failed", "fault")
+MOVING = (APPROACH, POST)
 
 
 class Following:
@@ -36,9 +35,9 @@ class Following:
         if phase == self._phase:
             return
         self._phase, self._is_open = phase, phase not in ENDS
-        if phase == NEW_EPISODE:
+        if phase == PRE:
             self._controller.hold()
-        elif phase in ENDS or phase == "idle":
+        elif phase in (IDLE, *ENDS):
             self._controller.stop()
 
     def begin(self) -> None:

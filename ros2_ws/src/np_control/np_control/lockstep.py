@@ -9,12 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from np_description.phases import APPROACH, EXCITE, POST, split_phase
+
 TrajectoryT = TypeVar("TrajectoryT")
 PoseT = TypeVar("PoseT")
 GainsT = TypeVar("GainsT")
 
 
-TRAJECTORY_PHASES = ("approach", "excite")
+TRAJECTORY_PHASES = (APPROACH, EXCITE)
 """Phases in which the first tick waits for a trajectory; "excite: <name>" begins anew with each name."""
 
 
@@ -74,9 +76,9 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
         phase = self._tick[1]
         if self._awaits_trajectory(phase) and not _is_of(self._trajectory, stamp):
             return "joint_trajectory"
-        if self._awaits_trajectory(phase) and _kind(phase) == "excite" and self._gains is None:
+        if self._awaits_trajectory(phase) and _kind(phase) == EXCITE and self._gains is None:
             return "target_gains"
-        if phase == "post":
+        if phase == POST:
             if not _is_of(self._pose, stamp):
                 return "target_pose"
             if self._gains is None:
@@ -91,11 +93,11 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
         trajectory = target = None
         if self._awaits_trajectory(phase):
             self._planned, gains = phase, None
-            if _kind(phase) == "excite":
+            if _kind(phase) == EXCITE:
                 (gains,), self._gains = self._gains, None
-            is_complete = self._trajectory[1] is not None and (gains is not None or phase == "approach")
+            is_complete = self._trajectory[1] is not None and (gains is not None or phase == APPROACH)
             trajectory = (self._trajectory[1], gains) if is_complete else None
-        elif phase == "post":
+        elif phase == POST:
             target = self._pose[1], self._gains[0]
             target = None if any(part is None for part in target) else target
             self._pose = self._gains = None
@@ -109,7 +111,7 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
 
 def _kind(phase: str) -> str:
     """The phase without what follows its colon."""
-    return phase.split(":")[0]
+    return split_phase(phase)[0]
 
 
 def _is_of(stamped: tuple | None, stamp: int) -> bool:

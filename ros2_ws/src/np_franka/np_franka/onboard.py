@@ -14,8 +14,9 @@ from np_control.controller import Answer, Controller, ControllerConfig
 from np_control.following import Following
 from np_control.safety import Refusal, SafetyLimits
 from np_control.trajectory import Trajectory
+from np_description.phases import ENDS, IDLE
 
-ENDED = ("idle", "succeeded", "failed")
+NOTHING_DUE = (IDLE, *ENDS)
 """Phases in which no target is due."""
 
 
@@ -96,7 +97,7 @@ class Onboard:
         except StopIteration as end:
             self._thought = None
             self._engage(first)
-            if stamp > self._newest_target and self._phase not in ENDED:  # the same again is no sign of life
+            if stamp > self._newest_target and self._phase not in NOTHING_DUE:  # the same again is no sign of life
                 self._due = self._controller.stamp + self._timeout
             self._newest_target = max(stamp, self._newest_target)
             return end.value
@@ -109,7 +110,7 @@ class Onboard:
         """The phase of the episode: at its end the arm comes to rest and holds, and no target is due."""
         self._phase = phase
         self._following.enter(phase)
-        if phase in ENDED:
+        if phase in NOTHING_DUE:
             self._due = self._thought = None
 
     def _engage(self, first: Answer) -> None:

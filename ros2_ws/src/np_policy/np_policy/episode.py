@@ -14,11 +14,10 @@ import numpy as np
 
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, is_lost, is_success, pose_error
+from np_description.phases import ACTIVE, APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED
 from np_policy.pose_estimation import MIN_POINTS, PoseError, estimate_pose, project_keypoints, usable
 
 SECOND = 1_000_000_000
-IDLE, PRE, APPROACH, POST, SUCCEEDED, FAILED, FAULT = "idle", "pre", "approach", "post", "succeeded", "failed", "fault"
-ACTIVE = (PRE, APPROACH, POST)
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from np_description.phases import ACTIVE, EXCITE, POST
+
 from np_sim_bridge.schedule import Schedule
 
-ACTIVE_PHASES = ("pre", "approach", "post", "excite")
+ACTIVE_PHASES = (*ACTIVE, EXCITE)
 
 
 class Barrier:
@@ -42,6 +44,6 @@ class Barrier:
         if self._tick_barrier and self._schedule.is_policy_tick(self.stamp):
             if self._tick != self.stamp:
                 return "tick"
-            if self._phase == "post" and self._target != self.stamp:
+            if self._phase == POST and self._target != self.stamp:
                 return "target_pose"
         return None if self._command == self.stamp else "effort_command"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from np_description.domains import DOMAINS, find_domain
 from np_description.patch import load_patch
+from np_description.phases import FAULT
 
 from np_bringup.card import CONTROLLERS, KEYPOINT_SOURCES
 from np_bringup.commands.common import (
@@ -127,7 +128,7 @@ def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
             conductor.stop_recording()
     except (NodeDied, GraphError, TimeoutError) as error:
         return breakdown(number, str(error), time.monotonic() - began), False
-    return result_of(number, outcome, time.monotonic() - began), outcome.declared != "fault"
+    return result_of(number, outcome, time.monotonic() - began), outcome.declared != FAULT
 
 
 def rate(results: Results) -> str:

@@ -25,6 +25,7 @@ from np_control.operational_space import CartesianGains
 from np_control.safety import LIMITS, Refusal
 from np_control.trajectory import Trajectory
 from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_description.phases import FAULT
 from np_ros import qos
 from np_ros.messages import BadMessage, JointStateWriter, joint_state_arrays, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter
@@ -202,7 +203,7 @@ class ControllerNode(Node):
         """A stopped arm is not where its target was: the target goes along with it until the fault is
         over. Where nobody waits the phase takes effect as it comes, at a barrier with its tick.
         """
-        self._is_fault = phase == "fault"
+        self._is_fault = phase == FAULT
         if not self._waits:
             self._following.enter(phase)
 

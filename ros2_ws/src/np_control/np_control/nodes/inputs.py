@@ -16,6 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 from np_control.safety import Refusal, SafetyLimits
 from np_control.trajectory import Trajectory, make_trajectory
 from np_description.panda import BASE_FRAME, JOINT_NAMES
+from np_description.phases import split_phase
 from np_description.rotations import matrix_from_quaternion
 from np_ros import qos
 from np_ros.messages import BadMessage, gains_array, pose_arrays, stamp_nanoseconds, trajectory_arrays
@@ -83,4 +84,4 @@ def subscribe(node: Node, led: Led, limits: SafetyLimits, *, lockstep: bool) -> 
     node.create_subscription(PoseStamped, "target_pose",
                              lambda m: read(m.header, lambda: pose(m), led.on_pose), stream)
     node.create_subscription(Header, "tick", lambda m: read(m, lambda: m.frame_id, led.on_tick), stream)
-    node.create_subscription(String, "phase", lambda m: led.on_phase(m.data.split(":")[0]), qos.LATCHED)
+    node.create_subscription(String, "phase", lambda m: led.on_phase(split_phase(m.data)[0]), qos.LATCHED)

@@ -20,6 +20,7 @@ from np_bringup.nodes.participant import GraphError, Participant
 from np_bringup.supervisor import Supervisor
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_description.phases import EXCITE, IDLE
 from np_ros import qos
 from np_ros.messages import gains_message, header_message, joint_state_arrays, stamp_nanoseconds, \
     trajectory_message
@@ -58,7 +59,7 @@ class Exciter(Participant):
         self._starts: list[int] = []
         self._end: int | None = None
         self._sent = self._gains_sent = 0  # segments
-        self._label = "idle"
+        self._label = IDLE
         self._ticked = -1
         self._problem = ""
         self._refused: dict[tuple[str, str], int] = {}
@@ -89,7 +90,7 @@ class Exciter(Participant):
             self._advance()
             self._follow(lambda: self._state[0] >= self._end, "the end of the experiment")
         finally:  # whatever ends it, the arm goes no further
-            self._say_phase("idle")
+            self._say_phase(IDLE)
             self._phase.wait_for_all_acked(Duration(seconds=FAREWELL))
         return [segment.name for segment in self._plan]
 
@@ -128,7 +129,7 @@ class Exciter(Participant):
             i = int(error.argmax())
             raise GraphError(f"{segment.name}: expected {JOINT_NAMES[i]} at "
                              f"{segment.positions[0][i]:.3f} rad, found it {error[i]:.3f} rad from there")
-        self._say_phase(f"excite: {segment.name}")
+        self._say_phase(f"{EXCITE}: {segment.name}")
         if self._lockstep:
             self._gains.publish(gains_message(segment.gains))
         message = trajectory_message(stamp, JOINT_NAMES, segment.times, segment.positions, segment.velocities)

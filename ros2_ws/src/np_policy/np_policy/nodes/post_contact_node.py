@@ -11,8 +11,8 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, Header
 
 from np_description.panda import BASE_FRAME
+from np_description.phases import POST
 from np_description.rotations import quaternion_from_matrix
-from np_policy.episode import POST
 from np_policy.nodes.common import GoalStream, StateStream, declare_settings, declare_weights, subscribe_keypoints
 from np_policy.policy import PolicyError, PostContactController, weights_file
 from np_ros import qos

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64, String
 
 from np_description.panda import BASE_FRAME
+from np_description.phases import PRE, split_phase
 from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, subscribe_keypoints
 from np_policy.policy import PolicyError, PreContactPlanner, weights_file
 from np_policy.pose_estimation import MIN_POINTS, usable
@@ -45,7 +46,7 @@ class PreContactNode(Node):
         self.create_timer(0.1, self._act)  # for answers that wait for their listeners
 
     def _on_phase(self, message: String) -> None:
-        self._in_phase = message.data.split(":")[0] == "pre"
+        self._in_phase = split_phase(message.data)[0] == PRE
         self._act()
 
     def _forget(self) -> None:
