@@ -40,7 +40,8 @@ def test_the_parts_of_an_iteration_are_less_than_the_whole_and_leave_the_trainer
     found = throughput.parts(trainer)
     assert trainer.iteration == before + 1
     alone = ("draw_starts", "observe", "step", "physics", "reset", "update")
-    assert min(found.values()) >= 0 and sum(found[name] for name in alone) <= found["iteration"]
+    rounding = 0.001 * len(found)
+    assert min(found.values()) >= 0 and sum(found[name] for name in alone) <= found["iteration"] + rounding
     assert found["inverse_kinematics"] <= found["step"] + found["reset"]
     assert throughput.environment_module.solve_ik is solve and set(vars(env)) == set(bound)
 

@@ -156,18 +156,24 @@ def throughput(trainer: Trainer, seconds: float) -> dict:
 
 
 def parts(trainer: Trainer) -> dict[str, float]:
-    """ms a policy period that the parts of an iteration take, over one iteration, each by itself: step without the
-    physics in it."""
+    """ms a policy period that the parts of an iteration take, over one iteration, each without what it calls of the
+    others, but for inverse kinematics, which stays part of its callers; and the iteration as a whole."""
     env, physics = trainer.environment, trainer.environment.physics
     spent: dict[str, float] = {}
+    inside: list[float] = []  # s of the parts called so far by each part under way
 
     def timed(name: str, function: Callable) -> Callable:
         def call(*arguments):
             _wait(physics)
+            inside.append(0.0)
             begin = time.perf_counter()
             answer = function(*arguments)
             _wait(physics)
-            spent[name] = spent.get(name, 0.0) + time.perf_counter() - begin
+            whole = time.perf_counter() - begin
+            own = whole - inside.pop()
+            spent[name] = spent.get(name, 0.0) + (whole if name == "iteration" else own)
+            if inside and name != "inverse_kinematics":
+                inside[-1] += whole
             return answer
 
         return call
@@ -185,7 +191,6 @@ def parts(trainer: Trainer) -> dict[str, float]:
         for name, (owner, attribute) in places.items():
             stack.enter_context(patch.object(owner, attribute, timed(name, getattr(owner, attribute))))
         timed("iteration", trainer.iterate)()
-    spent["step"] -= spent["physics"]
     return {name: round(1e3 * seconds / trainer.config.rollout, 3) for name, seconds in spent.items()}
 
 
