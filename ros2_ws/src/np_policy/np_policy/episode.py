@@ -104,6 +104,7 @@ class Episode:
         self._begun = False  # whether the goal is in use
         self._planned_from: int | None = None  # stamp of the keypoints that a plan is awaited for
         self._motion_ends = self._post_began = 0
+        self._not_before = -1  # stamp from which images count
         self._plan_end: np.ndarray | None = None
         self._blind_since: int | None = None
         self._sure = self._near = self._gone = 0
@@ -122,12 +123,12 @@ class Episode:
         self._forget()
         self.phase = PRE
         events: list[Event] = [PhaseChange(PRE)]
-        if self._goal is not None and not self.config.lockstep and self._newest is not None \
-                and self._newest[0] >= self._goal.stamp:
-            # Stamped anew: for an image still to come, however long ago the last one was, and known for another task.
-            self._goal, self._goal_used = Goal(self._newest[0] + 1, self._goal.keypoints), False
-            events.insert(0, self._goal)
-        return events + self._decide()
+        if self.config.lockstep:
+            return events + self._decide()
+        # The same goal may be tried again. Nothing is decided on what was seen before, however long ago that was.
+        self._goal_used = False
+        self._not_before = -1 if self._newest is None else self._newest[0]
+        return events
 
     def stop(self) -> list[Event]:
         """End the episode on request. Raises Refused if there is none."""
@@ -164,7 +165,7 @@ class Episode:
         if self.phase == APPROACH and stamp == awaited:
             return []  # said twice
         if self.phase != PRE or awaited is None or not (
-                stamp == awaited if self.config.lockstep else stamp >= self._goal.stamp):
+                stamp == awaited if self.config.lockstep else stamp >= max(self._goal.stamp, self._not_before)):
             raise Refused(f"a plan for {stamp} ns, while the phase is {self.phase} and one is awaited for {awaited} ns")
         self.phase = APPROACH
         if duration is None:
@@ -219,7 +220,7 @@ class Episode:
         config = self.config
         due = stamp % config.policy_period == 0 if config.lockstep else \
             stamp >= self._last_tick + 0.9 * config.policy_period or self._last_tick < 0
-        if stamp < self._goal.stamp or stamp <= self._last_tick or not due:
+        if stamp < max(self._goal.stamp, self._not_before) or stamp <= self._last_tick or not due:
             return []
         good = keypoints is not None and usable(keypoints, config.min_score).sum() >= MIN_POINTS
         if self.phase == PRE:

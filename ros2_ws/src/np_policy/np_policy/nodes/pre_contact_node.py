@@ -46,7 +46,9 @@ class PreContactNode(Node):
         self.create_timer(0.1, self._act)  # for answers that wait for their listeners
 
     def _on_phase(self, message: String) -> None:
-        self._in_phase = split_phase(message.data)[0] == PRE
+        before, self._in_phase = self._in_phase, split_phase(message.data)[0] == PRE
+        if self._in_phase and not before and not self._settings.lockstep:
+            self._keypoints, self._answered = None, -1  # another episode, maybe with the same goal: what it is to see is to come
         self._act()
 
     def _forget(self) -> None:
