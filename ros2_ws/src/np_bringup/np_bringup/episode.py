@@ -10,7 +10,7 @@ from np_description.camera import CAMERA
 from np_description.domains import Domain, Pose, find_domain, is_success, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
-from np_description.phases import ACTIVE, ENDS, FAILED, POST, PRE, SUCCEEDED, split_phase
+from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, first_end, split_phase
 from np_ros.messages import image_array, joint_state_arrays, keypoints_array, pose_arrays
 
 from np_bringup.bag import BagError, Recording
@@ -123,7 +123,7 @@ def load_episode(recording: Recording) -> EpisodeData:
     phases = [((stamp - start) / SECOND, message.data) for stamp, message in collected["phase"]]
     said = [split_phase(text) for _, text in phases]
     began = next((number for number, (phase, _) in enumerate(said) if phase == PRE), 0)
-    declared, reason = next((each for each in said[began:] if each[0] in ENDS), ("unfinished", ""))
+    declared, reason = first_end(said[began:]) or ("unfinished", "")
     duration = (recording.end - start) / SECOND
     final = Pose(poses.values[-1, :3], poses.values[-1, 3:])
     return EpisodeData(

@@ -11,7 +11,7 @@ import numpy as np
 from np_control.controller import Controller
 from np_control.safety import Reason, Refusal
 from np_control.trajectory import Trajectory
-from np_description.phases import APPROACH, ENDS, IDLE, POST, PRE
+from np_description.phases import APPROACH, AT_REST, ENDS, POST, PRE
 
 MOVING = (APPROACH, POST)
 
@@ -20,36 +20,37 @@ class Following:
     """Leads one `Controller` by trajectories, by pairs of gains and pose, and by the phase of an episode.
 
     Once an episode has ended nothing is followed until the next one begins, or something else has a phase: a
-    plan that comes late was made for an arm that moves no more. Without any phase all is followed.
+    plan that comes late was made for an arm that moves no more. Without any phase all is followed. phase: in
+    force, "" before the first.
     """
 
     def __init__(self, controller: Controller):
         self._controller = controller
         self._gains: np.ndarray | None = None
-        self._phase = ""
+        self.phase = ""
         self._is_open = True
 
     def enter(self, phase: str) -> None:
         """The phase in force from now on. A new episode begins with a hold; at the end of one the arm comes to
         rest."""
-        if phase == self._phase:
+        if phase == self.phase:
             return
-        self._phase, self._is_open = phase, phase not in ENDS
+        self.phase, self._is_open = phase, phase not in ENDS
         if phase == PRE:
             self._controller.hold()
-        elif phase in (IDLE, *ENDS):
+        elif phase in AT_REST:
             self._controller.stop()
 
     def begin(self) -> None:
         """The arm is not where it was, as after a restart of what drives it: an episode under way moved another."""
-        if self._phase in MOVING:
+        if self.phase in MOVING:
             self._is_open = False
 
     def check_open(self) -> None:
         """Raises Refusal(state) where nothing is to be followed now."""
         if not self._is_open:
             raise Refusal(Reason.STATE, "expected an episode under way, with the arm as it was at its start; "
-                                        f"the phase is {self._phase}")
+                                        f"the phase is {self.phase}")
 
     def trajectory(self, trajectory: Trajectory | None, start: int | None = None) -> None:
         """Follow a plan from the state of `start` ns on, or from now, with the gains that came since the last

@@ -14,10 +14,7 @@ from np_control.controller import Answer, Controller, ControllerConfig
 from np_control.following import Following
 from np_control.safety import Refusal, SafetyLimits
 from np_control.trajectory import Trajectory
-from np_description.phases import ENDS, IDLE
-
-NOTHING_DUE = (IDLE, *ENDS)
-"""Phases in which no target is due."""
+from np_description.phases import AT_REST
 
 
 class Onboard:
@@ -31,7 +28,6 @@ class Onboard:
         self._controller = Controller(config, limits)
         self._following = Following(self._controller)
         self._timeout = target_timeout_ns
-        self._phase = ""
         self._newest_target = -1
         self.release()
 
@@ -97,7 +93,7 @@ class Onboard:
         except StopIteration as end:
             self._thought = None
             self._engage(first)
-            if stamp > self._newest_target and self._phase not in NOTHING_DUE:  # the same again is no sign of life
+            if stamp > self._newest_target and self._following.phase not in AT_REST:  # the same again is no sign of life
                 self._due = self._controller.stamp + self._timeout
             self._newest_target = max(stamp, self._newest_target)
             return end.value
@@ -108,9 +104,8 @@ class Onboard:
 
     def phase(self, phase: str) -> None:
         """The phase of the episode: at its end the arm comes to rest and holds, and no target is due."""
-        self._phase = phase
         self._following.enter(phase)
-        if phase in NOTHING_DUE:
+        if phase in AT_REST:
             self._due = self._thought = None
 
     def _engage(self, first: Answer) -> None:

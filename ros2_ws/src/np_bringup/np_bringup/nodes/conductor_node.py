@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from geometry_msgs.msg import PoseStamped
 from np_description.domains import Domain, Pose
 from np_description.panda import BASE_FRAME
-from np_description.phases import ENDS, split_phase
+from np_description.phases import first_end, split_phase
 from np_ros import qos
 from np_ros.messages import pose_arrays, stamp_nanoseconds
 from std_msgs.msg import Header, String
@@ -116,7 +116,7 @@ class Conductor(Participant):
             self._wait(lambda: self._has_ended, SERVICE_TIMEOUT, "the end of the episode")
         self._wait(lambda: self._poses, SERVICE_TIMEOUT, "object_pose")
         self._hear_out()
-        declared, reason = next(phase for phase in self._phases if phase[0] in ENDS)
+        declared, reason = first_end(self._phases)
         ended, pose = self._poses[-1]
         return score(self._domain, declared, reason, pose, goal, (ended - began) / 1e9)
 
@@ -130,7 +130,7 @@ class Conductor(Participant):
 
     @property
     def _has_ended(self) -> bool:
-        return any(phase in ENDS for phase, _ in self._phases)
+        return first_end(self._phases) is not None
 
     def _hear_out(self) -> None:
         """Lockstep: time rests at an episode's end; take what came before, the last pose above all."""
