@@ -53,7 +53,7 @@ bench: setup ## latencies, real-time factor, planning time as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup bench $(ARGS)
 
 blind: setup ## CASES SEED SET=locked|development JOBS: the gap doctor against sealed cases, as JSON
-	@$(ACTIVATE) exec ros2 run np_diagnosis blind --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) $(ARGS)
+	@$(ACTIVATE) exec python -m np_blind.blind --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) $(ARGS)
 
 train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there
 	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)

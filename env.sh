@@ -17,9 +17,9 @@ if [ -f "$_np_root/ros2_ws/install/local_setup.bash" ]; then
 fi
 case ":${PYTHONPATH:-}:" in
     *":$_np_root/training:"*) ;;
-    *) export PYTHONPATH="$_np_root/training${PYTHONPATH:+:$PYTHONPATH}" ;;
+    *) export PYTHONPATH="$_np_root/training:$_np_root/benchmark${PYTHONPATH:+:$PYTHONPATH}" ;;
 esac
 export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
-_np_profile="$_np_root/ros2_ws/src/np_bringup/np_bringup/data/fastdds.xml"
+_np_profile="$_np_root/ros2_ws/src/np_ros/np_ros/data/fastdds.xml"
 export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$_np_profile}"
 unset _np_root _np_profile

@@ -1,8 +1,8 @@
 """A recorded episode made by hand, for tests of what reads bags."""
 
 import numpy as np
-from np_bringup.contract import BY_NAME, TIMELINE
-from np_bringup.recorder import BagWriter, Sequencer
+from np_record.topics import BY_NAME, TIMELINE
+from np_record.recorder import BagWriter, Sequencer
 from np_description.camera import CAMERA
 from np_description.domains import CARD, Pose
 from np_description.keypoints import box_keypoints

@@ -23,10 +23,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import rclpy
-from np_bringup.card import card_graph
-from np_bringup.graph import NodeSpec
-from np_bringup.nodes.links import Links
-from np_bringup.supervisor import Supervisor, installed_command
+from np_bringup.task_graph import task_graph
+from np_ros.graph import NodeSpec
+from np_ros.links import Links
+from np_ros.supervisor import Supervisor, installed_command
 from np_ros import qos as profiles
 from np_ros.spin import Spinner
 from rclpy.qos import QoSProfile
@@ -52,7 +52,7 @@ def card_specs(overrides: Overrides | None = None, *, leave_out=(), **arguments)
     overrides = overrides or {}
     return [
         replace(spec, parameters={**spec.parameters, **overrides.get(spec.name, {})})
-        for spec in card_graph(arguments)
+        for spec in task_graph(arguments)
         if spec.name not in leave_out
     ]
 

@@ -5,9 +5,9 @@ import sys
 import torch
 
 from np_policy.networks import mlp
-from np_training import distributed
-from np_training.networks import PreContactPolicy
-from np_training.ppo import Batch, Learner, PPOConfig
+from np_training.ppo import distributed
+from np_training.ppo.networks import PreContactPolicy
+from np_training.ppo.learner import Batch, Learner, PPOConfig
 
 
 def learn(batch: tuple[torch.Tensor, ...]) -> tuple[dict, dict, float]:

@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 import pyrealsense2 as rs
-from np_perception.camera_source import CameraError
+from np_perception.camera.source import CameraError
 
 PERIOD = 1 / 30
 WIDTH, HEIGHT = 1280, 720

@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from np_description.camera import CAMERA  # noqa: E402
 from np_franka.realsense import RealSense, Settings, find_device, lens_of  # noqa: E402
-from np_perception.camera_source import CameraError  # noqa: E402
-from np_perception.rectify import Rectifier, project_distorted  # noqa: E402
+from np_perception.camera.source import CameraError  # noqa: E402
+from np_perception.camera.rectify import Rectifier, project_distorted  # noqa: E402
 from np_ros import qos  # noqa: E402
 from np_ros.messages import camera_info_lens, image_array, stamp_nanoseconds  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402

@@ -3,7 +3,7 @@
 import numpy as np
 from backends import PERIOD, pushing, silent, stay
 from geometry_msgs.msg import PoseStamped
-from np_bringup.cdr import padding_filter
+from np_record.cdr import padding_filter
 from np_description.camera import CAMERA
 from np_description.panda import BASE_FRAME, NOMINAL
 from np_ros import qos

@@ -17,7 +17,7 @@ from np_control.impedance import damping
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.scene import load_model
-from np_diagnosis.signals import Commands, Log
+from np_diagnosis.recordings.signals import Commands, Log
 
 PERIOD = 0.002
 WRIST = np.array([1, 1, 1, 1, 0.2, 0.2, 0.2])

@@ -10,8 +10,8 @@ from np_control.safety import SafetyFilter
 from np_description.domains import CARD
 from np_description.panda import JOINT_NAMES
 from np_description.patch import Patch
-from np_diagnosis.excitation import schedule, suite
-from np_diagnosis.signals import Commands, Log
+from np_diagnosis.experiments.excitation import schedule, suite
+from np_diagnosis.recordings.signals import Commands, Log
 from np_sim_bridge.simulation import Simulation
 
 PERIOD = 0.002

@@ -9,11 +9,11 @@ import pytest
 
 from np_description.panda import JOINT_NAMES
 from np_description.patch import Patch, PatchEffect, dump_patch
-from np_diagnosis.blind import others
-from np_diagnosis.blind.cases import draw_cases, make_physics
-from np_diagnosis.blind.scoring import score_case, summary
-from np_diagnosis.blind.sealed import make_key
-from np_diagnosis.blind.tables import figures_table
+from np_blind import others
+from np_blind.cases import draw_cases, make_physics
+from np_blind.scoring import score_case, summary
+from np_blind.sealed import make_key
+from np_blind.tables import figures_table
 
 FAKE = (
     "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); "

@@ -14,19 +14,19 @@ from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.patch import Patch, PatchEffect
 from np_description.scene import load_model
-from np_diagnosis.blind.cases import Case, draw_cases, make_physics
-from np_diagnosis.blind.faults import EFFECTS, Fault, limits, soften
-from np_diagnosis.blind.friction import bouc_wen, lugre, prandtl
-from np_diagnosis.blind.heldout import LOST, gaps, motions
-from np_diagnosis.blind.loop import Diverged, make_targets, run
-from np_diagnosis.blind.patched import patched_physics
-from np_diagnosis.blind.physics import nominal_physics, stack
-from np_diagnosis.blind.plant import PERIOD, Plant
-from np_diagnosis.blind.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
-from np_diagnosis.blind.scoring import modules
-from np_diagnosis.blind.strangers import ALL_FROM, FIRST, LATER, LATER_FROM, NEWEST, SCALE, STRANGERS
-from np_diagnosis.excitation import READY, SECOND, THIRD, suite
-from np_sim_bridge.gap import Gap
+from np_blind.cases import Case, draw_cases, make_physics
+from np_blind.faults import EFFECTS, Fault, limits, soften
+from np_blind.hysteresis import bouc_wen, lugre, prandtl
+from np_blind.heldout import LOST, gaps, motions
+from np_blind.loop import Diverged, make_targets, run
+from np_blind.patched import patched_physics
+from np_blind.physics import nominal_physics, stack
+from np_blind.blind_arm import PERIOD, Plant
+from np_blind.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
+from np_blind.scoring import modules
+from np_blind.strangers import ALL_FROM, FIRST, LATER, LATER_FROM, NEWEST, SCALE, STRANGERS
+from np_diagnosis.experiments.excitation import READY, SECOND, THIRD, suite
+from np_sim_bridge.effects import Gap
 
 postures = arrays(float, 7, elements=st.floats(-2.5, 2.5))
 speeds = arrays(float, 7, elements=st.floats(-2, 2))

@@ -10,14 +10,14 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from np_bringup.bag import Recording
+from np_record.bag import Recording
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_diagnosis.blind import generate
-from np_diagnosis.blind.cases import draw_cases, make_physics
-from np_diagnosis.blind.generate import make_bags
-from np_diagnosis.blind.sealed import SealError, check_doctor, digest, make_key
-from np_diagnosis.commands import blind
-from np_diagnosis.excitation import suite
+from np_blind import generate
+from np_blind.cases import draw_cases, make_physics
+from np_blind.generate import make_bags
+from np_blind.sealed import SealError, check_doctor, digest, make_key
+from np_blind import blind
+from np_diagnosis.experiments.excitation import suite
 
 ONLY = ["sinusoid_2", "sinusoid_4", "triangle_fast"]  # the doctor asks for ten blocks of motion
 COUNT = 3
@@ -56,7 +56,7 @@ def test_bags_are_those_of_a_session_and_show_no_cause(bags):
 
 
 def test_no_ros_no_mujoco_and_no_pinocchio_is_needed():
-    code = ("import sys, np_diagnosis.commands.blind, np_diagnosis.blind.generate; "
+    code = ("import sys, np_blind.blind, np_blind.generate; "
             "unwanted = ('rclpy', 'pinocchio', 'mujoco', 'torch', 'np_diagnosis.diagnosis'); "
             "print([m for m in unwanted if m in sys.modules])")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -64,7 +64,7 @@ def test_no_ros_no_mujoco_and_no_pinocchio_is_needed():
 
 
 def test_the_command_scores_the_doctor(tmp_path):
-    command = [sys.executable, "-m", "np_diagnosis.commands.blind", "--cases", str(COUNT),
+    command = [sys.executable, "-m", "np_blind.blind", "--cases", str(COUNT),
                "--set", "development", "--jobs", "1", "--only", *ONLY, "--out", str(tmp_path / "run"),
                "--doctor", f"{sys.executable} -m np_diagnosis.commands.diagnose --quick"]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
@@ -105,7 +105,7 @@ def test_a_case_whose_arm_runs_away_is_published_as_an_error(tmp_path, monkeypat
 
 
 def test_a_locked_key_that_was_not_sealed_is_refused(tmp_path):
-    command = [sys.executable, "-m", "np_diagnosis.commands.blind", "--cases", "3", "--seed", "987",
+    command = [sys.executable, "-m", "np_blind.blind", "--cases", "3", "--seed", "987",
                "--out", str(tmp_path / "run")]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 1 and "put down (--seal) and committed before the doctor runs" in done.stderr

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from np_diagnosis.blind.cases import draw_cases, make_physics
-from np_diagnosis.blind.heldout import heldout_gaps
-from np_diagnosis.blind.patched import PatchError, patched_physics, read_patch
-from np_diagnosis.blind.scoring import by_effect, score_case, score_gap, summary
-from np_diagnosis.blind.sealed import SealError, check, digest, make_key, seal
-from np_diagnosis.blind.tables import GOALS, failures_table, figures_table, plot
+from np_blind.cases import draw_cases, make_physics
+from np_blind.heldout import heldout_gaps
+from np_blind.patched import PatchError, patched_physics, read_patch
+from np_blind.scoring import by_effect, score_case, score_gap, summary
+from np_blind.sealed import SealError, check, digest, make_key, seal
+from np_blind.tables import GOALS, failures_table, figures_table, plot
 
 JOINT = "panda_joint3"
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from np_diagnosis.blind.physics import nominal_physics
-from np_diagnosis.blind.plant import PERIOD
-from np_diagnosis.blind.strange import Strange, off_centre, slipped
-from np_diagnosis.excitation import READY
+from np_blind.physics import nominal_physics
+from np_blind.blind_arm import PERIOD
+from np_blind.strange import Strange, off_centre, slipped
+from np_diagnosis.experiments.excitation import READY
 
 paths = st.lists(st.floats(-3, 3), min_size=5, max_size=80)
 

@@ -5,10 +5,10 @@ from array import array
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from np_bringup.bag import Rows
-from np_bringup.contract import TIMELINE
+from np_record.bag import Rows
+from np_record.topics import TIMELINE
 from np_description.panda import STATE_NAMES
-from np_diagnosis.bulk import BulkError, joint_states
+from np_diagnosis.recordings.bulk import BulkError, joint_states
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from arm_generator import PERIOD, Truth, record
 
-from np_diagnosis import rigid
-from np_diagnosis.arm_model import panda
-from np_diagnosis.constancy import _has_slipped, misfits, shapes_left
-from np_diagnosis.context import make_context
-from np_diagnosis.design import make_design
+from np_diagnosis.arm import rigid
+from np_diagnosis.arm.model import panda
+from np_diagnosis.checks.constancy import _has_slipped, misfits, shapes_left
+from np_diagnosis.inference.context import make_context
+from np_diagnosis.inference.design import make_design
 from np_diagnosis.effects import transmission
-from np_diagnosis.omnibus import examine
-from np_diagnosis.search import Search
-from np_diagnosis.signals import Log
-from np_diagnosis.stages import expected_torque
+from np_diagnosis.checks.omnibus import examine
+from np_diagnosis.inference.search import Search
+from np_diagnosis.recordings.signals import Log
+from np_diagnosis.arm.stages import expected_torque
 
 JOINT = 2  # counted from 0: the third
 

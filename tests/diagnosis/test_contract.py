@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from arm_generator import Truth, record
 
-from np_bringup.contract import BY_NAME, TIMELINE
-from np_bringup.recorder import BagWriter, Sequencer
+from np_record.topics import BY_NAME, TIMELINE
+from np_record.recorder import BagWriter, Sequencer
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_diagnosis.arm_model import panda
+from np_diagnosis.arm.model import panda
 from np_diagnosis.commands import diagnose as command
-from np_diagnosis.contract import check
-from np_diagnosis.reading import ContractViolation, read
-from np_diagnosis.signals import Log
-from np_diagnosis.stages import expected_torque
+from np_diagnosis.checks.plausibility import check
+from np_diagnosis.recordings.reading import ContractViolation, read
+from np_diagnosis.recordings.signals import Log
+from np_diagnosis.arm.stages import expected_torque
 from np_ros.messages import joint_state_message
 from rclpy.serialization import serialize_message
 

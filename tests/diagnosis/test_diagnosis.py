@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from arm_generator import Truth, at, record
 
-from np_diagnosis.arm_model import load_arm, panda
-from np_diagnosis.contract import check
+from np_diagnosis.arm.model import load_arm, panda
+from np_diagnosis.checks.plausibility import check
 from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.effects.friction import PRESLIDING_MOST, PRESLIDING_STROKES
-from np_diagnosis.plant import Z1
-from np_diagnosis.reading import read
-from np_diagnosis.report import make_report
+from np_diagnosis.simulation.simulated_arm import Z1
+from np_diagnosis.recordings.reading import read
+from np_diagnosis.report.document import make_report
 
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 

@@ -6,7 +6,7 @@ from arm_generator import Truth, record
 from hypothesis import given, settings, strategies as st
 
 from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.excerpt import STRETCH, excerpts
+from np_diagnosis.recordings.excerpt import STRETCH, excerpts
 
 
 def at(joint, value):

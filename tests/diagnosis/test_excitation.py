@@ -8,8 +8,8 @@ from np_control.controller import Controller
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS, check_command, torque_bounds, velocity_bounds
 from np_description.panda import NOMINAL
-from np_diagnosis.excitation import FURTHER, NAMES, PAUSE, READY, TICK_NS, end_of, schedule, suite
-from np_diagnosis.motions import chirp, triangle, visits, waves
+from np_diagnosis.experiments.excitation import FURTHER, NAMES, PAUSE, READY, TICK_NS, end_of, schedule, suite
+from np_diagnosis.experiments.motions import chirp, triangle, visits, waves
 
 PLAN = suite()
 EVERYTHING = PLAN + suite(FURTHER)

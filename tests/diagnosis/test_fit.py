@@ -15,19 +15,20 @@ import pinocchio as pin
 
 from np_control.dynamics import build_model
 from np_description.patch import PARAMETERS
-from np_diagnosis import nuisances, rigid
-from np_diagnosis.arm_model import panda
-from np_diagnosis.cells import Block, make_blocks, make_cell
-from np_diagnosis.context import make_context
-from np_diagnosis.design import make_design
+from np_diagnosis.inference import nuisances
+from np_diagnosis.arm import rigid
+from np_diagnosis.arm.model import panda
+from np_diagnosis.inference.cells import Block, make_blocks, make_cell
+from np_diagnosis.inference.context import make_context
+from np_diagnosis.inference.design import make_design
 from np_diagnosis.effects import Parameter, all_effects, catalogue
 from np_diagnosis.effects.sensing import find_quantum
-from np_diagnosis.fit import fit
+from np_diagnosis.inference.fit import fit
 from np_diagnosis.effects.timing import USUAL
-from np_diagnosis.loop_delay import loop_delay, settle_delay
-from np_diagnosis.residuals import rung
-from np_diagnosis.schema import validate
-from np_diagnosis.signals import Log, sample
+from np_diagnosis.inference.loop_delay import loop_delay, settle_delay
+from np_diagnosis.inference.residuals import rung
+from np_diagnosis.report.schema import validate
+from np_diagnosis.recordings.signals import Log, sample
 
 ARM = panda()
 SCHEMA = json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text())

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from np_description.panda import NOMINAL
-from np_diagnosis import patching
-from np_diagnosis.averaging import spread
-from np_diagnosis.design import Candidate
+from np_diagnosis.simulation import patching
+from np_diagnosis.inference.averaging import spread
+from np_diagnosis.inference.design import Candidate
 from np_diagnosis.effects.base import Effect, Parameter
-from np_diagnosis.fit import Fit, Score
-from np_diagnosis.nuisances import REVERSAL
-from np_diagnosis.omnibus import _outlying
-from np_diagnosis.patching import tried_patch
-from np_diagnosis.ranking import larger
-from np_diagnosis.signals import GRID
-from np_diagnosis.standstill import FADE, _memory, ageing
+from np_diagnosis.inference.fit import Fit, Score
+from np_diagnosis.inference.nuisances import REVERSAL
+from np_diagnosis.checks.omnibus import _outlying
+from np_diagnosis.simulation.patching import tried_patch
+from np_diagnosis.inference.ranking import larger
+from np_diagnosis.recordings.signals import GRID
+from np_diagnosis.checks.standstill import FADE, _memory, ageing
 
 RNG = np.random.default_rng(3)
 
@@ -118,7 +118,7 @@ def test_a_patch_that_makes_the_closed_loop_worse_loses_what_does_so(monkeypatch
         return np.array([np.full(7, 1.0 + sum(harm[e.effect] for e in patch.effects)) for patch in patches])
 
     monkeypatch.setattr(patching, "_departures", departures)
-    monkeypatch.setattr("np_diagnosis.forward.windows", lambda logs: object())
+    monkeypatch.setattr("np_diagnosis.simulation.forward.windows", lambda logs: object())
     context = SimpleNamespace(arm=SimpleNamespace(joints=NOMINAL.joints), logs=())
     both = SimpleNamespace(findings=(finding("armature", 1), finding("coulomb_friction", 2)), unexplained=(), context=context)
     patch, left_out, table = tried_patch(both)

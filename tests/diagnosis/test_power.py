@@ -7,14 +7,14 @@ import pytest
 from arm_generator import Truth, record
 from hypothesis import given, settings, strategies as st
 
-from np_diagnosis.arm_model import panda
-from np_diagnosis.context import make_context
-from np_diagnosis.ambiguity import Ambiguity, ambiguity, open_question
-from np_diagnosis.design import make_design
-from np_diagnosis.excitation import experiment, suite
-from np_diagnosis.page import render
-from np_diagnosis.planning import planned_cells, planned_log
-from np_diagnosis.power import (
+from np_diagnosis.arm.model import panda
+from np_diagnosis.inference.context import make_context
+from np_diagnosis.experiments.ambiguity import Ambiguity, ambiguity, open_question
+from np_diagnosis.inference.design import make_design
+from np_diagnosis.experiments.excitation import experiment, suite
+from np_diagnosis.report.page import render
+from np_diagnosis.experiments.forecast import planned_cells, planned_log
+from np_diagnosis.experiments.power import (
     EXPERIMENTS,
     NONE,
     _Belief,
@@ -23,9 +23,9 @@ from np_diagnosis.power import (
     next_experiment,
     powers,
 )
-from np_diagnosis.refit import second_opinion
-from np_diagnosis.report import make_report
-from np_diagnosis.search import Search
+from np_diagnosis.simulation.refit import second_opinion
+from np_diagnosis.report.document import make_report
+from np_diagnosis.inference.search import Search
 
 
 def belief(ids, mean, spread):
@@ -141,7 +141,7 @@ def test_an_ambiguity_is_answered_with_a_command_and_its_odds(stuck, monkeypatch
     diagnosis, log = stuck
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
     # As if the recording had left it open whether it is viscous.
-    monkeypatch.setattr("np_diagnosis.ambiguity.NEAR", np.inf)
+    monkeypatch.setattr("np_diagnosis.experiments.ambiguity.NEAR", np.inf)
     open_ = replace(diagnosis, findings=(replace(finding, equivalent_to=("viscous_friction",)),))
     question = open_question(open_)
     answer = next_experiment(open_, question)

@@ -26,7 +26,7 @@ import suite  # noqa: E402
 import tables  # noqa: E402
 from approach import approach  # noqa: E402
 from moving_arm import MovingArm  # noqa: E402
-from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, origin  # noqa: E402
+from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, origin# noqa: E402
 from simulated_robot import missing  # noqa: E402
 from tracking import track  # noqa: E402
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from backends import silent
-from np_bringup.supervisor import NodeDied
+from np_ros.supervisor import NodeDied
 from np_control.safety import LIMITS
 from np_franka.limits import FR3_LIMITS
 from sensor_msgs.msg import JointState

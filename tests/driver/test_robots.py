@@ -5,7 +5,7 @@ from threading import Event
 
 import numpy as np
 import pytest
-from np_bringup.supervisor import NodeDied
+from np_ros.supervisor import NodeDied
 from np_franka.client import Aborted, Lost
 from np_franka.turnstile import Turnstile
 

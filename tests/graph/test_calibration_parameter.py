@@ -15,12 +15,12 @@ from np_description.panda import BASE_FRAME
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 from np_description.scene import CAMERA_NAME
 from np_policy.episode import Episode, EpisodeConfig, Goal
-from np_policy.pose_estimation import project_keypoints
+from np_perception.pose_estimation import project_keypoints
 from np_ros.messages import keypoints_array, pose_message
 from np_sim_bridge.simulation import Simulation
 from sensor_msgs.msg import PointCloud2
 
-from np_bringup.card import card_graph
+from np_bringup.task_graph import task_graph
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def test_the_oracle_projects_from_where_the_camera_is(graph, probe, calibration,
     received = probe.collect("keypoints", PointCloud2)
     probe.advertise("object_pose", PoseStamped)
     probe.wait_until_ready(
-        {graph.run("np_bringup", "keypoint_oracle", {"calibration": str(tmp_path / "camera.yaml")})}
+        {graph.run("np_perception", "keypoint_oracle", {"calibration": str(tmp_path / "camera.yaml")})}
     )
     pose, _ = sample_task(CARD, np.random.default_rng(1))
     probe.publish("object_pose", pose_message(100_000_000, BASE_FRAME, pose.position, pose.quaternion))
@@ -67,7 +67,7 @@ def test_goals_are_projected_from_there(calibration):
 
 @pytest.mark.parametrize("keypoints", ["camera", "truth"])
 def test_the_launch_argument_reaches_everyone_who_projects(keypoints):
-    nodes = card_graph({"calibration": "camera.yaml", "keypoints": keypoints})
+    nodes = task_graph({"calibration": "camera.yaml", "keypoints": keypoints})
     given = {node.name for node in nodes if node.parameters.get("calibration") == "camera.yaml"}
     expected = {"sim_bridge", "pre_contact", "approach", "post_contact", "episode"}
     assert given == expected | ({"keypoint_oracle"} if keypoints == "truth" else set())
@@ -77,7 +77,7 @@ def test_the_launch_argument_reaches_everyone_who_projects(keypoints):
     "module",
     [
         "np_policy.nodes.episode_node",
-        "np_bringup.nodes.camera_player_node",
+        "np_perception.nodes.camera_player_node",
         "np_sim_bridge.nodes.sim_bridge_node",
     ],
 )

@@ -13,7 +13,7 @@ from np_description.camera import CAMERA
 from np_description.domains import CARD
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
-from np_perception.rectify import Rectifier
+from np_perception.camera.rectify import Rectifier
 from np_ros import qos
 from np_ros.messages import camera_info_lens, image_array, keypoints_array, stamp_nanoseconds
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -54,7 +54,7 @@ def test_pictures_become_keypoints_with_their_own_stamps(graph, listening, tmp_p
     )
     listening.wait_until_ready({"keypoint_detector"})  # or we might not hear its first answer
     graph.run(
-        "np_bringup",
+        "np_perception",
         "camera_player",
         {"source": str(tmp_path / "pictures"), "stamps": "recorded", "mode": "lockstep", "subscribers": 2},
     )
@@ -86,7 +86,7 @@ def test_large_pictures_come_out_as_the_policies_see_them(graph, listening, tmp_
     )
     calibration.save(tmp_path / "camera.yaml")
     graph.run(
-        "np_bringup",
+        "np_perception",
         "camera_player",
         {
             "source": str(tmp_path / "pictures"),
@@ -110,7 +110,7 @@ def test_large_pictures_come_out_as_the_policies_see_them(graph, listening, tmp_
 def test_a_picture_that_cannot_be_read_is_an_error_in_diagnostics(graph, listening, tmp_path):
     write_pictures(tmp_path / "pictures")
     (tmp_path / "pictures" / f"{STAMPS[3]}.png").write_bytes(b"cut off")
-    graph.run("np_bringup", "camera_player", {"source": str(tmp_path / "pictures"), "mode": "lockstep"})
+    graph.run("np_perception", "camera_player", {"source": str(tmp_path / "pictures"), "mode": "lockstep"})
     listening.wait_until(
         lambda: says(listening, "camera_player", DiagnosticStatus.ERROR, f"{STAMPS[3]}.png"),
         what="an error that names the picture",

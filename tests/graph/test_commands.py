@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 from graph_tools import command
-from np_bringup.bag import Recording
+from np_record.bag import Recording
 from np_description.phases import ENDS
 
 LIMIT = 280  # s

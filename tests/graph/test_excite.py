@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from graph_tools import Graph
-from np_bringup.bag import Recording
-from np_bringup.nodes.participant import GraphError
+from np_record.bag import Recording
+from np_ros.participant import GraphError
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
 from np_diagnosis.commands.excite import make_graph
-from np_diagnosis.excitation import LOW_DAMPING, suite
+from np_diagnosis.experiments.excitation import LOW_DAMPING, suite
 from np_diagnosis.nodes.excite_node import Exciter
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_ros.messages import gains_array, joint_state_arrays, trajectory_arrays

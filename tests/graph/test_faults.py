@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from graph_tools import Graph, card_specs, command
 from np_description.phases import ENDS, split_phase
-from np_bringup.graph import NodeSpec
+from np_ros.graph import NodeSpec
 from np_control.safety import LIMITS
 from np_description.panda import STATE_NAMES
 from np_ros import qos

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from np_bringup.nodes.goal_node import goal_pose
-from np_bringup.supervisor import NodeDied
+from np_ros.supervisor import NodeDied
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, is_success, pose_error, sample_task
 from np_description.panda import BASE_FRAME, NOMINAL, STATE_NAMES
 from np_description.rotations import yaw_quaternion

@@ -28,7 +28,7 @@ def ask(probe, pose):
 def test_keypoints_are_the_projected_truth(graph, probe, noise):
     probe.collect("keypoints", PointCloud2)
     probe.advertise("object_pose", PoseStamped)
-    names = {graph.run("np_bringup", "keypoint_oracle", {"noise": noise, "seed": 4})}
+    names = {graph.run("np_perception", "keypoint_oracle", {"noise": noise, "seed": 4})}
     probe.wait_until_ready(names)
     pose, _ = sample_task(CARD, np.random.default_rng(1))
     corners = box_keypoints(np.asarray(CARD.half_size), pose.position, pose.quaternion)

@@ -16,7 +16,7 @@ from np_description.domains import CARD, sample_task
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.rotations import matrix_from_quaternion
 from np_policy.action import TIGHT
-from np_policy.pose_estimation import project_keypoints
+from np_perception.pose_estimation import project_keypoints
 from np_ros import qos
 from np_ros.messages import gains_array, joint_state_message, keypoints_array, keypoints_message, pose_arrays, \
     pose_message, stamp_nanoseconds, trajectory_arrays

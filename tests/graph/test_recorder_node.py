@@ -6,7 +6,7 @@ import signal
 import numpy as np
 import pytest
 from graph_tools import TIMEOUT
-from np_bringup.bag import Recording
+from np_record.bag import Recording
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_ros import qos
 from np_ros.messages import joint_state_message, pose_message
@@ -35,7 +35,7 @@ def publish_run(probe, start, count, phase="post"):
 @pytest.fixture
 def recorder(graph, probe, tmp_path):
     def start(**parameters):
-        graph.run("np_bringup", "recorder", {"bag": str(tmp_path / "bag"), **parameters})
+        graph.run("np_record", "recorder", {"bag": str(tmp_path / "bag"), **parameters})
         for topic, kind, profile in (
             ("joint_states", JointState, qos.RECORDER),
             ("effort_command", JointState, qos.RECORDER),

@@ -44,7 +44,7 @@ sys.exit(run(Talker))
 """
 
 LAUNCH_FILE = """
-from np_bringup.graph import LaunchArgument, NodeSpec
+from np_ros.graph import LaunchArgument, NodeSpec
 ARGUMENTS = [LaunchArgument("opening", "0.03", "Opening of one finger, m.")]
 def graph(arguments):
     return [NodeSpec("pushers", "talker", "left", {"opening": float(arguments["opening"])},

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from np_bringup.supervisor import NodeDied
+from np_ros.supervisor import NodeDied
 from np_description.panda import NOMINAL, STATE_NAMES
 from np_description.patch import Patch, PatchEffect, dump_patch
 from np_ros.messages import image_array, joint_state_arrays

@@ -5,7 +5,7 @@ import torch
 from np_control import kinematics as reference
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_vector
-from np_training import kinematics
+from np_training.physics import batched_kinematics as kinematics
 
 ROWS = 200
 

@@ -11,8 +11,8 @@ from np_description.keypoints import box_keypoints
 from np_description.rotations import matrix_from_quaternion, quaternion_multiply
 from np_description.symmetry import corner_orders, naming, renamed, symmetries
 from np_policy.observation import normalised_keypoints
-from np_training.environment import as_seen, corners
-from np_training.tasks import Poses
+from np_training.environment.environment import as_seen, corners
+from np_training.tasks.poses import Poses
 
 
 def pixels(domain, position, quaternion):

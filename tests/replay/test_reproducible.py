@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from graph_tools import Graph, Probe, card_specs, command
-from np_bringup.bag import Recording
-from np_bringup.contract import TOPICS
+from np_record.bag import Recording
+from np_record.topics import TOPICS
 from np_description.phases import ENDS, split_phase
-from np_bringup.recorder import BagWriter
+from np_record.recorder import BagWriter
 from np_description.panda import BASE_FRAME
 from np_ros import qos
 from np_ros.messages import pose_arrays
@@ -103,7 +103,7 @@ def test_a_bag_holds_a_whole_episode(runs):
 
 def replay(bag):
     done = subprocess.run(
-        [*command("np_bringup", "replay"), str(bag)], capture_output=True, text=True, timeout=280
+        [*command("np_record", "replay"), str(bag)], capture_output=True, text=True, timeout=280
     )
     return done, json.loads(done.stdout.splitlines()[-1]) if done.stdout else None
 

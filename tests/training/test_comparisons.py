@@ -9,13 +9,14 @@ import torch
 
 from np_description.domains import BUMP, CARD, DOMAINS
 from np_description.panda import NOMINAL
-from np_training import contact, train
-from np_training.curriculum import STAGES, Curriculum, CurriculumConfig
-from np_training.fixed_contact import FixedContact
-from np_training.joint_range import JointRange
-from np_training.log import Log, read_log
-from np_training.progress import Progress, describe
-from np_training.tasks import sample_tasks
+from np_training import train
+from np_training.environment import contact
+from np_training.ppo.curriculum import STAGES, Curriculum, CurriculumConfig
+from np_training.environment.fixed_contact import FixedContact
+from np_training.tasks.joint_range import JointRange
+from np_training.ppo.log import Log, read_log
+from np_training.ppo.progress import Progress, describe
+from np_training.tasks.poses import sample_tasks
 
 
 @pytest.mark.parametrize("start, side", [("above", (0, 0, 1)), ("right", (0, -1, 0))])

@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from learn_together import learn
-from np_training import distributed, train
+from np_training import train
+from np_training.ppo import distributed
 
 TOGETHER = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node"]
 

@@ -12,9 +12,9 @@ from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.patch import PARAMETERS, Patch, PatchEffect, dump_patch
 from np_training import evaluate, train
-from np_training.effects import CARRIED, check_carried, load_effects
-from np_training.environment import EnvironmentConfig
-from np_training.physics import ARM, BatchedPhysics, PhysicsConfig
+from np_training.physics.carried_effects import CARRIED, check_carried, load_effects
+from np_training.environment.environment import EnvironmentConfig
+from np_training.physics.batched import ARM, BatchedPhysics, PhysicsConfig
 
 PATCH = Patch(
     (

@@ -11,12 +11,12 @@ import torch
 from np_description.camera import CAMERA
 from np_description.domains import BUMP
 from np_training import evaluate as command
-from np_training.environment import Environment, EnvironmentConfig
-from np_training.episodes import MODES, Episodes, concatenate, run_episodes
+from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
 from np_training.evaluate import breaks_first, evaluate, rate, summarise
-from np_training.networks import ActorCritic
-from np_training.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
-from np_training.recording import load_recording
+from np_training.ppo.networks import ActorCritic
+from np_training.tasks.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
+from np_training.episodes.recording import load_recording
 from np_training.video import PICTURES, draw_recording, draw_strips
 
 WORLDS = 8

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from np_diagnosis.baselines import gap
-from np_diagnosis.excitation import suite
-from np_diagnosis.plant import panda_plant
+from np_diagnosis.baselines.methods import gap
+from np_diagnosis.experiments.excitation import suite
+from np_diagnosis.simulation.simulated_arm import panda_plant
 from np_training import identify
 from np_training.identify_reference import known_arm, record
 

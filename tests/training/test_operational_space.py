@@ -10,7 +10,7 @@ from np_description.domains import BUMP, CARD
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_vector
 from np_policy.action import Target
-from np_training.physics import ARM, BatchedPhysics, PhysicsConfig
+from np_training.physics.batched import ARM, BatchedPhysics, PhysicsConfig
 
 WORLDS = 8
 

@@ -7,7 +7,7 @@ import torch
 from np_description.domains import BUMP, WALL
 from np_description.panda import NOMINAL
 from np_policy.action import Target
-from np_training.physics import ARM, CONTROLLERS, BatchedPhysics, PhysicsConfig
+from np_training.physics.batched import ARM, CONTROLLERS, BatchedPhysics, PhysicsConfig
 
 WORLDS, SUBSTEPS = 4, 3
 

@@ -17,17 +17,20 @@ from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion, rotation_angle
 from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
-from np_training import contact, curriculum, ppo, practice, train
+from np_training import train
+from np_training.environment import contact
+from np_training.ppo import curriculum, learner as ppo
+from np_training.tasks import practice
 from np_training.distill import distil
-from np_training.environment import PRE_STATE_SIZE, Environment, EnvironmentConfig, pre_contact_state
+from np_training.environment.environment import PRE_STATE_SIZE, Environment, EnvironmentConfig, pre_contact_state
 from np_training.evaluate import evaluate
-from np_training.networks import ActorCritic, PreContactPolicy, sample
-from np_training.physics import BatchedPhysics, PhysicsConfig
-from np_training.randomisation import PAPER
+from np_training.ppo.networks import ActorCritic, PreContactPolicy, sample
+from np_training.physics.batched import BatchedPhysics, PhysicsConfig
+from np_training.tasks.randomisation import PAPER
 from np_training.release import without_optimisers
-from np_training.rewards import Measures, RewardConfig, reward_terms
-from np_training.tasks import quarter_tips, sample_tasks
-from np_training.trainer import TrainConfig, Trainer
+from np_training.tasks.rewards import Measures, RewardConfig, reward_terms
+from np_training.tasks.poses import quarter_tips, sample_tasks
+from np_training.ppo.trainer import TrainConfig, Trainer
 
 WORLDS = 16
 

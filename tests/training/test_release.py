@@ -10,11 +10,11 @@ import torch
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256
 from np_training import compare
-from np_training.curves import WINDOW, reached
+from np_training.reports.curves import WINDOW, reached
 from np_training.evaluate import rate, read_checkpoint
-from np_training.log import Log, read_log
-from np_training.networks import ActorCritic
-from np_training.ppo import Learner, PPOConfig
+from np_training.ppo.log import Log, read_log
+from np_training.ppo.networks import ActorCritic
+from np_training.ppo.learner import Learner, PPOConfig
 from np_training.release import check_releasable, figure_table, release
 from np_training.report import read_run, write_report
 

@@ -5,7 +5,7 @@ import json
 import pytest
 import torch
 
-from np_training import throughput
+from np_training.bench import throughput
 
 WORLDS, ROLLOUT = 8, 2
 

@@ -1,14 +1,14 @@
 """The launch argument `backend`: which nodes a graph has with the simulated robot, and with the real one."""
 
 import pytest
-from np_bringup.card import card_graph
+from np_bringup.task_graph import task_graph
 
 REAL = {"backend": "franka_driver", "mode": "realtime", "hostname": "robot", "calibration": "camera.yaml"}
 
 
 def named(arguments):
     """The nodes by name."""
-    return {spec.name: spec for spec in card_graph(arguments)}
+    return {spec.name: spec for spec in task_graph(arguments)}
 
 
 def test_the_driver_takes_the_place_of_the_bridge():
@@ -45,4 +45,4 @@ def test_a_recorder_does_not_wait_for_what_only_a_simulation_knows():
 ])
 def test_what_does_not_go_together_is_named(changes, text):
     with pytest.raises(ValueError, match=text):
-        card_graph({**REAL, **changes})
+        task_graph({**REAL, **changes})

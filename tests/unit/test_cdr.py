@@ -4,7 +4,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from np_bringup.cdr import header_stamp, padding_filter
+from np_record.cdr import header_stamp, padding_filter
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, JointState
 from std_msgs.msg import Header

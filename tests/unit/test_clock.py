@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from np_perception.clock import JUMP, PATIENCE, SECOND, ClockMapper
+from np_perception.camera.frame_clock import JUMP, PATIENCE, SECOND, ClockMapper
 
 PERIOD = SECOND // 30
 LEAST = 8_000_000  # ns, delay that every frame has

@@ -10,7 +10,7 @@ from np_control.controller import Controller, ControllerConfig
 from np_control.following import Following
 from np_control.impedance import DAMPING_RATIO_MAX, STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, pose_distance
-from np_control.lockstep import TickGate
+from np_control.tick_gate import TickGate
 from np_control.safety import LIMITS, Reason, Refusal, SafetyFilter, State
 from np_control.trajectory import make_trajectory
 from np_description.domains import CARD

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from np_description.domains import CARD, Pose, sample_task
 from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, EpisodeConfig, Goal, PhaseChange, Refused, Tick
-from np_policy.pose_estimation import project_keypoints
+from np_perception.pose_estimation import project_keypoints
 
 TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))

@@ -3,12 +3,12 @@
 import json
 
 import pytest
-from np_bringup.card import card_graph
+from np_bringup.task_graph import task_graph
 from np_bringup.commands import evaluate as command
-from np_bringup.episode import Outcome
+from np_record.recorded_episode import Outcome
 from np_bringup.evaluation import Results, breakdown, result_of, summary
-from np_bringup.intervals import wilson_interval
-from np_bringup.plots import results_plot
+from np_record.intervals import wilson_interval
+from np_bringup.results_plot import results_plot
 from np_description.domains import CARD
 
 SETTINGS = {
@@ -102,9 +102,9 @@ def test_the_patch_of_an_evaluation_goes_to_the_simulated_arm_and_nowhere_else(t
     options = command.parse(["--effects", str(patch)])
     assert options.effects == str(patch.resolve())
     carrying = {node.name: dict(node.parameters).get("effects")
-                for node in card_graph({"keypoints": "truth", "effects": options.effects})}
+                for node in task_graph({"keypoints": "truth", "effects": options.effects})}
     assert carrying.pop("sim_bridge") == options.effects and not any(carrying.values())
-    nominal = card_graph({"keypoints": "truth", "effects": ""})
+    nominal = task_graph({"keypoints": "truth", "effects": ""})
     assert "effects" not in next(node.parameters for node in nominal if node.name == "sim_bridge")
 
 

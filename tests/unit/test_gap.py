@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from np_control.dynamics import Dynamics
 from np_description.panda import NOMINAL
 from np_description.patch import PARAMETERS, Patch, PatchEffect
-from np_sim_bridge.gap import IGNORED, STICTION_SPEED, Gap
+from np_sim_bridge.effects import IGNORED, STICTION_SPEED, Gap
 
 PERIOD = 0.002
 JOINT = "panda_joint3"

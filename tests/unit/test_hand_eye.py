@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from np_description.calibration import Lens
 from np_description.camera import CAMERA
 from np_description.rotations import matrix_from_vector, vector_from_matrix
-from np_perception.board import Board
-from np_perception.bundle import DegenerateError, Fit, Touch, View, linearise, moved
-from np_perception.hand_eye import check, park_martin, solve
+from np_perception.calibration.board import Board
+from np_perception.calibration.bundle import DegenerateError, Fit, Touch, View, linearise, moved
+from np_perception.calibration.hand_eye import check, park_martin, solve
 
 LENS = Lens(400, 400, 741.0, 741.0, 199.5, 199.5)
 BOARD = Board()

@@ -6,9 +6,9 @@ import pytest
 import yaml
 from bags import record_episode
 from np_description.calibration import Lens
-from np_perception.camera_source import CameraError, EndOfImages
+from np_perception.camera.source import CameraError, EndOfImages
 
-from np_bringup.playback import POLICY_LENS, Playback
+from np_perception.camera.playback import POLICY_LENS, Playback
 
 
 def write_pictures(folder, names, size=(224, 224), suffix=".png"):

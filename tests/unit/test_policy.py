@@ -12,7 +12,7 @@ from np_policy.action import TIGHT
 from np_policy.hand_pose import POSITION_CENTRE, POSITION_RANGE
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.policy import PolicyError, PostContactController, PreContactPlanner, student_output, weights_file
-from np_policy.pose_estimation import project_keypoints
+from np_perception.pose_estimation import project_keypoints
 from np_policy.weights import WeightsError, save
 
 START, GOAL = (project_keypoints(CARD, pose) for pose in sample_task(CARD, np.random.default_rng(0)))

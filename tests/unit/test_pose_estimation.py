@@ -9,7 +9,7 @@ from np_description.camera import CAMERA
 from np_description.domains import CARD, DOMAINS, Pose, pose_error, sample_task
 from np_description.keypoints import box_keypoints
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix, quaternion_multiply
-from np_policy.pose_estimation import MIN_POINTS, PoseError, estimate_pose
+from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose
 
 
 def seen(domain, pose, noise=0.0, rng=None):

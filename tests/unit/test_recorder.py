@@ -7,9 +7,9 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from np_bringup.bag import BagError, Recording
-from np_bringup.contract import BY_NAME, TIMELINE
-from np_bringup.recorder import HORIZON, BagWriter, Sequencer
+from np_record.bag import BagError, Recording
+from np_record.topics import BY_NAME, TIMELINE
+from np_record.recorder import HORIZON, BagWriter, Sequencer
 from np_description.panda import STATE_NAMES
 from np_ros.messages import gains_message, joint_state_message, pose_message
 from rclpy.serialization import serialize_message
@@ -165,7 +165,7 @@ def test_a_damaged_message_is_named(tmp_path):
 
 
 def foreign(path, topic, message_type, data):
-    from np_bringup.cdr import TYPESTORE
+    from np_record.cdr import TYPESTORE
 
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         writer.write(writer.add_connection(topic, message_type, typestore=TYPESTORE), 1, data)

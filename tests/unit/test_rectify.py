@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from np_description.calibration import CalibrationError, Lens
 from np_description.camera import CAMERA
 from np_description.rotations import matrix_from_vector
-from np_perception.rectify import Rectifier, project_distorted, view_camera
+from np_perception.camera.rectify import Rectifier, project_distorted, view_camera
 
 D435 = Lens(1280, 720, 920.0, 921.0, 641.0, 358.0, (0.12, -0.25, 8e-4, -5e-4, 0.08))
 SMALL = st.lists(st.floats(-0.05, 0.05), min_size=3, max_size=3)

@@ -11,7 +11,7 @@ from np_control.safety import SafetyFilter, State
 from np_description.domains import BUMP, CARD, DOMAINS, WALL
 from np_description.panda import FINGER_SPEED, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.scene import load_model
-from np_sim_bridge.lockstep import Barrier
+from np_sim_bridge.barrier import Barrier
 from np_sim_bridge.schedule import PERIOD, SECOND, Schedule
 from np_sim_bridge.simulation import Simulation
 

@@ -5,8 +5,8 @@ import signal
 import sys
 
 import pytest
-from np_bringup.graph import LaunchArgument, NodeSpec, complete
-from np_bringup.supervisor import NodeDied, Supervisor, installed_command, reserve_domain_id
+from np_ros.graph import LaunchArgument, NodeSpec, complete
+from np_ros.supervisor import NodeDied, Supervisor, installed_command, reserve_domain_id
 
 SCRIPTS = {
     "patient": "import signal; print('up', flush=True); signal.pause()",
@@ -54,7 +54,7 @@ def test_a_node_that_ends_is_reported_with_its_name_and_last_lines(supervisor):
 
 def test_a_node_that_ignores_signals_is_killed(supervisor, monkeypatch):
     monkeypatch.setattr(
-        "np_bringup.supervisor.STOP_SEQUENCE",
+        "np_ros.supervisor.STOP_SEQUENCE",
         ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, 10.0)),
     )
     supervisor.start(NodeSpec("p", "stubborn"))

@@ -20,10 +20,10 @@ from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
 from np_policy.observation import normalised_keypoints, student_observation
 from np_policy.weights import save
-from np_training import contact
-from np_training.environment import as_seen, corners, pre_contact_state
-from np_training.networks import PreContactPolicy
-from np_training.tasks import Poses, sample_tasks
+from np_training.environment import contact
+from np_training.environment.environment import as_seen, corners, pre_contact_state
+from np_training.ppo.networks import PreContactPolicy
+from np_training.tasks.poses import Poses, sample_tasks
 
 KEYPOINT_NOISE = 0.02  # largest standard deviation, normalised image units; 1.0 is half an image
 POOL, REUSE = 32, 8  # batches of tasks kept, and updates from them for each that is new: the teacher is the slow part

@@ -20,20 +20,20 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from np_bringup.intervals import wilson_interval
+from np_record.intervals import wilson_interval
 from np_control.operational_space import CartesianGains, uniform_gains
 from np_description.domains import DOMAINS, find_domain
 from np_policy.networks import PreContactStudent
 from np_policy.policy import weights_file
 from np_policy.weights import load
-from np_training.effects import load_effects
-from np_training.environment import Environment, EnvironmentConfig
-from np_training.episodes import MODES, Episodes, concatenate, run_episodes
-from np_training.fixed_contact import STARTS, FixedContact
-from np_training.networks import ActorCritic
-from np_training.physics import CONTROLLERS, PhysicsConfig
-from np_training.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
-from np_training.recording import save_recording
+from np_training.physics.carried_effects import load_effects
+from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
+from np_training.environment.fixed_contact import STARTS, FixedContact
+from np_training.ppo.networks import ActorCritic
+from np_training.physics.batched import CONTROLLERS, PhysicsConfig
+from np_training.tasks.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
+from np_training.episodes.recording import save_recording
 from np_training.train import LIMITS
 
 SETTING = {

@@ -19,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
-from np_diagnosis.baselines import compare, gap
-from np_diagnosis.drive_log import read_drive_log
-from np_diagnosis.excitation import suite
-from np_diagnosis.identification import JOINT, Budget, likeliest_delay
-from np_diagnosis.plant import Plant, load_plant, panda_plant
-from np_diagnosis.replay import Stretch, stretches
+from np_diagnosis.baselines.methods import compare, gap
+from np_diagnosis.baselines.drive_log import read_drive_log
+from np_diagnosis.experiments.excitation import suite
+from np_diagnosis.baselines.identification import JOINT, Budget, likeliest_delay
+from np_diagnosis.simulation.simulated_arm import Plant, load_plant, panda_plant
+from np_diagnosis.simulation.closed_loop import Stretch, stretches
 from np_training.identify_reference import known_arm, record
 
 FITTED, HELD_OUT = (
@@ -62,7 +62,7 @@ def from_files(paths: Sequence[Path], plant: Plant) -> list[Stretch]:
     period, joints = plant.model.opt.timestep, len(plant.joints)
     recorded = [read_drive_log(path, joints, period) for path in paths if path.suffix == ".npz"]
     if bags := [path for path in paths if path.suffix != ".npz"]:
-        from np_diagnosis.reading import read  # needs what reads bags, which an .npz file does not
+        from np_diagnosis.recordings.reading import read  # needs what reads bags, which an .npz file does not
 
         recorded += [part for path in bags for part in stretches(read(path))]
     return recorded

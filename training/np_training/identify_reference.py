@@ -13,9 +13,9 @@ import mujoco
 import numpy as np
 
 from np_control.controller import Controller, ControllerConfig
-from np_diagnosis.excitation import Segment
-from np_diagnosis.plant import panda_plant
-from np_diagnosis.replay import FIELDS, Stretch, stretch
+from np_diagnosis.experiments.excitation import Segment
+from np_diagnosis.simulation.simulated_arm import panda_plant
+from np_diagnosis.simulation.closed_loop import FIELDS, Stretch, stretch
 
 PERIOD_NS = 2_000_000
 SUBSTEPS = 4

@@ -19,8 +19,8 @@ import torch
 
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256
-from np_training.curves import draw_curves
-from np_training.curves import save as save_figure
+from np_training.reports.curves import draw_curves
+from np_training.reports.curves import save as save_figure
 from np_training.report import PHYSICS_STEPS, Run, read_run
 
 _CARD = """# {title}
@@ -31,7 +31,7 @@ _CARD = """# {title}
 |---|---|
 | file | `{file}`, sha256 `{digest}` |
 | domain | {domain} |
-| data | simulated episodes only (MuJoCo Warp, `np_training.environment`); no real data |
+| data | simulated episodes only (MuJoCo Warp, `np_training.environment.environment`); no real data |
 | training | {steps:.0f} M policy steps ({physics:.1f} G physics steps), seed {seed}, {machine} |
 | command | `{command}` |
 | released | {date} |

@@ -14,9 +14,9 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from np_bringup.pages import page, svg
-from np_training.curves import draw_curves, reached
-from np_training.log import read_log
+from np_record.report.pages import page, svg
+from np_training.reports.curves import draw_curves, reached
+from np_training.ppo.log import read_log
 
 PHYSICS_STEPS = 20  # a policy step, where the configuration does not say
 

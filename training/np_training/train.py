@@ -21,18 +21,18 @@ import torch
 
 from np_control.operational_space import CartesianGains, uniform_gains
 from np_description.domains import DOMAINS, find_domain
-from np_training import distributed
-from np_training.curriculum import CurriculumConfig
-from np_training.effects import load_effects
-from np_training.environment import Environment, EnvironmentConfig
-from np_training.fixed_contact import STARTS
-from np_training.log import Log
-from np_training.physics import CONTROLLERS, PhysicsConfig
-from np_training.ppo import PPOConfig
-from np_training.progress import Progress
-from np_training.randomisation import PAPER
-from np_training.rewards import RewardConfig
-from np_training.trainer import TrainConfig, Trainer
+from np_training.ppo import distributed
+from np_training.ppo.curriculum import CurriculumConfig
+from np_training.physics.carried_effects import load_effects
+from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.environment.fixed_contact import STARTS
+from np_training.ppo.log import Log
+from np_training.physics.batched import CONTROLLERS, PhysicsConfig
+from np_training.ppo.learner import PPOConfig
+from np_training.ppo.progress import Progress
+from np_training.tasks.randomisation import PAPER
+from np_training.tasks.rewards import RewardConfig
+from np_training.ppo.trainer import TrainConfig, Trainer
 
 CHECKPOINT = "checkpoint.pt"
 LIMITS = {"card": 100, "bump": 200, "wall": 100}  # steps an episode
@@ -86,7 +86,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument(
         "--effects", type=Path, help="patch.yaml of the gap doctor: friction, damping, armature, link inertia"
     )
-    parser.add_argument("--adaptive-joint-range", action="store_true", help="see np_training.joint_range")
+    parser.add_argument("--adaptive-joint-range", action="store_true", help="see np_training.tasks.joint_range")
     parser.add_argument(
         "--curriculum",
         choices=("residual", "none"),

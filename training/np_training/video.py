@@ -14,11 +14,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from np_bringup.video import SCALE, draw_box, encode
+from np_record.report.video import SCALE, draw_box, encode
 from np_description.domains import Domain, Pose, find_domain, pose_error
 from np_description.scene import load_model
 from np_sim_bridge.renderer import Renderer, make_renderer
-from np_training.recording import PERIOD, Recording, load_recording
+from np_training.episodes.recording import PERIOD, Recording, load_recording
 
 LINGER = 10  # frames of the end
 PICTURES = 7  # of an episode in a strip

@@ -8,7 +8,6 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(),
-    package_data={package_name: ['data/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -25,19 +24,12 @@ setup(
     entry_points={
         'console_scripts': [
             'bench = np_bringup.commands.bench:main',
-            'calibrate = np_bringup.commands.calibrate:main',
-            'calibration_board = np_bringup.commands.calibration_board:main',
             'calibration_trial = np_bringup.commands.calibration_trial:main',
-            'camera_player = np_bringup.nodes.camera_player_node:main',
             'demo = np_bringup.commands.demo:main',
             'echo = np_bringup.nodes.echo_node:main',
             'evaluate = np_bringup.commands.evaluate:main',
             'goal = np_bringup.nodes.goal_node:main',
-            'keypoint_oracle = np_bringup.nodes.keypoint_oracle_node:main',
-            'recorder = np_bringup.nodes.recorder_node:main',
-            'replay = np_bringup.commands.replay:main',
             'round_trip = np_bringup.nodes.round_trip_node:main',
-            'report = np_bringup.commands.report:main',
         ],
     },
 )

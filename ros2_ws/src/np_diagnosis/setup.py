@@ -21,7 +21,6 @@ setup(
     entry_points={
         'console_scripts': [
             'baselines = np_diagnosis.commands.baselines:main',
-            'blind = np_diagnosis.commands.blind:main',
             'diagnose = np_diagnosis.commands.diagnose:main',
             'excite = np_diagnosis.commands.excite:main',
         ],

@@ -20,7 +20,11 @@ setup(
     entry_points={
         # executable = node name = 'np_perception.nodes.<name>_node:main'
         'console_scripts': [
+            'calibrate = np_perception.commands.calibrate:main',
+            'calibration_board = np_perception.commands.calibration_board:main',
+            'camera_player = np_perception.nodes.camera_player_node:main',
             'keypoint_detector = np_perception.nodes.keypoint_detector_node:main',
+            'keypoint_oracle = np_perception.nodes.keypoint_oracle_node:main',
         ],
     },
 )

@@ -23,8 +23,8 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
-from np_bringup.figures import detector_figures
-from np_bringup.pages import style
+from np_training.detector.timing import detector_figures
+from np_record.report.pages import style
 from np_description.domains import DOMAINS, Domain, find_domain
 from np_perception.detector import KeypointDetector
 from np_sim_bridge.renderer import egl_works

@@ -18,8 +18,8 @@ from np_description.domains import Domain
 from np_description.panda import FINGER_MAX, NOMINAL
 from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix, \
     quaternion_multiply, yaw_quaternion
-from np_training import contact
-from np_training.tasks import Poses, sample_tasks, uniform
+from np_training.environment import contact
+from np_training.tasks.poses import Poses, sample_tasks, uniform
 
 STATE_SIZE = 16
 

@@ -9,7 +9,7 @@ import torch
 
 from np_description.domains import Domain
 from np_training.detector.scenes import STATE_SIZE
-from np_training.recording import load_recording
+from np_training.episodes.recording import load_recording
 
 JOINT_SPREAD = 0.01  # rad: a real arm follows a little differently
 OBJECT_SPREAD = 0.002  # m: so that the same few episodes do not give the same images twice

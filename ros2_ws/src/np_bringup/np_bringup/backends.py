@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from np_bringup.graph import LaunchArgument, NodeSpec
+from np_ros.graph import LaunchArgument, NodeSpec
 
 SIMULATED, REAL = "sim_bridge", "franka_driver"
 BACKENDS = (SIMULATED, REAL)

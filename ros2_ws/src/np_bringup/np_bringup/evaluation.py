@@ -11,8 +11,8 @@ from pathlib import Path
 
 from np_description.phases import SUCCEEDED
 
-from np_bringup.episode import Outcome
-from np_bringup.intervals import wilson_interval
+from np_record.recorded_episode import Outcome
+from np_record.intervals import wilson_interval
 
 
 @dataclass(frozen=True)

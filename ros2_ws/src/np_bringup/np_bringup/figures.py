@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -11,21 +10,9 @@ import numpy as np
 from np_description.domains import Domain, Pose, sample_task
 from np_description.panda import NOMINAL
 from np_description.scene import load_model
+from np_description.timing import milliseconds
 
 PERIOD = 0.002  # s
-
-
-def milliseconds(action: Callable[[], object], repeats: int, warm_up: int = 3) -> dict[str, float]:
-    """p50, p95 ms of calling `action`."""
-    for _ in range(warm_up):
-        action()
-    seconds = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        action()
-        seconds.append(time.perf_counter() - began)
-    p50, p95 = np.percentile(seconds, (50, 95)) * 1e3
-    return {"p50_ms": round(float(p50), 3), "p95_ms": round(float(p95), 3)}
 
 
 def simulation_figures(domain: Domain, periods: int = 5000) -> dict[str, object]:
@@ -73,29 +60,17 @@ def renderer_figures(domain: Domain, repeats: int = 30) -> dict[str, object]:
     return figures
 
 
-def detector_figures(domain: Domain, weights: str, repeats: int = 50) -> dict[str, object]:
-    """The detector as the node runs it (ONNX Runtime, one thread) against the plain torch module."""
-    import torch
-    from np_perception.detector import IMAGE_SHAPE, KeypointDetector, network_name
-    from np_description.released import weights_folder
-
-    detector = KeypointDetector(domain, weights)
-    image = np.random.default_rng(0).integers(0, 256, IMAGE_SHAPE, dtype=np.uint8)
-    figures: dict[str, object] = milliseconds(lambda: detector.detect(image), repeats)
+def detector_figures(domain: Domain, weights: str) -> dict[str, object]:
+    """The detector as the node runs it, against the plain torch module where the training package is there."""
     try:
-        from np_training.detector.export import Deployed, load_weights
+        from np_training.detector.timing import detector_figures
     except ImportError as error:  # the training package is not needed on a robot
-        return {**figures, "peer": None, "peer_missing": str(error)}
-    torch.set_num_threads(1)
-    network, _ = load_weights(weights_folder(weights) / f"{network_name(domain)}.safetensors")
-    module, tensor = Deployed(network).eval(), torch.from_numpy(image[None])
+        from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 
-    def plain():
-        with torch.inference_mode():
-            module(tensor)
-
-    peer = milliseconds(plain, repeats)
-    return {**figures, "peer": "the torch module, one thread", **{f"peer_{k}": v for k, v in peer.items()}}
+        detector, image = KeypointDetector(domain, weights), np.zeros(IMAGE_SHAPE, np.uint8)
+        own = milliseconds(lambda: detector.detect(image), 50)
+        return {**own, "peer": None, "peer_missing": str(error)}
+    return detector_figures(domain, weights)
 
 
 def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str, object]:
@@ -104,7 +79,7 @@ def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str
     from np_policy.networks import PostContactPolicy
     from np_policy.observation import POST_SIZE
     from np_policy.policy import PostContactController, weights_file
-    from np_policy.pose_estimation import project_keypoints
+    from np_perception.pose_estimation import project_keypoints
     from np_policy.weights import load
 
     torch.set_num_threads(1)

@@ -6,21 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_diagnosis.arm_model import Arm, panda
-from np_diagnosis.constancy import shapes_left, slipped
-from np_diagnosis.context import make_context
-from np_diagnosis.design import Design, make_design
+from np_diagnosis.arm.model import Arm, panda
+from np_diagnosis.checks.constancy import shapes_left, slipped
+from np_diagnosis.inference.context import make_context
+from np_diagnosis.inference.design import Design, make_design
 from np_diagnosis.effects import Context, Effect
 from np_diagnosis.effects.sensing import quantised
-from np_diagnosis.estimates import Estimate, estimate
-from np_diagnosis.gap import Gap, measure
-from np_diagnosis.loop_delay import settle_delay
-from np_diagnosis.omnibus import Rest, examine
-from np_diagnosis.ranking import alternatives, larger, probabilities
-from np_diagnosis.search import Search, Structure
-from np_diagnosis.settling import settle_shapes
-from np_diagnosis.signals import Log
-from np_diagnosis.standstill import ageing
+from np_diagnosis.inference.estimates import Estimate, estimate
+from np_diagnosis.checks.shrinkage import Gap, measure
+from np_diagnosis.inference.loop_delay import settle_delay
+from np_diagnosis.checks.omnibus import Rest, examine
+from np_diagnosis.inference.ranking import alternatives, larger, probabilities
+from np_diagnosis.inference.search import Search, Structure
+from np_diagnosis.inference.settling import settle_shapes
+from np_diagnosis.recordings.signals import Log
+from np_diagnosis.checks.standstill import ageing
 
 CERTAIN = 0.8  # probability of an effect from which on it counts as identified
 EXPLAINED = 0.8  # of what is predictable at all: a structure that explains less is no explanation

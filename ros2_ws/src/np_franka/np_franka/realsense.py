@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from np_description.calibration import Lens
-from np_perception.camera_source import CameraError, Frame
-from np_perception.clock import ClockMapper
+from np_perception.camera.source import CameraError, Frame
+from np_perception.camera.frame_clock import ClockMapper
 
 # Ns: the camera counts microseconds in 32 bits, and begins anew every 71.6 minutes
 COUNTER_WRAPS = 2**32 * 1000
@@ -70,7 +70,7 @@ def find_device(serial: str = ""):
 
 
 class RealSense:
-    """An opened colour stream: a np_perception.camera_source.Source. Raises CameraError if the camera cannot
+    """An opened colour stream: a np_perception.camera.source.Source. Raises CameraError if the camera cannot
     do it."""
 
     def __init__(self, device, settings: Settings = Settings()) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, is_lost, is_success, pose_error
 from np_description.phases import ACTIVE, APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED
-from np_policy.pose_estimation import MIN_POINTS, PoseError, estimate_pose, project_keypoints, usable
+from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, project_keypoints, usable
 
 SECOND = 1_000_000_000
 

@@ -19,7 +19,7 @@ from np_description.symmetry import renamed
 from np_policy import action, hand_pose, weights
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import post_contact_observation, student_observation
-from np_policy.pose_estimation import PoseError, estimate_pose, project_keypoints, usable
+from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints, usable
 
 
 class PolicyError(RuntimeError):

@@ -16,7 +16,7 @@ from np_description.domains import Domain, Pose, sample_task
 from np_description.panda import FINGER_MAX, FINGER_SPEED, JOINT_NAMES, STATE_NAMES
 from np_description.patch import Patch
 from np_description.scene import OBJECT, load_model
-from np_sim_bridge.gap import Gap
+from np_sim_bridge.effects import Gap
 from np_sim_bridge.schedule import PERIOD, SECOND
 
 _TRAVEL = FINGER_SPEED * PERIOD / SECOND  # m of a finger in a period, at most

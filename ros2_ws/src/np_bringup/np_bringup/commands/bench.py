@@ -14,12 +14,13 @@ from pathlib import Path
 from np_description.domains import find_domain
 
 from np_bringup import figures
-from np_bringup.card import card_graph
-from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, running_graph
-from np_bringup.graph import NodeSpec
+from np_bringup.task_graph import task_graph
+from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder
+from np_bringup.commands.common import running_graph
+from np_ros.graph import NodeSpec
 from np_bringup.nodes.conductor_node import Conductor
-from np_bringup.nodes.participant import GraphError
-from np_bringup.supervisor import NodeDied, Supervisor
+from np_ros.participant import GraphError
+from np_ros.supervisor import NodeDied, Supervisor
 
 DOMAIN = "card"
 FRAMES, FRAME_RATE = 500, 30
@@ -41,7 +42,7 @@ def lockstep_factor(weights: str, keypoints: str, logs: Path) -> dict[str, objec
 def whole_graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str, object]:
     """The control loop in real time with every node at work: camera, detector, planner, policies."""
     observer = NodeSpec("np_bringup", "round_trip", parameters={"out": str(logs / "round_trip.json")})
-    return work_in_real_time([*card_graph({"mode": "realtime", "weights": weights}), observer], seconds, logs)
+    return work_in_real_time([*task_graph({"mode": "realtime", "weights": weights}), observer], seconds, logs)
 
 
 def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict[str, object]:
@@ -77,8 +78,8 @@ def played_frames(weights: str, frames: int, logs: Path) -> dict[str, object]:
     detector = {"mode": "realtime", "weights": weights}
     player = {"source": bag, "repeat": True}
     specs = [
-        *card_graph({"mode": "realtime", "keypoints": "truth", "weights": weights}),
-        replace(NodeSpec("np_bringup", "camera_player", "", player, (image, info)), nice=10),
+        *task_graph({"mode": "realtime", "keypoints": "truth", "weights": weights}),
+        replace(NodeSpec("np_perception", "camera_player", "", player, (image, info)), nice=10),
         replace(NodeSpec("np_perception", "keypoint_detector", "", detector, (image, keypoints)), nice=10),
         NodeSpec("np_bringup", "round_trip", "", {"out": str(logs / "round_trip.json")}, (info, keypoints)),
     ]

@@ -21,15 +21,15 @@ from np_description.domains import CARD, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_vector, vector_from_matrix, yaw_quaternion
-from np_perception.board import Board
-from np_perception.rectify import Rectifier
-from np_policy.pose_estimation import estimate_pose
+from np_perception.calibration.board import Board
+from np_perception.camera.rectify import Rectifier
+from np_perception.pose_estimation import estimate_pose
 
-from np_bringup.board_recording import record_rests
-from np_bringup.board_scene import D435, BoardScene, hand_mount, table_mount
-from np_bringup.calibrating import calibrate
-from np_bringup.commands.common import Progress, origin
-from np_bringup.evidence import CalibrationRefused, read_evidence
+from np_bringup.calibration_trial.board_recording import record_rests
+from np_bringup.calibration_trial.board_scene import D435, BoardScene, hand_mount, table_mount
+from np_perception.calibration.fitting import calibrate
+from np_record.command import Progress, origin
+from np_perception.calibration.evidence import CalibrationRefused, read_evidence
 
 TOUCHED = (0, 5, 18, 23, 8, 15, 2, 21)
 # Of the cameras about CAMERA: m and rad, standard deviation of each axis.

@@ -10,20 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from np_bringup.card import KEYPOINT_SOURCES
-from np_bringup.commands.common import (
-    INTERRUPTED,
-    Progress,
-    interrupt_on_sigterm,
-    new_folder,
-    origin,
-    running_graph,
-)
-from np_bringup.episode import Outcome
-from np_bringup.intervals import wilson_interval
-from np_bringup.nodes.participant import GraphError
-from np_bringup.report import make_section, write_report
-from np_bringup.supervisor import NodeDied
+from np_bringup.task_graph import KEYPOINT_SOURCES
+from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
+from np_bringup.commands.common import running_graph
+from np_record.recorded_episode import Outcome
+from np_record.intervals import wilson_interval
+from np_ros.participant import GraphError
+from np_record.report.episodes import make_section, write_report
+from np_ros.supervisor import NodeDied
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

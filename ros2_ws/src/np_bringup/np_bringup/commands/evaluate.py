@@ -12,19 +12,13 @@ from np_description.domains import DOMAINS, find_domain
 from np_description.patch import load_patch
 from np_description.phases import FAULT
 
-from np_bringup.card import CONTROLLERS, KEYPOINT_SOURCES
-from np_bringup.commands.common import (
-    INTERRUPTED,
-    Progress,
-    interrupt_on_sigterm,
-    new_folder,
-    origin,
-    running_graph,
-)
+from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
+from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
+from np_bringup.commands.common import running_graph
 from np_bringup.evaluation import Result, Results, breakdown, result_of, summary
-from np_bringup.nodes.participant import GraphError
-from np_bringup.plots import results_plot
-from np_bringup.supervisor import NodeDied
+from np_ros.participant import GraphError
+from np_bringup.results_plot import results_plot
+from np_ros.supervisor import NodeDied
 
 IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change nothing
 

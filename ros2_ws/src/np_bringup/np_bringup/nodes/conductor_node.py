@@ -16,10 +16,10 @@ from np_ros import qos
 from np_ros.messages import pose_arrays, stamp_nanoseconds
 from std_msgs.msg import Header, String
 
-from np_bringup.episode import Outcome, score
-from np_bringup.graph import NodeSpec
-from np_bringup.nodes.participant import SERVICE_TIMEOUT, GraphError, Participant
-from np_bringup.supervisor import Supervisor
+from np_record.recorded_episode import Outcome, score
+from np_ros.graph import NodeSpec
+from np_ros.participant import SERVICE_TIMEOUT, GraphError, Participant
+from np_ros.supervisor import Supervisor
 
 _QUIET = 0.1  # s
 

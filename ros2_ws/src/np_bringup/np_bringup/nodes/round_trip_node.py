@@ -17,7 +17,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
-from np_bringup.cdr import header_stamp
+from np_record.cdr import header_stamp
 
 
 class RoundTrip(Node):

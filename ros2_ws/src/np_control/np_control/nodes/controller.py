@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from np_control.controller import Answer, Controller, ControllerConfig
 from np_control.following import Following
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN
-from np_control.lockstep import TickGate
+from np_control.tick_gate import TickGate
 from np_control.nodes import inputs
 from np_control.nodes.inputs import Pose
 from np_control.operational_space import CartesianGains

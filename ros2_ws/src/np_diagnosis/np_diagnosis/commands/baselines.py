@@ -1,6 +1,6 @@
 """`baselines BAG... --out DIR`: what others' identification makes of recordings of the Panda, as patches.
 
-DIR/NAME/patch.yaml for each NAME of paper, sysid_3, sysid_6 and none (np_diagnosis.baselines). Needs no ROS.
+DIR/NAME/patch.yaml for each NAME of paper, sysid_3, sysid_6 and none (np_diagnosis.baselines.methods). Needs no ROS.
 The last line printed is one JSON object: rmse in the windows fitted to, physics steps and time of each.
 """
 
@@ -13,11 +13,11 @@ from pathlib import Path
 
 from np_description.patch import dump_patch
 
-from np_diagnosis.baselines import as_patch, fits
-from np_diagnosis.identification import Budget
-from np_diagnosis.plant import panda_plant
-from np_diagnosis.reading import ContractViolation, read
-from np_diagnosis.replay import stretches
+from np_diagnosis.baselines.methods import as_patch, fits
+from np_diagnosis.baselines.identification import Budget
+from np_diagnosis.simulation.simulated_arm import panda_plant
+from np_diagnosis.recordings.reading import ContractViolation, read
+from np_diagnosis.simulation.closed_loop import stretches
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from np_diagnosis import lean  # noqa: F401  before NumPy
-from np_diagnosis.arm_model import Arm, load_arm, panda
-from np_diagnosis.contract import check
+from np_diagnosis.arm.model import Arm, load_arm, panda
+from np_diagnosis.checks.plausibility import check
 from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.excerpt import excerpts
-from np_diagnosis.reading import ContractViolation, read
-from np_diagnosis.report import write
-from np_diagnosis.signals import Log
+from np_diagnosis.recordings.excerpt import excerpts
+from np_diagnosis.recordings.reading import ContractViolation, read
+from np_diagnosis.report.document import write
+from np_diagnosis.recordings.signals import Log
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

@@ -8,12 +8,12 @@ import os
 import sys
 from pathlib import Path
 
-from np_bringup.commands.common import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
-from np_bringup.graph import NodeSpec
-from np_bringup.nodes.participant import GraphError
-from np_bringup.supervisor import NodeDied, Supervisor
+from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
+from np_ros.graph import NodeSpec
+from np_ros.participant import GraphError
+from np_ros.supervisor import NodeDied, Supervisor
 
-from np_diagnosis.excitation import FURTHER, NAMES, suite
+from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
 from np_diagnosis.nodes.excite_node import Exciter
 
 
@@ -44,7 +44,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def make_graph(bag: Path, mode: str, with_arm: bool = True, effects: str = "",
                information: dict | None = None) -> list[NodeSpec]:
     """The recorder, and with_arm the simulated arm and its controller."""
-    nodes = [NodeSpec("np_bringup", "recorder", parameters={
+    nodes = [NodeSpec("np_record", "recorder", parameters={
         "bag": str(bag), "record_images": False, "run_info": json.dumps(information or {}, sort_keys=True)})]
     if with_arm:
         realtime = 20 if mode == "realtime" else 0

@@ -15,9 +15,9 @@ from importlib.resources import files
 import numpy as np
 import yaml
 
-from np_diagnosis.arm_model import Arm
-from np_diagnosis.signals import Log, Samples
-from np_diagnosis.stages import Drive, Prediction
+from np_diagnosis.arm.model import Arm
+from np_diagnosis.recordings.signals import Log, Samples
+from np_diagnosis.arm.stages import Drive, Prediction
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from np_diagnosis import rigid
-from np_diagnosis.arm_model import INERTIA_ERROR, SURE, Arm
+from np_diagnosis.arm import rigid
+from np_diagnosis.arm.model import INERTIA_ERROR, SURE, Arm
 from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, recurrence, stack
-from np_diagnosis.stages import sign
+from np_diagnosis.arm.stages import sign
 
 GAZ = "Gaz et al., RA-L 2019"
 # So fine that the best one leaves nothing to other effects.

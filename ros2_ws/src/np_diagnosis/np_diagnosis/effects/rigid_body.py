@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_diagnosis import rigid
-from np_diagnosis.arm_model import INERTIA_ERROR, SURE
+from np_diagnosis.arm import rigid
+from np_diagnosis.arm.model import INERTIA_ERROR, SURE
 from np_diagnosis.effects.base import Context, Effect, Parameter, stack
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
 from np_diagnosis.effects.torque_loop import WHOLE
-from np_diagnosis.stages import Drive
+from np_diagnosis.arm.stages import Drive
 
 USUAL = 4.5e-4  # s, up to which a delay of commands is what any loop has
 DELAYS = tuple(1e-4 * 1.35**n for n in range(18))  # s beyond it: so fine that the best one leaves nothing to other effects

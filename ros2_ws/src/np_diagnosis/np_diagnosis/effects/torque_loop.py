@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, recurrence, stack
-from np_diagnosis.stages import Drive
+from np_diagnosis.arm.stages import Drive
 
 LAGS = tuple(1e-3 * 1.4**n for n in range(10))  # s: so fine that the best one leaves nothing to other effects
 SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)

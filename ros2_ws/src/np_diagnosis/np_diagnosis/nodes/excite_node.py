@@ -16,15 +16,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
 from trajectory_msgs.msg import JointTrajectory
 
-from np_bringup.nodes.participant import GraphError, Participant
-from np_bringup.supervisor import Supervisor
+from np_ros.participant import GraphError, Participant
+from np_ros.supervisor import Supervisor
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE
 from np_ros import qos
 from np_ros.messages import gains_message, header_message, joint_state_arrays, stamp_nanoseconds, \
     trajectory_message
-from np_diagnosis.excitation import TICK_NS, Segment, end_of, schedule, suite
+from np_diagnosis.experiments.excitation import TICK_NS, Segment, end_of, schedule, suite
 
 _READY_TIMEOUT = 120.0  # s of wall time
 GAINS_AHEAD = TICK_NS  # ns by which gains go before their trajectory in real time

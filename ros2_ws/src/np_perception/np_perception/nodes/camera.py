@@ -21,8 +21,8 @@ from np_ros.node import Diagnostics, parameter
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from np_perception.camera_source import CameraError, EndOfImages, Source
-from np_perception.rectify import VIEWS, Rectifier, view_camera
+from np_perception.camera.source import CameraError, EndOfImages, Source
+from np_perception.camera.rectify import VIEWS, Rectifier, view_camera
 
 _RETRY = 1.0  # s between attempts to find a camera that has gone
 _READ = 0.1  # s

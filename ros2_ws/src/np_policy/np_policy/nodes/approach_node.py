@@ -17,7 +17,7 @@ from np_policy.approach import Approach, ApproachConfig, plan_approach
 from np_policy.collision import CollisionModel
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_policy.planning import Budget, PlanningError
-from np_policy.pose_estimation import PoseError, estimate_pose
+from np_perception.pose_estimation import PoseError, estimate_pose
 from np_ros import qos
 from np_ros.messages import BadMessage, pose_arrays, stamp_nanoseconds, trajectory_message
 from np_ros.node import Diagnostics, parameter, run

@@ -14,7 +14,7 @@ from np_description.panda import BASE_FRAME
 from np_description.phases import PRE, split_phase
 from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, subscribe_keypoints
 from np_policy.policy import PolicyError, PreContactPlanner, weights_file
-from np_policy.pose_estimation import MIN_POINTS, usable
+from np_perception.pose_estimation import MIN_POINTS, usable
 from np_ros import qos
 from np_ros.messages import pose_message
 from np_ros.node import Diagnostics, run

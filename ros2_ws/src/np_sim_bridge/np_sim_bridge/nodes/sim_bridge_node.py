@@ -34,7 +34,7 @@ from np_ros.messages import BadMessage, camera_info_message, image_message, join
 from np_ros.node import Diagnostics, parameter, run
 from np_ros.spin import request_realtime
 from np_sim_bridge.imaging import CameraThread
-from np_sim_bridge.lockstep import ACTIVE_PHASES, Barrier
+from np_sim_bridge.barrier import ACTIVE_PHASES, Barrier
 from np_sim_bridge.renderer import RENDERERS, make_renderer
 from np_sim_bridge.renderer_process import RendererProcess
 from np_sim_bridge.schedule import PERIOD, SECOND, Schedule

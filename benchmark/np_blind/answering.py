@@ -1,0 +1,153 @@
+"""Bags and the doctor's answers to them, case by case, on many processes.
+
+A case that crashes, or takes too long, has an error for an answer; the others go on. A case is done once its
+folder holds error.txt (empty where all went well), so that a run goes on where it was cut off.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+import traceback
+from collections.abc import Sequence
+from concurrent.futures import Future, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+from np_blind import others
+from np_blind.cases import Case
+from np_blind.followup import follow_up
+from np_blind.generate import bag_path, batches, make_bags
+from np_blind.processes import Workers, end_with_parent
+from np_blind.progress import Bar
+
+SINGLE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+ROUNDS = 3  # fresh sets of processes at most, where one of them is killed
+
+
+@dataclass(frozen=True)
+class Asking:
+    """How the doctor is asked: folder of the run, its command, s that one answer may take, whether bags are
+    kept, the baselines' command ("": none), and the time (s, Unix) from which no further case is begun."""
+
+    out: Path
+    doctor: str
+    timeout: float
+    keep: bool = False
+    identify: str = ""
+    until: float = float("inf")
+
+
+def report_path(out: Path, number: int) -> Path:
+    """Folder of the doctor's answer to a case; it holds error.txt once the doctor has run."""
+    return out / "reports" / f"case_{number:03d}"
+
+
+def is_answered(out: Path, number: int) -> bool:
+    """Whether a case is done, rightly or wrongly."""
+    return (report_path(out, number) / "error.txt").exists()
+
+
+def write_error(out: Path, number: int, error: str) -> None:
+    """Put down that a case is done, and what went wrong."""
+    folder = report_path(out, number)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "error.txt").write_text(error)
+
+
+def answer_all(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: int, workers: Workers) -> None:
+    """Bags and answers of all cases that have none yet. workers(jobs) gives an executor.
+
+    Where a process is killed (for its memory, say), those left begin anew; what was under way the last time
+    counts as failed.
+    """
+    for left in reversed(range(ROUNDS)):
+        try:
+            with workers(jobs) as pool:
+                _answer(cases, only, asking, jobs, pool)
+            return
+        except BrokenProcessPool as error:
+            print(f"blind: {error}; {left} more attempts", file=sys.stderr)
+    for case in cases:  # begun, and not survived
+        if bag_path(asking.out, case.number).exists() and not is_answered(asking.out, case.number):
+            write_error(asking.out, case.number, "a process of the test was killed, again and again")
+
+
+def _answer(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: int, pool) -> None:
+    out = asking.out
+    answered = {c.number for c in cases if is_answered(out, c.number)}
+    recorded = {c.number for c in cases if (bag_path(out, c.number) / "metadata.yaml").exists()} - answered
+    missing = [c for c in cases if c.number not in answered | recorded]
+    for case in missing:  # cut off while it was written
+        shutil.rmtree(bag_path(out, case.number), ignore_errors=True)
+    by_number = {c.number: c for c in cases}
+    making = {pool.submit(_record, batch, only, asking) for batch in batches(missing, jobs)} if missing else set()
+    answers: set[Future] = {pool.submit(answer, by_number[number], asking) for number in sorted(recorded)}
+    bar, done = Bar(len(cases), "blind"), len(answered)
+    bar.show(done, "simulating")
+    for future in as_completed(making):
+        for number, error in future.result().items():
+            if error:  # counted as wrong: no answer
+                write_error(out, number, error)
+                done += 1
+            else:
+                answers.add(pool.submit(answer, by_number[number], asking))
+    for future in as_completed(answers):
+        done += future.result()
+        bar.show(done, "diagnosed")
+
+
+def _record(cases: Sequence[Case], only: Sequence[str], asking: Asking) -> dict[int, str]:
+    """`make_bags`, case by case where one of them breaks it; empty where the time is over."""
+    if time.time() > asking.until:
+        return {}
+    try:
+        return make_bags(cases, only, asking.out)
+    except Exception:  # whatever it is: it is the answer of the case that it belongs to
+        for case in cases:
+            shutil.rmtree(bag_path(asking.out, case.number), ignore_errors=True)
+        if len(cases) == 1:
+            return {cases[0].number: f"no recording: {traceback.format_exc()[-2000:]}"}
+        return {n: error for case in cases for n, error in _record([case], only, asking).items()}
+
+
+def answer(case: Case, asking: Asking) -> bool:
+    """Run the doctor, and the baselines where they are asked for, on the bag of a case; what they say goes to
+    reports/case_*. False where the time is over."""
+    if time.time() > asking.until:
+        return False
+    try:
+        error = _ask_doctor(case, asking)
+    except Exception:
+        error = traceback.format_exc()[-2000:]
+    write_error(asking.out, case.number, error)
+    if not asking.keep:
+        shutil.rmtree(bag_path(asking.out, case.number), ignore_errors=True)
+    return True
+
+
+def _ask_doctor(case: Case, asking: Asking) -> str:
+    """What went wrong."""
+    bag, folder = bag_path(asking.out, case.number), report_path(asking.out, case.number)
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def ask(bags: Sequence[Path], into: Path) -> str:
+        command = [*shlex.split(asking.doctor), *(str(b.resolve()) for b in bags), "--out", str(into.resolve())]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=asking.timeout,
+                                  preexec_fn=end_with_parent, env={**os.environ, **SINGLE_THREAD})
+        except subprocess.TimeoutExpired:
+            return f"no answer within {asking.timeout:g} s"
+        return "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"
+
+    error = ask([bag], folder)
+    if not error:
+        follow_up(case, bag, folder, ask)
+    if asking.identify:
+        others.identify(bag, folder, asking.identify, asking.timeout)
+    return error

@@ -1,0 +1,119 @@
+"""Drawing cases: which arm has which faults, from a seed and the case's number alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_blind.faults import EFFECTS, Fault, Parameters, apply, limit_of, limits
+from np_blind.physics import Physics, nominal_physics
+from np_blind.strangers import STRANGERS, apply_stranger, strangers_of
+
+KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, "stranger": 0.175}
+INERTIA_ERROR = 0.03  # standard deviation, of each link's inertia
+DELAY = 4e-4  # s, greatest of the background
+SETS = {"development": 1, "locked": 2}
+"""The seeds of development and of the locked test lie apart."""
+
+# On one joint these look alike in any data of its motion: a pair of them would be one effect.
+_ALIKE = (
+    {"coulomb_friction", "asymmetric_coulomb_friction", "stribeck_friction", "load_dependent_friction",
+     "presliding_friction", "thermal_drift"},
+    {"viscous_friction", "asymmetric_viscous_friction", "damping_gain_error"},
+    {"torque_offset", "asymmetric_coulomb_friction", "torque_sensor_error", "torque_scale",
+     "gravity_compensation_error"},
+    {"backlash", "transmission_hysteresis", "joint_elasticity"},
+    {"command_delay", "measurement_delay", "packet_loss", "actuator_lag", "controller_mismatch"},
+    {"armature", "link_inertia"},
+    {"torque_saturation", "torque_rate_limit"},
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One arm to be: kind null, single, pair or stranger; its faults; seed: of everything random about it."""
+
+    number: int
+    kind: str
+    faults: tuple[Fault, ...]
+    seed: tuple[int, ...]
+
+
+def draw_cases(count: int, seed: int, which: str) -> list[Case]:
+    """`count` cases of a set, "development" or "locked". Kinds, and effects within them, are balanced."""
+    root = (SETS[which], seed)
+    rng = np.random.default_rng([*root, 0])
+    exact = np.array(list(KINDS.values())) * count
+    numbers = np.floor(exact).astype(int)
+    for k in np.argsort(numbers - exact, kind="stable")[: count - numbers.sum()]:
+        numbers[k] += 1
+    kinds = rng.permutation(np.repeat(list(KINDS), numbers))
+    singles, firsts, strangers = _deck(EFFECTS, rng), _deck(EFFECTS, rng), _deck(strangers_of(seed), rng)
+    cases = []
+    for number, kind in enumerate(kinds):
+        own = np.random.default_rng([*root, 1, number])
+        if kind == "single":
+            faults = (_fault(next(singles), own),)
+        elif kind == "pair":
+            faults = _pair(next(firsts), own)
+        elif kind == "stranger":
+            name = next(strangers)
+            joint = int(own.choice(STRANGERS[name][1]))
+            faults = (Fault(name, joint, _size(own, 3.0, 10.0)),)
+        else:
+            faults = ()
+        cases.append(Case(number, str(kind), faults, (*root, 2, number)))
+    return cases
+
+
+def make_physics(cases: list[Case], background: bool = True) -> tuple[Physics, list[list[Parameters]]]:
+    """The arms of the cases, and of each what exactly its faults are.
+
+    background: link inertia error, a small command delay, the joints' own breakaway and noise level, which
+    every arm of the test has.
+    """
+    physics = nominal_physics(len(cases))
+    truths = []
+    for i, case in enumerate(cases):
+        rng = np.random.default_rng([*case.seed, 0])
+        errors, delay = rng.normal(size=7), rng.uniform(0.0, DELAY)
+        breakaway, noise = np.exp(rng.uniform(np.log(3e-5), np.log(2e-4), 7)), rng.uniform(0.7, 1.4)
+        if background:
+            physics.inertials.inertia[i] *= (1.0 + INERTIA_ERROR * errors)[:, None, None]
+            physics.command_delay[i], physics.breakaway[i], physics.noise[i] = delay, breakaway, noise
+        rng = np.random.default_rng([*case.seed, 1])
+        give = apply_stranger if case.kind == "stranger" else apply
+        truths.append([give(physics, i, fault, rng) for fault in case.faults])
+    return physics, truths
+
+
+def magnitude(fault: Fault) -> float | None:
+    """Of a fault of the catalogue, in the unit of its limit."""
+    return fault.size * limit_of(fault.effect, fault.joint) if fault.effect in limits() else None
+
+
+def _deck(names: tuple[str, ...], rng: np.random.Generator):
+    """The names in random order, all of them before any comes again."""
+    while True:
+        yield from (str(name) for name in rng.permutation(names))
+
+
+def _size(rng: np.random.Generator, least: float, most: float) -> float:
+    return float(np.exp(rng.uniform(np.log(least), np.log(most))))
+
+
+def _fault(effect: str, rng: np.random.Generator) -> Fault:
+    entry = limits()[effect]
+    joint = int(rng.choice(entry["joints"])) - 1 if "joints" in entry else None
+    return Fault(effect, joint, _size(rng, 1.0, entry.get("largest", 10.0)))
+
+
+def _pair(first: str, rng: np.random.Generator) -> tuple[Fault, Fault]:
+    one = _fault(first, rng)
+    while True:
+        other = _fault(str(rng.choice(EFFECTS)), rng)
+        is_apart = one.joint is not None and other.joint is not None and one.joint != other.joint
+        alike = any({one.effect, other.effect} <= group for group in _ALIKE)
+        if other.effect != one.effect and (is_apart or not alike):
+            return one, other

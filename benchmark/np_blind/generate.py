@@ -1,0 +1,100 @@
+"""Making the bags of sealed cases.
+
+    python -m np_blind.generate --cases 24 --seed 0 --set development --out FOLDER
+
+FOLDER gets bags/case_000, ... (rosbag2 folders with nothing in them that tells one from another), key.json,
+and key.sha256.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from concurrent.futures import as_completed
+from pathlib import Path
+
+import numpy as np
+
+from np_blind.bags import write_bag
+from np_blind.cases import SETS, Case, draw_cases, make_physics
+from np_blind.loop import make_targets, run_staying
+from np_blind.processes import workers
+from np_blind.progress import Bar
+from np_blind.sealed import digest, make_key
+from np_diagnosis.experiments.excitation import suite
+
+BATCH = 25  # arms moved at once, at most: 30 MB each
+
+
+def batches(cases: Sequence[Case], jobs: int) -> list[list[Case]]:
+    """The cases, shared among so many processes."""
+    size = min(BATCH, -(-len(cases) // jobs))
+    return [list(cases[k:k + size]) for k in range(0, len(cases), size)]
+
+
+def bag_path(out: Path, number: int) -> Path:
+    """The bag of a case."""
+    return out / "bags" / f"case_{number:03d}"
+
+
+def make_bags(cases: Sequence[Case], only: Sequence[str], out: Path) -> dict[int, str]:
+    """Move the arms of some cases through the suite and write their bags.
+
+    By the number of each case, what went wrong; "" where its bag is written. An arm that runs away has none,
+    and leaves the others as they are.
+    """
+    targets = make_targets(suite(only))
+    record, staying, lost = run_staying(make_physics(list(cases))[0], targets, [case.seed for case in cases])
+    for row, arm in enumerate(staying):
+        case = cases[arm]
+        begin = int(np.random.default_rng([*case.seed, 3]).integers(1, 1000)) * 1_000_000_000
+        information = {"origin": "np_diagnosis blind test", "case": case.number}
+        write_bag(bag_path(out, case.number), record, row, targets, begin, information)
+    errors = {cases[arm].number: f"no recording: the arm ran away after {time:.3f} s" for arm, time in lost.items()}
+    errors |= {cases[arm].number: "" for arm in staying}
+    return errors
+
+
+def add_options(parser: argparse.ArgumentParser, which: str) -> None:
+    """The options that name a set of cases."""
+    parser.add_argument("--cases", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--set", choices=list(SETS), default=which, dest="which")
+    parser.add_argument("--only", nargs="*", default=[], metavar="EXPERIMENT", help="part of the suite")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; the last line printed is one JSON object."""
+    parser = argparse.ArgumentParser(prog="generate", description=__doc__.split("\n")[0])
+    add_options(parser, "development")
+    parser.add_argument("--out", type=Path, required=True, help="folder to make")
+    options = parser.parse_args(arguments)
+    if options.cases < 1 or options.jobs < 1:
+        parser.error("--cases, --jobs: expected at least 1")
+    try:
+        options.out.mkdir(parents=True)
+    except FileExistsError as error:
+        print(f"generate: expected a new folder: {error}", file=sys.stderr)
+        return 1
+    key = make_key(options.cases, options.seed, options.which, options.only)
+    (options.out / "key.json").write_text(key)
+    (options.out / "key.sha256").write_text(f"{digest(key)}  key.json\n")
+    cases = draw_cases(options.cases, options.seed, options.which)
+    bar, errors = Bar(len(cases), f"generate {options.which} {options.seed}"), {}
+    with workers(options.jobs) as pool:
+        pending = [pool.submit(make_bags, batch, options.only, options.out)
+                   for batch in batches(cases, options.jobs)]
+        for future in as_completed(pending):
+            errors |= future.result()
+            bar.show(len(errors))
+    lost = {number: error for number, error in sorted(errors.items()) if error}
+    print(json.dumps({"out": str(options.out), "cases": len(cases), "errors": lost, "set": options.which,
+                      "seed": options.seed, "key_sha256": digest(key)}))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,106 @@
+"""The sealed key: what every case is, known from (cases, seed, set) alone, its SHA-256 put down beforehand.
+
+The key needs no simulation, so that its hash can be committed before any bag exists, and anyone can make the
+same key, and bags, again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.resources import files
+from pathlib import Path
+
+from np_blind.cases import draw_cases, magnitude, make_physics
+
+KEYS = Path(str(files("np_blind") / "data" / "keys.txt"))
+"""Committed: one line a sealed key, `set cases seed sha256`."""
+SCHEMA = 1
+
+
+class SealError(ValueError):
+    """A key that is not the one whose hash was put down; says what was expected and what came."""
+
+
+def make_key(count: int, seed: int, which: str, only: Sequence[str] = ()) -> str:
+    """The key as JSON text: of each case its kind, faults, sizes and parameters.
+
+    only: the part of the suite that is recorded; it stands in the key where it is not the whole.
+    """
+    cases = draw_cases(count, seed, which)
+    _, truths = make_physics(cases)
+    entries = [{"case": case.number, "kind": case.kind, "faults": [
+        {**asdict(fault), "size": _rounded(fault.size), "component": fault.component,
+         "magnitude": _rounded(magnitude(fault)),
+         "parameters": {name: {"value": _rounded(value), "unit": unit}
+                        for name, (value, unit) in given.items()}}
+        for fault, given in zip(case.faults, truth)]} for case, truth in zip(cases, truths)]
+    part = {"only": list(only)} if only else {}
+    key = {"schema": SCHEMA, "set": which, "seed": seed, "cases": entries, **part}
+    return json.dumps(key, indent=1, sort_keys=True) + "\n"
+
+
+def digest(key: str) -> str:
+    """SHA-256 (hex) of a key."""
+    return hashlib.sha256(key.encode()).hexdigest()
+
+
+def seal(count: int, seed: int, which: str, only: Sequence[str] = (), path: Path = KEYS) -> str:
+    """Put down the hash of a key, once; the hash. Raises SealError where another one stands there."""
+    found = digest(make_key(count, seed, which, only))
+    known = _known(path).get((which, count, seed))
+    if known is None:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(f"{which} {count} {seed} {found}\n")
+    elif known != found:
+        raise SealError(_mismatch(path, which, count, seed, known, found))
+    return found
+
+
+def check(key: str, path: Path = KEYS) -> str:
+    """The hash of a key, which must be the one put down. Raises SealError."""
+    raw, found = json.loads(key), digest(key)
+    name = raw["set"], len(raw["cases"]), raw["seed"]
+    known = _known(path).get(name)
+    if known is None:
+        raise SealError(f"{path}: expected the hash of key {' '.join(map(str, name))}, put down (--seal) and "
+                        "committed before the doctor runs; it is not there")
+    if known != found:
+        raise SealError(_mismatch(path, *name, known, found))
+    return found
+
+
+def check_doctor(out: Path, is_locked: bool) -> str:
+    """SHA-256 over the doctor's own code, put down in `out` by the first call.
+
+    A run in parts is of one doctor: raises SealError where `out` of a locked set holds answers of another one.
+    """
+    root = Path(str(files("np_diagnosis")))
+    code = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        code.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    found, note = code.hexdigest(), out / "doctor.sha256"
+    known = note.read_text().strip() if note.exists() else found
+    if is_locked and known != found:
+        raise SealError(f"{out}: expected the doctor with SHA-256 {known} that gave the answers there, got {found}: "
+                        "its code has changed since; name another --out")
+    note.write_text(found + "\n")
+    return found
+
+
+def _known(path: Path) -> dict[tuple[str, int, int], str]:
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    rows = (line.split() for line in lines if line.strip() and not line.startswith("#"))
+    return {(which, int(count), int(seed)): found for which, count, seed, found in rows}
+
+
+def _mismatch(path: Path, which: str, count: int, seed: int, known: str, found: str) -> str:
+    return (f"{path}: key {which} {count} {seed}: expected SHA-256 {known}, got {found}: "
+            "the generator, or --only, is not that of the sealed key")
+
+
+def _rounded(value: float | None) -> float | None:
+    """Nine digits: the last ones may differ between machines."""
+    return None if value is None else float(f"{value:.9g}")

@@ -1,0 +1,1 @@
+"""Rendered calibrations with a known answer."""

@@ -1,0 +1,137 @@
+"""The task graph: every node that takes part in an episode, as a function of the launch arguments."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+
+from np_bringup import backends
+from np_ros.graph import LaunchArgument, NodeSpec, complete
+
+CONTROLLERS = {"impedance": "joint_impedance", "osc": "operational_space"}
+KEYPOINT_SOURCES = ("camera", "truth")
+
+ARGUMENTS = (
+    LaunchArgument("domain", "card", "Task family: card, bump or wall; it needs released weights."),
+    LaunchArgument(
+        "seed", "0", "With an episode's number it names the task; equal seeds give equal runs in lockstep."
+    ),
+    LaunchArgument("first_episode", "0", "Number of the episode that the first reset draws."),
+    LaunchArgument("mode", "lockstep", "lockstep: time waits for every answer; realtime: it does not."),
+    LaunchArgument(
+        "keypoints",
+        "camera",
+        "camera: detected in images; truth: projected from the simulated object, to "
+        "show what perception costs.",
+    ),
+    LaunchArgument(
+        "controller", "impedance", "impedance: joint impedance; osc: the operational-space baseline."
+    ),
+    LaunchArgument("image_rate", "30", "Images a second of simulated time."),
+    LaunchArgument(
+        "calibration",
+        "",
+        "File written by `calibrate`: where the camera is; empty: as trained; none: a real robot, no camera.",
+    ),
+    LaunchArgument("effects", "", "Patch file of effects that the simulated arm has; empty: the nominal arm."),
+    LaunchArgument("weights", "", "Folder with released weights; empty: the project's own."),
+    LaunchArgument("bag", "", "Record bags with this path, a number is appended; empty: no recorder."),
+    LaunchArgument("record_at_start", "true", "true: record from the start; false: wait for recorder/start."),
+    LaunchArgument("run_info", "{}", "JSON object that the recorder keeps in the bag."),
+    *backends.ARGUMENTS,
+)
+
+
+def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
+    """The nodes for launch arguments. Raises ValueError for an unknown argument or value."""
+    given = complete(arguments, ARGUMENTS)
+    for name, allowed in (
+        ("keypoints", KEYPOINT_SOURCES),
+        ("controller", CONTROLLERS),
+        ("mode", ("lockstep", "realtime")),
+        ("record_at_start", ("true", "false")),
+    ):
+        if given[name] not in allowed:
+            raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {given[name]!r}")
+    backends.check(given)
+    is_real = given["backend"] == backends.REAL
+    common = {"mode": given["mode"]}
+    task = {**common, "domain": given["domain"]}
+    seeing = {**task, "calibration": given["calibration"]}
+    learned = {**seeing, "weights": given["weights"]}
+    seed, image_rate = _integer(given, "seed"), _integer(given, "image_rate")
+    from_camera = given["keypoints"] == "camera"
+    simulated = [
+        NodeSpec(
+            "np_sim_bridge",
+            "sim_bridge",
+            parameters={
+                **seeing,
+                "seed": seed,
+                "first_episode": _integer(given, "first_episode"),
+                "image_rate": image_rate,
+                "camera": from_camera,
+                **({"effects": given["effects"]} if given["effects"] else {}),
+            },
+        ),
+        NodeSpec("np_control", CONTROLLERS[given["controller"]], parameters=common),
+    ]
+    nodes = [
+        *(backends.real_nodes(given, CONTROLLERS[given["controller"]]) if is_real else simulated),
+        NodeSpec("np_perception", "keypoint_detector", parameters={**task, "weights": given["weights"]})
+        if from_camera
+        else NodeSpec("np_perception", "keypoint_oracle", parameters={**seeing, "seed": seed}),
+        NodeSpec("np_policy", "pre_contact", parameters=learned),
+        NodeSpec("np_policy", "approach", parameters={**seeing, "seed": seed}),
+        NodeSpec("np_policy", "post_contact", parameters=learned),
+        NodeSpec("np_policy", "episode", parameters={**seeing, "backend": given["backend"]}),
+    ]
+    if given["bag"]:
+        information = {
+            **json.loads(given["run_info"]),
+            **{k: v for k, v in given.items() if k not in ("bag", "run_info")},
+        }
+        required = [
+            "joint_states",
+            "effort_command",
+            "keypoints",
+            "tick",
+            "phase",
+            "goal_pose",
+            "target_pose",
+            "target_gains",
+            "joint_trajectory",
+            "pre_contact_pose",
+            "gripper_command",
+            *(() if is_real else ("object_pose", "clock")),
+        ]
+        nodes.insert(
+            0,
+            NodeSpec(
+                "np_record",
+                "recorder",
+                parameters={
+                    "bag": given["bag"],
+                    "run_info": json.dumps(information, sort_keys=True),
+                    "record_at_start": given["record_at_start"] == "true",
+                    "required": ",".join(required),
+                },
+            ),
+        )
+    if given["mode"] == "realtime":
+        # The loop must not wait for those who think: state in, command out, every 2 ms.
+        nodes = [
+            replace(node, realtime=20)
+            if node.package in ("np_sim_bridge", "np_control") or node.executable == backends.REAL
+            else replace(node, nice=10)
+            for node in nodes
+        ]
+    return nodes
+
+
+def _integer(given: Mapping[str, str], name: str) -> int:
+    try:
+        return int(given[name])
+    except ValueError:
+        raise ValueError(f"{name}: expected an integer, got {given[name]!r}") from None

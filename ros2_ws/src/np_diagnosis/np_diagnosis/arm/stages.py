@@ -1,0 +1,164 @@
+"""What a recording says at each stage between target and motion, and where the nominal simulator disagrees.
+
+r0: commanded torque minus the controller's law replayed; r1: measured minus commanded torque; both at the rate
+of the recording. r2: torque minus inverse dynamics of the nominal arm, at 25 Hz through one filter; the torque is
+the commanded one where there is one, so that the noise of the torque sensor is in r1 alone. r3: motor minus joint
+angle. Residuals are what the arm shows beyond its nominal simulator.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_control.impedance import torque as impedance_torque
+
+from np_diagnosis.arm import rigid
+from np_diagnosis.arm.model import Arm
+from np_diagnosis.recordings.signals import Log, Samples
+
+STICTION_SPEED = 0.003  # rad/s at which the direction of motion becomes sure
+STANDSTILL = 0.02  # rad/s up to which a joint counts as standing
+
+
+def sign(velocity: np.ndarray) -> np.ndarray:
+    """Direction of motion, smooth through standstill."""
+    return np.tanh(velocity / STICTION_SPEED)
+
+
+def slides(samples: Samples, joint: int) -> np.ndarray:
+    """Rows (n,) of the samples whose whole filter window saw the joint slide in one direction."""
+    slowest, fastest = (samples.filtered_extreme(joint, extreme) for extreme in (np.min, np.max))
+    return (slowest > STANDSTILL) | (fastest < -STANDSTILL)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Nominal torques of samples, all (n, k) Nm.
+
+    gravity: holds the arm; inertial: accelerates it, Coriolis included, rotors not; rotors; friction. `total`
+    is what the sensor should have shown (with gravity only if the sensor does); load: through the gear;
+    direction (n, k): that of motion, -1..1. motion: of the links; gravity_slope (n, k, k): change of joint i's
+    gravity torque with position j; inertia (n, k, k): torque of joint i that turns link j about its own centre.
+    """
+
+    gravity: np.ndarray
+    inertial: np.ndarray
+    rotors: np.ndarray
+    friction: np.ndarray
+    total: np.ndarray
+    load: np.ndarray
+    direction: np.ndarray
+    motion: rigid.Motion
+    gravity_slope: np.ndarray
+    inertia: np.ndarray
+
+
+def predict(samples: Samples, arm: Arm) -> Prediction:
+    """Nominal torques of the samples' motion."""
+    q, dq, ddq = samples.position, samples.velocity, samples.acceleration
+    gravity = rigid.gravity_torque(arm, q)
+    inertial = rigid.torque(arm, q, dq, ddq) - gravity
+    rotors = ddq * arm.armature
+    direction = np.column_stack([samples.filtered(j, lambda q, v: sign(v)) for j in range(len(arm))])
+    friction = direction * arm.frictionloss + dq * arm.damping
+    total = inertial + rotors + friction + (gravity if samples.with_gravity else 0.0)
+    motion = rigid.move(arm, q, dq, ddq)
+    return Prediction(
+        gravity,
+        inertial,
+        rotors,
+        friction,
+        total,
+        gravity + inertial,
+        direction,
+        motion,
+        rigid.gravity_slope(arm, q),
+        rigid.own_inertia(arm, motion),
+    )
+
+
+def expected_torque(position, velocity, acceleration, arm: Arm, with_gravity: bool) -> np.ndarray:
+    """What the sensors of the nominal arm would show (n, k) Nm of a motion; near standstill only roughly."""
+    still = None if with_gravity else np.zeros(3)
+    rigid_part = rigid.torque(arm, position, velocity, acceleration, still)
+    return rigid_part + acceleration * arm.armature + sign(velocity) * arm.frictionloss + velocity * arm.damping
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Commands and their answers, one row a period: n rows, k joints.
+
+    time (n,) s, trajectory (n,); period s; starts: rows at which a stretch without a gap begins. law,
+    commanded, measured (n, k) Nm without gravity: the law replayed, what was asked for, what came; error
+    (n, k) rad: joint target with its lead, minus position; velocity, target_velocity (n, k) rad/s; stiffness
+    (n, k) Nm/rad, damping (n, k) Nms/rad: the gains in force; gravity (n, k) Nm.
+    """
+
+    time: np.ndarray
+    trajectory: np.ndarray
+    period: float
+    starts: np.ndarray
+    law: np.ndarray
+    commanded: np.ndarray
+    measured: np.ndarray
+    error: np.ndarray
+    velocity: np.ndarray
+    target_velocity: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    gravity: np.ndarray
+
+
+def drive(logs: list[Log], arm: Arm) -> Drive | None:
+    """The drive side of logs with commands, None where none has."""
+    parts, starts, count = [], [], 0
+    period = 0.0
+    for number, log in enumerate(logs):
+        c = log.commands
+        if c is None or len(c.rows) < 3:
+            continue
+        period = float(np.median(np.diff(log.time)))
+        follows = c.rows + 1 < len(log.time)
+        rows = c.rows[follows]
+        kept = np.flatnonzero(follows)[np.abs(log.time[rows + 1] - log.time[rows] - period) < 0.5 * period]
+        rows = c.rows[kept]
+        law, error = _replay(log, arm, kept)
+        begins = np.flatnonzero(np.diff(log.time[rows], prepend=-1.0) > 1.5 * period)
+        starts.append(count + np.union1d(begins, [0]))
+        count += len(rows)
+        still = rigid.gravity_torque(arm, log.position[rows])
+        parts.append(
+            (
+                log.time[rows],
+                np.full(len(rows), number),
+                law,
+                c.torque[kept],
+                log.torque[rows + 1],
+                error,
+                log.velocity[rows],
+                c.target_velocity[kept],
+                c.stiffness[kept],
+                c.damping[kept],
+                still,
+            )
+        )
+    if not parts:
+        return None
+    time, trajectory, *rest = (np.concatenate(column) for column in zip(*parts))
+    return Drive(time, trajectory, period, np.concatenate(starts), *rest)
+
+
+def _replay(log: Log, arm: Arm, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(torque (m, k) Nm of the controller's law, its position error (m, k) rad) for these commands."""
+    c = log.commands
+    rows = c.rows[kept]
+    q, dq = log.position[rows], log.velocity[rows]
+    rate = np.gradient(c.target_velocity, log.time[c.rows], axis=0)[kept]
+    if not c.feedforward:
+        rate = np.zeros_like(rate)
+    feed = rigid.torque(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate
+    kp, kd = c.stiffness[kept], c.damping[kept]
+    lead = c.target[kept] + kd / kp * c.target_velocity[kept]
+    return impedance_torque(q, dq, lead, kp, kd / np.sqrt(kp), feed), lead - q

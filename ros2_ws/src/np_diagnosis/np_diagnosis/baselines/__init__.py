@@ -1,0 +1,1 @@
+"""What others do: the paper's identification and its peers."""

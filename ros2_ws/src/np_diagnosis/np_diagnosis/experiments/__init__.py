@@ -1,0 +1,1 @@
+"""The excitation suite, and which experiment next."""

@@ -1,0 +1,1 @@
+"""From residuals to structures: cells, fits, the search, and how sure its answer is."""

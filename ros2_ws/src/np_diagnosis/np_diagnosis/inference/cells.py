@@ -1,0 +1,219 @@
+"""From residuals and columns to sums: all that a least-squares question about one stage of one joint needs.
+
+Both are prewhitened by the autoregression of what all columns together leave (Cochrane and Orcutt 1949), so that
+neighbouring rows count for no more than they say. Held are the Gram matrices of each block, and of each block
+with its surroundings: any fit to all other blocks, and its error on this one, is a few small matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from np_diagnosis.effects import Context, Parameter
+from np_diagnosis.inference.residuals import Stages
+
+BLOCKS = 10  # at least
+BLOCK_DURATION = 3.0  # s, where there are more
+LEAST_ROWS = 8  # in a block, below which it says nothing of a cell
+GAP = 0.5  # s left out of training on either side of the block that is predicted
+ORDER = 2  # of the autoregression
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows from start to end (s) of one trajectory, predicted together from what is a gap away."""
+
+    trajectory: int
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """One stage of one joint. ids (p,): parameters with columns here, those of nuisances first; test, held
+    (m, p + 1, p + 1): Gram matrices of columns and residual, of each block and of what its fit must not see;
+    test_rows, held_rows (m,). plain (m, p + 1, p + 1): of each block before whitening; outside: squared residual
+    of rows in no block. matrix (n, p), residual (n,), rows (n,) bool and block (n,): before whitening, which
+    rows count, the block each is in (-1: none). whiten: coefficients of the autoregression."""
+
+    stage: str
+    joint: int
+    ids: np.ndarray
+    test: np.ndarray
+    held: np.ndarray
+    test_rows: np.ndarray
+    held_rows: np.ndarray
+    plain: np.ndarray
+    outside: float
+    matrix: np.ndarray
+    residual: np.ndarray
+    rows: np.ndarray
+    block: np.ndarray
+    whiten: np.ndarray
+
+    @cached_property
+    def total(self) -> np.ndarray:
+        """Gram matrix (p + 1, p + 1) of all blocks."""
+        return self.test.sum(axis=0)
+
+    @cached_property
+    def train(self) -> np.ndarray:
+        """Gram matrices (m, p + 1, p + 1) of all that the fit for each block may see."""
+        return self.total - self.held
+
+    def parts(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`train` and `test` of some columns and the residual, residual first; kept, for many structures of a
+        search share them."""
+        key = columns.tobytes()
+        if key not in self._parts:
+            chosen = np.concatenate([[len(self.ids)], columns])
+            held, test = (gram[:, chosen[:, None], chosen] for gram in (self.held, self.test))
+            self._parts[key] = test.sum(axis=0) - held, test
+        return self._parts[key]
+
+    @cached_property
+    def _parts(self) -> dict:
+        return {}
+
+    @property
+    def used(self) -> np.ndarray:
+        """Blocks (m,) with enough rows to be predicted."""
+        return self.test_rows >= LEAST_ROWS
+
+
+def make_blocks(context: Context, gap: float = GAP) -> tuple[Block, ...]:
+    """Contiguous stretches of one trajectory each, of about equal length.
+
+    Raises ValueError where a block would not be three gaps long.
+    """
+    samples = context.samples
+    spans = []
+    for number in np.unique(samples.trajectory):
+        time = samples.time[samples.trajectory == number]
+        spans.append((int(number), float(time[0]), float(time[-1]) + 1e-6))
+    total = sum(end - start for _, start, end in spans)
+    count = max(BLOCKS, int(total / BLOCK_DURATION))
+    pieces = [1] * len(spans)
+    while sum(pieces) < count:
+        pieces[int(np.argmax([(e - s) / n for (_, s, e), n in zip(spans, pieces)]))] += 1
+    blocks = []
+    for (number, start, end), n in zip(spans, pieces):
+        if (end - start) / n < 3 * gap:
+            raise ValueError(
+                f"expected blocks of at least {3 * gap} s, {count} in all; got {(end - start) / n:.2f} s: "
+                "record more"
+            )
+        edges = np.linspace(start, end, n + 1)
+        blocks += [Block(number, a, b) for a, b in zip(edges[:-1], edges[1:])]
+    return tuple(blocks)
+
+
+def make_cell(
+    stages: Stages,
+    stage: str,
+    joint: int,
+    ids: np.ndarray,
+    matrix: np.ndarray,
+    blocks: Sequence[Block],
+    parameters: Sequence[Parameter],
+    whiten: np.ndarray | None = None,
+) -> Cell:
+    """Sums of one stage of one joint, with columns (n, p) `matrix` of the parameters `ids`.
+
+    whiten: autoregression to use; None: from the data.
+    """
+    trajectory, time = stages.times(stage)
+    residual = stages.residual(stage, joint)
+    kept = _kept(stages.rows(stage, joint), trajectory)
+    pieces = _pieces(trajectory, time, blocks)
+    plain = _sums(matrix, residual, kept, np.zeros(0), pieces).sum(axis=0)
+    if whiten is None:
+        whiten = _autoregression(matrix, residual, kept, plain.sum(axis=0), np.array([parameters[i].prior for i in ids]))
+    sums = _sums(matrix, residual, kept, whiten, pieces)
+    test = sums.sum(axis=0)
+    held = test + _beside(sums[0], sums[2], pieces)
+    counts = np.cumsum(np.concatenate([[0], kept]))
+    head, body, tail = (counts[pieces[:, k + 1]] - counts[pieces[:, k]] for k in range(3))
+    test_rows = (head + body + tail).astype(float)
+    held_rows = test_rows + _beside(head.astype(float), tail.astype(float), pieces)
+    block = np.full(len(time), -1)
+    for b, (start, _, _, end) in enumerate(pieces):
+        block[start:end] = b
+    outside = float(np.square(residual[kept & (block < 0)]).sum())
+    return Cell(stage, joint, ids, test, held, test_rows, held_rows, plain, outside, matrix, residual, kept, block,
+                whiten)
+
+
+def _kept(rows: np.ndarray, trajectory: np.ndarray) -> np.ndarray:
+    """Rows (n,) that count and all of whose past that the autoregression sees counts."""
+    kept = rows.copy()
+    for lag in range(1, ORDER + 1):
+        kept[lag:] &= rows[:-lag] & (trajectory[lag:] == trajectory[:-lag])
+        kept[:lag] = False
+    return kept
+
+
+def _pieces(trajectory: np.ndarray, time: np.ndarray, blocks: Sequence[Block]) -> np.ndarray:
+    """Rows (m, 4) at which each block starts, its first `GAP` ends, its last `GAP` starts, and it ends."""
+    pieces = []
+    for part in blocks:
+        first, last = np.searchsorted(trajectory, [part.trajectory, part.trajectory + 1])
+        edges = np.searchsorted(time[first:last], [part.start, part.start + GAP, part.end - GAP, part.end])
+        pieces.append(first + np.maximum.accumulate(edges))
+    return np.array(pieces)
+
+
+def _sums(
+    matrix: np.ndarray, residual: np.ndarray, kept: np.ndarray, whiten: np.ndarray, pieces: np.ndarray
+) -> np.ndarray:
+    """Gram matrices (3, m, p + 1, p + 1) of columns and residual through the autoregression's inverse, of the
+    first `GAP` of each block, of its last, and of what is between. A block at a time fits into the cache."""
+    size, lags = matrix.shape[1] + 1, len(whiten)
+    parts = np.zeros((3, len(pieces), size, size))
+    for b, edges in enumerate(pieces):
+        start, end = max(edges[0], lags), edges[3]
+        if not kept[start:end].any():
+            continue
+        rows = slice(start - lags, end)
+        whole = np.vstack([matrix[rows].T, residual[rows]])
+        white = whole[:, lags:] if not lags else whole[:, lags:].copy()
+        for lag, c in enumerate(whiten, 1):
+            if c:
+                white -= c * whole[:, lags - lag : -lag]
+        white[:, ~kept[start:end]] = 0.0
+        for k in range(3):
+            part = white[:, max(edges[k] - start, 0) : max(edges[k + 1] - start, 0)]
+            parts[k, b] = part @ part.T
+    return parts
+
+
+def _beside(head: np.ndarray, tail: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+    """What the neighbours of each block have next to it: the tail of the one before, the head of the next."""
+    beside = np.zeros_like(head)
+    touching = np.flatnonzero(pieces[1:, 0] == pieces[:-1, 3])
+    for before in touching:
+        beside[before + 1] += tail[before]
+    for before in touching:
+        beside[before] += head[before + 1]
+    return beside
+
+
+def _autoregression(matrix, residual, kept, normal, prior) -> np.ndarray:
+    """Coefficients of what all columns together leave in the rows `kept`, by Yule and Walker; zeros where too
+    short. normal (p + 1, p + 1): Gram matrix of columns and residual."""
+    side = residual[kept]
+    if len(side) < 50:
+        return np.zeros(ORDER)
+    if len(prior):
+        spread = max(np.median(np.abs(side)) ** 2, 1e-12)
+        scaled = normal[:-1, :-1] * np.outer(prior, prior) + spread * np.eye(len(prior))
+        side = side - (matrix @ (prior * np.linalg.solve(scaled, prior * normal[:-1, -1])))[kept]
+    correlation = np.array([np.mean(side[lag:] * side[: len(side) - lag]) for lag in range(ORDER + 1)])
+    if correlation[0] <= 1e-20:
+        return np.zeros(ORDER)
+    table = correlation[np.abs(np.subtract.outer(np.arange(ORDER), np.arange(ORDER)))]
+    return np.linalg.solve(table + 1e-3 * correlation[0] * np.eye(ORDER), correlation[1:])

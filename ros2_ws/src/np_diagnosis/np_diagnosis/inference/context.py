@@ -1,0 +1,140 @@
+"""What the recordings hold, prepared once: samples, nominal prediction, drive, hints for what to look for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_diagnosis.arm.model import Arm
+from np_diagnosis.effects.base import Context
+from np_diagnosis.effects.sensing import find_quantum
+from np_diagnosis.effects.timing import find_held
+from np_diagnosis.recordings.signals import Log, Samples, sample
+from np_diagnosis.arm.stages import Prediction, drive, predict
+
+RIPPLES = 2  # orders tried a joint
+ORDERS = (20, 400)  # per radian of the joint
+BINS = 4096
+SMOOTH = 25  # samples of the fine grid to either side
+HANN = np.hanning(2 * SMOOTH + 3)[1:-1] / np.hanning(2 * SMOOTH + 3).sum()
+PLAY = 1e-5  # rad, some standard deviations of a smoothed encoder
+
+
+@dataclass(frozen=True, eq=False)
+class Transmission:
+    """Motor side: time (n,), trajectory (n,), twist (n, k) rad = motor - joint, load (n, k) Nm through the
+    gear with gravity, load_rate (n, k) Nm/s. wound: the twist of each stretch (m, k) on the samples' fine
+    grid, without the noise of its two encoders: what the load winds up in proportion, and of the rest what is
+    no noise."""
+
+    time: np.ndarray
+    trajectory: np.ndarray
+    twist: np.ndarray
+    load: np.ndarray
+    load_rate: np.ndarray
+    wound: tuple[np.ndarray, ...]
+
+
+def make_context(logs: list[Log], arm: Arm) -> Context:
+    """Everything that effects and stages look at. Raises ValueError where the logs are too short."""
+    samples = sample(logs, all(log.commands is not None for log in logs))
+    prediction = predict(samples, arm)
+    driven = drive(logs, arm)
+    held, share, seen = (None, 0.0, 0) if driven is None else find_held(driven)
+    return Context(
+        arm,
+        logs,
+        samples,
+        prediction,
+        driven,
+        _transmission(logs, samples, prediction),
+        _ripples(samples, prediction),
+        held,
+        share,
+        np.array([find_quantum(logs[0].position[:, j]) for j in range(len(arm))]),
+        seen,
+    )
+
+
+def _transmission(logs: list[Log], samples: Samples, prediction: Prediction) -> Transmission | None:
+    if any(log.motor is None for log in logs):
+        return None
+    from scipy.interpolate import CubicSpline  # takes half a second to import, which a quick look has not
+
+    trajectory = np.concatenate([np.full(len(log.time), number) for number, log in enumerate(logs)])
+    time = np.concatenate([log.time for log in logs])
+    apart = np.concatenate([log.motor - log.position for log in logs])
+    twist = _projected(samples, trajectory, time, apart)
+    # What moves the links, not what the motor gives: friction and rotor lie before the gear.
+    load = prediction.load
+    rate = np.gradient(load, axis=0) / np.gradient(samples.time)[:, None]
+    ends = np.flatnonzero(np.diff(samples.time, prepend=-np.inf, append=-np.inf)[1:] < 0)
+    rate[np.unique(np.clip(np.concatenate([ends, ends + 1]), 0, len(rate) - 1))] = 0.0
+    yields = np.array([_slope(load[:, j], twist[:, j]) for j in range(load.shape[1])])
+    wound = []
+    for number, grid in samples.grids:
+        mine = samples.trajectory == number
+        first, last = samples.time[mine][[0, -1]]
+        straight = yields * CubicSpline(samples.time[mine], load[mine])(np.clip(grid, first, last))
+        rows = trajectory == number
+        seen = np.column_stack([_between(grid, time[rows], c) for c in apart[rows].T])
+        wound.append(straight + _quiet(seen - straight))
+    return Transmission(samples.time, samples.trajectory, twist, load, rate, tuple(wound))
+
+
+def _slope(load: np.ndarray, twist: np.ndarray) -> float:
+    """rad/Nm by which a twist (n,) follows a load (n,), of those known."""
+    known = np.isfinite(twist)
+    away = load[known] - load[known].mean() if known.any() else np.zeros(1)
+    return float(away @ twist[known] / (away @ away)) if away @ away > 0 else 0.0
+
+
+def _between(grid: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (m,) at the times of a grid from those known; zeros where none is."""
+    known = np.isfinite(values)
+    return np.interp(grid, time[known], values[known]) if known.any() else np.zeros(len(grid))
+
+
+def _quiet(twist: np.ndarray) -> np.ndarray:
+    """A twist (m, k) rad smoothed, and moved only by what is no noise: the play operator."""
+    smooth = np.column_stack([np.convolve(np.pad(c, SMOOTH, mode="edge"), HANN, mode="valid") for c in twist.T])
+    followed = np.empty_like(smooth)
+    last = smooth[0]
+    for i, (low, high) in enumerate(zip(smooth - PLAY, smooth + PLAY)):
+        last = np.minimum(np.maximum(last, low), high)
+        followed[i] = last
+    return followed
+
+
+def _projected(samples: Samples, trajectory: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """values (m, k) at the samples (n, k); NaN where the filter saw a NaN."""
+    is_known = np.isfinite(values)
+    projector = samples.projector(trajectory, time)
+    found = projector @ np.where(is_known, values, 0.0)
+    if not is_known.all():
+        found[projector @ (~is_known).astype(float) > 0] = np.nan
+    return found
+
+
+def _ripples(samples: Samples, prediction: Prediction) -> dict[int, tuple[int, ...]]:
+    """Orders (1/rad) by joint at which the residual has its highest spectral lines over the joint's angle."""
+    residual = samples.torque - prediction.total
+    found = {}
+    for j in range(residual.shape[1]):
+        moving = np.abs(samples.velocity[:, j]) > 0.02
+        if moving.sum() < 200:
+            continue
+        left = residual[moving, j] - residual[moving, j].mean()
+        left = left - prediction.direction[moving, j] * (left * prediction.direction[moving, j]).mean()
+        angle = np.floor(samples.position[moving, j] / (2 * np.pi) * BINS).astype(int) % BINS
+        power = np.abs(np.fft.rfft(np.bincount(angle, left, BINS)))
+        ranked = np.argsort(power[ORDERS[0] : ORDERS[1]])[::-1] + ORDERS[0]
+        chosen: list[int] = []
+        for order in ranked:
+            if all(abs(order - other) > 2 for other in chosen):
+                chosen.append(int(order))
+            if len(chosen) == RIPPLES:
+                break
+        found[j] = tuple(chosen)
+    return found

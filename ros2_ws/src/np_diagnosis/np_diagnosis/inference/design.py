@@ -1,0 +1,91 @@
+"""From a recording and the catalogue to cells: every effect's columns wherever it shows, and their sums."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_diagnosis.inference import nuisances
+from np_diagnosis.inference.cells import Block, Cell, make_blocks, make_cell
+from np_diagnosis.effects import Context, Effect, Parameter, all_effects
+from np_diagnosis.inference.nuisances import REVERSAL
+from np_diagnosis.inference.residuals import Stages
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect at a place: joint number or None for the arm; ids of its parameters."""
+
+    effect: Effect
+    joint: int | None
+    ids: np.ndarray
+    component_joint: int | None = None  # that an effect of the arm sits at
+
+    @property
+    def place(self) -> int | None:
+        """Number of the joint that it is at, an effect of the arm too; None where that is no single one."""
+        return self.component_joint if self.joint is None else self.joint
+
+    def at(self, joints: tuple[str, ...]) -> str:
+        """Joint name, or the arm effect's own component."""
+        return self.effect.component if self.joint is None else joints[self.joint]
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """All cells, all candidates, and the parameters (by id) with their priors."""
+
+    context: Context
+    cells: tuple[Cell, ...]
+    candidates: tuple[Candidate, ...]
+    parameters: tuple[Parameter, ...]
+    nuisances: tuple[np.ndarray, ...]  # ids by joint
+    blocks: tuple[Block, ...]
+    stages: Stages
+
+    def of(self, joint: int) -> list[Cell]:
+        """The cells of a joint."""
+        return [cell for cell in self.cells if cell.joint == joint]
+
+
+def make_design(context: Context) -> Design:
+    """Columns of every effect in every stage of every joint, and their sums."""
+    parameters: list[Parameter] = []
+
+    def new(parts: tuple[Parameter, ...]) -> np.ndarray:
+        parameters.extend(parts)
+        return np.arange(len(parameters) - len(parts), len(parameters))
+
+    stages = Stages(context)
+    nuisance = [
+        {stage: new(nuisances.parameters(context, stage, joint))
+         for stage in stages.names if stage != REVERSAL}
+        for joint in range(len(context.arm))
+    ]
+    candidates = []
+    for effect in all_effects(context):
+        places = [None] if effect.is_arm else range(len(context.arm))
+        for joint in places:
+            if effect.only_joint is None or effect.only_joint == joint:
+                at = context.arm.joints.index(effect.component) if effect.component in context.arm.joints else None
+                candidates.append(Candidate(effect, joint, new(effect.parameters), at))
+    blocks = make_blocks(context)
+    cells = []
+    for joint in range(len(context.arm)):
+        for stage in stages.names:
+            if stage == REVERSAL:  # the same columns in other rows, the same nuisances too
+                same = cells[-1]
+                cells.append(make_cell(stages, stage, joint, same.ids, same.matrix, blocks, parameters))
+                continue
+            matrix, ids = [nuisances.columns(context, stage, joint).T], [nuisance[joint][stage]]
+            for candidate in candidates:
+                if candidate.joint in (None, joint):
+                    columns = stages.columns(candidate.effect, stage, joint)
+                    if columns is not None:
+                        matrix.append(columns.T)
+                        ids.append(candidate.ids)
+            columns = np.concatenate(matrix).T  # each one contiguous
+            cells.append(make_cell(stages, stage, joint, np.concatenate(ids), columns, blocks, parameters))
+    ids = tuple(np.concatenate(list(own.values())) for own in nuisance)
+    return Design(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks, stages)

@@ -1,0 +1,146 @@
+"""Bounded Bayesian least squares on the sums of several cells, and the score of what it predicts unseen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_diagnosis.inference.cells import Cell
+from np_diagnosis.effects import Parameter
+
+PASSES = 3  # noise and parameters determine each other; three rounds settle
+LEAST_VARIANCE = 1e-16
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """m fits of p parameters: parameters (m, p), covariance (m, p, p), variance (cells, m) of one row."""
+
+    parameters: np.ndarray
+    covariance: np.ndarray
+    variance: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """Held-out result: log predictive density (m,) of each block, all cells; the fits."""
+
+    density: np.ndarray
+    fit: Fit
+
+
+def places(cell: Cell, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(columns of the cell, their places in ids) of those parameters that show in it."""
+    if not len(ids) or not len(cell.ids):
+        return np.zeros(0, int), np.zeros(0, int)
+    at = np.full(max(ids.max(), cell.ids.max()) + 1, -1)
+    at[ids] = np.arange(len(ids))
+    found = at[cell.ids]
+    columns = np.flatnonzero(found >= 0)
+    return columns, found[columns]
+
+
+def part(gram: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Gram matrices (m, k + 1, k + 1) of the residual and some columns, in this order."""
+    chosen = np.concatenate([[gram.shape[-1] - 1], columns])
+    return gram[:, chosen[:, None], chosen]
+
+
+def remaining(gram: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Squared residual (..., m) after columns @ values (..., m, k); gram (..., m, k + 1, k + 1) of `part`."""
+    factors = np.concatenate([np.ones((*values.shape[:-1], 1)), -values], axis=-1)
+    left = (np.matmul(gram, factors[..., None])[..., 0] * factors).sum(axis=-1)
+    return np.maximum(left, 0.0)
+
+
+def fit(
+    cells: Sequence[Cell],
+    grams: Sequence[np.ndarray],
+    rows: Sequence[np.ndarray],
+    ids: np.ndarray,
+    parameters: Sequence[Parameter],
+) -> Fit:
+    """Posterior mode within the bounds for each of the m sums; grams, rows: of each cell, (m, ...) and (m,)."""
+    where = [places(cell, ids) for cell in cells]
+    needed = _padded([part(gram, columns) for gram, (columns, _) in zip(grams, where)])
+    return _fit([at for _, at in where], needed, np.array(rows), [parameters[i] for i in ids])
+
+
+def _padded(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """(cells, m, k, k) of Gram matrices of different sizes, zeros where one is smaller."""
+    size = max(p.shape[-1] for p in parts)
+    whole = np.zeros((len(parts), len(parts[0]), size, size))
+    for n, p in enumerate(parts):
+        whole[n, :, : p.shape[-1], : p.shape[-1]] = p
+    return whole
+
+
+def _fit(where: Sequence[np.ndarray], grams: np.ndarray, rows: np.ndarray, chosen: Sequence[Parameter]) -> Fit:
+    """Of padded Gram matrices (cells, m, k, k), whose columns are the parameters `where`; rows (cells, m)."""
+    count, size = rows.shape[1], len(chosen)
+    prior, centre, lower, upper = (
+        np.array([getattr(p, name) for p in chosen]) for name in ("prior", "centre", "lower", "upper")
+    )
+    # What is padded points at a parameter that is always zero.
+    at = np.full((len(where), grams.shape[-1] - 1), size)
+    for n, own in enumerate(where):
+        at[n, : len(own)] = own
+    rows = np.maximum(rows, 1.0)
+    spare = np.maximum(rows - np.array([[len(own)] for own in where]), 1.0)
+    variance = np.maximum(grams[:, :, 0, 0] / rows, LEAST_VARIANCE)
+    solved, covariance = np.zeros((count, size)), np.zeros((count, size, size))
+    for number in range(PASSES):
+        normal, moment = np.zeros_like(covariance), np.tile(centre * prior**-2, (count, 1))
+        normal[:, np.arange(size), np.arange(size)] = prior**-2
+        scaled = grams[:, :, 1:] / variance[..., None, None]
+        for own, part_ in zip(where, scaled):
+            if len(own):
+                normal[:, own[:, None], own] += part_[:, : len(own), 1 : len(own) + 1]
+                moment[:, own] += part_[:, : len(own), 0]
+        if number == PASSES - 1:
+            covariance = np.linalg.inv(normal)
+            solved = np.matmul(covariance, moment[..., None])[..., 0]
+        else:
+            solved = np.linalg.solve(normal, moment[..., None])[..., 0]
+        outside = (solved < lower) | (solved > upper)
+        if outside.any():
+            solved = _bounded(normal, moment, solved, lower, upper, outside)
+        values = np.concatenate([solved, np.zeros((count, 1))], axis=1)[:, at].transpose(1, 0, 2)
+        variance = np.maximum(remaining(grams, values) / spare, LEAST_VARIANCE)
+    return Fit(solved, covariance, variance)
+
+
+def score(cells: Sequence[Cell], ids: np.ndarray, parameters: Sequence[Parameter]) -> Score:
+    """Fit without each block and its surroundings, and predict the block."""
+    where = [places(cell, ids) for cell in cells]
+    parts = [cell.parts(columns) for cell, (columns, _) in zip(cells, where)]
+    train, test = (_padded([p[side] for p in parts]) for side in (0, 1))
+    rows = np.array([cell.test_rows.sum() - cell.held_rows for cell in cells])
+    fitted = _fit([at for _, at in where], train, rows, [parameters[i] for i in ids])
+    spread, squares = np.zeros(rows.shape), np.zeros(rows.shape)
+    for n, (_, at) in enumerate(where):
+        own = test[n, :, : len(at) + 1, : len(at) + 1]
+        squares[n] = remaining(own, fitted.parameters[:, at])
+        if len(at):
+            spread[n] = (own[:, 1:, 1:] * fitted.covariance[:, at[:, None], at]).sum(axis=(1, 2))
+    rows = np.maximum(np.array([cell.test_rows for cell in cells]), 1)
+    variance = fitted.variance + spread / rows
+    density = -0.5 * rows * (np.log(2 * np.pi * variance) + squares / rows / variance)
+    return Score((density * np.array([cell.used for cell in cells])).sum(axis=0), fitted)
+
+
+def _bounded(normal, moment, solved, lower, upper, outside) -> np.ndarray:
+    """Least squares in a box: what leaves it is held at its side, and the rest is solved again, twice."""
+    held = np.zeros_like(outside)
+    for _ in range(2):
+        held |= outside
+        side = np.clip(solved, lower, upper)
+        stiff = np.where(held, 1e9 * np.einsum("bii->bi", normal), 0.0)
+        stiffened = normal + stiff[:, :, None] * np.eye(normal.shape[1])
+        solved = np.linalg.solve(stiffened, (moment + stiff * side)[..., None])[..., 0]
+        outside = ((solved < lower) | (solved > upper)) & ~held
+        if not outside.any():
+            break
+    return np.clip(solved, lower, upper)

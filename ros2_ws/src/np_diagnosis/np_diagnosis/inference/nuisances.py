@@ -1,0 +1,104 @@
+"""What every structure may use besides its effects: what any arm has, and no prediction can know.
+
+Random effects with a prior of their own, stage by stage of each joint: the delay between command and torque
+(r1) and between torque and motion (r2), an error of each link's inertia, how far a joint yields before it
+slides the other way, the zero of the motor's encoder and what even a stiff gear yields (r3). Rows at reversal
+have those of r2: whoever leaves them out there finds the links' errors in the rotors.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_diagnosis.arm.model import INERTIA_ERROR
+from np_diagnosis.effects import Context, Parameter
+from np_diagnosis.effects.friction import SMOOTH
+from np_diagnosis.arm.rigid import carried, felt_inertia
+from np_diagnosis.arm.stages import sign, slides
+
+REVERSAL = "r2 at reversal"
+
+DELAY = 2e-4  # s between command and torque that a loop has before its recording is asked (loop_delay.py)
+# rad over which a joint yields before friction turns over: two span what lies between. The larger is also that of
+# a joint with more friction on the same bristles, which low-speed friction would otherwise be blamed for.
+BREAKAWAYS = (1e-4, 2e-4)
+ACCELERATION_ERROR = 0.001  # of what a filtered derivative says of a motion without noise
+GEAR_YIELD = 1e-5  # rad/Nm: no gear is stiffer than some 1e5 Nm/rad, and a rigid one is no worse a model of that
+
+_NONE: tuple[Parameter, ...] = ()
+_DELAYED = {
+    "r1": Parameter("command_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
+    "r2": Parameter("motion_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
+}
+# Shares of the nominal friction that turn over late.
+_TURNING = (
+    Parameter("breakaway", "1", 0.0, 10.0, 0.7, centre=1.0),
+    Parameter("late breakaway", "1", -2.0, 10.0, 1.0),
+)
+# Without commands, measured torque and motion may come from clocks of their own.
+_LOOSE = Parameter("motion_delay", "s", -0.01, 0.01, 1e-3)
+
+
+def parameters(context: Context, stage: str, joint: int) -> tuple[Parameter, ...]:
+    """Of one stage of one joint, in the order of `columns`."""
+    if stage == "r1":
+        return (_DELAYED["r1"],)
+    if stage in ("r2", REVERSAL):
+        late = _DELAYED["r2"] if context.drive is not None else _LOOSE
+        whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
+        links = (
+            Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in carried(context.arm, joint)
+        )
+        return (late, whole, *_TURNING, *links)
+    if stage == "r3":
+        return (
+            Parameter("zero", "rad", -0.1, 0.1, 0.01),
+            Parameter("yield", "rad/Nm", -2 * GEAR_YIELD, 2 * GEAR_YIELD, GEAR_YIELD),
+        )
+    return _NONE
+
+
+def columns(context: Context, stage: str, joint: int) -> np.ndarray:
+    """Columns (n, count) of the `parameters`."""
+    c = context
+    if stage in ("r2", REVERSAL):
+        # A joint turns what is beyond it: each link's inertia may be off by itself. (One factor for all of them
+        # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
+        links = c.prediction.inertia[:, joint, carried(c.arm, joint)]
+        # After a reversal friction is late, and resists the acceleration less: it looks like less inertia.
+        late = (c.arm.frictionloss[joint] * c.samples.filtered(joint, lambda q, v, x=reach: bent(q, x) - sign(v))
+                for reach in BREAKAWAYS)
+        motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]
+        return np.column_stack([*motion, *late, links])
+    if stage == "r3":
+        return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
+    if stage == "r1":
+        # Commands are held for a period: to be late by less than that is a share of the one before.
+        step = np.diff(c.drive.commanded[:, joint], prepend=c.drive.commanded[0, joint])
+        step[c.drive.starts] = 0.0
+        return -step[:, None] / c.drive.period
+    return np.zeros((len(c.drive.time), 0))
+
+
+def _attenuation(context: Context, joint: int) -> float:
+    """Inertia kg m^2 of a drive that the noise in a measured acceleration hides: the best prediction from a noisy
+    regressor is by the share of noise in it too small (Fuller, Measurement Error Models, 1987)."""
+    felt = felt_inertia(context.arm, np.median(context.samples.position, axis=0))[joint]
+    moved = context.samples.acceleration[slides(context.samples, joint), joint]
+    noise = context.samples.shaking[joint] ** 2 / (np.mean(moved**2) if moved.size else 1.0)
+    return float(felt * (ACCELERATION_ERROR + min(noise, 0.1)))
+
+
+def bent(position: np.ndarray, reach: float) -> np.ndarray:
+    """How far (m,), -1..1 of its reach rad, a bristle is bent that a joint drags along: what the play operator
+    leaves."""
+    padded = np.pad(position, SMOOTH // 2, mode="edge")
+    smooth = np.convolve(padded, np.full(SMOOTH, 1 / SMOOTH), mode="valid")
+    foot, feet = smooth[0], []
+    for low, high in zip((smooth - reach).tolist(), (smooth + reach).tolist()):
+        if foot < low:  # a third of the time that min and max take
+            foot = low
+        elif foot > high:
+            foot = high
+        feet.append(foot)
+    return (smooth - feet) / reach

@@ -1,0 +1,117 @@
+"""Residuals, their times and rows, and the columns of effects, stage by stage of a recording."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_diagnosis.effects import Context, Effect
+from np_diagnosis.inference.nuisances import REVERSAL
+from np_diagnosis.arm.stages import slides
+
+KINK = 0.02  # rad/s^2 by which the target's acceleration may jump for what was fed forward to be known
+SLOWEST = 0.002  # rad/s, below which a joint may be standing
+
+
+class Stages:
+    """Residuals, times and rows of each stage that this recording has."""
+
+    def __init__(self, context: Context):
+        self.context = context
+        # Of the last joint asked for.
+        self._drive_columns: tuple[int, dict[int, tuple[Effect, np.ndarray]]] = (-1, {})
+        self._projected: dict[tuple[int, int], tuple[Effect, np.ndarray]] = {}
+        self.names = ["r2", REVERSAL]
+        self._slides = np.column_stack([slides(context.samples, j) for j in range(len(context.arm))])
+        if context.drive is not None:
+            self.names += ["r0", "r1"]
+            self._is_smooth = _smooth(context)
+            drive = context.drive
+            self._projector = context.samples.projector(drive.trajectory, drive.time + drive.period / 2)
+        if context.transmission is not None:
+            self.names.append("r3")
+
+    def times(self, stage: str) -> tuple[np.ndarray, np.ndarray]:
+        """(trajectory (n,), time (n,)) of the rows."""
+        source = {"r2": self.context.samples, "r3": self.context.transmission}.get(rung(stage), self.context.drive)
+        return source.trajectory, source.time
+
+    def residual(self, stage: str, joint: int) -> np.ndarray:
+        """Residual (n,)."""
+        c = self.context
+        if rung(stage) == "r2":
+            return c.samples.torque[:, joint] - c.prediction.total[:, joint]
+        if stage == "r3":
+            return c.transmission.twist[:, joint]
+        if stage == "r0":
+            return c.drive.commanded[:, joint] - c.drive.law[:, joint]
+        return c.drive.measured[:, joint] - c.drive.commanded[:, joint]
+
+    def columns(self, effect: Effect, stage: str, joint: int) -> np.ndarray | None:
+        """Columns (n, parameters) of an effect, None where it does not show.
+
+        With commands, r2 is taken from the commanded torque: its noise is then none of r1's. What the drive
+        makes of a command is missing from it, whatever the sensor says.
+        """
+        c = self.context
+        own = effect.columns.get(rung(stage))
+        if rung(stage) == "r1" and own is not None:
+            return self._of_drive(effect, joint)
+        if rung(stage) != "r2" or c.drive is None or "r1" not in effect.columns:
+            return None if own is None else own(c, joint)
+        if effect.module == "sensing":
+            return None
+        key = (id(effect), joint)
+        if key not in self._projected:
+            values = self._of_drive(effect, joint)
+            projected = -np.column_stack([self._projector @ column for column in values.T])
+            self._projected[key] = effect, projected  # kept too, lest another effect gets its id
+        return self._projected[key][1]
+
+    def _of_drive(self, effect: Effect, joint: int) -> np.ndarray:
+        """Columns (n, parameters) in r1, kept while this joint is asked for."""
+        if self._drive_columns[0] != joint:
+            self._drive_columns = joint, {}
+        kept = self._drive_columns[1]
+        if id(effect) not in kept:
+            kept[id(effect)] = effect, effect.columns["r1"](self.context, joint)
+        return kept[id(effect)][1]
+
+    def rows(self, stage: str, joint: int) -> np.ndarray:
+        """Rows (n,) that count. A joint that stands is held by friction of any size up to its level: its
+        torque says nothing of the motion. Reversals are apart, since friction there is another matter."""
+        c = self.context
+        if stage == "r2":
+            return self._slides[:, joint]
+        if stage == REVERSAL:
+            return (np.abs(c.samples.velocity[:, joint]) > SLOWEST) & ~self._slides[:, joint]
+        if stage == "r3":
+            return np.isfinite(c.transmission.twist[:, joint])
+        if stage == "r0":
+            return self._is_smooth
+        return np.ones(len(c.drive.time), bool)
+
+
+def rung(stage: str) -> str:
+    """The rung of the ladder (r0 .. r3) that a stage is of."""
+    return stage[:2]
+
+
+def _smooth(context: Context) -> np.ndarray:
+    """Rows (n,) of the drive at which the target's acceleration, which was fed forward, is known: the velocity
+    of the target has no kink there."""
+    d = context.drive
+    kinked = np.zeros(len(d.time), bool)
+    for number, log in enumerate(context.logs):
+        c = log.commands
+        if c is None:
+            continue
+        bend = np.diff(c.target_velocity, 2, axis=0) / d.period
+        around = 0.5 * (bend[:-4] + bend[4:])
+        kink = np.abs(bend[2:-2] - around).max(axis=1) > KINK
+        times = log.time[c.rows][3:-3][kink]
+        rows = np.flatnonzero(d.trajectory == number)
+        kinked[rows] = np.isin(np.round(d.time[rows] / d.period), np.round(times / d.period))
+    edges = np.concatenate([[0], d.starts, [len(d.time)]])
+    for start in edges:
+        kinked[max(0, start - 4) : start + 4] = True
+    return ~kinked

@@ -1,0 +1,1 @@
+"""The answer as files: JSON after the schema, and a page."""

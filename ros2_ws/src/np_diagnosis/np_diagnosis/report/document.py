@@ -1,0 +1,187 @@
+"""The answer as files: report.json after data/gap_report.schema.json, report.html, and patch.yaml."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from np_description.patch import dump_patch
+
+from np_diagnosis.experiments.ambiguity import open_question
+from np_diagnosis.diagnosis import Diagnosis, Finding
+from np_diagnosis.checks.shrinkage import REGIMES, regimes
+from np_diagnosis.inference.nuisances import REVERSAL
+from np_diagnosis.simulation.patching import make_patch, tried_patch
+from np_diagnosis.report.schema import validate
+from np_diagnosis.recordings.signals import Log
+
+
+REFITTED = 3  # structures at most: the chosen one and its nearest rivals
+
+
+def make_report(
+    diagnosis: Diagnosis, logs: Sequence[Log], runtime: float, shots: dict | None = None,
+    experiment: dict | None = None, forward: dict | None = None, left_out: Sequence[str] = (),
+) -> dict:
+    """The report as a JSON object; shots, left_out: of `patching.tried_patch`; experiment: of
+    `power.next_experiment`; forward: of `refit.second_opinion`.
+
+    Raises ValueError if it breaks the schema.
+    """
+    gap, joints = diagnosis.gap, diagnosis.context.arm.joints
+    report = {
+        "schema_version": 1,
+        "verdict": diagnosis.verdict,
+        "where": where(diagnosis),
+        "effects": [_effect(f) for f in diagnosis.findings] if diagnosis.verdict != "no_gap" else [],
+        "gap": {
+            "metric": "held-out RMS of the torque residuals of all rungs, averaged over the joints that moved",
+            "unit": "Nm",
+            "before": gap.before,
+            "after": gap.after,
+            "floor": gap.floor,
+            "shrink": gap.shrink,
+            "shrink_ci95": list(gap.shrink_interval),
+            "by_component": {
+                joint: {
+                    "before": float(gap.before_joint[j]),
+                    "after": float(gap.after_joint[j]),
+                    "floor": float(gap.floor_joint[j]),
+                    "floor_is_measured": bool(gap.is_floor_measured[j]),
+                    "moved": bool(gap.moved[j]),
+                    "unexplained": j in diagnosis.unexplained,
+                    "ladder": _ladder(diagnosis, j),
+                    "regimes": _regimes(diagnosis, j),
+                }
+                for j, joint in enumerate(joints)
+            },
+            "worse": _worse(diagnosis),
+            "not_patched": list(left_out),
+            "closed_loop_rad": shots or {},
+        },
+        "next_experiment": experiment,
+        "forward": forward,
+        "data": {
+            "bags": [log.name for log in logs],
+            "duration_s": sum(log.duration for log in logs),
+            "train_trajectories": len(diagnosis.design.blocks) - 1,
+            "test_trajectories": len(diagnosis.design.blocks),
+            "held_out": "each block of contiguous motion once, by a fit to the others at least 0.5 s away",
+        },
+        "runtime_s": runtime,
+    }
+    validate(report, json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text()))
+    return report
+
+
+def where(diagnosis: Diagnosis) -> list[dict]:
+    """Shares of the gap's energy above the floor by module and component; what is left is unknown."""
+    if diagnosis.verdict == "no_gap":
+        return []
+    energy: dict[tuple[str, str], float] = {}
+    for f in diagnosis.findings:
+        if f.is_chosen and f.energy > 0:
+            key = (f.effect.module, f.component)
+            energy[key] = energy.get(key, 0.0) + f.energy
+    for j in diagnosis.unexplained:
+        left = sum((r.structure - r.flexible) / r.rows for r in diagnosis.rests if r.joint == j)
+        if left > 0:
+            energy["unknown", diagnosis.context.arm.joints[j]] = left
+    total = sum(energy.values())
+    ranked = sorted(energy.items(), key=lambda item: -item[1])
+    return [{"module": m, "component": c, "share": float(e / total)} for (m, c), e in ranked]
+
+
+def write(
+    out: Path, diagnosis: Diagnosis, logs: Sequence[Log], runtime: Callable[[], float], quick: bool = False
+) -> dict:
+    """Write report.json, patch.yaml and report.html into `out`; returns the report.
+
+    runtime: s it has taken so far; quick: without closed loop, refit, next experiment and page.
+    """
+    experiment = forward = shots = None
+    patch, left_out = make_patch(diagnosis), ()
+    if not quick:
+        # Simulators and planners take a second to import, which a quick look has not.
+        from np_diagnosis.experiments.power import next_experiment
+        from np_diagnosis.simulation.refit import second_opinion
+
+        question = open_question(diagnosis)
+        experiment = next_experiment(diagnosis, question)
+        patch, left_out, shots = tried_patch(diagnosis)
+        forward = second_opinion(diagnosis, question[1].structures[1:REFITTED] if question else ())
+    report = make_report(diagnosis, logs, round(runtime(), 2), shots, experiment, forward, left_out)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    (out / "patch.yaml").write_text(dump_patch(patch), encoding="utf-8")
+    if not quick:
+        from np_diagnosis.report.page import render  # drawing is slow to import
+
+        (out / "report.html").write_text(render(report, diagnosis), encoding="utf-8")
+    return report
+
+
+def _effect(finding: Finding) -> dict:
+    return {
+        "effect": finding.effect.id,
+        "component": finding.component,
+        "probability": min(1.0, finding.probability),
+        "equivalent_to": list(finding.equivalent_to),
+        "parameters": {
+            name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit}
+            for name, e in finding.parameters.items()
+        },
+        "gap_shrink": finding.shrink,
+        "variant": finding.effect.variant,
+        "is_added": finding.is_chosen,
+    }
+
+
+def _ladder(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
+    """RMS before and after of each rung."""
+    table = {}
+    for n, cell in enumerate(diagnosis.design.cells):
+        if cell.joint == joint and cell.rows.any():
+            after = diagnosis.gap.residuals[n]
+            table[cell.stage] = {
+                "before": float(np.sqrt(np.mean(diagnosis.gap.nominal[n][cell.rows] ** 2))),
+                "after": float(np.sqrt(np.mean(after[cell.rows] ** 2))),
+            }
+    return table
+
+
+def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | None]:
+    """RMS Nm of r2 before and after in each regime; None where the joint was not in it while moving."""
+    samples, cells = diagnosis.context.samples, diagnosis.design.cells
+    slide = next(n for n, c in enumerate(cells) if c.joint == joint and c.stage == "r2")
+    turn = next(n for n, c in enumerate(cells) if c.joint == joint and c.stage == REVERSAL)
+    reversing = np.zeros(samples.velocity.shape, bool)
+    reversing[:, joint] = cells[turn].rows
+    table = {}
+    for name, mask in regimes(samples.velocity, samples.acceleration, reversing).items():
+        n = turn if name == "reversal" else slide
+        rows = mask[:, joint] & cells[n].rows
+        table[name] = (
+            {
+                side: float(np.sqrt((values[rows] ** 2).mean()))
+                for side, values in zip(("before", "after"), (diagnosis.gap.nominal[n], diagnosis.gap.residuals[n]))
+            }
+            if rows.any()
+            else None
+        )
+    return table
+
+
+def _worse(diagnosis: Diagnosis) -> list[str]:
+    """Joint and regime in which the gap grows by more than a twentieth."""
+    found = []
+    for j, joint in enumerate(diagnosis.context.arm.joints):
+        for name in REGIMES:
+            r = _regimes(diagnosis, j)[name]
+            if r and r["after"] > 1.05 * r["before"]:
+                found.append(f"{joint}: {name}")
+    return found

@@ -1,0 +1,183 @@
+"""Reading bags, with errors that say what was expected, and a digest of what lockstep must reproduce."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from rosbags.rosbag2 import Reader
+
+from np_record import mcap
+from np_record.cdr import TYPESTORE
+from np_record.topics import BY_NAME, TOPICS, Topic
+
+
+class BagError(ValueError):
+    """A bag that cannot be used; the text says what was expected and what was found."""
+
+
+class Message(NamedTuple):
+    """One recorded message: its time ns, its topic, its serialized bytes. Made 1,500 times for a second of recording."""
+
+    stamp: int
+    topic: Topic
+    data: bytes
+
+    def decode(self):
+        """The message as an object with the fields of its ROS type."""
+        return TYPESTORE.deserialize_cdr(self.data, self.topic.type)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The messages of one topic as a sequence, in the order of their time; stamp (n,) ns and data[begin:end] of
+    each, begin and end (n,), for who wants them all at once."""
+
+    topic: Topic
+    data: bytes
+    stamp: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+    def __getitem__(self, number: int) -> Message:
+        return Message(int(self.stamp[number]), self.topic, self.data[self.begin[number] : self.end[number]])
+
+
+class Recording:
+    """A bag with topics of the contract, checked to be complete.
+
+    counts: messages by topic name; information: what the recorder knew of the run; start, end: ns. Raises
+    BagError for a path that is no bag, a bag that was cut off, or one without the topics in `required`.
+    """
+
+    def __init__(self, path: str | Path, required: Collection[str] = ()):
+        self.path = Path(path)
+        self._reader = self._open()
+        self._topics = {}
+        for connection in self._reader.connections:
+            topic = BY_NAME.get(connection.topic.lstrip("/"))
+            if topic is None:
+                continue
+            if connection.msgtype != topic.type:
+                raise BagError(
+                    f"bag {self.path}: topic {topic.name}: expected {topic.type}, got {connection.msgtype}"
+                )
+            self._topics[connection.id] = (topic, connection)
+        self.counts = {topic.name: connection.msgcount for topic, connection in self._topics.values()}
+        missing = [name for name in required if not self.counts.get(name)]
+        if missing or not any(self.counts.values()):
+            found = [f"{c.topic} ({c.msgtype}, {c.msgcount})" for c in self._reader.connections]
+            wanted = ", ".join(missing) or "the topics of docs/graph.md"
+            raise BagError(
+                f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'no topics'}"
+            )
+        custom = getattr(self._reader.storage.metadata, "custom", None) or {}
+        self.information: dict = json.loads(custom.get("run_info", "{}"))
+        self.start, self.end = self._reader.start_time, self._reader.end_time - 1
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files."""
+        self._reader.close()
+
+    def messages(self, *names: str) -> Iterator[Message]:
+        """The messages of the named topics (all if none is named), in the order of their time."""
+        wanted = [c for topic, c in self._topics.values() if not names or topic.name in names]
+        try:
+            yield from self._read(wanted) if wanted else ()
+        except Exception as error:  # damaged bytes end in any of a dozen types of exception
+            raise self._unreadable(error) from error
+
+    def rows(self, *names: str) -> dict[str, Rows]:
+        """The messages of each named topic that the bag has, without a step for each where the file allows it."""
+        wanted = {c.topic: topic for topic, c in self._topics.values() if topic.name in names}
+        try:
+            found = self._find(wanted)
+        except Exception as error:
+            raise self._unreadable(error) from error
+        if found is None:
+            return self._gathered(wanted.values())
+        rows = {}
+        for number, name in enumerate(found.topics):
+            mine = np.flatnonzero(found.topic == number)
+            topic = wanted[name]
+            rows[topic.name] = Rows(topic, found.data, found.time[mine], found.begin[mine], found.end[mine])
+        return rows
+
+    def _gathered(self, topics: Collection[Topic]) -> dict[str, Rows]:
+        """The same, message by message."""
+        parts: dict[str, list[Message]] = {topic.name: [] for topic in topics}
+        for message in self.messages(*parts):
+            parts[message.topic.name].append(message)
+        rows = {}
+        for topic in topics:
+            mine = parts[topic.name]
+            ends = np.cumsum([0, *(len(m.data) for m in mine)])
+            stamp = np.array([m.stamp for m in mine], np.int64)
+            rows[topic.name] = Rows(topic, b"".join(m.data for m in mine), stamp, ends[:-1], ends[1:])
+        return rows
+
+    def _unreadable(self, error: Exception) -> BagError:
+        return BagError(f"bag {self.path}: expected readable messages to the end, got: {error}")
+
+    def _find(self, topics: Collection[str]) -> mcap.Found | None:
+        """Where the messages on these topics are; None for a bag of several files, or one to be unpacked."""
+        files = sorted(self.path.glob("*.mcap")) if self.path.is_dir() else []
+        if len(files) != 1:
+            return None
+        try:
+            return mcap.find(files[0], topics)
+        except mcap.Compressed:
+            return None
+
+    def _read(self, wanted: list) -> Iterator[Message]:
+        topics = {c.topic: self._topics[c.id][0] for c in wanted}
+        found = self._find(topics)
+        if found is not None:
+            for stamp, topic, data in found.messages():
+                yield Message(stamp, topics[topic], data)
+            return
+        for connection, stamp, data in self._reader.messages(wanted):
+            yield Message(stamp, self._topics[connection.id][0], bytes(data))
+
+    def digest(self) -> str:
+        """SHA-256 (hex) over (topic, time, bytes) of every message that a lockstep run must reproduce."""
+        names = [topic.name for topic in TOPICS if topic.reproducible and topic.name in self.counts]
+        total = hashlib.sha256()
+        for message in self.messages(*names):
+            total.update(f"{message.topic.name} {message.stamp} {len(message.data)}\n".encode())
+            total.update(message.data)
+        return total.hexdigest()
+
+    def _open(self) -> Reader:
+        if not self.path.exists():
+            raise BagError(
+                f"bag {self.path}: expected a folder with metadata.yaml and an .mcap file, it does not exist"
+            )
+        if self.path.is_dir() and not (self.path / "metadata.yaml").exists():
+            inside = sorted(p.name for p in self.path.iterdir())
+            raise BagError(
+                f"bag {self.path}: expected metadata.yaml, which the recorder writes when it closes the bag; "
+                f"found {inside or 'an empty folder'}: the recording was cut off, or this is no bag"
+            )
+        try:
+            reader = Reader(self.path)
+            reader.open()
+        except Exception as error:
+            raise BagError(
+                f"bag {self.path}: expected a complete rosbag2 recording, got: {error} (cut off, or no bag)"
+            ) from error
+        return reader

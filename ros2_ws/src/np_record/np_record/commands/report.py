@@ -1,0 +1,40 @@
+"""`report BAG... --out report.html`: the report of recorded episodes."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from np_record.bag import BagError
+from np_record.report.episodes import make_section, write_report
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the report; the last line printed is one JSON object."""
+    parser = argparse.ArgumentParser(prog="report", description="HTML report of recorded episodes.")
+    parser.add_argument("bags", nargs="+", type=Path, help="bags, one episode each")
+    parser.add_argument("--out", type=Path, default=Path("report.html"), help="file to write (report.html)")
+    options = parser.parse_args(arguments)
+    try:
+        sections = [make_section(bag) for bag in options.bags]
+    except BagError as error:
+        print(error, file=sys.stderr)
+        return 1
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    write_report(options.out, sections)
+    print(
+        json.dumps(
+            {
+                "report": str(options.out),
+                "episodes": len(sections),
+                "successes": sum(s.episode.outcome.success for s in sections),
+            }
+        )
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

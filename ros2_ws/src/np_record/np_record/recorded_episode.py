@@ -1,0 +1,160 @@
+"""One recorded episode as arrays, and how it is scored against the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_description.camera import CAMERA
+from np_description.domains import Domain, Pose, find_domain, is_success, pose_error
+from np_description.keypoints import box_keypoints
+from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
+from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, first_end, split_phase
+from np_ros.messages import image_array, joint_state_arrays, keypoints_array, pose_arrays
+
+from np_record.bag import BagError, Recording
+
+SECOND = 1e9
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How an episode ended.
+
+    declared: the phase the graph ended in, reason: what it said about it; distance m, angle rad: true
+    object pose to goal at the end; success: whether that is within the domain's tolerance; duration: s of
+    simulated time.
+    """
+
+    declared: str
+    reason: str
+    distance: float
+    angle: float
+    success: bool
+    duration: float
+
+    @property
+    def failed_in(self) -> str:
+        """The phase an episode failed in by the truth: pre, approach, post, fault, or "" for a success.
+
+        An episode the graph took for a success, while the object is not at its goal, failed in post.
+        """
+        if self.success:
+            return ""
+        if self.declared == FAILED and split_phase(self.reason)[0] in ACTIVE:
+            return split_phase(self.reason)[0]
+        return POST if self.declared == SUCCEEDED else self.declared
+
+
+def score(domain: Domain, declared: str, reason: str, pose: Pose, goal: Pose, duration: float) -> Outcome:
+    """The outcome for an object that ended at `pose` (truth)."""
+    distance, angle = pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion)
+    return Outcome(
+        declared, reason, float(distance), float(angle), bool(is_success(domain, distance, angle)), duration
+    )
+
+
+@dataclass(frozen=True)
+class Series:
+    """Samples over time: time (n,) s from the start of the bag, values (n, ...)."""
+
+    time: np.ndarray
+    values: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+@dataclass(frozen=True)
+class EpisodeData:
+    """Everything a report shows.
+
+    position, effort: joints (n, 7) rad, Nm measured; command: torque (n, 7) Nm asked for; target: (n, 7)
+    rad; object_position (n, 3) m, object_quaternion (n, 4) wxyz; keypoints (n, 8, 3) u, v px, score;
+    keypoint_error (n, 8) px to the projected truth of the same stamp; phases: (time s, text); counts by
+    topic; duration s.
+    """
+
+    domain: Domain
+    information: dict
+    position: Series
+    effort: Series
+    command: Series
+    target: Series
+    object_position: Series
+    object_quaternion: Series
+    keypoints: Series
+    keypoint_error: Series
+    distance: Series
+    angle: Series
+    goal: Pose
+    phases: list[tuple[float, str]]
+    counts: dict[str, int]
+    duration: float
+    outcome: Outcome
+
+
+def load_episode(recording: Recording) -> EpisodeData:
+    """The first episode of a recording. Raises BagError where what a report needs is missing."""
+    start = recording.start
+    collected = {
+        name: []
+        for name in ("joint_states", "effort_command", "object_pose", "keypoints", "phase", "goal_pose")
+    }
+    for message in recording.messages(*collected):
+        collected[message.topic.name].append((message.stamp, message.decode()))
+    for name in ("joint_states", "object_pose", "goal_pose"):
+        if not collected[name]:
+            raise BagError(f"bag {recording.path}: expected messages on {name} for a report, it has none")
+
+    def series(name, read, shape):
+        rows = [(stamp, read(message)) for stamp, message in collected[name]]
+        values = np.array([value for _, value in rows], float).reshape(len(rows), *shape)
+        return Series(np.array([stamp - start for stamp, _ in rows], float) / SECOND, values)
+
+    states = series("joint_states", lambda m: joint_state_arrays(m, STATE_NAMES), (3, 9))
+    commands = series("effort_command", lambda m: joint_state_arrays(m, JOINT_NAMES), (3, 7))
+    poses = series("object_pose", lambda m: np.concatenate(pose_arrays(m, BASE_FRAME)), (7,))
+    keypoints = series("keypoints", keypoints_array, (8, 3))
+    domain = find_domain(recording.information.get("domain", "card"))
+    goal = Pose(*pose_arrays(collected["goal_pose"][0][1], BASE_FRAME))
+    distance, angle = pose_error(poses.values[:, :3], poses.values[:, 3:], goal.position, goal.quaternion)
+    phases = [((stamp - start) / SECOND, message.data) for stamp, message in collected["phase"]]
+    said = [split_phase(text) for _, text in phases]
+    began = next((number for number, (phase, _) in enumerate(said) if phase == PRE), 0)
+    declared, reason = first_end(said[began:]) or ("unfinished", "")
+    duration = (recording.end - start) / SECOND
+    final = Pose(poses.values[-1, :3], poses.values[-1, 3:])
+    return EpisodeData(
+        domain=domain,
+        information=recording.information,
+        position=Series(states.time, states.values[:, 0, :7]),
+        effort=Series(states.time, states.values[:, 2, :7]),
+        target=Series(commands.time, commands.values[:, 0]),
+        command=Series(commands.time, commands.values[:, 2]),
+        object_position=Series(poses.time, poses.values[:, :3]),
+        object_quaternion=Series(poses.time, poses.values[:, 3:]),
+        keypoints=keypoints,
+        keypoint_error=_keypoint_error(keypoints, poses, domain),
+        distance=Series(poses.time, distance),
+        angle=Series(poses.time, angle),
+        goal=goal,
+        phases=phases,
+        counts=recording.counts,
+        duration=duration,
+        outcome=score(domain, declared, reason, final, goal, duration),
+    )
+
+
+def images(recording: Recording):
+    """(time s, pixels (height, width, 3) uint8) of the recorded images, one after the other."""
+    for message in recording.messages("camera/image_raw"):
+        yield (message.stamp - recording.start) / SECOND, image_array(message.decode())
+
+
+def _keypoint_error(keypoints: Series, poses: Series, domain: Domain) -> Series:
+    common, i, j = np.intersect1d(keypoints.time, poses.time, return_indices=True)
+    corners = box_keypoints(np.asarray(domain.half_size), poses.values[j, :3], poses.values[j, 3:])
+    truth = CAMERA.project(corners)[0]
+    return Series(common, np.linalg.norm(keypoints.values[i, :, :2] - truth, axis=-1))

@@ -1,0 +1,1 @@
+"""The report of recorded episodes: plots, video, and the page that every report of the project shares."""

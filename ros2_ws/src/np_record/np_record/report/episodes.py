@@ -1,0 +1,113 @@
+"""The HTML report of recorded episodes: one file with everything in it."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from np_description.panda import NOMINAL
+from np_description.phases import split_phase
+
+from np_record.report import plots
+from np_record.bag import Recording
+from np_record.recorded_episode import EpisodeData, images, load_episode
+from np_record.intervals import wilson_interval
+from np_record.report.pages import page
+from np_record.report.video import write_video
+
+
+@dataclass(frozen=True)
+class Section:
+    """One episode of the report: its bag's name, its data, its plots (SVG), its video (data URI or "")."""
+
+    name: str
+    episode: EpisodeData
+    plots: dict[str, str]
+    video: str
+
+    @property
+    def rates(self) -> list[tuple[str, int, float]]:
+        """(topic, messages, messages per simulated second) of what was published."""
+        duration = max(self.episode.duration, 1e-9)
+        return [(name, count, count / duration) for name, count in self.episode.counts.items() if count]
+
+    @property
+    def timeline(self) -> list[tuple[str, str, float, float]]:
+        """(phase, reason, start s, share of the episode in %) in order."""
+        starts = [*self.episode.phases, (self.episode.duration, "")]
+        total = max(self.episode.duration, 1e-9)
+        return [
+            (*split_phase(text), begin, 100 * (end - begin) / total)
+            for (begin, text), (end, _) in zip(starts, starts[1:])
+        ]
+
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """Names and figures of the outcome table."""
+        episode, outcome = self.episode, self.episode.outcome
+        torque = np.abs(episode.command.values) / NOMINAL.torque_limit
+        facts = [
+            ("declared", f"{outcome.declared}{': ' + outcome.reason if outcome.reason else ''}"),
+            ("by the truth", "success" if outcome.success else f"failure in {outcome.failed_in}"),
+            (
+                "distance to goal",
+                f"{100 * episode.distance.values[0]:.1f} cm → {100 * outcome.distance:.2f} cm",
+            ),
+            (
+                "angle to goal",
+                f"{np.degrees(episode.angle.values[0]):.0f}° → {np.degrees(outcome.angle):.1f}°",
+            ),
+            ("simulated time", f"{outcome.duration:.1f} s"),
+            (
+                "largest torque",
+                f"{100 * torque.max():.0f} % of a joint's limit" if len(torque) else "no command",
+            ),
+        ]
+        if len(episode.keypoint_error):
+            facts.append(
+                (
+                    "keypoint error",
+                    f"median {np.median(episode.keypoint_error.values):.2f} px, "
+                    f"95 % below {np.quantile(episode.keypoint_error.values, 0.95):.1f} px",
+                )
+            )
+        return facts
+
+
+def make_section(bag: str | Path, video_file: Path | None = None) -> Section:
+    """Read one bag and draw its plots; the video is also kept in `video_file` if given. Raises BagError."""
+    with Recording(bag) as recording:
+        episode = load_episode(recording)
+        drawn = {
+            "Distance and angle to the goal": plots.progress_plot(episode),
+            "Commanded torque": plots.torque_plot(episode),
+            "Joint tracking": plots.tracking_plot(episode),
+            "Keypoints against the projected truth": plots.keypoint_plot(episode),
+            "From above": plots.path_plot(episode),
+        }
+        with tempfile.TemporaryDirectory() as folder:
+            path = video_file or Path(folder) / "video.webm"
+            rate = float(episode.information.get("image_rate", 30))
+            frames = write_video(path, episode, images(recording), rate)
+            data = base64.b64encode(path.read_bytes()).decode() if frames else ""
+    return Section(Path(bag).name, episode, drawn, f"data:video/webm;base64,{data}" if data else "")
+
+
+def write_report(path: str | Path, sections: list[Section], title: str = "Card episodes") -> None:
+    """Write the report of `sections` to `path`."""
+    successes = sum(section.episode.outcome.success for section in sections)
+    low, high = wilson_interval(successes, len(sections))
+    text = page(
+        "np_record",
+        title=title,
+        sections=sections,
+        successes=successes,
+        low=low,
+        high=high,
+        colours=plots.PHASE_COLOURS,
+    )
+    Path(path).write_text(text, encoding="utf-8")

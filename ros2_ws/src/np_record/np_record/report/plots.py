@@ -1,0 +1,165 @@
+"""The plots of an episode's report, as SVG text."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from np_description.keypoints import box_keypoints
+from np_description.panda import NOMINAL
+from np_description.phases import APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED, split_phase
+
+from np_record.recorded_episode import EpisodeData, Series
+from np_record.report.pages import style, svg
+
+WIDTH = 9.6
+PHASE_COLOURS = {
+    IDLE: "#eeeeee",
+    PRE: "#dfe7f5",
+    APPROACH: "#fdf0d5",
+    POST: "#e3f1e1",
+    SUCCEEDED: "#b7e1b0",
+    FAILED: "#f3c6c6",
+    FAULT: "#e9a3a3",
+}
+
+
+def progress_plot(episode: EpisodeData) -> str:
+    """Distance and angle to the goal over time, with the tolerances."""
+    with style():
+        figure, (top, bottom) = _figure(2, 3.6, episode)
+        _line(top, episode.distance, 100, "#1f5fa8")
+        top.axhline(100 * episode.domain.tolerance_position, color="#2f8f3a", ls="--", lw=1)
+        top.set_ylabel("distance (cm)")
+        _line(bottom, episode.angle, 180 / np.pi, "#a8461f")
+        if episode.domain.tolerance_angle is not None:
+            bottom.axhline(np.degrees(episode.domain.tolerance_angle), color="#2f8f3a", ls="--", lw=1)
+        bottom.set_ylabel("angle (deg)")
+        for axes in (top, bottom):
+            axes.set_ylim(bottom=0)
+        return svg(figure)
+
+
+def torque_plot(episode: EpisodeData) -> str:
+    """Commanded torque of each joint as a share of its limit."""
+    with style():
+        figure, axes = _figure(1, 2.8, episode)
+        for joint in range(7):
+            axes[0].plot(
+                episode.command.time,
+                100 * episode.command.values[:, joint] / NOMINAL.torque_limit[joint],
+                lw=0.8,
+                label=f"joint {joint + 1}",
+            )
+        for limit in (-100, 100):
+            axes[0].axhline(limit, color="#b02020", lw=1)
+        axes[0].set_ylabel("torque (% of limit)")
+        axes[0].set_ylim(-115, 115)
+        figure.legend(fontsize=7, loc="outside right center", frameon=False)
+        return svg(figure)
+
+
+def tracking_plot(episode: EpisodeData) -> str:
+    """How far each joint is from its target."""
+    with style():
+        figure, axes = _figure(1, 2.4, episode)
+        common, i, j = np.intersect1d(episode.position.time, episode.target.time, return_indices=True)
+        error = np.degrees(episode.target.values[j] - episode.position.values[i])
+        for joint in range(7):
+            axes[0].plot(common, error[:, joint], lw=0.8, label=f"joint {joint + 1}")
+        axes[0].set_ylabel("target - measured (deg)")
+        figure.legend(fontsize=7, loc="outside right center", frameon=False)
+        return svg(figure)
+
+
+def keypoint_plot(episode: EpisodeData) -> str:
+    """Detected keypoints against the projected truth, and their scores."""
+    with style():
+        figure, (top, bottom) = _figure(2, 3.2, episode)
+        if len(episode.keypoint_error):
+            error = Series(episode.keypoint_error.time, np.median(episode.keypoint_error.values, axis=1))
+            worst = episode.keypoint_error.values.max(axis=1)
+            top.fill_between(error.time, 0, worst, color="#7a4fa3", alpha=0.25, lw=0, label="worst of 8")
+            _line(top, error, 1, "#7a4fa3", label="median of 8")
+            top.legend(fontsize=7, frameon=False, loc="upper left")
+            bottom.plot(
+                episode.keypoints.time, episode.keypoints.values[:, :, 2].min(axis=1), lw=1, color="#444444"
+            )
+        top.set_ylabel("error (px)")
+        top.set_ylim(0, max(5.0, min(40.0, top.get_ylim()[1])))
+        bottom.set_ylabel("least score")
+        bottom.set_ylim(0, 1.05)
+        return svg(figure)
+
+
+def path_plot(episode: EpisodeData) -> str:
+    """The object from above: start, path and goal; x points up, as the robot sees it."""
+    with style():
+        figure = Figure(figsize=(3.6, 3.6), layout="constrained")
+        axes = figure.add_subplot()
+        positions, quaternions = episode.object_position.values, episode.object_quaternion.values
+        axes.plot(positions[:, 1], positions[:, 0], color="#1f5fa8", lw=1)
+        half = np.asarray(episode.domain.half_size)
+        shapes = [
+            (positions[0], quaternions[0], "#888888", "start"),
+            (positions[-1], quaternions[-1], "#1f5fa8", "end"),
+            (episode.goal.position, episode.goal.quaternion, "#2f8f3a", "goal"),
+        ]
+        for position, quaternion, colour, label in shapes:
+            corners = box_keypoints(half, position, quaternion)[:, :2]
+            hull = corners[_convex_order(corners)]
+            closed = np.vstack([hull, hull[:1]])
+            axes.plot(
+                closed[:, 1],
+                closed[:, 0],
+                color=colour,
+                lw=1.5,
+                label=label,
+                ls="--" if label == "goal" else "-",
+            )
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.invert_xaxis()
+        axes.set_xlabel("y (m)")
+        axes.set_ylabel("x (m)")
+        axes.legend(fontsize=7, frameon=False)
+        return svg(figure)
+
+
+def _figure(rows: int, height: float, episode: EpisodeData):
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    panels = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    starts = [*episode.phases, (episode.duration, "")]
+    for axes in panels:
+        for (begin, text), (end, _) in zip(starts, starts[1:]):
+            axes.axvspan(
+                begin,
+                max(end, begin + 0.01),
+                color=PHASE_COLOURS.get(split_phase(text)[0], "#ffffff"),
+                lw=0,
+                zorder=-1,
+            )
+        axes.set_xlim(0, max(episode.duration, 0.01))
+    for (begin, text), (end, _) in zip(starts, starts[1:]):
+        if end - begin > 0.03 * episode.duration:
+            panels[0].text(
+                (begin + end) / 2,
+                1.01,
+                split_phase(text)[0],
+                ha="center",
+                va="bottom",
+                fontsize=8,
+                color="#555555",
+                transform=panels[0].get_xaxis_transform(),
+            )
+    panels[-1].set_xlabel("simulated time (s)")
+    return figure, panels
+
+
+def _line(axes, series: Series, factor: float, colour: str, **options) -> None:
+    axes.plot(series.time, factor * series.values, color=colour, lw=1.4, **options)
+
+
+def _convex_order(points: np.ndarray) -> np.ndarray:
+    import cv2
+
+    return cv2.convexHull(points.astype(np.float32), returnPoints=False)[:, 0]

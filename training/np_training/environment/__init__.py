@@ -1,0 +1,1 @@
+"""Batched episodes, each from a contact that the pre-contact policy chose."""

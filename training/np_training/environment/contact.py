@@ -1,0 +1,155 @@
+"""The action of the pre-contact policy: which point of the gripper meets which point of the object, and how turned.
+
+Nine numbers in [-1, 1]: yaw, two tilts, finger width, two coordinates of a point on the fingertips, and a direction, in
+the base frame, from the object's centre to the point of its surface (paper: gripper orientation, width, gripper point,
+object point). The gripper's point comes over the object's, and the hand is moved out along the face's normal until the
+fingers keep a small clearance from it, so that the approach ends free of contact. Orientation counts from one that suits the face: hand down over an upper face; before a side face, turned
+so that both fingers face it and leaning over, away from the object.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import torch
+
+from np_control.kinematics import pose_distance
+from np_description.domains import Domain
+from np_description.panda import NOMINAL
+from np_description.rotations import matrix_from_quaternion, matrix_from_vector
+from np_description.scene import FINGER_CAPSULES, HAND_CAPSULE
+from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
+from np_training.tasks.poses import Poses
+
+SIZE = 9
+YAW, TILT = 2.0, 0.5  # rad, at an action of 1, over an upper face
+SIDE_YAW, LEAN, SIDE_TILT = 0.4, (0.2, 1.0), 0.4  # rad, before a side face; LEAN: from the vertical, away from the face
+YAW_CENTRE = pi / 4  # rad, yaw with the last joint in the middle of its range
+CLEARANCE = 0.004  # m
+IK_ITERATIONS = 30
+
+_TCP = NOMINAL.frames["hand_tcp"].position
+_FINGER_BASE = NOMINAL.frames["hand_finger1"].position
+_TIP_CENTRE, _TIP_HALF, _ = FINGER_CAPSULES[1]
+TIP_DEPTH = _FINGER_BASE[2] + _TIP_CENTRE[2]  # m along the hand's z: the axis of the fingertips
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Where the hand goes: T_E position (n, 3) m, rotation (n, 3, 3), finger opening width (n,) m, joints q (n, 7) rad,
+    and whether a joint solution free of collision exists, feasible (n,)."""
+
+    position: torch.Tensor
+    rotation: torch.Tensor
+    width: torch.Tensor
+    q: torch.Tensor
+    feasible: torch.Tensor
+
+
+def contact_pose(domain: Domain, action: torch.Tensor, objects: Poses) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """T_E position (n, 3) m, rotation (n, 3, 3) and finger width (n,) m, up to what the domain allows, that actions
+    (n, 9) choose on the objects."""
+    action = action.clamp(-1, 1)
+    point, normal = surface_point(domain, action[:, 6:], objects)
+    rotation = hand_rotation(action[:, :3], normal)
+    width = domain.max_opening * (action[:, 3] + 1) / 2
+    gripper_point = torch.stack([_TIP_HALF[0] * action[:, 4], (width + _TIP_CENTRE[1]) * action[:, 5],
+                                 torch.full_like(width, TIP_DEPTH - _TCP[2])], -1)
+    position = point - (rotation * gripper_point[:, None, :]).sum(-1)
+    centres, radii = gripper_spheres(position, rotation, width, with_hand=False)
+    depth = (radii - ((centres - point[:, None]) * normal[:, None]).sum(-1)).amax(-1)  # of the fingers below the face
+    return position + (depth + CLEARANCE)[:, None] * normal, rotation, width
+
+
+def surface_point(domain: Domain, direction: torch.Tensor, objects: Poses) -> tuple[torch.Tensor, torch.Tensor]:
+    """Where rays from the objects' centres along `direction` (n, 3), base frame, leave them (n, 3) m; the normal of the
+    face there (n, 3)."""
+    body = matrix_from_quaternion(objects.quaternion)
+    half_size = torch.tensor(domain.half_size, device=direction.device)
+    # A box is scaled to a cube, so that each of its faces has the same odds, however thin it is.
+    local = (direction[:, :, None] * body).sum(1)
+    face = local.abs().argmax(-1, keepdim=True)
+    local = local / local.gather(1, face).abs().clamp(min=1e-6)
+    normal = torch.zeros_like(local).scatter(1, face, local.gather(1, face).sign())
+    point = ((local * half_size)[:, None, :] * body).sum(-1) + objects.position
+    return point, (normal[:, None, :] * body).sum(-1)
+
+
+def hand_rotation(action: torch.Tensor, normal: torch.Tensor) -> torch.Tensor:
+    """Rotation of T_E (n, 3, 3) for yaw and tilts (n, 3) in [-1, 1] at faces with normals (n, 3), base frame."""
+    zero = torch.zeros_like(normal[:, 0])
+    side = normal[:, :2].norm(dim=-1) > 0.5
+    heading = torch.atan2(normal[:, 1], normal[:, 0])
+    # The hand has two ways to face a plane, half a turn apart: the one that is nearer to the middle of the wrist's range.
+    turns = torch.round((heading - YAW_CENTRE) / pi)
+    forward = 1 - 2 * (turns.remainder(2))  # whether the hand's x axis points along the normal, or against it
+    yaw = torch.where(side, heading - turns * pi + SIDE_YAW * action[:, 0], YAW * action[:, 0])
+    lean = -forward * (LEAN[0] + (LEAN[1] - LEAN[0]) * (action[:, 2] + 1) / 2)
+    about_x = torch.where(side, SIDE_TILT * action[:, 1], TILT * action[:, 1])
+    about_y = torch.where(side, lean, TILT * action[:, 2])
+    down = torch.diag(torch.tensor([1.0, -1.0, -1.0], device=action.device))
+    return (matrix_from_vector(torch.stack([zero, zero, yaw], -1)) @ down
+            @ matrix_from_vector(torch.stack([about_x, about_y, zero], -1)))
+
+
+def reach(domain: Domain, position: torch.Tensor, rotation: torch.Tensor, width: torch.Tensor, objects: Poses,
+          sunk: torch.Tensor | float = 0.0) -> Contacts:
+    """Contacts at given hand poses, with a joint solution from the ready posture, and whether it is feasible. sunk (n,) m:
+    how deep the obstacles are."""
+    ready = torch.tensor(NOMINAL.ready, dtype=position.dtype, device=position.device).expand(len(position), 7)
+    q = solve_ik(ready, position, rotation, iterations=IK_ITERATIONS)
+    distance, angle = pose_distance(q, position, rotation)
+    reached = (distance < 1e-3) & (angle < 1e-2)
+    free = gripper_clearance(domain, q, width, objects, sunk) > 0
+    return Contacts(position, rotation, width, q, reached & free)
+
+
+def resolve(domain: Domain, action: torch.Tensor, objects: Poses, sunk: torch.Tensor | float = 0.0) -> Contacts:
+    """The contacts that actions (n, 9) choose on objects at the poses given, with obstacles sunk (n,) m."""
+    return reach(domain, *contact_pose(domain, action, objects), objects, sunk)
+
+
+def gripper_clearance(domain: Domain, q: torch.Tensor, width: torch.Tensor, objects: Poses,
+                      sunk: torch.Tensor | float = 0.0) -> torch.Tensor:
+    """Least distance (n,) m of hand and fingers to table, obstacles sunk (n,) m, and object; negative in collision.
+
+    Capsules are sampled along their axes, which is exact for the table and within 1 mm for boxes of these sizes.
+    """
+    centres, radii = gripper_spheres(*forward_kinematics(q), width)
+    least = (centres[..., 2] - radii).amin(-1)
+    down = torch.zeros(len(q), 1, 3).to(centres)
+    down[:, 0, 2] = sunk
+    boxes = [(torch.tensor(b.half_size), torch.tensor(b.centre).to(centres) - down, None) for b in domain.obstacles]
+    boxes.append((torch.tensor(domain.half_size), objects.position[:, None], matrix_from_quaternion(objects.quaternion)))
+    for half_size, position, turn in boxes:
+        local = centres - position.to(centres)
+        if turn is not None:
+            local = torch.einsum("nij,nki->nkj", turn, local)
+        outside = local.abs() - half_size.to(centres)
+        distance = outside.clamp(min=0).norm(dim=-1) + outside.amax(-1).clamp(max=0)
+        least = torch.minimum(least, (distance - radii).amin(-1))
+    return least
+
+
+def gripper_spheres(tcp: torch.Tensor, rotation: torch.Tensor, width: torch.Tensor, with_hand: bool = True,
+             samples: int = 9) -> tuple[torch.Tensor, torch.Tensor]:
+    """Centres (n, k, 3) m in the base frame and radii (k,) of spheres along the gripper's capsules, for T_E at tcp (n, 3)
+    m, rotation (n, 3, 3), and finger openings width (n,) m."""
+    device, dtype = tcp.device, tcp.dtype
+    share = torch.linspace(-1, 1, samples, device=device)
+    parts = [(0, HAND_CAPSULE)] if with_hand else []
+    parts += [(side, capsule) for side in (1, -1) for capsule in FINGER_CAPSULES]  # the second finger: half a turn about z
+    points, radii = [], []
+    for side, (centre, half, radius) in parts:
+        local = torch.tensor(half, device=device) * share[:, None] + torch.tensor(centre, device=device)
+        local = local.expand(len(tcp), samples, 3).clone()
+        if side:
+            local = local + torch.as_tensor(_FINGER_BASE, dtype=dtype, device=device)
+            local[..., 0] *= side
+            local[..., 1] = side * (local[..., 1] + width[:, None])
+        points.append(local)
+        radii += [radius] * samples
+    local = torch.cat(points, 1) - torch.as_tensor(_TCP, dtype=dtype, device=device)
+    centres = torch.einsum("nij,nkj->nki", rotation, local) + tcp[:, None]
+    return centres, torch.tensor(radii, device=device)

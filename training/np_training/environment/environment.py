@@ -1,0 +1,247 @@
+"""The batched environment: many episodes at once, each from a contact the pre-contact policy chose.
+
+One step is one policy period. Episodes end by success (within tolerance for `hold` steps in a row), a lost object or
+the time limit. Worlds that end are placed anew from a pool of starts, drawn from the current pre-contact policy once a
+rollout: inverse kinematics and collision checks then cost one large batch instead of many small ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import torch
+
+from np_description.domains import Domain, is_lost, is_success, pose_error
+from np_description.keypoints import box_keypoints
+from np_description.panda import NOMINAL
+from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_multiply, six_from_matrix
+from np_description.symmetry import naming, symmetries
+from np_policy import action as actions
+from np_policy.observation import normalised_keypoints, post_contact_observation
+from np_training.environment import contact
+from np_training.tasks.joint_range import JointRange
+from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
+from np_training.physics.batched import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics, PhysicsConfig
+from np_training.tasks.practice import Tasks, draw_tasks
+from np_training.tasks.randomisation import NOMINAL_CONDITIONS, Conditions
+from np_training.tasks.rewards import Measures, RewardConfig, reward_terms
+from np_training.environment.starts import Starts
+from np_training.tasks.poses import Poses, quarter_tips
+
+PRE_STATE_SIZE = 18
+PRIVILEGED_SIZE = 18 + 6 + 3 + 2
+
+
+@dataclass(frozen=True)
+class EnvironmentConfig:
+    """worlds; limit: steps an episode; hold: steps within tolerance, a share of the domain's, that count as success; seed;
+    shares: of each kind of task (`practice.kinds`), the domain's own first; explore: share of contacts at any point of the object,
+    which the pre-contact policy did not choose; reflex: whether a joint beyond its limits of speed or position ends the episode, as
+    the robot's own reflex does (`np_sim_bridge` reports a fault there)."""
+
+    worlds: int = 24576
+    limit: int = 100
+    hold: int = 1
+    tolerance: float = 1.0
+    seed: int = 0
+    shares: tuple[float, ...] = (1.0,)
+    explore: float = 0.0
+    reflex: bool = False
+    reward: RewardConfig = RewardConfig()
+    physics: PhysicsConfig = PhysicsConfig()
+    conditions: Conditions = NOMINAL_CONDITIONS
+
+
+def pre_contact_state(objects: Poses, goals: Poses) -> torch.Tensor:
+    """The pre-contact policy's input (n, 18): object and goal, position scaled and 6D rotation."""
+    def encode(poses: Poses) -> torch.Tensor:
+        centre = torch.tensor([0.5, 0.0, 0.0], device=poses.position.device)
+        return torch.cat([(poses.position - centre) / 0.2, six_from_matrix(matrix_from_quaternion(poses.quaternion))], -1)
+    return torch.cat([encode(objects), encode(goals)], -1)
+
+
+def as_seen(domain: Domain, objects: Poses, goals: Poses) -> tuple[Poses, Poses]:
+    """Poses of objects and goals (n,) under the names of their faces that the policies see (np_description.symmetry)."""
+    if not domain.interchangeable:
+        return objects, goals
+    turns = torch.tensor(symmetries(domain.half_size), dtype=goals.position.dtype, device=goals.position.device)
+    turn = turns[naming(domain, normalised_keypoints(corners(domain, goals)))]
+    return tuple(Poses(p.position, quaternion_multiply(p.quaternion, turn)) for p in (objects, goals))
+
+
+def corners(domain: Domain, poses: Poses) -> torch.Tensor:
+    """Corners (n, 8, 3) m of the domain's object at poses (n,)."""
+    return box_keypoints(domain.half_size, poses.position, poses.quaternion)
+
+
+class Environment:
+    """`config.worlds` episodes of a domain on one device."""
+
+    def __init__(self, domain: Domain, device: str, config: EnvironmentConfig = EnvironmentConfig()) -> None:
+        self.domain, self.config, self.device = domain, config, torch.device(device)
+        self.physics = BatchedPhysics(domain, config.worlds, device, config.physics)
+        self.generator = torch.Generator(device=device).manual_seed(config.seed)
+        self.limits = actions.LOOSE
+        n = config.worlds
+        self.goals = Poses(torch.zeros(n, 3, device=device), torch.zeros(n, 4, device=device))
+        self.goal_corners = torch.zeros(n, 8, 3, device=device)
+        self.last_action = torch.zeros(n, actions.SIZE, device=device)
+        self.age = torch.zeros(n, dtype=torch.long, device=device)
+        self.held = torch.zeros(n, dtype=torch.long, device=device)
+        self.total = torch.zeros(n, device=device)
+        self.kind = torch.zeros(n, dtype=torch.long, device=device)  # of task: index into practice.kinds
+        self.tips = torch.zeros(n, dtype=torch.long, device=device)  # quarter turns from the start's upper face to the goal's
+        # What the pre-contact policy saw and did for the episode of each world, and how probable it was.
+        self.pre_state = torch.zeros(n, PRE_STATE_SIZE, device=device)
+        self.pre_action = torch.zeros(n, contact.SIZE, device=device)
+        self.pre_log_probability = torch.zeros(n, device=device)
+        self.keypoint_bias = torch.zeros(n, 1, 2, device=device)
+        self.conditions = torch.ones(n, 3, device=device)  # factors of table friction, finger friction, mass
+        self._range = torch.tensor([list(NOMINAL.position_lower), list(NOMINAL.position_upper)], dtype=torch.float32,
+                                   device=device)
+        self.starts: Starts | None = None
+        self.joint_range: JointRange | None = None
+
+    # --- state ---------------------------------------------------------------------------------------------------
+
+    @property
+    def objects(self) -> Poses:
+        """Object poses now."""
+        return Poses(self.physics.qpos[:, OBJECT_POSITION], self.physics.qpos[:, OBJECT_QUATERNION])
+
+    def measure(self) -> Measures:
+        """How far the episodes are from their goals now."""
+        objects = self.objects
+        distance, angle = pose_error(objects.position, objects.quaternion, self.goals.position, self.goals.quaternion)
+        if self.domain.tolerance_angle is None:
+            angle = torch.zeros_like(angle)
+        else:
+            distance = (corners(self.domain, objects) - self.goal_corners).norm(dim=-1).mean(-1)
+        hand, _ = forward_kinematics(self.physics.qpos[:, ARM])
+        return Measures(distance, angle, (hand - objects.position).norm(dim=-1))
+
+    def observe(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """What the policy sees (n, 79), with sensor noise, and what only the critic sees beside it (n, 29)."""
+        c = self.config.conditions
+        q = self.physics.qpos[:, :9] + c.joint_noise * self._normal(self.config.worlds, 9)
+        dq = self.physics.qvel[:, :9] + c.velocity_noise * self._normal(self.config.worlds, 9)
+        position, rotation = forward_kinematics(q[:, ARM])
+        objects, goals = as_seen(self.domain, self.objects, self.goals)
+        pixels, goal_pixels = (normalised_keypoints(corners(self.domain, poses)) for poses in (objects, goals))
+        pixels = pixels + self.keypoint_bias
+        pixels = pixels + c.keypoint_noise * self._normal(self.config.worlds, 16).reshape(-1, 8, 2)
+        state = post_contact_observation(q, dq, pixels, goal_pixels, position, rotation, self.last_action)
+        remaining = 1 - self.age[:, None] / self.config.limit
+        zeta = torch.full_like(remaining, self.limits.position / actions.LOOSE.position)
+        privileged = torch.cat([pre_contact_state(objects, goals), self.physics.qvel[:, 9:], self.conditions, remaining,
+                                zeta], -1)
+        return state, privileged
+
+    def _normal(self, rows: int, columns: int) -> torch.Tensor:
+        return torch.randn(rows, columns, generator=self.generator, device=self.device)
+
+    # --- starts --------------------------------------------------------------------------------------------------
+
+    def draw_starts(self, pre_policy, count: int) -> Starts:
+        """A pool of `count` tasks with the contacts that `pre_policy.act(state, explore)` -> (action, log p) chooses."""
+        tasks = draw_tasks(self.domain, self.config.shares, count, self.generator)
+        state = pre_contact_state(*as_seen(self.domain, tasks.starts, tasks.goals))
+        action, log_probability = pre_policy.act(state, self.config.explore)
+        contacts = contact.resolve(self.domain, action, tasks.starts, tasks.sunk)
+        return self.pool(tasks, state, action, log_probability, contacts)
+
+    def pool(self, tasks: Tasks, state: torch.Tensor, action: torch.Tensor, log_probability: torch.Tensor,
+             contacts: contact.Contacts) -> Starts:
+        """The pool of these starts (n,), under the conditions now, with all that a reset would else work out for a few."""
+        return Starts(tasks, state, action, log_probability, contacts, self._missed(tasks, contacts),
+                      corners(self.domain, tasks.goals), quarter_tips(tasks.starts, tasks.goals))
+
+    def _missed(self, tasks: Tasks, contacts: contact.Contacts) -> torch.Tensor:
+        """Joints (n, 7) rad where approaches to the contacts end: the approach of the real robot, and the student, miss the
+        teacher's pose by a little."""
+        n, c = len(contacts.q), self.config.conditions
+        if not (c.start_position or c.start_rotation):
+            return contacts.q
+        shift = c.start_position * (2 * torch.rand(n, 3, generator=self.generator, device=self.device) - 1)
+        shift[:, 2] = shift[:, 2].abs()
+        turn = matrix_from_vector(c.start_rotation * self._normal(n, 3))
+        missed = solve_ik(contacts.q, contacts.position + shift, turn @ contacts.rotation)
+        free = contact.gripper_clearance(self.domain, missed, contacts.width, tasks.starts, tasks.sunk) > 0
+        return torch.where(free[:, None], missed, contacts.q)
+
+    def reset(self, where: torch.Tensor) -> None:
+        """Begin new episodes in the worlds `where` (n,), from the pool of starts."""
+        n = len(where)
+        if n == 0:
+            return
+        starts = self.starts
+        row, tasks = starts.take(n), starts.tasks
+        objects, goals, q = tasks.starts[row], tasks.goals[row], starts.q[row]
+        width = starts.contacts.width[row][:, None].expand(n, 2)
+        self.physics.place(where, torch.cat([q, width, objects.position, objects.quaternion], -1), tasks.sunk[row])
+        self.physics.fingers[where] = width
+        self.physics.hold(where, q)
+        self.goals.position[where], self.goals.quaternion[where] = goals.position, goals.quaternion
+        self.goal_corners[where] = starts.goal_corners[row]
+        self.last_action[where] = 0
+        self.age[where] = 0
+        self.held[where] = 0
+        self.total[where] = 0
+        self.kind[where] = tasks.kind[row]
+        self.tips[where] = starts.tips[row]
+        self.pre_state[where], self.pre_action[where] = starts.state[row], starts.action[row]
+        self.pre_log_probability[where] = starts.log_probability[row]
+        self._draw_conditions(where)
+
+    def _draw_conditions(self, where: torch.Tensor) -> None:
+        c, n = self.config.conditions, len(where)
+        self.physics.delay[where] = torch.randint(c.delay[0], c.delay[1] + 1, (n,), generator=self.generator,
+                                                  device=self.device, dtype=torch.int32)
+        self.keypoint_bias[where] = c.keypoint_bias * self._normal(n, 2)[:, None]
+        if c.randomises_physics:
+            factors = [low + (high - low) * torch.rand(n, generator=self.generator, device=self.device)
+                       for low, high in (c.table_friction, c.finger_friction, c.mass)]
+            self.conditions[where] = torch.stack(factors, -1)
+            self.physics.randomise(where, *factors)
+
+    # --- step ----------------------------------------------------------------------------------------------------
+
+    def step(self, action: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Advance every world by one policy period under actions (n, 20).
+
+        Returns reward, done, success, lost, stopped (by the reflex), timeout (n,), the reward's terms, and for ended episodes
+        their total.
+        Ended worlds are NOT reset: call `reset(done.nonzero())`, after the critic has seen the last state.
+        """
+        physics, config = self.physics, self.config
+        before = self.measure()
+        q = physics.qpos[:, ARM].clone()
+        position, rotation = forward_kinematics(q)
+        target = actions.decode(action, position, rotation, self.limits)
+        physics.aim(solve_ik(q, target.position, target.rotation), target)
+        physics.noise.copy_(config.conditions.torque_noise * self._normal(config.worlds, 7))
+        physics.advance()
+        self.last_action = action.clamp(-1, 1)
+        self.age += 1
+        objects = self.objects
+        broken = ~torch.isfinite(physics.qpos).all(-1)
+        distance, angle = pose_error(objects.position, objects.quaternion, self.goals.position, self.goals.quaternion)
+        self.held = torch.where(is_success(self.domain, distance, angle, config.tolerance), self.held + 1, 0)
+        stopped = self._stopped() if config.reflex else torch.zeros_like(broken)
+        success = (self.held >= config.hold) & ~stopped
+        lost = (is_lost(self.domain, objects.position) | broken) & ~success & ~stopped
+        timeout = (self.age >= config.limit) & ~success & ~lost & ~stopped
+        after = self.measure()
+        after = Measures(*(torch.where(broken, getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures)))
+        terms = reward_terms(config.reward, before, after, success, lost | stopped, target.stiffness)
+        if self.joint_range is not None:
+            terms["joint_range"] = config.reward.scale * self.joint_range.term(physics.qpos[:, ARM])
+        reward = sum(terms.values())
+        self.total += reward
+        return {"reward": reward, "done": success | lost | stopped | timeout, "success": success, "lost": lost,
+                "stopped": stopped, "timeout": timeout, "terms": terms, "distance": distance, "angle": angle, "broken": broken}
+
+    def _stopped(self) -> torch.Tensor:
+        """Worlds (n,) in which a joint was too fast in the last period, or is outside its range."""
+        q, (lower, upper) = self.physics.qpos[:, ARM], self._range
+        return (self.physics.over[0] > 0).any(-1) | (q < lower).any(-1) | (q > upper).any(-1)

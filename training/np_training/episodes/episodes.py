@@ -1,0 +1,146 @@
+"""Episodes of trained policies, one in every world, with mean actions at zeta*; what became of each."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from np_policy import hand_pose
+from np_policy.action import TIGHT
+from np_policy.networks import PreContactStudent
+from np_training.environment import contact
+from np_training.tasks.breakdown import groups_of_tasks
+from np_training.distill import student_input
+from np_training.environment.environment import Environment, as_seen, pre_contact_state
+from np_training.ppo.networks import ActorCritic
+from np_training.tasks.practice import Tasks
+from np_training.tasks.randomisation import Conditions
+from np_training.tasks.poses import Poses, sample_tasks
+
+MODES = ("success", "infeasible", "broken", "lost", "stopped", "timeout")
+"""How an episode ends: at the goal; without a contact that can be reached; in numbers that are not finite;
+with the object off the table; by the robot's reflex; when the time is over."""
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Ended episodes (n,), arrays of NumPy.
+
+    mode: index into MODES; length: policy steps; distance m, angle rad: to the goal at the end; over (2, n,
+    7): physics steps beyond the limits of joint velocity and torque; groups: masks (n,) by kind of task
+    (`breakdown.groups`); goals (n, 7): position and quaternion; qpos (steps + 1, n, 16), held still from each
+    end on, where it was recorded.
+    """
+
+    mode: np.ndarray
+    length: np.ndarray
+    distance: np.ndarray
+    angle: np.ndarray
+    over: np.ndarray
+    groups: dict[str, np.ndarray]
+    goals: np.ndarray
+    qpos: np.ndarray | None = field(default=None, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.mode)
+
+    def of(self, mode: str) -> np.ndarray:
+        """Mask (n,) of the episodes that ended so."""
+        return self.mode == MODES.index(mode)
+
+
+def concatenate(parts: list[Episodes]) -> Episodes:
+    """All episodes of several runs, without their recordings."""
+
+    def join(name: str, axis: int = 0) -> np.ndarray:
+        return np.concatenate([getattr(part, name) for part in parts], axis=axis)
+
+    groups = {name: np.concatenate([part.groups[name] for part in parts]) for name in parts[0].groups}
+    return Episodes(
+        join("mode"), join("length"), join("distance"), join("angle"), join("over", 1), groups, join("goals")
+    )
+
+
+def run_episodes(
+    env: Environment,
+    networks: ActorCritic,
+    chooser: Callable[[torch.Tensor], torch.Tensor],
+    student: PreContactStudent | None = None,
+    conditions: Conditions | None = None,
+    seed: int | None = None,
+    record: bool = False,
+) -> Episodes:
+    """One episode in every world of tasks drawn with `seed`, under conditions (both the environment's, where
+    None).
+
+    chooser: the pre-contact policy, state (n, 18) to action (n, 9); a student takes its place. An episode
+    whose contact cannot be reached is counted as such and not as what became of it.
+    """
+    worlds, device = env.config.worlds, env.device
+    everyone = torch.arange(worlds, device=device)
+    if seed is not None:
+        env.generator.manual_seed(seed)
+        torch.manual_seed(seed)
+    env.config = dataclasses.replace(env.config, conditions=conditions or env.config.conditions)
+    env.limits = TIGHT
+    one = torch.ones(worlds, device=device)
+    env.physics.randomise(everyone, one, one, one)  # what an earlier run may have left
+    env.conditions.fill_(1.0)
+    objects, goals = sample_tasks(env.domain, worlds, env.generator)
+    feasible = _start(env, objects, goals, chooser, student)
+    env.reset(everyone)
+
+    alive = torch.ones(worlds, dtype=torch.bool, device=device)
+    mode = torch.full((worlds,), MODES.index("timeout"), device=device)
+    length, distance, angle = (torch.zeros(worlds, device=device) for _ in range(3))
+    over = torch.zeros(2, worlds, 7, device=device)
+    frames = [env.physics.qpos.clone()] if record else []
+    for _ in range(env.config.limit):
+        with torch.no_grad():
+            out = env.step(networks.post(env.observe()[0]))
+        over += env.physics.over * alive[:, None]
+        ends = out["done"] & alive
+        for name in ("lost", "stopped", "broken", "success"):
+            mode[ends & out[name]] = MODES.index(name)
+        length[ends] = env.age[ends].float()
+        distance[ends], angle[ends] = out["distance"][ends], out["angle"][ends]
+        if record:
+            frames.append(torch.where(alive[:, None], env.physics.qpos, frames[-1]))
+        alive &= ~ends
+        if not alive.any():
+            break
+    mode[~feasible] = MODES.index("infeasible")
+    masks = {name: mask.cpu().numpy() for name, mask in groups_of_tasks(env.domain, objects, goals).items()}
+    return Episodes(
+        *(a.cpu().numpy() for a in (mode, length, distance, angle, over)),
+        masks,
+        torch.cat([goals.position, goals.quaternion], -1).cpu().numpy(),
+        torch.stack(frames).cpu().numpy() if record else None,
+    )
+
+
+def _start(
+    env: Environment,
+    objects: Poses,
+    goals: Poses,
+    chooser: Callable[[torch.Tensor], torch.Tensor],
+    student: PreContactStudent | None,
+) -> torch.Tensor:
+    """Put the contacts chosen for the tasks into the pool, all of them; returns which can be reached (n,)."""
+    state = pre_contact_state(*as_seen(env.domain, objects, goals))
+    with torch.no_grad():
+        action = chooser(state)
+        if student is None:
+            contacts = contact.resolve(env.domain, action, objects)
+        else:
+            noise = env.config.conditions.keypoint_noise
+            pose = hand_pose.decode(student(student_input(env.domain, objects, goals, noise)))
+            contacts = contact.reach(env.domain, *pose, objects)
+    everyone = dataclasses.replace(contacts, feasible=torch.ones_like(contacts.feasible))
+    none = torch.zeros(len(state), device=env.device)
+    env.starts = env.pool(Tasks(objects, goals, none.long(), none), state, action, none, everyone)
+    return contacts.feasible

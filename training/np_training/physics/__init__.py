@@ -1,0 +1,1 @@
+"""Many worlds on one device: MuJoCo Warp under the control laws of the nodes."""

@@ -1,0 +1,266 @@
+"""Many copies of the scene on one device: MuJoCo Warp under the impedance law, or in operational space.
+
+One call of `advance` is one policy period: `substeps` physics steps, each with the control law in front, all
+in one captured CUDA graph. PyTorch tensors alias the simulator's arrays, so resets and observations need no
+copies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import torch
+import warp as wp
+
+from np_control.operational_space import CartesianGains
+from np_description.domains import Domain
+from np_description.panda import NOMINAL
+from np_description.patch import Patch
+from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
+from np_description.scene import OBJECT, load_model
+from np_policy.action import Target
+from np_training.physics.chain import make_chain
+from np_training.physics.carried_effects import check_carried
+from np_training.physics.batched_kinematics import forward_kinematics
+from np_training.physics.batched_operational_space import count_excess, make_gains, operational_space_kernel
+
+# A body's mass has to change together with that of its subtree, which centres of mass are divided by.
+RANDOMISED = ("geom_friction", "body_mass", "body_subtreemass", "body_inertia")
+CONTROLLERS = ("impedance", "osc")
+CAPACITY = (
+    mjw.OverflowType.NEFC
+    | mjw.OverflowType.NJMAX_NNZ
+    | mjw.OverflowType.BROADPHASE
+    | mjw.OverflowType.NARROWPHASE
+    | mjw.OverflowType.CCD
+)
+HOLD_STIFFNESS, HOLD_DAMPING_RATIO = 100.0, 1.0  # while an episode's first target is on its way
+ARM, OBJECT_POSITION, OBJECT_QUATERNION = slice(0, 7), slice(9, 12), slice(12, 16)
+
+
+@dataclass(frozen=True)
+class PhysicsConfig:
+    """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
+    controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, with
+    the gains `cartesian`); effects: what the arm has besides the nominal one, as far as np_training.physics.carried_effects carries it."""
+
+    timestep: float = 0.005
+    substeps: int = 20
+    contacts: int = 20
+    constraints: int = 96
+    iterations: int = 8
+    ls_iterations: int = 10
+    controller: str = "impedance"
+    cartesian: CartesianGains = CartesianGains()
+    effects: Patch = Patch()
+
+    def __post_init__(self) -> None:
+        check_carried(self.effects)
+        if self.controller not in CONTROLLERS:
+            raise ValueError(f"controller: expected one of {', '.join(CONTROLLERS)}, got {self.controller!r}")
+
+
+@wp.kernel
+def impedance_kernel(
+    substep: int,
+    limit: wp.array2d(dtype=float),
+    qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float),
+    bias: wp.array2d(dtype=float),
+    gravity: wp.array2d(dtype=float),
+    command: wp.array3d(dtype=float),
+    delay: wp.array(dtype=int),
+    noise: wp.array2d(dtype=float),
+    ctrl: wp.array2d(dtype=float),
+    over: wp.array3d(dtype=int),
+):
+    """np_control.impedance.torque for joint j of world i; a test holds both to the same result.
+
+    command (6, worlds, 7): joint target, stiffness, damping ratio of the last period, then of this one, which
+    takes effect after `delay` substeps. limit (2, 7): of velocity and torque; over (2, worlds, 7): substeps
+    of this period beyond them. Reckoned in double precision: in single, 80 Nm come out up to 2e-5 Nm off.
+    """
+    i, j = wp.tid()
+    new = 0
+    if substep >= delay[i]:
+        new = 3
+    stiffness = wp.float64(command[new + 1, i, j])
+    damping = wp.float64(command[new + 2, i, j]) * wp.sqrt(stiffness)
+    error = wp.float64(command[new, i, j]) - wp.float64(qpos[i, j])
+    coriolis = wp.float64(bias[i, j]) - wp.float64(gravity[i, j])
+    wanted = stiffness * error - damping * wp.float64(qvel[i, j]) + coriolis + wp.float64(noise[i, j])
+    torque = wp.float32(wanted)
+    count_excess(substep, 0, i, j, qvel[i, j], limit, over)
+    count_excess(substep, 1, i, j, torque, limit, over)
+    ctrl[i, j] = wp.clamp(torque, -limit[1, j], limit[1, j])
+
+
+class BatchedPhysics:
+    """`worlds` copies of a domain's scene.
+
+    qpos (worlds, 16): 7 joints, 2 fingers, object position, object quaternion wxyz; qvel (worlds, 15);
+    command (6, worlds, 7), see `impedance_kernel` and `operational_space_kernel`; delay (worlds,) substeps;
+    noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
+    the limits of joint velocity, and of torque as commanded.
+    """
+
+    def __init__(
+        self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()
+    ) -> None:
+        self.config, self.worlds, self.device = config, worlds, torch.device(device)
+        panda = config.effects.panda()
+        model = load_model(domain, timestep=config.timestep, arm_collision=False, panda=panda)
+        model.opt.iterations, model.opt.ls_iterations = config.iterations, config.ls_iterations
+        # Boxes then meet by their faces and edges, as in MuJoCo itself, not by the general convex algorithm, which takes
+        # three to five times as long.
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_NATIVECCD
+        self.host_model = model
+        self._wp_device = wp.get_device(device)
+        if self._wp_device.is_cuda:
+            # A captured graph holds the work of one stream: torch has to queue on Warp's.
+            torch.cuda.set_stream(wp.stream_to_torch(wp.get_stream(self._wp_device)))
+        with wp.ScopedDevice(self._wp_device):
+            self.model = mjw.put_model(model, batch_sizes=dict.fromkeys(RANDOMISED, worlds))
+            data = mujoco.MjData(model)
+            mujoco.mj_resetDataKeyframe(model, data, 0)
+            mujoco.mj_forward(model, data)
+            # Counted by take_overflowed, not printed. Steps short of convergence are the normal case.
+            self.model.opt.warn_overflow = 0
+            self.data = mjw.put_data(
+                model, data, nworld=worlds, nconmax=config.contacts, njmax=config.constraints
+            )
+            self._command = wp.zeros((6, worlds, 7), dtype=float)
+            self._delay = wp.zeros(worlds, dtype=int)
+            self._noise = wp.zeros((worlds, 7), dtype=float)
+            self._limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float)
+            self._over = wp.zeros((2, worlds, 7), dtype=int)
+            self._chain = make_chain(self._wp_device.alias)
+            self._gains = make_gains(model.M_rowadr[ARM], self._wp_device, config.cartesian)
+        d = self.data
+        self._overflow = wp.to_torch(d.overflow)
+        self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))
+        self._stale = [wp.to_torch(a) for a in (d.qacc_warmstart, d.qfrc_bias, d.qfrc_gravcomp)]
+        self.command, self.delay, self.noise, self.over = (
+            wp.to_torch(a) for a in (self._command, self._delay, self._noise, self._over)
+        )
+        self.hold(torch.arange(worlds, device=self.device), self.qpos[:, ARM])
+        self.friction, self.mass, self.subtree_mass, self.inertia = (
+            wp.to_torch(getattr(self.model, name)) for name in RANDOMISED
+        )
+        self.object_body = model.body(OBJECT).id
+        self._object_mass, self._whole_mass = float(model.body_mass[self.object_body]), float(model.body_mass.sum())
+        self._object_inertia = torch.tensor(model.body_inertia[self.object_body], dtype=torch.float32, device=self.device)
+        fixed = {"table", *(box.name for box in domain.obstacles)}
+        names = [model.geom(geom).name for geom in range(model.ngeom)]
+        # Indices of the geoms of the surroundings and of the fingers, and their friction.
+        self._rubbing = [
+            (torch.tensor(geoms, device=self.device), torch.tensor(model.geom_friction[geoms, 0]).to(self.friction))
+            for geoms in (
+                [geom for geom, name in enumerate(names) if name in fixed],
+                [geom for geom, name in enumerate(names) if name.startswith("panda_finger")],
+            )
+        ]
+        # Where fixed geoms are in the world is worked out once, when the data are made: it may be moved there.
+        self._geom_position = wp.to_torch(d.geom_xpos)
+        self._obstacles = {model.geom(box.name).id: box.centre[2] for box in domain.obstacles}
+        self._graph = None
+
+    @property
+    def fingers(self) -> torch.Tensor:
+        """Commanded finger openings (worlds, 2) m."""
+        return self.ctrl[:, 7:9]
+
+    def hold(self, where: torch.Tensor, q: torch.Tensor) -> None:
+        """Command the worlds `where` (n,) to stay at joints q (n, 7) rad, now and in the period to come."""
+        gains = torch.full_like(q, HOLD_STIFFNESS), torch.full_like(q, HOLD_DAMPING_RATIO)
+        rows = self._rows(q, Target(*forward_kinematics(q), *gains))
+        self.command[:, where] = torch.cat([rows, rows])
+
+    def aim(self, joints: torch.Tensor, target: Target) -> None:
+        """Command of a new period: `target` of every world, and the joints (worlds, 7) rad that solve it."""
+        self.command[:3] = self.command[3:].clone()
+        self.command[3:] = self._rows(joints, target)
+
+    def _rows(self, joints: torch.Tensor, target: Target) -> torch.Tensor:
+        if self.config.controller == "osc":
+            pose = torch.cat([target.position, xyzw_from_wxyz(quaternion_from_matrix(target.rotation))], -1)
+            return torch.stack([joints, pose, torch.zeros_like(joints)])
+        return torch.stack([joints, target.stiffness, target.damping_ratio])
+
+    def advance(self) -> None:
+        """One policy period under the current commands."""
+        if not self._wp_device.is_cuda:
+            with wp.ScopedDevice(self._wp_device):
+                self._period()
+            return
+        if self._graph is None:
+            with wp.ScopedDevice(self._wp_device):
+                saved = self.qpos.clone(), self.qvel.clone()
+                self._period()  # compiles every kernel before the capture
+                with wp.ScopedCapture() as capture:
+                    self._period()
+                self._graph = capture.graph
+                self.qpos.copy_(saved[0])
+                self.qvel.copy_(saved[1])
+        wp.capture_launch(self._graph)
+
+    def _period(self) -> None:
+        d = self.data
+        for substep in range(self.config.substeps):
+            state = [d.qpos, d.qvel, d.qfrc_bias, d.qfrc_gravcomp]
+            command = [self._command, self._delay, self._noise]
+            out = [d.ctrl, self._over]
+            if self.config.controller == "osc":
+                wp.launch(
+                    operational_space_kernel,
+                    dim=self.worlds,
+                    inputs=[substep, self._chain, self._gains, self._limit, *state, d.M, *command],
+                    outputs=out,
+                )
+            else:
+                wp.launch(
+                    impedance_kernel,
+                    dim=(self.worlds, 7),
+                    inputs=[substep, self._limit, *state, *command],
+                    outputs=out,
+                )
+            mjw.step(self.model, d)
+
+    def place(self, where: torch.Tensor, qpos: torch.Tensor, sunk: torch.Tensor | float = 0.0) -> None:
+        """Put the worlds `where` (n,) at rest at qpos (n, 16), with the obstacles sunk (n,) m below where they are."""
+        self.qpos[where] = qpos
+        self.qvel[where] = 0
+        for array in self._stale:  # of the state before: solver warm start and Coriolis terms
+            array[where] = 0
+        for geom, height in self._obstacles.items():
+            self._geom_position[where, geom, 2] = height - sunk
+
+    def randomise(
+        self, where: torch.Tensor, table: torch.Tensor, finger: torch.Tensor, mass: torch.Tensor
+    ) -> None:
+        """Scale nominal friction of the surroundings and fingers, and the object's mass, by factors (n,)."""
+        for (geoms, friction), factor in zip(self._rubbing, (table, finger)):
+            self.friction[where[:, None], geoms, 0] = friction * factor[:, None]
+        self.mass[where, self.object_body] = self._object_mass * mass
+        self.subtree_mass[where, self.object_body] = self._object_mass * mass
+        self.subtree_mass[where, 0] = self._whole_mass + self._object_mass * (mass - 1)
+        self.inertia[where, self.object_body] = self._object_inertia * mass[:, None]
+
+    def take_overflowed(self) -> torch.Tensor:
+        """Number () of worlds that lacked room for a contact or a constraint since the last call: these were
+        dropped."""
+        count = ((self._overflow & int(CAPACITY)) != 0).sum()
+        self._overflow.zero_()
+        return count
+
+    def overflow(self) -> dict[str, int]:
+        """Contacts and constraints in use now against capacity."""
+        return {
+            "contacts": int(self.data.nacon.numpy()[0]),
+            "contact_capacity": self.data.naconmax,
+            "constraints": int(self.data.nefc.numpy().max()),
+            "constraint_capacity": self.data.njmax,
+        }

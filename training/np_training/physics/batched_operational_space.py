@@ -1,0 +1,162 @@
+"""Operational-space control in the batched simulator: np_control.operational_space, one thread a world.
+
+A kernel in a file of its own: see np_training.physics.chain.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from np_control.operational_space import REGULARISATION, CartesianGains
+from np_training.physics.chain import (
+    Chain,
+    cholesky,
+    cholesky_solve,
+    jacobian,
+    joint_frames,
+    mat7,
+    mat67,
+    posture,
+    rotation_vector,
+    times_transposed,
+    vec6,
+    vec7,
+)
+
+wp.set_module_options({"max_unroll": 1, "enable_backward": False})
+
+
+@wp.struct
+class Gains:
+    """Of the law, and row: where each joint's row, columns 0 to j, begins in the simulator's mass matrix."""
+
+    row: wp.array(dtype=int)
+    stiffness: vec6
+    posture: float
+    damping_ratio: float
+    regularisation: float
+
+
+def make_gains(rows: np.ndarray, device: wp.Device, cartesian: CartesianGains) -> Gains:
+    """The gains for the kernel. rows (7,): first element of each joint's row of the mass matrix."""
+    gains = Gains()
+    gains.row = wp.array(rows, dtype=int, device=device)
+    gains.stiffness = vec6(*np.repeat([cartesian.position, cartesian.rotation], 3).tolist())
+    gains.posture, gains.damping_ratio = cartesian.posture, cartesian.damping_ratio
+    gains.regularisation = REGULARISATION
+    return gains
+
+
+@wp.func
+def count_excess(
+    substep: int,
+    kind: int,
+    i: int,
+    j: int,
+    value: float,
+    limit: wp.array2d(dtype=float),
+    over: wp.array3d(dtype=int),
+):
+    """Count a substep of joint j in world i whose value is beyond its limit; the first begins anew."""
+    if substep == 0:
+        over[kind, i, j] = 0
+    if wp.abs(value) > limit[kind, j]:
+        over[kind, i, j] = over[kind, i, j] + 1
+
+
+@wp.kernel
+def operational_space_kernel(
+    substep: int,
+    chain: Chain,
+    gains: Gains,
+    limit: wp.array2d(dtype=float),
+    qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float),
+    bias: wp.array2d(dtype=float),
+    gravity: wp.array2d(dtype=float),
+    mass: wp.array2d(dtype=float),
+    command: wp.array3d(dtype=float),
+    delay: wp.array(dtype=int),
+    noise: wp.array2d(dtype=float),
+    ctrl: wp.array2d(dtype=float),
+    over: wp.array3d(dtype=int),
+):
+    """np_control.operational_space_torque for world i; a test holds both to the same result.
+
+    command (6, worlds, 7): posture, T_E as position and quaternion (scalar last), and a row that is not used,
+    of the last period, then of this one, which takes effect after `delay` substeps. limit, over: see
+    `physics.impedance_kernel`.
+    """
+    i = wp.tid()
+    new = 0
+    if substep >= delay[i]:
+        new = 3
+
+    at, turned, joints = joint_frames(chain, posture(qpos, i))
+    jac = jacobian(at, joints)
+
+    # Acceleration that is asked of T_E.
+    target = wp.vec3(command[new + 1, i, 0], command[new + 1, i, 1], command[new + 1, i, 2])
+    wanted = wp.quat(
+        command[new + 1, i, 3], command[new + 1, i, 4], command[new + 1, i, 5], command[new + 1, i, 6]
+    )
+    shift = target - at
+    turn = rotation_vector(wanted * wp.quat_inverse(turned))
+    force = vec6()
+    for k in range(6):
+        speed = float(0.0)
+        for j in range(7):
+            speed = speed + jac[k, j] * qvel[i, j]
+        error = float(0.0)
+        if k < 3:
+            error = shift[k]
+        else:
+            error = turn[k - 3]
+        force[k] = (
+            gains.stiffness[k] * error - 2.0 * gains.damping_ratio * wp.sqrt(gains.stiffness[k]) * speed
+        )
+
+    # M and what it makes of the pull towards the posture.
+    inertia = mat7()
+    for j in range(7):
+        for k in range(j + 1):
+            inertia[j, k] = mass[i, gains.row[j] + k]
+            inertia[k, j] = mass[i, gains.row[j] + k]
+    inner = vec7()
+    for j in range(7):
+        total = float(0.0)
+        for k in range(7):
+            pull = gains.posture * (command[new, i, k] - qpos[i, k])
+            pull = pull - 2.0 * gains.damping_ratio * wp.sqrt(gains.posture) * qvel[i, k]
+            total = total + inertia[j, k] * pull
+        inner[j] = total
+
+    # mobility = M^-1 J', one column a direction; then J mobility.
+    lower = cholesky(inertia, 7)
+    mobility = mat67()  # transposed
+    for k in range(6):
+        column = vec7()
+        for j in range(7):
+            column[j] = jac[k, j]
+        column = cholesky_solve(lower, column, 7)
+        for j in range(7):
+            mobility[k, j] = column[j]
+    product = times_transposed(jac, mobility)
+    for k in range(6):
+        product[k, k] = product[k, k] + gains.regularisation
+
+    # Both uses of Lambda in one solution: J' Lambda (force - mobility' inner).
+    for k in range(6):
+        moved = float(0.0)
+        for j in range(7):
+            moved = moved + mobility[k, j] * inner[j]
+        force[k] = force[k] - moved
+    force = cholesky_solve(cholesky(product, 6), force, 6)
+    for j in range(7):
+        torque = inner[j] + bias[i, j] - gravity[i, j] + noise[i, j]
+        for k in range(6):
+            torque = torque + jac[k, j] * force[k]
+        count_excess(substep, 0, i, j, qvel[i, j], limit, over)
+        count_excess(substep, 1, i, j, torque, limit, over)
+        ctrl[i, j] = wp.clamp(torque, -limit[1, j], limit[1, j])

@@ -1,0 +1,1 @@
+"""Joint PPO of both policies: rollouts, updates, curriculum, what a run keeps."""

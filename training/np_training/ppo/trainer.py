@@ -1,0 +1,308 @@
+"""Rollouts and updates of both policies, and what a run needs to go on elsewhere."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from np_policy.action import STIFFNESS
+from np_training.ppo import distributed
+from np_training.tasks.breakdown import groups
+from np_training.ppo.curriculum import Curriculum, CurriculumConfig, stage_limits
+from np_training.environment.environment import Environment
+from np_training.environment.fixed_contact import FixedContact
+from np_training.tasks.joint_range import JointRange
+from np_training.ppo.networks import ActorCritic, sample
+from np_training.tasks.practice import kinds
+from np_training.ppo.learner import Batch, Learner, PPOConfig, advantages
+from np_training.tasks.randomisation import NOMINAL_CONDITIONS, PAPER
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """rollout: steps between updates; hold: steps at the goal that count as success once randomised, and
+    tolerance: the share of the domain's within which they have to be then; reflex: whether joints beyond their
+    limits end an episode then; pre_least: episodes without which the pre-contact policy is left as it is;
+    start: contact where the pre-contact policy chooses, else see `fixed_contact`; stiffness: that an untrained
+    policy commands, -1 to 1 of its range; deviation: that actions are drawn with at most, of their range: what a robot runs
+    is the mean, which goes round in circles that drawn actions leave; adaptive_joint_range: see `joint_range`."""
+
+    rollout: int = 12
+    hold: int = 3
+    tolerance: float = 1.0
+    reflex: bool = True
+    pre_least: int = 64
+    start: str = "contact"
+    stiffness: float = 0.0
+    deviation: float | None = None
+    adaptive_joint_range: bool = False
+    curriculum: CurriculumConfig = CurriculumConfig()
+
+
+class Trainer:
+    """Owns environment, networks, learners, curriculum; `iterate` does one rollout and one update.
+
+    With several processes each has an environment of its own and the same networks: they begin with the same
+    seed, and every update is made from gradients summed over all.
+    """
+
+    def __init__(
+        self, environment: Environment, config: TrainConfig = TrainConfig(), ppo: PPOConfig = PPOConfig()
+    ) -> None:
+        self.environment, self.config, self.ppo = environment, config, ppo
+        torch.manual_seed(environment.config.seed)
+        self.networks = ActorCritic().to(environment.device)
+        with torch.no_grad():
+            self.networks.post.net[-1].bias[STIFFNESS] = math.atanh(config.stiffness)
+        self._narrow()
+        self.post = Learner(self.networks.post, self.networks.post_value, ppo)
+        self.pre = Learner(
+            self.networks.pre, self.networks.pre_value, dataclasses.replace(ppo, epochs=4, minibatches=4)
+        )
+        self.iteration, self.steps, self.seconds = 0, 0, 0.0
+        self.chooser = self.networks.pre if config.start == "contact" else FixedContact(config.start)
+        if config.adaptive_joint_range:
+            environment.joint_range = JointRange(environment.device)
+        self.kinds = [kind.name for kind in kinds(environment.domain)]
+        window = distributed.size() * environment.config.worlds
+        self.curriculum = Curriculum(window, config.curriculum, len(self.kinds) - 1)
+        self._seed()
+        self._apply_stage()
+        environment.starts = environment.draw_starts(self.chooser, 2 * environment.config.worlds)
+        environment.reset(torch.arange(environment.config.worlds, device=environment.device))
+        # Without this every episode would end in the same step.
+        environment.age.random_(0, environment.config.limit, generator=environment.generator)
+
+    @property
+    def setting(self) -> dict[str, str | int | float]:
+        """What an evaluation has to share with the training."""
+        env = self.environment
+        return {
+            "domain": env.domain.name,
+            "start": self.config.start,
+            "controller": env.config.physics.controller,
+            "cartesian_stiffness": env.config.physics.cartesian.position,
+            "limit": env.config.limit,
+        }
+
+    def _seed(self) -> None:
+        """Random numbers of its own for every process and every resumption, the same in a repeated run."""
+        seed = self.environment.config.seed + 10_007 * distributed.rank() + 1_000_003 * self.iteration
+        torch.manual_seed(seed)
+        self.environment.generator.manual_seed(seed)
+
+    def _apply_stage(self) -> None:
+        env, on = self.environment, self.curriculum.randomised
+        env.limits = stage_limits(self.curriculum.stage)
+        env.config = dataclasses.replace(
+            env.config,
+            conditions=PAPER if on else NOMINAL_CONDITIONS,
+            hold=self.config.hold if on else 1,
+            tolerance=self.config.tolerance if on else 1.0,
+            reflex=self.config.reflex and on,
+        )
+
+    def iterate(self) -> dict[str, float]:
+        """One rollout, one update of both policies; returns a row of the log, over all processes."""
+        env, nets, worlds = self.environment, self.networks, self.environment.config.worlds
+        env.config = dataclasses.replace(
+            env.config, shares=self.curriculum.shares, explore=self.curriculum.explore
+        )
+        env.starts = env.draw_starts(self.chooser, worlds)
+        data: dict[str, list[torch.Tensor]] = {
+            k: [] for k in ("state", "critic", "action", "logp", "value", "reward", "done")
+        }
+        ended: list[tuple[torch.Tensor, ...]] = []
+        sums: dict[str, torch.Tensor] = {}
+        for _ in range(self.config.rollout):
+            state, privileged = env.observe()
+            critic_state = torch.cat([state, privileged], -1)
+            with torch.no_grad():
+                action, logp = sample(nets.post, state)
+                value = nets.post_value(critic_state)[:, 0]
+            out = env.step(action)
+            for name, tensor in (
+                ("state", state),
+                ("critic", critic_state),
+                ("action", action),
+                ("logp", logp),
+                ("value", value),
+                ("reward", out["reward"]),
+                ("done", out["done"]),
+            ):
+                data[name].append(tensor)
+            where = out["done"].nonzero()[:, 0]
+            ended.append(
+                (
+                    env.pre_state[where],
+                    env.pre_action[where],
+                    env.pre_log_probability[where],
+                    env.total[where],
+                )
+            )
+            counts = self._count(out)
+            for name, count in counts.items():
+                sums[name] = sums.get(name, 0) + count
+            env.reset(where)
+        feasible = env.starts.contacts.feasible
+        sums |= {
+            "drawn": torch.tensor(len(feasible)),
+            "pre_feasible": feasible.sum(),
+            "overflowed": env.physics.take_overflowed(),
+        }
+        update = self._update(data, ended)
+        self._narrow()
+        return self._row(distributed.total(sums, env.device)) | update
+
+    def _narrow(self) -> None:
+        if self.config.deviation:
+            with torch.no_grad():
+                self.networks.post.log_std.clamp_(max=math.log(self.config.deviation))
+
+    def _count(self, out: dict) -> dict[str, torch.Tensor]:
+        """Sums over the worlds of what a step gave; those of ended episodes leave practice out."""
+        env = self.environment
+        own = env.kind == 0
+        done, success = out["done"] & own, out["success"] & own
+        counts = {"done": done.sum(), "success": success.sum(), "broken": out["broken"].sum()}
+        counts |= {name: (out[name] & done).sum() for name in ("lost", "stopped", "timeout")}
+        counts |= {
+            name: value[done].sum()
+            for name, value in (
+                ("length", env.age),
+                ("total", env.total),
+                ("end_distance", out["distance"]),
+                ("end_angle", out["angle"]),
+            )
+        }
+        counts |= {
+            f"{name}_{kind}": (out[name] & (env.kind == number)).sum()
+            for number, kind in enumerate(self.kinds[1:], 1)
+            for name in ("done", "success")
+        }
+        for name, mask in groups(env.domain, env.tips, env.goals.position).items():
+            counts |= {f"done_{name}": (done & mask).sum(), f"success_{name}": (success & mask).sum()}
+        return counts | {f"reward_{name}": term.sum() for name, term in out["terms"].items()}
+
+    def _row(self, sums: dict[str, float]) -> dict[str, float]:
+        """Means over episodes or steps from sums over the rollout; counts the iteration and moves the
+        curriculum."""
+        steps = distributed.size() * self.environment.config.worlds * self.config.rollout
+        done = max(sums["done"], 1.0)
+        means = {
+            name: sums[name] / done
+            for name in ("success", "lost", "stopped", "timeout", "length", "total", "end_distance", "end_angle")
+        }
+        means |= {
+            name: value / max(sums[name.replace("success", "done")], 1.0)
+            for name, value in sums.items()
+            if name.startswith("success_")
+        }
+        means |= {name: value / steps for name, value in sums.items() if name.startswith("reward_")}
+        self.iteration += 1
+        self.steps += steps
+        stage, shares = self.curriculum.stage, self.curriculum.shares
+        for number, kind in enumerate(self.kinds[1:]):
+            self.curriculum.practise(number, means[f"success_{kind}"], int(sums[f"done_{kind}"]))
+        if self.curriculum.advance(means["success"], int(sums["done"])):
+            self._apply_stage()
+        if self.environment.joint_range is not None:
+            if self.curriculum.randomised:
+                self.environment.joint_range.adapt(self.curriculum.success)
+            means["joint_range"] = self.environment.joint_range.share
+        return {
+            "iteration": self.iteration,
+            "steps": self.steps,
+            "stage": stage,
+            "episodes": int(sums["done"]),
+            "success_mean": self.curriculum.success,
+            "practice": 1 - shares[0],
+            "broken": sums["broken"],
+            "overflowed": sums["overflowed"],
+            "pre_feasible": sums["pre_feasible"] / sums["drawn"],
+        } | means
+
+    def _update(
+        self, data: dict[str, list[torch.Tensor]], ended: list[tuple[torch.Tensor, ...]]
+    ) -> dict[str, float]:
+        env, nets = self.environment, self.networks
+        stacked = {name: torch.stack(tensors) for name, tensors in data.items()}
+        with torch.no_grad():
+            state, privileged = env.observe()
+            last_value = nets.post_value(torch.cat([state, privileged], -1))[:, 0]
+        gain = advantages(self.ppo, stacked["reward"], stacked["done"], stacked["value"], last_value)
+        returns = gain + stacked["value"]
+        flat = {name: tensor.flatten(0, 1) for name, tensor in stacked.items()}
+        post = self.post.update(
+            Batch(flat["state"], flat["critic"], flat["action"], flat["logp"], gain.flatten(), returns.flatten())
+        )
+        rejected = env.starts.rejected()
+        failure = torch.full(
+            (len(rejected),), env.config.reward.failure * env.config.reward.scale, device=env.device
+        )
+        parts = [
+            *ended,
+            (
+                env.starts.state[rejected],
+                env.starts.action[rejected],
+                env.starts.log_probability[rejected],
+                failure,
+            ),
+        ]
+        pre_state, pre_action, pre_logp, total = (torch.cat(column) for column in zip(*parts))
+        row = {"lr": self.post.rate, "std": float(nets.post.log_std.detach().exp().mean())} | post
+        episodes = distributed.total({"episodes": len(pre_state)}, env.device)["episodes"]
+        if self.config.start == "contact" and episodes >= self.config.pre_least:
+            with torch.no_grad():
+                baseline = nets.pre_value(pre_state)[:, 0]
+            pre = self.pre.update(Batch(pre_state, pre_state, pre_action, pre_logp, total - baseline, total))
+            row |= {f"pre_{name}": value for name, value in pre.items()}
+            row["pre_std"] = float(nets.pre.log_std.detach().exp().mean())
+        return row
+
+    def state_dict(self) -> dict:
+        """Everything a run needs to go on elsewhere, with any number of processes, except the episodes under
+        way."""
+        return {
+            "networks": self.networks.state_dict(),
+            "post": self.post.state_dict(),
+            "pre": self.pre.state_dict(),
+            "iteration": self.iteration,
+            "steps": self.steps,
+            "seconds": self.seconds,
+            "stage": self.curriculum.stage,
+            "success": self.curriculum.success,
+            "episodes": self.curriculum.episodes,
+            "practised": self.curriculum.practised,
+            "setting": self.setting,
+            "joint_range": self.environment.joint_range.share if self.environment.joint_range else 1.0,
+        }
+
+    def load_state_dict(self, state: dict) -> None:
+        """Restore what `state_dict` gave."""
+        self.networks.load_state_dict(state["networks"])
+        self._narrow()
+        self.post.load_state_dict(state["post"])
+        self.pre.load_state_dict(state["pre"])
+        self.iteration, self.steps = state["iteration"], state["steps"]
+        self.seconds = state.get("seconds", 0.0)
+        self.curriculum.stage, self.curriculum.success = state["stage"], state.get("success", 0.0)
+        # Without their number the mean would begin anew, with what a few first episodes came to.
+        self.curriculum.episodes = state.get("episodes", 0)
+        if len(state.get("practised", [])) == len(self.curriculum.practised):
+            self.curriculum.practised = list(state["practised"])
+        if self.environment.joint_range is not None:
+            self.environment.joint_range.share = state.get("joint_range", 1.0)
+        self._apply_stage()
+        self._seed()
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint; a kill leaves the old one or the new one."""
+        partial = path.with_suffix(".partial")
+        torch.save(self.state_dict(), partial)
+        os.replace(partial, path)

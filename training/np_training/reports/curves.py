@@ -1,0 +1,148 @@
+"""Curves of training runs, drawn from their logs, and when a success is reached for good."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from np_record.report.pages import style
+from np_training.ppo.curriculum import STAGES
+
+GROUPS = ("tips", "goal")  # of a domain's own tasks (np_training.tasks.breakdown), by the beginning of their names
+LEAST_PRACTICE = 0.05  # share of practice below which its kinds have too few episodes for a rate
+WINDOW = 10  # iterations that a success has to last
+
+Rows = list[dict[str, float]]
+
+
+def column(rows: Rows, name: str) -> np.ndarray:
+    """A column (n,) of a log, NaN where a row does not have it."""
+    return np.array([row.get(name, np.nan) for row in rows])
+
+
+def reached(rows: Rows, success: float) -> dict[str, float] | None:
+    """Policy steps and wall seconds after which the mean of WINDOW iterations first was at least `success`,
+    or None."""
+    values = column(rows, "success")
+    if len(values) < WINDOW:
+        return None
+    hits = np.flatnonzero(np.convolve(values, np.full(WINDOW, 1 / WINDOW), "valid") >= success)
+    if not len(hits):
+        return None
+    row = rows[hits[0] + WINDOW - 1]
+    return {"steps": row["steps"], "seconds": row["elapsed"], "stage": row["stage"]}
+
+
+def draw_curves(rows: Rows) -> Figure:
+    """Success, stage, reward terms, episodes, contacts, optimisation and speed against policy steps."""
+    with style():
+        figure = Figure(figsize=(11, 9.5), layout="constrained")
+        axes = figure.subplots(3, 2, sharex=True).flat
+        for ax, draw in zip(axes, (_success, _rewards, _ends, _contacts, _optimisation, _speed)):
+            draw(ax, rows)
+        for ax in figure.axes[4:6]:
+            ax.set_xlabel("million policy steps")
+    return figure
+
+
+def draw_comparison(runs: dict[str, Rows]) -> Figure:
+    """Success and curriculum stage of several runs against policy steps and wall time."""
+    with style():
+        figure = Figure(figsize=(11, 5.5), layout="constrained")
+        axes = figure.subplots(2, 2, sharex="col", sharey="row")
+        for number, (name, rows) in enumerate(runs.items()):
+            for side, x in enumerate((column(rows, "steps") / 1e6, column(rows, "elapsed") / 60)):
+                axes[0, side].plot(x, column(rows, "success"), color=f"C{number}", label=name, linewidth=1)
+                axes[1, side].step(x, column(rows, "stage"), color=f"C{number}", where="post", linewidth=1)
+        axes[0, 0].set(ylabel="success of ended episodes", ylim=(0, 1.02))
+        axes[1, 0].set(ylabel=f"stage ({STAGES + 1}: randomised)", xlabel="million policy steps")
+        axes[1, 1].set_xlabel("minutes")
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return figure
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure in the format of the file's ending."""
+    with style():
+        figure.savefig(path, dpi=110)
+
+
+def _lines(ax: Axes, rows: Rows, names: dict[str, str], scale: float = 1.0) -> None:
+    for name, label in names.items():
+        values = scale * column(rows, name)
+        if np.isfinite(values).any():
+            ax.plot(column(rows, "steps") / 1e6, values, label=label, linewidth=1)
+    if ax.lines:
+        ax.legend(fontsize=8)
+
+
+def _success(ax: Axes, rows: Rows) -> None:
+    names = sorted(
+        {name for row in rows for name in row if name.startswith("success_") and name != "success_mean"}
+    )
+    own = [name for name in names if name[len("success_") :].startswith(GROUPS)]
+    steps, practised = column(rows, "steps") / 1e6, column(rows, "practice") > LEAST_PRACTICE
+    # Each kind of practice in grey, behind: how they rise tells more than which is which.
+    for number, name in enumerate(name for name in names if name not in own):
+        values = np.where(practised, column(rows, name), np.nan)
+        label = None if number else "practice, each kind"
+        ax.plot(steps, values, color="0.82", linewidth=0.6, label=label)
+    _lines(ax, rows, {"success": "all", **{name: name[len("success_") :] for name in own}})
+    ax.set(ylabel="success of ended episodes", ylim=(0, 1.02))
+    stage = ax.twinx()
+    stage.step(steps, column(rows, "stage"), color="0.5", where="post", linewidth=1)
+    stage.set(ylabel=f"stage ({STAGES + 1}: randomised)", ylim=(0, STAGES + 1.3))
+    stage.grid(False)
+
+
+def _rewards(ax: Axes, rows: Rows) -> None:
+    names = sorted({name for row in rows for name in row if name.startswith("reward_")})
+    _lines(ax, rows, {name: name[len("reward_") :].replace("_", " ") for name in names})
+    ax.set_yscale("symlog", linthresh=1e-3)
+    ax.set(ylabel="reward a step, scaled")
+
+
+def _ends(ax: Axes, rows: Rows) -> None:
+    _lines(ax, rows, {"length": "length, steps"})
+    _lines(ax, rows, {"end_distance": "distance at the end, mm"}, scale=1e3)
+    _lines(ax, rows, {"end_angle": "angle at the end, deg"}, scale=180 / np.pi)
+    ax.set(ylabel="episodes", ylim=(0, None))
+
+
+def _contacts(ax: Axes, rows: Rows) -> None:
+    _lines(
+        ax,
+        rows,
+        {
+            "pre_feasible": "feasible contacts",
+            "lost": "objects lost",
+            "stopped": "stopped by the reflex",
+            "practice": "practice",
+            "joint_range": "joint range",
+        },
+    )
+    ax.set(ylabel="share", ylim=(0, 1.02))
+
+
+def _optimisation(ax: Axes, rows: Rows) -> None:
+    _lines(
+        ax,
+        rows,
+        {
+            "std": "deviation, post-contact",
+            "pre_std": "deviation, pre-contact",
+            "lr": "learning rate",
+            "kl": "KL divergence",
+            "value_loss": "value loss",
+        },
+    )
+    ax.set_yscale("log")
+    ax.set(ylabel="optimisation")
+
+
+def _speed(ax: Axes, rows: Rows) -> None:
+    _lines(ax, rows, {"steps_per_second": "policy steps a second"})
+    ax.set(ylabel="throughput", ylim=(0, None))

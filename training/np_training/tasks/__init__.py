@@ -1,0 +1,1 @@
+"""Tasks: poses, practice, rewards, randomisation, and one file for each domain."""
