@@ -22,7 +22,7 @@ REAL_TIME := realtime or real_time
 ALONE := tests/unit tests/training tests/diagnosis tests/parity
 GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
-.PHONY: help setup demo test test-slow test-driver driver-report hardware bench blind evaluate train identify lock clean distclean
+.PHONY: help setup demo test test-slow test-driver driver-report hardware bench blind evaluate train identify format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -66,6 +66,7 @@ test: setup ## every test that needs no GPU; PYTEST_ARGS="tests/unit -k name": o
 ifdef PYTEST_ARGS
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)
 else
+	@$(ACTIVATE) ruff format --quiet --check . && ruff check --quiet .
 	@$(ACTIVATE) export OMP_NUM_THREADS=1; \
 		python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not slow" -k "unit or not ($(REAL_TIME))" \
 			|| failed=1; \
@@ -92,6 +93,9 @@ test-driver: hardware .venv-franka-sim/.installed ## the hardware driver against
 
 driver-report: hardware .venv-franka-sim/.installed ## measure the driver: faults, tracking, an approach; docs/driver_results.md
 	@$(ACTIVATE) exec python tests/driver/report.py $(ARGS)
+
+format: setup ## the one formatter and order of imports, applied
+	@$(ACTIVATE) ruff check --quiet --select I --fix . && ruff format --quiet .
 
 lock: setup ## resolve requirements.txt into requirements.lock
 	@.venv/bin/python tools/lock.py > requirements.lock.new && mv requirements.lock.new requirements.lock

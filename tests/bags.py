@@ -1,13 +1,16 @@
 """A recorded episode made by hand, for tests of what reads bags."""
 
 import numpy as np
-from np_record.topics import BY_NAME, TIMELINE
-from np_record.recorder import BagWriter, Sequencer
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+
 from np_description.camera import CAMERA
 from np_description.domains import CARD, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.rotations import yaw_quaternion
+from np_record.recorder import BagWriter, Sequencer
+from np_record.topics import BY_NAME, TIMELINE
 from np_ros.messages import (
     header_message,
     image_message,
@@ -15,8 +18,6 @@ from np_ros.messages import (
     keypoints_message,
     pose_message,
 )
-from rclpy.serialization import serialize_message
-from std_msgs.msg import String
 
 PERIOD = 2_000_000
 GOAL = Pose(np.array([0.55, 0.05, 0.0025]), yaw_quaternion(np.asarray(0.9)))
@@ -59,9 +60,7 @@ def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=
             add("goal_pose", step, pose_message(stamp, BASE_FRAME, GOAL.position, GOAL.quaternion))
         if step % 50 == 0:
             pose = object_pose(step, count)
-            corners = CAMERA.project(
-                box_keypoints(np.asarray(CARD.half_size), pose.position, pose.quaternion)
-            )[0]
+            corners = CAMERA.project(box_keypoints(np.asarray(CARD.half_size), pose.position, pose.quaternion))[0]
             keypoints = np.column_stack([corners + [KEYPOINT_OFFSET, 0], np.full(8, 0.9)])
             image = np.full((CAMERA.height, CAMERA.width, 3), 120, np.uint8)
             add("object_pose", step, pose_message(stamp, BASE_FRAME, pose.position, pose.quaternion))

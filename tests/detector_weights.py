@@ -10,9 +10,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import torch
+from safetensors.torch import save_file
+
 from np_training.detector.export import export
 from np_training.detector.network import KeypointNetwork, NetworkConfig
-from safetensors.torch import save_file
 
 TINY = NetworkConfig(widths=(8, 8, 8), blocks=(1, 1))
 

@@ -23,14 +23,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import rclpy
-from np_bringup.task_graph import task_graph
-from np_ros.graph import NodeSpec
-from np_ros.links import Links
-from np_ros.supervisor import Supervisor, installed_command
-from np_ros import qos as profiles
-from np_ros.spin import Spinner
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
+
+from np_bringup.task_graph import task_graph
+from np_ros import qos as profiles
+from np_ros.graph import NodeSpec
+from np_ros.links import Links
+from np_ros.spin import Spinner
+from np_ros.supervisor import Supervisor, installed_command
 
 Overrides = Mapping[str, Mapping[str, object]]
 TIMEOUT = 60.0  # s; only how long a broken graph takes to fail, never a requirement on speed
@@ -64,9 +65,7 @@ class Graph(Supervisor):
         super().__init__(log_directory, locate=command)
         self._specs: dict[str, NodeSpec] = {}
 
-    def start(
-        self, specs: NodeSpec | Sequence[NodeSpec], environment: Mapping[str, str] | None = None
-    ) -> None:
+    def start(self, specs: NodeSpec | Sequence[NodeSpec], environment: Mapping[str, str] | None = None) -> None:
         """As a supervisor does, remembering what was started."""
         specs = [specs] if isinstance(specs, NodeSpec) else list(specs)
         super().start(specs, environment)
@@ -157,9 +156,7 @@ class Probe:
     def wait_until_ready(self, names: set[str], timeout: float = 2 * TIMEOUT) -> None:
         """Until the named nodes are up and every publisher, the probe's too, has found its subscribers."""
         links = Links(self.node)  # anew: it believes only what nodes say from now on
-        self.wait_until(
-            lambda: links.are_complete(names), timeout, f"{', '.join(sorted(names))}, all matched"
-        )
+        self.wait_until(lambda: links.are_complete(names), timeout, f"{', '.join(sorted(names))}, all matched")
 
     def publishers(self, topic: str) -> list[str]:
         """Names of the nodes that publish `topic`."""

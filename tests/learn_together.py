@@ -6,8 +6,8 @@ import torch
 
 from np_policy.networks import mlp
 from np_training.ppo import distributed
-from np_training.ppo.networks import PreContactPolicy
 from np_training.ppo.learner import Batch, Learner, PPOConfig
+from np_training.ppo.networks import PreContactPolicy
 
 
 def learn(batch: tuple[torch.Tensor, ...]) -> tuple[dict, dict, float]:

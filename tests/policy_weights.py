@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+
 from np_description.domains import Domain
 from np_policy import hand_pose
 from np_policy.networks import PostContactPolicy, PreContactStudent

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from detector_weights import write_detector
-from np_description.domains import CARD
 from policy_weights import write_policies
+
+from np_description.domains import CARD
 
 
 def write_weights(folder: Path) -> Path:

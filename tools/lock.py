@@ -8,9 +8,26 @@ import json
 import subprocess
 import sys
 
-report = json.loads(subprocess.run(
-    [sys.executable, "-m", "pip", "-qq", "install", "--dry-run", "--ignore-installed", "--report", "-",
-     "-r", "requirements.txt"], check=True, stdout=subprocess.PIPE, text=True).stdout)
+report = json.loads(
+    subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "pip",
+            "-qq",
+            "install",
+            "--dry-run",
+            "--ignore-installed",
+            "--report",
+            "-",
+            "-r",
+            "requirements.txt",
+        ],
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+    ).stdout
+)
 packages = {item["metadata"]["name"]: item["metadata"]["version"].split("+")[0] for item in report["install"]}
 print("# Made by `make lock` from requirements.txt with Python {}.{}; do not edit.".format(*sys.version_info[:2]))
 for name in sorted(packages, key=str.lower):

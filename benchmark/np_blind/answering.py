@@ -139,8 +139,14 @@ def _ask_doctor(case: Case, asking: Asking) -> str:
     def ask(bags: Sequence[Path], into: Path) -> str:
         command = [*shlex.split(asking.doctor), *(str(b.resolve()) for b in bags), "--out", str(into.resolve())]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=asking.timeout,
-                                  preexec_fn=end_with_parent, env={**os.environ, **SINGLE_THREAD})
+            done = subprocess.run(
+                command,
+                capture_output=True,
+                text=True,
+                timeout=asking.timeout,
+                preexec_fn=end_with_parent,
+                env={**os.environ, **SINGLE_THREAD},
+            )
         except subprocess.TimeoutExpired:
             return f"no answer within {asking.timeout:g} s"
         return "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"

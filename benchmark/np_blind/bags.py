@@ -16,20 +16,25 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from np_blind.loop import Run, Targets
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-
-from np_blind.loop import Run, Targets
 from np_diagnosis.experiments.excitation import TICK_NS
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 SECOND = 1_000_000_000
 APPLIED_EVERY = 5  # periods
 _JOINT_STATE = "sensor_msgs/msg/JointState"
-_STAMPED = {"joint_states": _JOINT_STATE, "motor_states": _JOINT_STATE, "effort_command": _JOINT_STATE,
-            "applied_command": _JOINT_STATE, "tick": "std_msgs/msg/Header", "phase": "std_msgs/msg/String",
-            "joint_trajectory": "trajectory_msgs/msg/JointTrajectory",
-            "target_gains": "std_msgs/msg/Float64MultiArray"}
+_STAMPED = {
+    "joint_states": _JOINT_STATE,
+    "motor_states": _JOINT_STATE,
+    "effort_command": _JOINT_STATE,
+    "applied_command": _JOINT_STATE,
+    "tick": "std_msgs/msg/Header",
+    "phase": "std_msgs/msg/String",
+    "joint_trajectory": "trajectory_msgs/msg/JointTrajectory",
+    "target_gains": "std_msgs/msg/Float64MultiArray",
+}
 _FOREVER = QosTime(2147483647, 4294967295)
 
 Messages = Iterator[tuple[int, str, bytes]]
@@ -43,28 +48,38 @@ def write_bag(path: Path, run: Run, arm: int, targets: Targets, begin: int, info
     target, velocity = run.target[:, arm], run.target_velocity[:, arm]
     every = slice(None, None, APPLIED_EVERY)
     streams = [
-        _joint_states("joint_states", stamps, STATE_NAMES,
-                      *(np.hstack([part[:, arm], hands])
-                        for part in (run.position, run.velocity, run.effort))),
-        _joint_states("motor_states", stamps, JOINT_NAMES, run.motor_position[:, arm],
-                      run.motor_velocity[:, arm], run.effort[:, arm]),
+        _joint_states(
+            "joint_states",
+            stamps,
+            STATE_NAMES,
+            *(np.hstack([part[:, arm], hands]) for part in (run.position, run.velocity, run.effort)),
+        ),
+        _joint_states(
+            "motor_states",
+            stamps,
+            JOINT_NAMES,
+            run.motor_position[:, arm],
+            run.motor_velocity[:, arm],
+            run.effort[:, arm],
+        ),
         _events(targets, begin, begin + count * LIMITS.period_ns),
         _joint_states("effort_command", stamps, JOINT_NAMES, target, velocity, run.command[:, arm]),
-        _joint_states("applied_command", stamps[every], JOINT_NAMES, target[every], velocity[every],
-                      run.applied[every, arm]),
+        _joint_states(
+            "applied_command", stamps[every], JOINT_NAMES, target[every], velocity[every], run.applied[every, arm]
+        ),
     ]
     writer = Writer(path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
     writer.set_custom_data("run_info", json.dumps(dict(information), sort_keys=True))
     with writer:
-        connections = {name: writer.add_connection(f"/{name}", kind, typestore=TYPES,
-                                                   offered_qos_profiles=[_qos(name == "phase")])
-                       for name, kind in _STAMPED.items()}
+        connections = {
+            name: writer.add_connection(f"/{name}", kind, typestore=TYPES, offered_qos_profiles=[_qos(name == "phase")])
+            for name, kind in _STAMPED.items()
+        }
         for stamp, name, data in merge(*streams, key=lambda message: message[0]):
             writer.write(connections[name], stamp, data)
 
 
-def _joint_states(topic: str, stamps: np.ndarray, names: Sequence[str], position, velocity, effort
-                  ) -> Messages:
+def _joint_states(topic: str, stamps: np.ndarray, names: Sequence[str], position, velocity, effort) -> Messages:
     """JointStates at the stamps (n,) ns, with arrays (n, len(names))."""
     marks = np.arange(1.0, 3 * len(names) + 1).reshape(3, -1)
     template = np.frombuffer(TYPES.serialize_cdr(_joint_state(0, names, *marks), _JOINT_STATE), np.uint8)
@@ -73,7 +88,7 @@ def _joint_states(topic: str, stamps: np.ndarray, names: Sequence[str], position
     frames[:, 8:12] = (stamps % SECOND).astype("<u4").view(np.uint8).reshape(-1, 4)
     for row, values in zip(marks, (position, velocity, effort)):
         at = template.tobytes().index(row.astype("<f8").tobytes())
-        frames[:, at:at + 8 * len(names)] = np.ascontiguousarray(values, "<f8").view(np.uint8)
+        frames[:, at : at + 8 * len(names)] = np.ascontiguousarray(values, "<f8").view(np.uint8)
     for stamp, frame in zip(stamps.tolist(), frames):
         yield stamp, topic, frame.tobytes()
 
@@ -102,11 +117,14 @@ def _trajectory(stamp: int, segment) -> bytes:
     for time, position, velocity in zip(segment.times.tolist(), segment.positions, segment.velocities):
         seconds, rest = divmod(round(time * SECOND), SECOND)
         duration = kinds["builtin_interfaces/msg/Duration"](sec=seconds, nanosec=rest)
-        points.append(kinds["trajectory_msgs/msg/JointTrajectoryPoint"](
-            positions=position, velocities=velocity, accelerations=zeros, effort=zeros,
-            time_from_start=duration))
+        points.append(
+            kinds["trajectory_msgs/msg/JointTrajectoryPoint"](
+                positions=position, velocities=velocity, accelerations=zeros, effort=zeros, time_from_start=duration
+            )
+        )
     message = kinds["trajectory_msgs/msg/JointTrajectory"](
-        header=_header(stamp, segment.name), joint_names=list(JOINT_NAMES), points=points)
+        header=_header(stamp, segment.name), joint_names=list(JOINT_NAMES), points=points
+    )
     return TYPES.serialize_cdr(message, message.__msgtype__)
 
 
@@ -114,15 +132,16 @@ def _gains(gains: np.ndarray) -> bytes:
     kinds = TYPES.types
     dimension = kinds["std_msgs/msg/MultiArrayDimension"]
     layout = kinds["std_msgs/msg/MultiArrayLayout"](
-        dim=[dimension(label="gain", size=2, stride=14), dimension(label="joint", size=7, stride=7)],
-        data_offset=0)
+        dim=[dimension(label="gain", size=2, stride=14), dimension(label="joint", size=7, stride=7)], data_offset=0
+    )
     message = kinds["std_msgs/msg/Float64MultiArray"](layout=layout, data=gains.ravel())
     return TYPES.serialize_cdr(message, message.__msgtype__)
 
 
 def _joint_state(stamp: int, names: Sequence[str], position, velocity, effort):
-    return TYPES.types[_JOINT_STATE](header=_header(stamp), name=list(names), position=position,
-                                     velocity=velocity, effort=effort)
+    return TYPES.types[_JOINT_STATE](
+        header=_header(stamp), name=list(names), position=position, velocity=velocity, effort=effort
+    )
 
 
 def _header(stamp: int, frame_id: str = ""):
@@ -131,7 +150,14 @@ def _header(stamp: int, frame_id: str = ""):
 
 
 def _qos(latched: bool) -> Qos:
-    return Qos(history=QosHistory.KEEP_LAST, depth=1 if latched else 100, reliability=QosReliability.RELIABLE,
-               durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-               deadline=_FOREVER, lifespan=_FOREVER, liveliness=QosLiveliness.AUTOMATIC,
-               liveliness_lease_duration=_FOREVER, avoid_ros_namespace_conventions=False)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=1 if latched else 100,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        deadline=_FOREVER,
+        lifespan=_FOREVER,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=_FOREVER,
+        avoid_ros_namespace_conventions=False,
+    )

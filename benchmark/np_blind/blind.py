@@ -35,19 +35,28 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="blind", description=__doc__.split("\n")[0])
     add_options(parser, "locked")
-    parser.add_argument("--out", type=Path, help="folder; what is there already is not done again "
-                        "(default: runs/blind/SET_CASES_SEED)")
+    parser.add_argument(
+        "--out", type=Path, help="folder; what is there already is not done again (default: runs/blind/SET_CASES_SEED)"
+    )
     parser.add_argument("--seal", action="store_true", help="only put down the key's hash, to be committed")
     parser.add_argument("--keep", action="store_true", help="keep the bags")
     parser.add_argument("--doctor", default=DOCTOR, help="command that is given BAG --out FOLDER")
-    parser.add_argument("--baselines", action="store_true", help="beside the doctor: the paper's identification, "
-                        "mujoco.sysid and no fix (ten minutes and more of CPU a case)")
+    parser.add_argument(
+        "--baselines",
+        action="store_true",
+        help="beside the doctor: the paper's identification, "
+        "mujoco.sysid and no fix (ten minutes and more of CPU a case)",
+    )
     parser.add_argument("--identify", default=others.COMMAND, help="command of the baselines")
     parser.add_argument("--timeout", type=float, default=900.0, help="s of wall time for one answer")
     parser.add_argument("--from", type=int, default=0, dest="first", help="number of the first case to run")
     parser.add_argument("--to", type=int, dest="last", help="number after that of the last case to run")
-    parser.add_argument("--within", type=float, default=float("inf"),
-                        help="s after which no further case is begun; what is answered is scored")
+    parser.add_argument(
+        "--within",
+        type=float,
+        default=float("inf"),
+        help="s after which no further case is begun; what is answered is scored",
+    )
     options = parser.parse_args(arguments)
     if options.cases < 1 or options.jobs < 1:
         parser.error("--cases, --jobs: expected at least 1")
@@ -58,8 +67,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return options
 
 
-def score(cases: Sequence[Case], entries: Sequence[dict], options: argparse.Namespace, pool: Executor
-          ) -> list[Score]:
+def score(cases: Sequence[Case], entries: Sequence[dict], options: argparse.Namespace, pool: Executor) -> list[Score]:
     """Score the answered cases against their entries of the key."""
     scores, patches = [], []
     for entry in entries:
@@ -78,7 +86,7 @@ def score(cases: Sequence[Case], entries: Sequence[dict], options: argparse.Name
         patches.append(patch)
     first, followed = 0, []
     for part in batches(cases, options.jobs):
-        followed.append(pool.submit(heldout_gaps, part, patches[first:first + len(part)]))
+        followed.append(pool.submit(heldout_gaps, part, patches[first : first + len(part)]))
         first += len(part)
     gaps = [gap for future in followed for gap in future.result()]
     for case_score, gap in zip(scores, gaps):
@@ -99,9 +107,15 @@ def main(arguments: list[str] | None = None) -> int:
         options.out.mkdir(parents=True, exist_ok=True)
         doctor = check_doctor(options.out, options.which == "locked")
         cases = draw_cases(options.cases, options.seed, options.which)
-        asking = Asking(options.out.resolve(), options.doctor, options.timeout, options.keep,
-                        options.identify if options.baselines else "", time.time() + options.within)
-        answer_all(cases[options.first:options.last], options.only, asking, options.jobs, workers)
+        asking = Asking(
+            options.out.resolve(),
+            options.doctor,
+            options.timeout,
+            options.keep,
+            options.identify if options.baselines else "",
+            time.time() + options.within,
+        )
+        answer_all(cases[options.first : options.last], options.only, asking, options.jobs, workers)
         (options.out / "key.json").write_text(key)
         answered = [case for case in cases if is_answered(options.out, case.number)]
         if not answered:
@@ -110,17 +124,29 @@ def main(arguments: list[str] | None = None) -> int:
         with workers(options.jobs) as pool:
             scores = score(answered, entries, options, pool)
             folders = [report_path(options.out, case.number) for case in answered]
-            beside = others.score_others(entries, answered, folders, batches(answered, options.jobs), pool) \
-                if options.baselines else {}
+            beside = (
+                others.score_others(entries, answered, folders, batches(answered, options.jobs), pool)
+                if options.baselines
+                else {}
+            )
     except (SealError, ValueError, OSError) as error:
         print(f"blind: {error}", file=sys.stderr)
         return 1
-    figures = {**summary(scores), "drawn": options.cases, "set": options.which, "seed": options.seed,
-               "key_sha256": sealed, "doctor_sha256": doctor,
-               **({"baselines": beside} if beside else {}),
-               "wall_s": round(time.monotonic() - began, 1)}
-    results = {"figures": figures, "cases": [asdict(s) for s in scores],
-               "failures": [s.case for s in scores if s.is_failure]}
+    figures = {
+        **summary(scores),
+        "drawn": options.cases,
+        "set": options.which,
+        "seed": options.seed,
+        "key_sha256": sealed,
+        "doctor_sha256": doctor,
+        **({"baselines": beside} if beside else {}),
+        "wall_s": round(time.monotonic() - began, 1),
+    }
+    results = {
+        "figures": figures,
+        "cases": [asdict(s) for s in scores],
+        "failures": [s.case for s in scores if s.is_failure],
+    }
     (options.out / "results.json").write_text(json.dumps(results, indent=1) + "\n")
     (options.out / "results.md").write_text(figures_table(figures, scores) + "\n" + failures_table(scores))
     try:

@@ -10,12 +10,11 @@ from dataclasses import fields
 
 import numpy as np
 
-from np_description.panda import NOMINAL
-
 from np_blind.hysteresis import bouc_wen, lugre, prandtl
 from np_blind.physics import Physics
 from np_blind.rigid_arm import JOINTS, RigidArms, nominal_inertials
 from np_blind.strange import Strange, off_centre, slipped
+from np_description.panda import NOMINAL
 
 PERIOD = 0.002  # s, of control
 SUBSTEPS = 4
@@ -70,15 +69,16 @@ class Plant:
         """
         arms = len(self.physics)
         middle = self.q + 0.5 * PERIOD * self.dq
-        shown = middle + self.physics.encoder_bias + off_centre(self.physics, middle)[0] \
-            + slipped(self.physics, self.time)
+        shown = (
+            middle + self.physics.encoder_bias + off_centre(self.physics, middle)[0] + slipped(self.physics, self.time)
+        )
         matrix, velocity, weight = self._arms.terms(
-            np.concatenate([middle, q, shown]),
-            np.concatenate([self.dq, dq, self.dq]))
+            np.concatenate([middle, q, shown]), np.concatenate([self.dq, dq, self.dq])
+        )
         self._inverse = np.linalg.inv(matrix[:arms] + self._rotor)
         self._velocity_torque, self._weight = velocity[:arms], weight[:arms]
-        self._held = (1.0 + self.physics.gravity_scale) * weight[2 * arms:]
-        return matrix[arms:2 * arms] + self._nominal_rotor, velocity[arms:2 * arms]
+        self._held = (1.0 + self.physics.gravity_scale) * weight[2 * arms :]
+        return matrix[arms : 2 * arms] + self._nominal_rotor, velocity[arms : 2 * arms]
 
     def step(self, command: np.ndarray) -> np.ndarray:
         """One control period with the commands (B, 7) Nm, without gravity; those that arrived."""

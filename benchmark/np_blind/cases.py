@@ -18,11 +18,22 @@ SETS = {"development": 1, "locked": 2}
 
 # On one joint these look alike in any data of its motion: a pair of them would be one effect.
 _ALIKE = (
-    {"coulomb_friction", "asymmetric_coulomb_friction", "stribeck_friction", "load_dependent_friction",
-     "presliding_friction", "thermal_drift"},
+    {
+        "coulomb_friction",
+        "asymmetric_coulomb_friction",
+        "stribeck_friction",
+        "load_dependent_friction",
+        "presliding_friction",
+        "thermal_drift",
+    },
     {"viscous_friction", "asymmetric_viscous_friction", "damping_gain_error"},
-    {"torque_offset", "asymmetric_coulomb_friction", "torque_sensor_error", "torque_scale",
-     "gravity_compensation_error"},
+    {
+        "torque_offset",
+        "asymmetric_coulomb_friction",
+        "torque_sensor_error",
+        "torque_scale",
+        "gravity_compensation_error",
+    },
     {"backlash", "transmission_hysteresis", "joint_elasticity"},
     {"command_delay", "measurement_delay", "packet_loss", "actuator_lag", "controller_mismatch"},
     {"armature", "link_inertia"},

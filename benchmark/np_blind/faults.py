@@ -14,11 +14,10 @@ from importlib.resources import files
 import numpy as np
 import yaml
 
-from np_control.impedance import STIFFNESS_MAX
-from np_description.panda import JOINT_NAMES, NOMINAL
-
 from np_blind.physics import Physics
 from np_blind.rigid_arm import nominal_inertials, tcp_in_link7
+from np_control.impedance import STIFFNESS_MAX
+from np_description.panda import JOINT_NAMES, NOMINAL
 
 ARM = "arm"
 ROTOR_FIXED = 1e5  # Nm/rad, of a gear in which nothing but play or hysteresis is of interest
@@ -69,6 +68,7 @@ def _fault(effect: str):
     def register(function):
         _FAULTS[effect] = function
         return function
+
     return register
 
 
@@ -286,8 +286,7 @@ def _cable(p, i, j, size, rng):
 def _ripple(p, i, j, size, rng):
     order, phase = float(rng.choice([100, 160, 200])), rng.uniform(0, 2 * np.pi)
     p.ripple[i, j], p.ripple_order[i, j], p.ripple_phase[i, j] = size, order, phase
-    return {"sine": (size * np.cos(phase), "Nm"), "cosine": (size * np.sin(phase), "Nm"),
-            "order": (order, "1/rad")}
+    return {"sine": (size * np.cos(phase), "Nm"), "cosine": (size * np.sin(phase), "Nm"), "order": (order, "1/rad")}
 
 
 @_fault("thermal_drift")

@@ -70,6 +70,4 @@ def is_settled(entry: Mapping, folder: Path) -> bool | None:
     if entry["kind"] in ("null", "stranger"):
         return report["verdict"] == {"null": "no_gap", "stranger": "unexplained"}[entry["kind"]]
     named = {(e["effect"], e["component"]) for e in report["effects"] if e["is_added"]}
-    return report["verdict"] == "identified" and named == {
-        (f["effect"], f["component"]) for f in entry["faults"]
-    }
+    return report["verdict"] == "identified" and named == {(f["effect"], f["component"]) for f in entry["faults"]}

@@ -31,7 +31,7 @@ BATCH = 25  # arms moved at once, at most: 30 MB each
 def batches(cases: Sequence[Case], jobs: int) -> list[list[Case]]:
     """The cases, shared among so many processes."""
     size = min(BATCH, -(-len(cases) // jobs))
-    return [list(cases[k:k + size]) for k in range(0, len(cases), size)]
+    return [list(cases[k : k + size]) for k in range(0, len(cases), size)]
 
 
 def bag_path(out: Path, number: int) -> Path:
@@ -85,14 +85,23 @@ def main(arguments: list[str] | None = None) -> int:
     cases = draw_cases(options.cases, options.seed, options.which)
     bar, errors = Bar(len(cases), f"generate {options.which} {options.seed}"), {}
     with workers(options.jobs) as pool:
-        pending = [pool.submit(make_bags, batch, options.only, options.out)
-                   for batch in batches(cases, options.jobs)]
+        pending = [pool.submit(make_bags, batch, options.only, options.out) for batch in batches(cases, options.jobs)]
         for future in as_completed(pending):
             errors |= future.result()
             bar.show(len(errors))
     lost = {number: error for number, error in sorted(errors.items()) if error}
-    print(json.dumps({"out": str(options.out), "cases": len(cases), "errors": lost, "set": options.which,
-                      "seed": options.seed, "key_sha256": digest(key)}))
+    print(
+        json.dumps(
+            {
+                "out": str(options.out),
+                "cases": len(cases),
+                "errors": lost,
+                "set": options.which,
+                "seed": options.seed,
+                "key_sha256": digest(key),
+            }
+        )
+    )
     return 0
 
 

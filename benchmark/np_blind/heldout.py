@@ -7,12 +7,11 @@ from functools import cache
 
 import numpy as np
 
-from np_control.impedance import STIFFNESS_MAX
-
 from np_blind.cases import Case, make_physics
 from np_blind.loop import Targets, make_targets, run_staying
 from np_blind.patched import patched_physics
 from np_blind.physics import Physics, stack
+from np_control.impedance import STIFFNESS_MAX
 from np_diagnosis.experiments.excitation import READY, SCALE, Segment
 from np_diagnosis.experiments.motions import Motion, visits, waves
 
@@ -37,10 +36,10 @@ def motions(physics: Physics, targets: Targets) -> np.ndarray:
 
     An arm that runs away, as a wrong patch may make it, is LOST rad off its targets.
     """
-    position = np.tile(targets.position[targets.first:, None] + LOST, (1, len(physics), 1))
+    position = np.tile(targets.position[targets.first :, None] + LOST, (1, len(physics), 1))
     record, staying, _ = run_staying(physics, targets, None)
     if record is not None:
-        position[:, staying] = record.position[targets.first:]
+        position[:, staying] = record.position[targets.first :]
     return position
 
 
@@ -61,14 +60,18 @@ def heldout_gaps(cases: Sequence[Case], patches: Sequence[list[dict]]) -> list[t
     except (ArithmeticError, np.linalg.LinAlgError):
         if len(cases) > 1:  # one of them spoils the others
             return [gap for case, patch in zip(cases, patches) for gap in heldout_gaps([case], [patch])]
-        (nominal, oracle, _), = _heldout_gaps(cases, [[]])
+        ((nominal, oracle, _),) = _heldout_gaps(cases, [[]])
         return [(nominal, oracle, LOST)]
 
 
 def _heldout_gaps(cases: Sequence[Case], patches: Sequence[list[dict]]) -> list[tuple[float, float, float]]:
     clean = [Case(case.number, "null", (), case.seed) for case in cases]
-    arms = [make_physics(list(cases))[0], make_physics(clean, background=False)[0],
-            make_physics(list(cases), background=False)[0], patched_physics(list(patches))]
+    arms = [
+        make_physics(list(cases))[0],
+        make_physics(clean, background=False)[0],
+        make_physics(list(cases), background=False)[0],
+        patched_physics(list(patches)),
+    ]
     truth, *others = np.split(motions(stack(arms), heldout_targets()), len(arms), axis=1)
     return [tuple(map(float, row)) for row in zip(*(gaps(other, truth) for other in others))]
 

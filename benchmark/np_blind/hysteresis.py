@@ -10,8 +10,9 @@ import numpy as np
 SLIDING_DAMPING = 2.0  # Nms/rad, of a bristle that has not broken away
 
 
-def prandtl(bend: np.ndarray, speed: np.ndarray, forward: np.ndarray, backward: np.ndarray,
-            stiffness: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+def prandtl(
+    bend: np.ndarray, speed: np.ndarray, forward: np.ndarray, backward: np.ndarray, stiffness: np.ndarray, h: float
+) -> tuple[np.ndarray, np.ndarray]:
     """(bend, friction Nm) after a step of Prandtl's element: a bristle that bends, then slides.
 
     bend rad; speed rad/s; forward, backward Nm: greatest friction against motion either way; stiffness
@@ -26,8 +27,9 @@ def prandtl(bend: np.ndarray, speed: np.ndarray, forward: np.ndarray, backward: 
     return elastic / stiffness, friction
 
 
-def lugre(bend: np.ndarray, speed: np.ndarray, level: np.ndarray, stroke: np.ndarray, h: float
-          ) -> tuple[np.ndarray, np.ndarray]:
+def lugre(
+    bend: np.ndarray, speed: np.ndarray, level: np.ndarray, stroke: np.ndarray, h: float
+) -> tuple[np.ndarray, np.ndarray]:
     """(bend, friction Nm) after a step of LuGre's element (Canudas de Wit et al., IEEE TAC 1995).
 
     dz/dt = v - |v| z / stroke, F = (level / stroke) z: Dahl's limit, no bristle damping. Exact for a speed

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_control.impedance import lead, torque as impedance_torque
-from np_control.safety import LIMITS, limit_torque, slew_gains
-
-from np_blind.physics import Physics
 from np_blind.blind_arm import PERIOD, Plant
+from np_blind.physics import Physics
 from np_blind.rigid_arm import JOINTS
 from np_blind.strange import off_centre, slipped
+from np_control.impedance import lead
+from np_control.impedance import torque as impedance_torque
+from np_control.safety import LIMITS, limit_torque, slew_gains
 from np_diagnosis.experiments.excitation import READY, Segment, end_of, schedule
 
 WRIST = np.array([1, 1, 1, 1, 0.4, 0.4, 0.3])
@@ -105,8 +105,12 @@ class Run:
     applied: np.ndarray
 
 
-def run(physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | None,
-        progress: Callable[[int], None] = lambda _: None) -> Run:
+def run(
+    physics: Physics,
+    targets: Targets,
+    seeds: Sequence[Sequence[int]] | None,
+    progress: Callable[[int], None] = lambda _: None,
+) -> Run:
     """Move the arms through the targets. seeds: of each arm's noise; None for sensors without any.
 
     progress(row) is called now and then. Raises Diverged.
@@ -116,8 +120,9 @@ def run(physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | Non
     streams, chances = ([np.random.default_rng([*root, k]) for root in roots] for k in (1, 2))
     plant = Plant(physics, READY, chances)
     sensors = _Sensors(physics, streams if seeds is not None else None)
-    keep = 1.0 if not physics.filter_time.any() else 1.0 - np.exp(
-        -PERIOD / np.maximum(physics.filter_time, 1e-9))[:, None]
+    keep = (
+        1.0 if not physics.filter_time.any() else 1.0 - np.exp(-PERIOD / np.maximum(physics.filter_time, 1e-9))[:, None]
+    )
     record = Run(*(np.empty((count, arms, JOINTS)) for _ in range(9)))
     torque = filtered = np.zeros((arms, JOINTS))
     for row in range(count):
@@ -138,17 +143,26 @@ def run(physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | Non
         filtered = filtered + keep * (wanted - filtered)
         torque, _ = limit_torque(LIMITS, filtered, torque, q, dq)
         applied = plant.step(torque)
-        for name, values in (("position", q), ("velocity", dq), ("effort", effort), ("motor_position", theta),
-                             ("motor_velocity", omega), ("target", target), ("target_velocity", velocity),
-                             ("command", torque), ("applied", applied)):
+        for name, values in (
+            ("position", q),
+            ("velocity", dq),
+            ("effort", effort),
+            ("motor_position", theta),
+            ("motor_velocity", omega),
+            ("target", target),
+            ("target_velocity", velocity),
+            ("command", torque),
+            ("applied", applied),
+        ):
             getattr(record, name)[row] = values
         if row % 500 == 0:
             progress(row)
     return record
 
 
-def run_staying(physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | None
-                ) -> tuple[Run | None, list[int], dict[int, float]]:
+def run_staying(
+    physics: Physics, targets: Targets, seeds: Sequence[Sequence[int]] | None
+) -> tuple[Run | None, list[int], dict[int, float]]:
     """(recording of the arms that stay, their rows in `physics`, s after which each other row ran away).
 
     An arm that runs away leaves the others as they are; None where all do. Arguments as of `run`.

@@ -21,14 +21,13 @@ from pathlib import Path
 
 import numpy as np
 
-from np_description.panda import JOINT_NAMES
-
 from np_blind.cases import Case
 from np_blind.faults import limit_of, limits
 from np_blind.heldout import heldout_gaps
 from np_blind.patched import PatchError, patched_physics, read_patch
 from np_blind.processes import end_with_parent
 from np_blind.scoring import Score, modules, score_case, score_gap, summary
+from np_description.panda import JOINT_NAMES
 
 NAMES = ("none", "paper", "sysid_3", "sysid_6")
 COMMAND = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.baselines --threads 1"
@@ -61,9 +60,7 @@ def identify(bag: Path, folder: Path, command: str, timeout: float) -> None:
             preexec_fn=end_with_parent,
             env={**os.environ, "OMP_NUM_THREADS": "1"},
         )
-        error = (
-            "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"
-        )
+        error = "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"
         if not error:
             (out / "fits.json").write_text(done.stdout.splitlines()[-1])
     except subprocess.TimeoutExpired:
@@ -108,11 +105,10 @@ def score_others(
     among processes. Raises ValueError where an earlier run left cases without baselines."""
     missing = [folder.name for folder in folders if not (folder / _FOLDER / "error.txt").exists()]
     if missing:
-        raise ValueError(f"--baselines: expected all cases to be run with it, {', '.join(missing)} were not; "
-                         "name another --out")
-    read = {
-        name: [_read(entry, folder, name) for entry, folder in zip(entries, folders)] for name in NAMES
-    }
+        raise ValueError(
+            f"--baselines: expected all cases to be run with it, {', '.join(missing)} were not; name another --out"
+        )
+    read = {name: [_read(entry, folder, name) for entry, folder in zip(entries, folders)] for name in NAMES}
     first, followed = 0, []
     for part in parts:  # all baselines at once: it is the number of steps that takes the time
         patches = [patch for name in NAMES for _, patch in read[name][first : first + len(part)]]

@@ -8,22 +8,25 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from np_control.impedance import STIFFNESS_MAX
-from np_description.panda import JOINT_NAMES, NOMINAL
-
+from np_blind.blind_arm import LONGEST_DELAY
 from np_blind.faults import ROTOR_FIXED, soften
 from np_blind.physics import Physics, nominal_physics
-from np_blind.blind_arm import LONGEST_DELAY
 from np_blind.rigid_arm import tcp_in_link7
+from np_control.impedance import STIFFNESS_MAX
+from np_description.panda import JOINT_NAMES, NOMINAL
 
 # Joint by joint: effect, {parameter of the patch: (array of Physics, factor)}; changes against what is there.
 _ADDED = {
     "coulomb_friction": {"level": (("coulomb_forward", "coulomb_backward"), 1.0)},
-    "asymmetric_coulomb_friction": {"level_positive": (("coulomb_forward",), 1.0),
-                                    "level_negative": (("coulomb_backward",), 1.0)},
+    "asymmetric_coulomb_friction": {
+        "level_positive": (("coulomb_forward",), 1.0),
+        "level_negative": (("coulomb_backward",), 1.0),
+    },
     "viscous_friction": {"coefficient": (("viscous_forward", "viscous_backward"), 1.0)},
-    "asymmetric_viscous_friction": {"coefficient_positive": (("viscous_forward",), 1.0),
-                                    "coefficient_negative": (("viscous_backward",), 1.0)},
+    "asymmetric_viscous_friction": {
+        "coefficient_positive": (("viscous_forward",), 1.0),
+        "coefficient_negative": (("viscous_backward",), 1.0),
+    },
     "load_dependent_friction": {"coefficient": (("load_coefficient",), 1.0)},
     "armature": {"inertia": (("armature",), 1.0)},
     "torque_scale": {"scale": (("torque_scale",), 1.0)},
@@ -57,12 +60,18 @@ def read_patch(path: Path) -> list[dict]:
     """The entries (effect, component, parameters) of a patch.yaml. Raises PatchError."""
     try:
         raw = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return [{"effect": str(e["effect"]), "component": str(e["component"]),
-                 "parameters": {str(k): float(v) for k, v in e["parameters"].items()}}
-                for e in raw["effects"]]
+        return [
+            {
+                "effect": str(e["effect"]),
+                "component": str(e["component"]),
+                "parameters": {str(k): float(v) for k, v in e["parameters"].items()},
+            }
+            for e in raw["effects"]
+        ]
     except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
-        raise PatchError(f"{path}: expected a list 'effects' of effect, component, parameters; "
-                         f"got {error!r}") from error
+        raise PatchError(
+            f"{path}: expected a list 'effects' of effect, component, parameters; got {error!r}"
+        ) from error
 
 
 def patched_physics(patches: list[list[dict]]) -> Physics:
@@ -94,7 +103,8 @@ def _follow(p: Physics, arm: int, effect: str, component: str, values: Mapping[s
     elif effect == "base_tilt":
         roll, pitch = values["roll"], values["pitch"]
         p.inertials.gravity[arm] = -p.inertials.gravity[arm, 2] * np.array(
-            [np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)])
+            [np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)]
+        )
     else:
         for j in joints:
             _follow_joint(p, arm, j, effect, values)

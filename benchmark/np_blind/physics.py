@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from np_description.panda import NOMINAL
-
 from np_blind.rigid_arm import JOINTS, Inertials, nominal_inertials
+from np_description.panda import NOMINAL
 
 NEVER = 1e9  # a limit that is never reached
 
@@ -129,8 +128,10 @@ class Physics:
     def take(self, arms: Sequence[int]) -> Physics:
         """These of the arms."""
         rows = list(arms)
-        return Physics(self.inertials.take(rows), **{item.name: getattr(self, item.name)[rows]
-                                                     for item in fields(self) if item.metadata})
+        return Physics(
+            self.inertials.take(rows),
+            **{item.name: getattr(self, item.name)[rows] for item in fields(self) if item.metadata},
+        )
 
     def uses(self, name: str) -> bool:
         """Whether an array differs from its default anywhere."""
@@ -140,10 +141,16 @@ class Physics:
 
 def nominal_physics(arms: int) -> Physics:
     """The nominal arm, `arms` times."""
-    rows = {name: np.tile(values, (arms, 1)) for name, values in
-            (("armature", NOMINAL.armature), ("coulomb_forward", NOMINAL.frictionloss),
-             ("coulomb_backward", NOMINAL.frictionloss), ("viscous_forward", NOMINAL.damping),
-             ("viscous_backward", NOMINAL.damping))}
+    rows = {
+        name: np.tile(values, (arms, 1))
+        for name, values in (
+            ("armature", NOMINAL.armature),
+            ("coulomb_forward", NOMINAL.frictionloss),
+            ("coulomb_backward", NOMINAL.frictionloss),
+            ("viscous_forward", NOMINAL.damping),
+            ("viscous_backward", NOMINAL.damping),
+        )
+    }
     return Physics(nominal_inertials(arms), **rows)
 
 
@@ -152,5 +159,11 @@ def stack(groups: list[Physics]) -> Physics:
     inertials = groups[0].inertials
     for group in groups[1:]:
         inertials = inertials.stacked(group.inertials)
-    return Physics(inertials, **{item.name: np.concatenate([getattr(group, item.name) for group in groups])
-                                 for item in fields(Physics) if item.metadata})
+    return Physics(
+        inertials,
+        **{
+            item.name: np.concatenate([getattr(group, item.name) for group in groups])
+            for item in fields(Physics)
+            if item.metadata
+        },
+    )

@@ -19,7 +19,9 @@ class Bar:
             return
         self._next = done + self._total / 20
         filled = int(24 * done / max(self._total, 1))
-        line = (f"{self._what} [{'#' * filled}{'.' * (24 - filled)}] {done}/{self._total} "
-                f"{time.monotonic() - self._began:4.0f} s  {text}")
+        line = (
+            f"{self._what} [{'#' * filled}{'.' * (24 - filled)}] {done}/{self._total} "
+            f"{time.monotonic() - self._began:4.0f} s  {text}"
+        )
         end = "" if live and done < self._total else "\n"
         print(f"\r\x1b[K{line}" if live else line, end=end, file=sys.stderr, flush=True)

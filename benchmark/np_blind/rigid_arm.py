@@ -33,8 +33,12 @@ class Inertials:
 
     def stacked(self, other: Inertials) -> Inertials:
         """These arms, then the others."""
-        return Inertials(*(np.concatenate([getattr(self, name), getattr(other, name)])
-                           for name in ("mass", "com", "inertia", "gravity")))
+        return Inertials(
+            *(
+                np.concatenate([getattr(self, name), getattr(other, name)])
+                for name in ("mass", "com", "inertia", "gravity")
+            )
+        )
 
     def take(self, rows: list[int]) -> Inertials:
         """These of the arms."""
@@ -146,8 +150,9 @@ class RigidArms:
         return rotations[:, 1:], np.cumsum(_component_first(steps), axis=2)
 
 
-def _momentum(mass: np.ndarray, first: np.ndarray, second: np.ndarray, angular: np.ndarray, linear: np.ndarray
-              ) -> np.ndarray:
+def _momentum(
+    mass: np.ndarray, first: np.ndarray, second: np.ndarray, angular: np.ndarray, linear: np.ndarray
+) -> np.ndarray:
     """Momentum (3, 2, ...), angular then linear, about the base's origin, of bodies with these moments of
     mass that move with `angular` (3, ...) rad/s and `linear` m/s of that origin."""
     momentum = np.empty((3, 2, *angular.shape[1:]))

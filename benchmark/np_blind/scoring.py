@@ -71,10 +71,16 @@ def score_case(entry: Mapping, report: Mapping | None, error: str = "") -> Score
     faults = entry["faults"]
     report = report or {"verdict": "none", "effects": [], "where": []}
     added = [e for e in report["effects"] if e.get("is_added", e["probability"] >= 0.5)]
-    score = Score(entry["case"], entry["kind"], [f"{f['effect']}@{f['component']}" for f in faults],
-                  min((f["size"] for f in faults), default=0.0), report["verdict"],
-                  [f"{e['effect']}@{e['component']}" for e in added], error=error,
-                  runtime_s=report.get("runtime_s"))
+    score = Score(
+        entry["case"],
+        entry["kind"],
+        [f"{f['effect']}@{f['component']}" for f in faults],
+        min((f["size"] for f in faults), default=0.0),
+        report["verdict"],
+        [f"{e['effect']}@{e['component']}" for e in added],
+        error=error,
+        runtime_s=report.get("runtime_s"),
+    )
     if entry["kind"] == "null":
         score.false_alarm = report["verdict"] != "no_gap"
     elif entry["kind"] == "stranger":
@@ -113,8 +119,11 @@ def _coverage(fault: Mapping, added: Sequence[Mapping]) -> list[bool]:
     """For each parameter that report and key share, whether the 95 % interval holds the truth."""
     for effect in added:
         if (effect["effect"], effect["component"]) == (fault["effect"], fault["component"]):
-            return [interval["ci95"][0] <= fault["parameters"][name]["value"] <= interval["ci95"][1]
-                    for name, interval in effect["parameters"].items() if name in fault["parameters"]]
+            return [
+                interval["ci95"][0] <= fault["parameters"][name]["value"] <= interval["ci95"][1]
+                for name, interval in effect["parameters"].items()
+                if name in fault["parameters"]
+            ]
     return []
 
 
@@ -152,8 +161,9 @@ def summary(scores: Sequence[Score]) -> dict[str, object]:
     clear = [s for s in scores if s.size >= CLEAR]
     rate("module_accuracy_clear", [s.module for s in clear])
     rate("joint_accuracy_clear", [s.joint for s in clear])
-    shares, absolute = (np.array([getattr(s, name) for s in scores if getattr(s, name) is not None])
-                        for name in ("share", "absolute"))
+    shares, absolute = (
+        np.array([getattr(s, name) for s in scores if getattr(s, name) is not None]) for name in ("share", "absolute")
+    )
     figures["shrink_vs_oracle"] = round(float(np.median(shares)), 4) if shares.size else None
     figures["shrink_vs_oracle_n"] = int(shares.size)
     figures["shrink_absolute"] = round(float(np.median(absolute)), 4) if absolute.size else None
@@ -169,8 +179,10 @@ def by_effect(scores: Sequence[Score]) -> dict[str, dict[str, int]]:
     for s in scores:
         if s.kind not in ("single", "stranger"):
             continue
-        row = table.setdefault(s.truth[0].split("@")[0], dict.fromkeys(
-            ("cases", "module", "joint", "clear", "named_when_clear", "abstained"), 0))
+        row = table.setdefault(
+            s.truth[0].split("@")[0],
+            dict.fromkeys(("cases", "module", "joint", "clear", "named_when_clear", "abstained"), 0),
+        )
         row["cases"] += 1
         row["module"] += bool(s.module)
         row["joint"] += bool(s.joint)

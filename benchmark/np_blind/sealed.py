@@ -31,12 +31,25 @@ def make_key(count: int, seed: int, which: str, only: Sequence[str] = ()) -> str
     """
     cases = draw_cases(count, seed, which)
     _, truths = make_physics(cases)
-    entries = [{"case": case.number, "kind": case.kind, "faults": [
-        {**asdict(fault), "size": _rounded(fault.size), "component": fault.component,
-         "magnitude": _rounded(magnitude(fault)),
-         "parameters": {name: {"value": _rounded(value), "unit": unit}
-                        for name, (value, unit) in given.items()}}
-        for fault, given in zip(case.faults, truth)]} for case, truth in zip(cases, truths)]
+    entries = [
+        {
+            "case": case.number,
+            "kind": case.kind,
+            "faults": [
+                {
+                    **asdict(fault),
+                    "size": _rounded(fault.size),
+                    "component": fault.component,
+                    "magnitude": _rounded(magnitude(fault)),
+                    "parameters": {
+                        name: {"value": _rounded(value), "unit": unit} for name, (value, unit) in given.items()
+                    },
+                }
+                for fault, given in zip(case.faults, truth)
+            ],
+        }
+        for case, truth in zip(cases, truths)
+    ]
     part = {"only": list(only)} if only else {}
     key = {"schema": SCHEMA, "set": which, "seed": seed, "cases": entries, **part}
     return json.dumps(key, indent=1, sort_keys=True) + "\n"
@@ -65,8 +78,10 @@ def check(key: str, path: Path = KEYS) -> str:
     name = raw["set"], len(raw["cases"]), raw["seed"]
     known = _known(path).get(name)
     if known is None:
-        raise SealError(f"{path}: expected the hash of key {' '.join(map(str, name))}, put down (--seal) and "
-                        "committed before the doctor runs; it is not there")
+        raise SealError(
+            f"{path}: expected the hash of key {' '.join(map(str, name))}, put down (--seal) and "
+            "committed before the doctor runs; it is not there"
+        )
     if known != found:
         raise SealError(_mismatch(path, *name, known, found))
     return found
@@ -84,8 +99,10 @@ def check_doctor(out: Path, is_locked: bool) -> str:
     found, note = code.hexdigest(), out / "doctor.sha256"
     known = note.read_text().strip() if note.exists() else found
     if is_locked and known != found:
-        raise SealError(f"{out}: expected the doctor with SHA-256 {known} that gave the answers there, got {found}: "
-                        "its code has changed since; name another --out")
+        raise SealError(
+            f"{out}: expected the doctor with SHA-256 {known} that gave the answers there, got {found}: "
+            "its code has changed since; name another --out"
+        )
     note.write_text(found + "\n")
     return found
 
@@ -97,8 +114,10 @@ def _known(path: Path) -> dict[tuple[str, int, int], str]:
 
 
 def _mismatch(path: Path, which: str, count: int, seed: int, known: str, found: str) -> str:
-    return (f"{path}: key {which} {count} {seed}: expected SHA-256 {known}, got {found}: "
-            "the generator, or --only, is not that of the sealed key")
+    return (
+        f"{path}: key {which} {count} {seed}: expected SHA-256 {known}, got {found}: "
+        "the generator, or --only, is not that of the sealed key"
+    )
 
 
 def _rounded(value: float | None) -> float | None:

@@ -6,9 +6,8 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from np_description.panda import NOMINAL
-
 from np_blind.physics import Physics
+from np_description.panda import NOMINAL
 
 MOVING = 0.005  # rad/s, beyond which grease does not set
 FORGETS = 0.05  # s, in which motion makes it thin again
@@ -22,8 +21,15 @@ class Strange:
     used: what of `physics` is not its default; q: where the links begin; period, step: s.
     """
 
-    def __init__(self, physics: Physics, used: Collection[str], rng: Sequence[np.random.Generator],
-                 q: np.ndarray, period: float, step: float):
+    def __init__(
+        self,
+        physics: Physics,
+        used: Collection[str],
+        rng: Sequence[np.random.Generator],
+        q: np.ndarray,
+        period: float,
+        step: float,
+    ):
         self._physics, self._used, self._rng, self._period, self._step = physics, used, rng, period, step
         self._rest, self._dropped = np.zeros_like(q), np.zeros_like(q)
         self._drags = np.zeros(q.shape, dtype=bool)

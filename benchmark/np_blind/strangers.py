@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_blind.faults import Fault, Parameters
 from np_blind.blind_arm import Physics
+from np_blind.faults import Fault, Parameters
 from np_diagnosis.experiments.excitation import READY, SECOND, THIRD
 
 LATER_FROM = 100  # the seed from which on sets have strangers that came after the first doctor

@@ -27,22 +27,30 @@ def figures_table(figures: Mapping, scores: Sequence[Score]) -> str:
     """Figures beside their goals, then what was right of each effect; first of all how many cases they are of."""
     drawn = figures.get("drawn", figures["cases"])
     part = "" if figures["cases"] == drawn else " (the others have not been run: preliminary)"
-    lines = [f"{figures['cases']} of {drawn} cases{part}.", "",
-             "| figure | value | 95 % | cases | goal |", "|---|---|---|---|---|"]
+    lines = [
+        f"{figures['cases']} of {drawn} cases{part}.",
+        "",
+        "| figure | value | 95 % | cases | goal |",
+        "|---|---|---|---|---|",
+    ]
     for key, text, goal in GOALS:
         low, high = figures[f"{key}_ci95"]
-        lines.append(f"| {text} | {_number(figures[key])} | {low:.3f} to {high:.3f} | "
-                     f"{figures[f'{key}_n']} | {goal} |")
-    for key, text, goal in (("shrink_vs_oracle", ", share of what the true faults remove", ">= .90"),
-                            ("shrink_absolute", "", ">= .80")):
-        lines.append(f"| held-out gap removed{text}, median | {_number(figures[key])} | | "
-                     f"{figures['shrink_vs_oracle_n']} | {goal} |")
+        lines.append(f"| {text} | {_number(figures[key])} | {low:.3f} to {high:.3f} | {figures[f'{key}_n']} | {goal} |")
+    for key, text, goal in (
+        ("shrink_vs_oracle", ", share of what the true faults remove", ">= .90"),
+        ("shrink_absolute", "", ">= .80"),
+    ):
+        lines.append(
+            f"| held-out gap removed{text}, median | {_number(figures[key])} | | "
+            f"{figures['shrink_vs_oracle_n']} | {goal} |"
+        )
     lines += _beside(figures)
-    lines += ["", "| effect | cases | module | joint | clear | named | unexplained |",
-              "|---|---|---|---|---|---|---|"]
+    lines += ["", "| effect | cases | module | joint | clear | named | unexplained |", "|---|---|---|---|---|---|---|"]
     for name, row in by_effect(scores).items():
-        lines.append(f"| {name} | {row['cases']} | {row['module']} | {row['joint']} | {row['clear']} | "
-                     f"{row['named_when_clear']} | {row['abstained']} |")
+        lines.append(
+            f"| {name} | {row['cases']} | {row['module']} | {row['joint']} | {row['clear']} | "
+            f"{row['named_when_clear']} | {row['abstained']} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -52,8 +60,11 @@ def _beside(figures: Mapping) -> list[str]:
     if not others:
         return []
     rows = [(key, text) for key, text, _ in GOALS if key in next(iter(others.values()))]
-    rows += [("shrink_vs_oracle", "held-out gap removed, share of what the true faults remove, median"),
-             ("shrink_absolute", "held-out gap removed, median"), ("wall_s_a_case", "s a case")]
+    rows += [
+        ("shrink_vs_oracle", "held-out gap removed, share of what the true faults remove, median"),
+        ("shrink_absolute", "held-out gap removed, median"),
+        ("wall_s_a_case", "s a case"),
+    ]
     doctor = {**figures, "wall_s_a_case": figures["runtime_median_s"]}
     lines = ["", f"| figure | doctor | {' | '.join(others)} |", "|---" * (len(others) + 2) + "|"]
     for key, text in rows:
@@ -66,12 +77,13 @@ def failures_table(scores: Sequence[Score]) -> str:
     lines = ["| case | kind | truth | size | verdict | named | wrong |", "|---|---|---|---|---|---|---|"]
     for s in scores:
         if s.is_failure:
-            wrong = [name for name in ("module", "joint", "effect", "abstained", "pair")
-                     if getattr(s, name) is False]
+            wrong = [name for name in ("module", "joint", "effect", "abstained", "pair") if getattr(s, name) is False]
             wrong += ["false alarm"] * bool(s.false_alarm) + ["harm"] * bool(s.harm)
             wrong += [s.error.splitlines()[0][:80].replace("|", "/")] if s.error else []
-            lines.append(f"| {s.case} | {s.kind} | {', '.join(s.truth)} | {s.size:.1f} | {s.verdict} | "
-                         f"{', '.join(s.named)} | {', '.join(wrong)} |")
+            lines.append(
+                f"| {s.case} | {s.kind} | {', '.join(s.truth)} | {s.size:.1f} | {s.verdict} | "
+                f"{', '.join(s.named)} | {', '.join(wrong)} |"
+            )
     return "\n".join(lines) + "\n"
 
 
@@ -96,8 +108,10 @@ def plot(figures: Mapping, scores: Sequence[Score], path: Path) -> None:
     singles = [s for s in scores if s.kind == "single"]
     edges = np.array([1.0, 2.0, 3.0, 5.0, 10.0])
     for name, colour in (("module", "C0"), ("joint", "C1")):
-        rates = [np.mean([bool(getattr(s, name)) for s in singles if low <= s.size < high] or [np.nan])
-                 for low, high in zip(edges, edges[1:])]
+        rates = [
+            np.mean([bool(getattr(s, name)) for s in singles if low <= s.size < high] or [np.nan])
+            for low, high in zip(edges, edges[1:])
+        ]
         right.plot(np.sqrt(edges[1:] * edges[:-1]), rates, "o-", color=colour, label=f"right {name}")
     right.set(xscale="log", xlabel="size of the effect, times its detection limit", ylim=(-0.02, 1.02))
     right.set_xticks(edges, [f"{edge:g}" for edge in edges])

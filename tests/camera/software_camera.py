@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 import pyrealsense2 as rs
+
 from np_perception.camera.source import CameraError
 
 PERIOD = 1 / 30
@@ -20,9 +21,7 @@ WIDTH, HEIGHT = 1280, 720
 def picture() -> np.ndarray:
     """A smooth picture: every place has another colour."""
     v, u = np.mgrid[:HEIGHT, :WIDTH]
-    return np.stack([u * 255 // WIDTH, v * 255 // HEIGHT, (u + v) * 255 // (WIDTH + HEIGHT)], axis=2).astype(
-        np.uint8
-    )
+    return np.stack([u * 255 // WIDTH, v * 255 // HEIGHT, (u + v) * 255 // (WIDTH + HEIGHT)], axis=2).astype(np.uint8)
 
 
 class SoftwareCamera:

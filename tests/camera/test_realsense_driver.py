@@ -11,20 +11,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-rs = pytest.importorskip(
-    "pyrealsense2", reason="the SDK of the cameras is in the hardware extra: make hardware"
-)
+rs = pytest.importorskip("pyrealsense2", reason="the SDK of the cameras is in the hardware extra: make hardware")
 sys.path.insert(0, str(Path(__file__).parent))
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
-from np_description.camera import CAMERA  # noqa: E402
-from np_franka.realsense import RealSense, Settings, find_device, lens_of  # noqa: E402
-from np_perception.camera.source import CameraError  # noqa: E402
-from np_perception.camera.rectify import Rectifier, project_distorted  # noqa: E402
-from np_ros import qos  # noqa: E402
-from np_ros.messages import camera_info_lens, image_array, stamp_nanoseconds  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 from software_camera import SoftwareCamera, picture  # noqa: E402
+
+from np_description.camera import CAMERA  # noqa: E402
+from np_franka.realsense import RealSense, Settings, find_device, lens_of  # noqa: E402
+from np_perception.camera.rectify import Rectifier, project_distorted  # noqa: E402
+from np_perception.camera.source import CameraError  # noqa: E402
+from np_ros import qos  # noqa: E402
+from np_ros.messages import camera_info_lens, image_array, stamp_nanoseconds  # noqa: E402
 
 
 @pytest.fixture
@@ -190,14 +189,10 @@ def test_the_node_publishes_the_policies_view_and_tells_of_an_unplugged_camera(g
         assert (np.diff(stamps) > 0).all()
         child.send_signal(signal.SIGUSR1)
         probe.wait_until(lambda: says(DiagnosticStatus.ERROR, "no image for more than"), what="silence")
-        probe.wait_until(
-            lambda: says(DiagnosticStatus.ERROR, "expected a RealSense"), what="the search for it"
-        )
+        probe.wait_until(lambda: says(DiagnosticStatus.ERROR, "expected a RealSense"), what="the search for it")
         diagnostics.clear(), images.clear()
         child.send_signal(signal.SIGUSR2)
-        probe.wait_until(
-            lambda: says(DiagnosticStatus.OK, "running") and len(images) > 5, what="images again"
-        )
+        probe.wait_until(lambda: says(DiagnosticStatus.OK, "running") and len(images) > 5, what="images again")
         assert stamp_nanoseconds(images[0].header.stamp) > stamps[-1]
         child.send_signal(signal.SIGINT)
         assert child.wait(timeout=60) == 0

@@ -1,7 +1,7 @@
 """The backends that the contract suite judges, and the harness that plays the rest of the graph against one.
 
 To have another backend judged, add it to BACKENDS: the tests only use what docs/graph.md promises. What a
-command is differs (commands.py); what a backend owes its sender does not. """
+command is differs (commands.py); what a backend owes its sender does not."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from diagnostic_msgs.msg import DiagnosticArray
 from commands import EFFORTS, PERIOD, TARGETS, Command, Commands, pushing, stay
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import JointState
+
 from np_ros import qos
 from np_ros.messages import stamp_nanoseconds
-from sensor_msgs.msg import JointState
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "driver"))
 
@@ -43,7 +44,7 @@ class Backend:
 
     commands: what moves it; has_tasks: it draws tasks; has_camera: it gives images; can_pause: its time can
     stand still. needs: what must run before it, giving further parameters. missing: why it cannot be started
-    here, or empty. """
+    here, or empty."""
 
     package: str
     name: str
@@ -58,14 +59,27 @@ class Backend:
 
 BACKENDS = {
     "sim_bridge": Backend(
-        "np_sim_bridge", "sim_bridge", has_tasks=True, has_camera=True, can_pause=True,
-        modes={"lockstep": {"mode": "lockstep", "tick_barrier": False, "camera": False},
-               "realtime": {"mode": "realtime", "camera": False}}),
+        "np_sim_bridge",
+        "sim_bridge",
+        has_tasks=True,
+        has_camera=True,
+        can_pause=True,
+        modes={
+            "lockstep": {"mode": "lockstep", "tick_barrier": False, "camera": False},
+            "realtime": {"mode": "realtime", "camera": False},
+        },
+    ),
     "franka_driver": Backend(
-        "np_franka", "franka_driver", modes={"realtime": {}}, needs=robot, missing=simulated_robot.missing()),
+        "np_franka", "franka_driver", modes={"realtime": {}}, needs=robot, missing=simulated_robot.missing()
+    ),
     "franka_driver_onboard": Backend(
-        "np_franka", "franka_driver", modes={"realtime": {"control": "onboard"}}, commands=TARGETS,
-        needs=robot, missing=simulated_robot.missing()),
+        "np_franka",
+        "franka_driver",
+        modes={"realtime": {"control": "onboard"}},
+        commands=TARGETS,
+        needs=robot,
+        missing=simulated_robot.missing(),
+    ),
 }
 
 
@@ -78,7 +92,7 @@ class Harness:
 
     `answer(state)` gives the command for a state, or None for silence; change it at will. It is asked as
     often as the backend's kind of command is sent. `states` are all states received; `status`, `level`,
-    `message` the newest of the backend's diagnostics, `said` the watchdog's state in each of them. """
+    `message` the newest of the backend's diagnostics, `said` the watchdog's state in each of them."""
 
     def __init__(self, graph, probe, backend: Backend, mode: str, **parameters):
         self.graph, self.probe, self.backend = graph, probe, backend
@@ -160,7 +174,7 @@ class Harness:
         """Answer every state, beginning with the newest, until the condition holds.
 
         The state at which it does so is not answered any more. Where a busy machine has kept us from
-        answering for so long that the watchdog has rightly stopped the arm, recover and go on. """
+        answering for so long that the watchdog has rightly stopped the arm, recover and go on."""
         done = False
 
         def answer_until(state: JointState) -> Command | None:
@@ -175,5 +189,6 @@ class Harness:
             if self.status.get("state") == "stopped" and "silence" in self.message and not (done or until()):
                 self.call("recover")  # refused while the arm still moves
             return bool(done or until())
+
         self.wait(is_done, what)
         self.answer = silent

@@ -11,14 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
 from np_control.impedance import STIFFNESS_MAX
 from np_control.kinematics import forward_kinematics
 from np_control.safety import LIMITS
 from np_description.panda import BASE_FRAME, JOINT_NAMES
 from np_description.rotations import quaternion_from_matrix
 from np_ros.messages import gains_message, joint_state_message, pose_message, stamp_nanoseconds
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
 PERIOD = LIMITS.period_ns
 POLICY_PERIOD = 100_000_000  # ns
@@ -99,9 +100,7 @@ EFFORTS = Commands(
         "torque": lambda s: stay(s, effort=_bend([0.0] * 7, 6, 1.01 * LIMITS.torque[6])),
         "velocity": lambda s: stay(s, velocity=_bend([0.0] * 7, 0, 1.01 * LIMITS.velocity[0])),
         "position": lambda s: stay(s, position=_bend(s.position[:7], 0, 1.01 * LIMITS.position_upper[0])),
-        "start": lambda s: stay(
-            s, position=_bend(s.position[:7], 2, s.position[2] + 2 * LIMITS.start_tolerance)
-        ),
+        "start": lambda s: stay(s, position=_bend(s.position[:7], 2, s.position[2] + 2 * LIMITS.start_tolerance)),
         "future": lambda s: stay(s, stamp=stamp_nanoseconds(s.header.stamp) + 1000 * PERIOD),
     },
 )

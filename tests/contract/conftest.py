@@ -26,9 +26,15 @@ def pytest_generate_tests(metafunc):
     """A test runs with every pair of backend and mode that its fixture stands for."""
     for fixture, applies in STARTS.items():
         if fixture in metafunc.fixturenames:
-            chosen = [pytest.param((name, mode), id=f"{name}-{mode}", marks=pytest.mark.skipif(
-                          bool(BACKENDS[name].missing), reason=BACKENDS[name].missing))
-                      for name, mode in PAIRS if applies(BACKENDS[name], mode)]
+            chosen = [
+                pytest.param(
+                    (name, mode),
+                    id=f"{name}-{mode}",
+                    marks=pytest.mark.skipif(bool(BACKENDS[name].missing), reason=BACKENDS[name].missing),
+                )
+                for name, mode in PAIRS
+                if applies(BACKENDS[name], mode)
+            ]
             metafunc.parametrize(fixture, chosen, indirect=True)
 
 
@@ -37,11 +43,13 @@ def any_start(request, tmp_path):
     """A function that starts the backend alone in a ROS domain and gives a Harness."""
     name, mode = request.param
     with ExitStack() as stack:
+
         def start(**parameters) -> Harness:
             needed = stack.enter_context(BACKENDS[name].needs())
             graph = stack.enter_context(Graph(tmp_path / f"log{len(list(tmp_path.iterdir()))}"))
             probe = stack.enter_context(closing(Probe(graph)))
             return Harness(graph, probe, BACKENDS[name], mode, **needed, **parameters)
+
         yield start
 
 

@@ -5,19 +5,24 @@ import signal
 
 import numpy as np
 from backends import PERIOD, silent
-from np_control.safety import LIMITS
-from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_ros.messages import joint_state_arrays, stamp_nanoseconds
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
+from np_control.safety import LIMITS
+from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_ros.messages import joint_state_arrays, stamp_nanoseconds
+
 PUBLISHED = {
-    "/joint_states": "sensor_msgs/msg/JointState", "/applied_command": "sensor_msgs/msg/JointState",
-    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"}
-TASK_TOPICS = {"/goal_pose": "geometry_msgs/msg/PoseStamped", "/object_pose": "geometry_msgs/msg/PoseStamped",
-               "/clock": "rosgraph_msgs/msg/Clock"}
-CAMERA_TOPICS = {"/camera/image_raw": "sensor_msgs/msg/Image",
-                 "/camera/camera_info": "sensor_msgs/msg/CameraInfo"}
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/applied_command": "sensor_msgs/msg/JointState",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+TASK_TOPICS = {
+    "/goal_pose": "geometry_msgs/msg/PoseStamped",
+    "/object_pose": "geometry_msgs/msg/PoseStamped",
+    "/clock": "rosgraph_msgs/msg/Clock",
+}
+CAMERA_TOPICS = {"/camera/image_raw": "sensor_msgs/msg/Image", "/camera/camera_info": "sensor_msgs/msg/CameraInfo"}
 SUBSCRIBED = {"/gripper_command": "std_msgs/msg/Float64"}
 
 
@@ -55,10 +60,8 @@ def test_an_accepted_command_moves_the_arm_and_is_reported(any_start):
     applied = harness.probe.collect("applied_command", JointState)
     harness.wait(lambda: harness.probe.publishers("applied_command"), "applied_command")
     first = harness.states[-1].position[6]
-    harness.follow(harness.commands.turn, lambda: harness.states[-1].position[6] > first + 0.02,
-                   "joint 7 to turn")
-    harness.follow(harness.commands.turn, lambda: any(m.effort[6] > 1.0 for m in applied),
-                   "applied_command to tell")
+    harness.follow(harness.commands.turn, lambda: harness.states[-1].position[6] > first + 0.02, "joint 7 to turn")
+    harness.follow(harness.commands.turn, lambda: any(m.effort[6] > 1.0 for m in applied), "applied_command to tell")
     for message in applied:
         joint_state_arrays(message, JOINT_NAMES)
         assert stamp_nanoseconds(message.header.stamp) % (5 * PERIOD) == 0
@@ -73,8 +76,7 @@ def test_bad_commands_are_refused_counted_and_not_applied(any_start):
     for message in applied:
         _, _, effort = joint_state_arrays(message, JOINT_NAMES)
         assert (np.abs(effort) < 5.0).all()  # holding the posture takes next to nothing
-    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving",
-                   "a good command to be taken")
+    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving", "a good command to be taken")
 
 
 def test_a_late_command_is_refused(any_start):
@@ -101,15 +103,15 @@ def test_fingers_follow_the_gripper_command(any_start):
     harness.probe.advertise("gripper_command", Float64)
     harness.wait(lambda: harness.probe.matched("gripper_command"), "gripper_command")
     harness.probe.publish("gripper_command", Float64(data=0.02))
-    harness.follow(harness.commands.stay,
-                   lambda: np.allclose(harness.states[-1].position[7:], 0.02, atol=1e-3), "the fingers")
+    harness.follow(
+        harness.commands.stay, lambda: np.allclose(harness.states[-1].position[7:], 0.02, atol=1e-3), "the fingers"
+    )
 
 
 def test_stop_wins_over_commands_until_recover(any_start):
     harness = any_start()
     first = harness.states[-1].position[6]
-    harness.follow(harness.commands.turn, lambda: harness.states[-1].position[6] > first + 0.02,
-                   "joint 7 to turn")
+    harness.follow(harness.commands.turn, lambda: harness.states[-1].position[6] > first + 0.02, "joint 7 to turn")
     harness.answer = harness.commands.turn
     assert harness.call("stop").success
     harness.wait_state("stopped")
@@ -124,8 +126,7 @@ def test_stop_wins_over_commands_until_recover(any_start):
         assert not response.success and "recover" in response.message
     assert harness.call("recover").success
     harness.wait_state("ready")
-    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving",
-                   "commands to be taken again")
+    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving", "commands to be taken again")
 
 
 def test_recover_without_a_stop_is_refused(any_start):

@@ -3,20 +3,23 @@
 import numpy as np
 from backends import PERIOD, pushing, silent, stay
 from geometry_msgs.msg import PoseStamped
-from np_record.cdr import padding_filter
-from np_description.camera import CAMERA
-from np_description.panda import BASE_FRAME, NOMINAL
-from np_ros import qos
-from np_ros.messages import camera_info_arrays, header_message, image_array, pose_message, stamp_nanoseconds
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Header, String
 
+from np_description.camera import CAMERA
+from np_description.panda import BASE_FRAME, NOMINAL
+from np_record.cdr import padding_filter
+from np_ros import qos
+from np_ros.messages import camera_info_arrays, header_message, image_array, pose_message, stamp_nanoseconds
+
 TICK = 100_000_000
-FILTERS = {JointState: padding_filter("sensor_msgs/msg/JointState"),
-           Image: padding_filter("sensor_msgs/msg/Image"),
-           PoseStamped: padding_filter("geometry_msgs/msg/PoseStamped"),
-           CameraInfo: padding_filter("sensor_msgs/msg/CameraInfo")}
+FILTERS = {
+    JointState: padding_filter("sensor_msgs/msg/JointState"),
+    Image: padding_filter("sensor_msgs/msg/Image"),
+    PoseStamped: padding_filter("geometry_msgs/msg/PoseStamped"),
+    CameraInfo: padding_filter("sensor_msgs/msg/CameraInfo"),
+}
 
 
 def stamps(messages):
@@ -27,7 +30,7 @@ def stamps(messages):
 def test_time_takes_one_period_for_each_answer(lockstep_start):
     harness = lockstep_start()
     harness.follow(stay, lambda: harness.stamp >= TICK, "a policy period")
-    assert stamps(harness.states)[:TICK // PERIOD] == list(range(0, TICK, PERIOD))
+    assert stamps(harness.states)[: TICK // PERIOD] == list(range(0, TICK, PERIOD))
 
 
 def test_a_state_without_an_answer_is_repeated(lockstep_start):
@@ -104,8 +107,11 @@ def test_silence_holds_after_three_periods_and_stops_after_200_ms(lockstep_start
 def test_refused_answers_lead_to_rest_and_not_to_a_hang(lockstep_start):
     harness = lockstep_start()
     harness.follow(pushing(1.5), lambda: harness.stamp >= 20 * PERIOD, "twenty periods")
-    harness.follow(lambda state: stay(state, effort=[float("nan")] * 7),
-                   lambda: harness.status.get("state") == "stopped", "the watchdog to stop the arm")
+    harness.follow(
+        lambda state: stay(state, effort=[float("nan")] * 7),
+        lambda: harness.status.get("state") == "stopped",
+        "the watchdog to stop the arm",
+    )
     assert harness.refused("not_finite") >= 100
     harness.wait(lambda: max(map(abs, harness.states[-1].velocity[:7])) < 0.05, "rest")
 
@@ -124,8 +130,13 @@ def test_pause_and_step(lockstep_start):
 def record(harness, end, answer):
     """What a backend says from the second tick to `end` (ns): topic -> stamp -> bytes with zero padding."""
     probe = harness.probe
-    types = {"joint_states": JointState, "applied_command": JointState, "object_pose": PoseStamped,
-             "camera/image_raw": Image, "camera/camera_info": CameraInfo}
+    types = {
+        "joint_states": JointState,
+        "applied_command": JointState,
+        "object_pose": PoseStamped,
+        "camera/image_raw": Image,
+        "camera/camera_info": CameraInfo,
+    }
     for topic, message_type in types.items():
         if topic != "joint_states":
             probe.collect(topic, message_type)
@@ -135,9 +146,14 @@ def record(harness, end, answer):
     harness.wait(lambda: all(seen), "the first image")
     harness.follow(answer, lambda: harness.stamp >= end, f"{end} ns")
     harness.wait(lambda: all(stamps(messages)[-1] >= end for messages in seen), "the last image")
-    return {topic: {stamp_nanoseconds(m.header.stamp): FILTERS[message_type](serialize_message(m))
-                    for m in probe.messages[topic] if stamp_nanoseconds(m.header.stamp) >= TICK}
-            for topic, message_type in types.items()}
+    return {
+        topic: {
+            stamp_nanoseconds(m.header.stamp): FILTERS[message_type](serialize_message(m))
+            for m in probe.messages[topic]
+            if stamp_nanoseconds(m.header.stamp) >= TICK
+        }
+        for topic, message_type in types.items()
+    }
 
 
 def swing(state):
@@ -196,11 +212,18 @@ def test_resets_draw_the_task_from_seed_and_number_alone(lockstep_start):
             response = harness.call("reset")
             assert response.success, response.message
             at = (before // TICK + 1) * TICK
-            harness.wait(lambda: harness.stamp == at and goals and stamps(goals)[-1] == at
-                         and objects and stamps(objects)[-1] == at, "the state of the episode")
+            harness.wait(
+                lambda: harness.stamp == at
+                and goals
+                and stamps(goals)[-1] == at
+                and objects
+                and stamps(objects)[-1] == at,
+                "the state of the episode",
+            )
             state = harness.states[-1]
-            drawn.append([response.message.split(" at ")[0], goals[-1].pose, objects[-1].pose, state.position,
-                          state.velocity])
+            drawn.append(
+                [response.message.split(" at ")[0], goals[-1].pose, objects[-1].pose, state.position, state.velocity]
+            )
             assert np.allclose(state.position[:7], NOMINAL.ready) and not any(state.velocity)
         harness.graph.close()
         return drawn

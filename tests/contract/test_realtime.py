@@ -1,9 +1,10 @@
 """What a backend keeps in real time: it waits for nobody, and silence brings the arm to rest."""
 
 from backends import PERIOD
+from sensor_msgs.msg import Image, JointState
+
 from np_control.safety import LIMITS
 from np_ros.messages import stamp_nanoseconds
-from sensor_msgs.msg import Image, JointState
 
 
 def test_states_come_without_answers_and_the_arm_holds(realtime_start):
@@ -19,17 +20,15 @@ def test_a_silent_controller_leads_to_hold_and_then_to_rest(realtime_start):
     harness = realtime_start()
     applied = harness.probe.collect("applied_command", JointState)
     first = harness.states[-1].position[6]
-    harness.follow(harness.commands.turn, lambda: harness.states[-1].position[6] > first + 0.02,
-                   "joint 7 to turn")
+    harness.follow(harness.commands.turn, lambda: harness.states[-1].position[6] > first + 0.02, "joint 7 to turn")
     silent_since, before = harness.stamp, len(harness.said)
     harness.wait_state("stopped")
-    assert "holding" in harness.said[before - 1:] and "silence" in harness.message
+    assert "holding" in harness.said[before - 1 :] and "silence" in harness.message
     assert harness.stamp >= silent_since + LIMITS.silence_ns - (LIMITS.late_periods + 1) * PERIOD
     harness.wait(lambda: max(map(abs, harness.states[-1].velocity[:7])) < LIMITS.rest_speed, "rest")
     harness.wait(lambda: max(map(abs, applied[-1].effort)) < 1.0, "torque to fade")
     assert harness.call("recover").success
-    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving",
-                   "commands to be taken again")
+    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving", "commands to be taken again")
 
 
 def test_one_command_and_then_silence_are_told_as_moving_holding_stopped(realtime_start):

@@ -117,9 +117,7 @@ def record(truth: Truth = Truth(), duration: float = 24.0, seed: int = 0, name: 
     level = [NOMINAL.frictionloss + truth.coulomb_negative, NOMINAL.frictionloss + truth.coulomb_positive]
     torque, bristle, bend, last = np.empty_like(q), np.zeros(7), np.zeros(7), middle[0]
     for i in range(len(time)):
-        bristle = np.clip(
-            bristle + np.maximum(*level) / truth.breakaway * (middle[i] - last), -level[0], level[1]
-        )
+        bristle = np.clip(bristle + np.maximum(*level) / truth.breakaway * (middle[i] - last), -level[0], level[1])
         moved = middle[i] - last
         bend += (moved - np.abs(moved) * bend) / truth.stroke
         last = middle[i]
@@ -128,9 +126,7 @@ def record(truth: Truth = Truth(), duration: float = 24.0, seed: int = 0, name: 
     torque += (NOMINAL.armature + truth.armature) * acceleration + (NOMINAL.damping + truth.viscous) * speed
     torque += truth.offset + truth.waviness * np.sin(5 * middle)
     commands = _commands(time, q, dq, torque)
-    torque = torque + truth.noise * WRIST * (
-        0.5 * coloured(rng, torque.shape, 0.05) + rng.normal(size=torque.shape)
-    )
+    torque = torque + truth.noise * WRIST * (0.5 * coloured(rng, torque.shape, 0.05) + rng.normal(size=torque.shape))
     return Log(name, time, q, dq, torque, time - PERIOD / 2, False, commands)
 
 

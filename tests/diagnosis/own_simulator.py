@@ -40,7 +40,14 @@ def record(only, patch: Patch = Patch(), name: str = "own") -> Log:
     target, target_velocity, torque = (np.array(part) for part in zip(*answers))
     time = np.arange(len(rows)) * PERIOD
     stiffness = np.tile(STIFFNESS_MAX, (len(rows), 1))
-    commands = Commands(np.arange(len(rows)), target, target_velocity, torque, time + PERIOD / 2, stiffness,
-                        damping(stiffness, np.ones_like(stiffness)))
+    commands = Commands(
+        np.arange(len(rows)),
+        target,
+        target_velocity,
+        torque,
+        time + PERIOD / 2,
+        stiffness,
+        damping(stiffness, np.ones_like(stiffness)),
+    )
     noise = np.random.default_rng(0).normal(size=effort.shape) * 0.02
     return Log(name, time, position, velocity, effort + noise, time - PERIOD / 2, False, commands)

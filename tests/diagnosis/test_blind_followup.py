@@ -6,13 +6,13 @@ import json
 import numpy as np
 import pytest
 
-from np_record.bag import Recording
-from np_description.panda import JOINT_NAMES
 from np_blind.cases import Case
 from np_blind.faults import Fault
 from np_blind.followup import follow_up, is_settled, suggested
 from np_blind.generate import bag_path, make_bags
+from np_description.panda import JOINT_NAMES
 from np_diagnosis.recordings.reading import read
+from np_record.bag import Recording
 
 CASE = Case(3, "single", (Fault("coulomb_friction", 6, 8.0),), (1, 2, 3))
 TRUTH = {"effect": "coulomb_friction", "component": "panda_joint7"}

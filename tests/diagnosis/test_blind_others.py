@@ -7,13 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from np_description.panda import JOINT_NAMES
-from np_description.patch import Patch, PatchEffect, dump_patch
 from np_blind import others
 from np_blind.cases import draw_cases, make_physics
 from np_blind.scoring import score_case, summary
 from np_blind.sealed import make_key
 from np_blind.tables import figures_table
+from np_description.panda import JOINT_NAMES
+from np_description.patch import Patch, PatchEffect, dump_patch
 
 FAKE = (
     "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); "
@@ -58,9 +58,7 @@ def test_the_truth_as_a_patch_is_right():
     known = {
         "case": 0,
         "kind": "single",
-        "faults": [
-            {"effect": fault.effect, "component": fault.component, "size": fault.size, "parameters": {}}
-        ],
+        "faults": [{"effect": fault.effect, "component": fault.component, "size": fault.size, "parameters": {}}],
     }
     score = score_case(known, others.as_report(patch))
     assert score.module and score.joint and score.effect and not score.covered

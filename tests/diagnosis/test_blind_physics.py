@@ -5,26 +5,27 @@ import pickle
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from np_blind.blind_arm import PERIOD, Plant
+from np_blind.cases import Case, draw_cases, make_physics
+from np_blind.faults import EFFECTS, Fault, limits, soften
+from np_blind.heldout import LOST, gaps, motions
+from np_blind.hysteresis import bouc_wen, lugre, prandtl
+from np_blind.loop import Diverged, make_targets, run
+from np_blind.patched import patched_physics
+from np_blind.physics import nominal_physics, stack
+from np_blind.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
+from np_blind.scoring import modules
+from np_blind.strangers import ALL_FROM, FIRST, LATER, LATER_FROM, NEWEST, SCALE, STRANGERS
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.patch import Patch, PatchEffect
 from np_description.scene import load_model
-from np_blind.cases import Case, draw_cases, make_physics
-from np_blind.faults import EFFECTS, Fault, limits, soften
-from np_blind.hysteresis import bouc_wen, lugre, prandtl
-from np_blind.heldout import LOST, gaps, motions
-from np_blind.loop import Diverged, make_targets, run
-from np_blind.patched import patched_physics
-from np_blind.physics import nominal_physics, stack
-from np_blind.blind_arm import PERIOD, Plant
-from np_blind.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
-from np_blind.scoring import modules
-from np_blind.strangers import ALL_FROM, FIRST, LATER, LATER_FROM, NEWEST, SCALE, STRANGERS
 from np_diagnosis.experiments.excitation import READY, SECOND, THIRD, suite
 from np_sim_bridge.effects import Gap
 
@@ -180,8 +181,9 @@ def all_faults(size):
     faults = [Fault(e, joint(e), min(size, limits()[e].get("largest", 10.0))) for e in EFFECTS]
     faults += [Fault(s, 3 if 3 in places else places[0], size) for s, (_, places) in STRANGERS.items()]
     cases = [Case(0, "null", (), (5, 5))]
-    return cases + [Case(i + 1, "single" if f.effect in EFFECTS else "stranger", (f,), (5, 5))
-                    for i, f in enumerate(faults)]
+    return cases + [
+        Case(i + 1, "single" if f.effect in EFFECTS else "stranger", (f,), (5, 5)) for i, f in enumerate(faults)
+    ]
 
 
 @pytest.mark.slow
@@ -193,8 +195,10 @@ def test_every_fault_moves_the_arm_or_its_sensors_and_none_breaks_the_loop():
         error = np.abs(record.position[:, i] - record.target[:, i])
         # A drive that saturates falls behind; at rest every arm is where the next segment may begin.
         assert error.max() < 0.3 and error[-1].max() < 0.5 * LIMITS.start_tolerance, name
-        seen = sum(np.abs(getattr(record, part)[:, i] - getattr(record, part)[:, 0]).max() / unit
-                   for part, unit in (("position", 1e-5), ("effort", 1e-2), ("motor_position", 1e-5)))
+        seen = sum(
+            np.abs(getattr(record, part)[:, i] - getattr(record, part)[:, 0]).max() / unit
+            for part, unit in (("position", 1e-5), ("effort", 1e-2), ("motor_position", 1e-5))
+        )
         assert seen > 1.0, name
 
 
@@ -227,8 +231,11 @@ SOFT = ("backlash", "transmission_hysteresis", "joint_elasticity")
 @pytest.mark.parametrize("posture", [READY, SECOND, THIRD], ids=["ready", "second", "third"])
 def test_a_gear_at_any_joint_is_stable_in_every_posture(posture):
     """The link of the wrist alone is 5e-3 kg m^2: on a gear of 1e5 Nm/rad it swings at 700 Hz."""
-    cases = [Case(0, "single", (Fault(effect, joint, limits()[effect].get("largest", 10.0)),), (5, 5))
-             for effect in SOFT for joint in range(7)]
+    cases = [
+        Case(0, "single", (Fault(effect, joint, limits()[effect].get("largest", 10.0)),), (5, 5))
+        for effect in SOFT
+        for joint in range(7)
+    ]
     physics, _ = make_physics(cases)
     plant = Plant(physics, posture, [np.random.default_rng(0) for _ in cases])
     plant.dq[:] = plant.omega[:] = 0.3
@@ -267,8 +274,8 @@ def test_an_arm_that_runs_away_is_named_and_leaves_the_others():
     assert error.arms == (1,) and "arms (1,)" in str(error)
     alone = run(physics.take([0, 2]), targets, None).position
     moved = motions(physics, targets)
-    assert np.allclose(moved[:, [0, 2]], alone[targets.first:], atol=1e-9)
-    assert gaps(moved, targets.position[targets.first:, None])[1] == pytest.approx(LOST)
+    assert np.allclose(moved[:, [0, 2]], alone[targets.first :], atol=1e-9)
+    assert gaps(moved, targets.position[targets.first :, None])[1] == pytest.approx(LOST)
 
 
 def test_arms_do_not_depend_on_their_batch():
@@ -282,7 +289,7 @@ def test_arms_do_not_depend_on_their_batch():
 def test_the_nominal_arm_follows_and_shows_the_torque_that_was_asked_for():
     cases = [Case(0, "null", (), (7, 7))]
     record, targets, _ = short_run(cases, seeds=False, background=False)
-    error = record.position[targets.first:, 0] - record.target[targets.first:, 0]
+    error = record.position[targets.first :, 0] - record.target[targets.first :, 0]
     assert np.abs(error).max() < 5e-3
     assert np.allclose(record.effort[1:], record.command[:-1], atol=1e-9)
     assert np.array_equal(record.applied, record.command)
@@ -314,7 +321,12 @@ def test_sets_from_some_seed_on_have_strangers_that_the_doctor_was_not_developed
 
     assert drawn(9) == drawn(LATER_FROM - 1) == set(FIRST) and drawn(LATER_FROM) == set(LATER)
     assert drawn(ALL_FROM) == set(STRANGERS) == set(FIRST) | set(LATER) | set(NEWEST)
-    assert len(STRANGERS) == len(FIRST) + len(LATER) + len(NEWEST) and len(NEWEST) >= 4 and len(LATER) >= 4 and (SCALE > 0).all()
+    assert (
+        len(STRANGERS) == len(FIRST) + len(LATER) + len(NEWEST)
+        and len(NEWEST) >= 4
+        and len(LATER) >= 4
+        and (SCALE > 0).all()
+    )
 
 
 def test_every_arm_side_effect_of_the_catalogue_has_a_generator_and_a_limit():

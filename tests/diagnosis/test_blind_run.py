@@ -10,20 +10,29 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from np_record.bag import Recording
-from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_blind import generate
+from np_blind import blind, generate
 from np_blind.cases import draw_cases, make_physics
 from np_blind.generate import make_bags
 from np_blind.sealed import SealError, check_doctor, digest, make_key
-from np_blind import blind
+from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_diagnosis.experiments.excitation import suite
+from np_record.bag import Recording
 
 ONLY = ["sinusoid_2", "sinusoid_4", "triangle_fast"]  # the doctor asks for ten blocks of motion
 COUNT = 3
 TOPICS = ["joint_states", "motor_states", "effort_command", "applied_command", "joint_trajectory", "tick"]
-KEYS = {"module_accuracy", "joint_accuracy", "effect_class_accuracy", "false_alarm",
-        "abstain_out_of_catalogue", "pairs_top3", "coverage95", "shrink_vs_oracle", "harm", "wall_s"}
+KEYS = {
+    "module_accuracy",
+    "joint_accuracy",
+    "effect_class_accuracy",
+    "false_alarm",
+    "abstain_out_of_catalogue",
+    "pairs_top3",
+    "coverage95",
+    "shrink_vs_oracle",
+    "harm",
+    "wall_s",
+}
 
 
 @pytest.fixture(scope="module")
@@ -56,17 +65,33 @@ def test_bags_are_those_of_a_session_and_show_no_cause(bags):
 
 
 def test_no_ros_no_mujoco_and_no_pinocchio_is_needed():
-    code = ("import sys, np_blind.blind, np_blind.generate; "
-            "unwanted = ('rclpy', 'pinocchio', 'mujoco', 'torch', 'np_diagnosis.diagnosis'); "
-            "print([m for m in unwanted if m in sys.modules])")
+    code = (
+        "import sys, np_blind.blind, np_blind.generate; "
+        "unwanted = ('rclpy', 'pinocchio', 'mujoco', 'torch', 'np_diagnosis.diagnosis'); "
+        "print([m for m in unwanted if m in sys.modules])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
 def test_the_command_scores_the_doctor(tmp_path):
-    command = [sys.executable, "-m", "np_blind.blind", "--cases", str(COUNT),
-               "--set", "development", "--jobs", "1", "--only", *ONLY, "--out", str(tmp_path / "run"),
-               "--doctor", f"{sys.executable} -m np_diagnosis.commands.diagnose --quick"]
+    command = [
+        sys.executable,
+        "-m",
+        "np_blind.blind",
+        "--cases",
+        str(COUNT),
+        "--set",
+        "development",
+        "--jobs",
+        "1",
+        "--only",
+        *ONLY,
+        "--out",
+        str(tmp_path / "run"),
+        "--doctor",
+        f"{sys.executable} -m np_diagnosis.commands.diagnose --quick",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout.splitlines()[-1])
@@ -94,10 +119,27 @@ def test_a_case_whose_arm_runs_away_is_published_as_an_error(tmp_path, monkeypat
     monkeypatch.setattr(generate, "make_physics", one_unstable)
     monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
     answer = '{"verdict": "no_gap", "effects": [], "where": []}'
-    doctor = ("import pathlib, sys; out = pathlib.Path(sys.argv[-1]); "
-              f"(out / 'report.json').write_text({answer!r}); (out / 'patch.yaml').write_text('effects: []')")
-    assert blind.main(["--cases", "3", "--set", "development", "--only", "sinusoid_7", "--out", str(tmp_path),
-                       "--doctor", shlex.join([sys.executable, "-c", doctor])]) == 0
+    doctor = (
+        "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); "
+        f"(out / 'report.json').write_text({answer!r}); (out / 'patch.yaml').write_text('effects: []')"
+    )
+    assert (
+        blind.main(
+            [
+                "--cases",
+                "3",
+                "--set",
+                "development",
+                "--only",
+                "sinusoid_7",
+                "--out",
+                str(tmp_path),
+                "--doctor",
+                shlex.join([sys.executable, "-c", doctor]),
+            ]
+        )
+        == 0
+    )
     results = json.loads((tmp_path / "results.json").read_text())
     errors = [case["error"] for case in results["cases"]]
     assert errors[0] == errors[2] == "" and errors[1].startswith("no recording: the arm ran away after")
@@ -105,8 +147,7 @@ def test_a_case_whose_arm_runs_away_is_published_as_an_error(tmp_path, monkeypat
 
 
 def test_a_locked_key_that_was_not_sealed_is_refused(tmp_path):
-    command = [sys.executable, "-m", "np_blind.blind", "--cases", "3", "--seed", "987",
-               "--out", str(tmp_path / "run")]
+    command = [sys.executable, "-m", "np_blind.blind", "--cases", "3", "--seed", "987", "--out", str(tmp_path / "run")]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 1 and "put down (--seal) and committed before the doctor runs" in done.stderr
     assert not (tmp_path / "run").exists()
@@ -116,11 +157,23 @@ def test_a_locked_key_that_was_not_sealed_is_refused(tmp_path):
 def test_a_run_in_parts_goes_on_and_a_doctor_that_crashes_fails_its_own_case_only(tmp_path, monkeypatch):
     monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
     answer = '{"verdict": "no_gap", "effects": [], "where": []}'
-    doctor = ("import pathlib, sys; out = pathlib.Path(sys.argv[-1]); print(out.name); "
-              "assert not (out / 'report.json').exists() and 'case_001' not in out.name, 'fell over'; "
-              f"(out / 'report.json').write_text({answer!r}); (out / 'patch.yaml').write_text('effects: []')")
-    command = ["--cases", "3", "--set", "development", "--only", "sinusoid_7", "--out", str(tmp_path),
-               "--doctor", shlex.join([sys.executable, "-c", doctor])]
+    doctor = (
+        "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); print(out.name); "
+        "assert not (out / 'report.json').exists() and 'case_001' not in out.name, 'fell over'; "
+        f"(out / 'report.json').write_text({answer!r}); (out / 'patch.yaml').write_text('effects: []')"
+    )
+    command = [
+        "--cases",
+        "3",
+        "--set",
+        "development",
+        "--only",
+        "sinusoid_7",
+        "--out",
+        str(tmp_path),
+        "--doctor",
+        shlex.join([sys.executable, "-c", doctor]),
+    ]
     assert blind.main([*command, "--within", "0"]) == 1 and not (tmp_path / "results.json").exists()
     for part, cases in ((["--to", "2"], [0, 1]), ([], [0, 1, 2])):  # the doctor would fall over if asked again
         assert blind.main([*command, *part]) == 0
@@ -143,8 +196,23 @@ def test_a_recording_that_cannot_be_made_fails_its_own_case_only(tmp_path, monke
 
     monkeypatch.setattr(generate, "write_bag", full_disk)
     monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
-    assert blind.main(["--cases", "2", "--set", "development", "--only", "sinusoid_7", "--out", str(tmp_path),
-                       "--doctor", "false"]) == 0
+    assert (
+        blind.main(
+            [
+                "--cases",
+                "2",
+                "--set",
+                "development",
+                "--only",
+                "sinusoid_7",
+                "--out",
+                str(tmp_path),
+                "--doctor",
+                "false",
+            ]
+        )
+        == 0
+    )
     errors = [case["error"] for case in json.loads((tmp_path / "results.json").read_text())["cases"]]
     assert errors[0].startswith("status 1") and "no space left" in errors[1]
 

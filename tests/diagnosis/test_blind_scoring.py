@@ -16,8 +16,12 @@ JOINT = "panda_joint3"
 
 
 def fault(effect, component=JOINT, size=5.0, **parameters):
-    return {"effect": effect, "component": component, "size": size,
-            "parameters": {name: {"value": value, "unit": ""} for name, value in parameters.items()}}
+    return {
+        "effect": effect,
+        "component": component,
+        "size": size,
+        "parameters": {name: {"value": value, "unit": ""} for name, value in parameters.items()},
+    }
 
 
 def entry(kind, *faults):
@@ -25,34 +29,54 @@ def entry(kind, *faults):
 
 
 def effect(name, component=JOINT, added=True, equivalent=(), **intervals):
-    return {"effect": name, "component": component, "probability": 0.9, "is_added": added,
-            "equivalent_to": list(equivalent), "gap_shrink": 0.5,
-            "parameters": {name: {"value": np.mean(interval), "ci95": list(interval), "unit": ""}
-                           for name, interval in intervals.items()}}
+    return {
+        "effect": name,
+        "component": component,
+        "probability": 0.9,
+        "is_added": added,
+        "equivalent_to": list(equivalent),
+        "gap_shrink": 0.5,
+        "parameters": {
+            name: {"value": np.mean(interval), "ci95": list(interval), "unit": ""}
+            for name, interval in intervals.items()
+        },
+    }
 
 
 def report(verdict, effects=(), where=()):
-    return {"verdict": verdict, "effects": list(effects), "runtime_s": 2.0,
-            "where": [{"module": m, "component": c, "share": 0.5} for m, c in where]}
+    return {
+        "verdict": verdict,
+        "effects": list(effects),
+        "runtime_s": 2.0,
+        "where": [{"module": m, "component": c, "share": 0.5} for m, c in where],
+    }
 
 
 def test_a_right_answer():
-    score = score_case(entry("single", fault("coulomb_friction", level=0.2)),
-                       report("identified", [effect("coulomb_friction", level=(0.1, 0.3))],
-                              [("unknown", "panda_joint1"), ("joint_dynamics", JOINT)]))
+    score = score_case(
+        entry("single", fault("coulomb_friction", level=0.2)),
+        report(
+            "identified",
+            [effect("coulomb_friction", level=(0.1, 0.3))],
+            [("unknown", "panda_joint1"), ("joint_dynamics", JOINT)],
+        ),
+    )
     assert (score.module, score.joint, score.effect, score.covered) == (True, True, True, [True])
     assert not score.is_failure
 
 
-@pytest.mark.parametrize("answer, right", [
-    ([effect("viscous_friction")], False),
-    ([effect("coulomb_friction", "panda_joint4")], False),
-    ([effect("presliding_friction", equivalent=["coulomb_friction"])], True),  # a class, and it says so
-    ([effect("presliding_friction")], False),  # a class, but a lucky member named alone
-    ([effect("viscous_friction", equivalent=["coulomb_friction"])], False),  # no class holds both
-    ([effect("coulomb_friction", added=False)], False),
-    ([], False),
-])
+@pytest.mark.parametrize(
+    "answer, right",
+    [
+        ([effect("viscous_friction")], False),
+        ([effect("coulomb_friction", "panda_joint4")], False),
+        ([effect("presliding_friction", equivalent=["coulomb_friction"])], True),  # a class, and it says so
+        ([effect("presliding_friction")], False),  # a class, but a lucky member named alone
+        ([effect("viscous_friction", equivalent=["coulomb_friction"])], False),  # no class holds both
+        ([effect("coulomb_friction", added=False)], False),
+        ([], False),
+    ],
+)
 def test_the_effect_or_its_class(answer, right):
     score = score_case(entry("single", fault("coulomb_friction")), report("identified", answer))
     assert score.effect is right and score.joint is False
@@ -69,8 +93,7 @@ def test_small_effects_are_not_asked_for_by_name():
     assert score_case(entry("single", fault("coulomb_friction", size=2.0)), report("no_gap")).effect is None
 
 
-@pytest.mark.parametrize("verdict, alarm",
-                         [("no_gap", False), ("identified", True), ("unexplained", True)])
+@pytest.mark.parametrize("verdict, alarm", [("no_gap", False), ("identified", True), ("unexplained", True)])
 def test_null_cases(verdict, alarm):
     score = score_case(entry("null"), report(verdict))
     assert score.false_alarm is alarm and score.module is None
@@ -109,9 +132,10 @@ def test_shares_of_the_gap():
 
 def test_figures_tables_and_plot(tmp_path):
     scores = [
-        score_case(entry("single", fault("coulomb_friction", level=0.2)),
-                   report("identified", [effect("coulomb_friction", level=(0.3, 0.4))],
-                          [("joint_dynamics", JOINT)])),
+        score_case(
+            entry("single", fault("coulomb_friction", level=0.2)),
+            report("identified", [effect("coulomb_friction", level=(0.3, 0.4))], [("joint_dynamics", JOINT)]),
+        ),
         score_case(entry("single", fault("payload", "arm")), report("no_gap")),
         score_case(entry("null"), report("no_gap")),
         score_case(entry("stranger", fault("rub")), report("identified", [effect("coulomb_friction")])),
@@ -154,9 +178,16 @@ def test_a_sealed_key_is_checked(tmp_path):
 def test_the_true_faults_as_a_patch_close_the_gap_as_the_oracle_does():
     cases = [case for case in draw_cases(40, 1, "development") if case.kind == "single"][:8]
     _, truths = make_physics(cases)
-    patches = [[{"effect": case.faults[0].effect, "component": case.faults[0].component,
-                 "parameters": {name: value for name, (value, _) in truth[0].items()}}]
-               for case, truth in zip(cases, truths)]
+    patches = [
+        [
+            {
+                "effect": case.faults[0].effect,
+                "component": case.faults[0].component,
+                "parameters": {name: value for name, (value, _) in truth[0].items()},
+            }
+        ]
+        for case, truth in zip(cases, truths)
+    ]
     for case, (nominal, oracle, patched) in zip(cases, heldout_gaps(cases, patches)):
         if nominal - oracle > 0.2 * nominal and case.faults[0].effect != "thermal_drift":
             assert patched == pytest.approx(oracle, rel=0.15, abs=2e-6), case

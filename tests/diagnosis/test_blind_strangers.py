@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from np_blind.physics import nominal_physics
 from np_blind.blind_arm import PERIOD
+from np_blind.physics import nominal_physics
 from np_blind.strange import Strange, off_centre, slipped
 from np_diagnosis.experiments.excitation import READY
 

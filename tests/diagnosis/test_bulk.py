@@ -5,13 +5,14 @@ from array import array
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from np_record.bag import Rows
-from np_record.topics import TIMELINE
-from np_description.panda import STATE_NAMES
-from np_diagnosis.recordings.bulk import BulkError, joint_states
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
+
+from np_description.panda import STATE_NAMES
+from np_diagnosis.recordings.bulk import BulkError, joint_states
+from np_record.bag import Rows
+from np_record.topics import TIMELINE
 
 
 def message(step, names=STATE_NAMES, frame="", numbers=None):
@@ -19,8 +20,9 @@ def message(step, names=STATE_NAMES, frame="", numbers=None):
     stamp = Time(sec=3 * step // 2, nanosec=step % 2 * 500_000_000)
     header = Header(stamp=stamp, frame_id=frame)
     position, velocity, effort = (array("d", part) for part in values)
-    return serialize_message(JointState(header=header, name=list(names), position=position, velocity=velocity,
-                                        effort=effort))
+    return serialize_message(
+        JointState(header=header, name=list(names), position=position, velocity=velocity, effort=effort)
+    )
 
 
 def rows(*messages):
@@ -65,7 +67,10 @@ LAST[1, 4] = np.nan
         (dict(numbers=LAST), r"at 14 ns: JointState.velocity: expected finite numbers, got \[9.0, .*nan"),
         (dict(numbers=LAST[:, :3]), r"at 14 ns: JointState.position: expected shape \(9,\), got \(3,\)"),
         (dict(numbers=(LAST[0], LAST[0], [])), r"at 14 ns: .*expected (a readable message|shape)"),
-        (dict(numbers=(LAST[0], LAST[0, :8], np.arange(10.0))), r"at 14 ns: JointState.velocity: expected shape \(9,\), got \(8,\)"),
+        (
+            dict(numbers=(LAST[0], LAST[0, :8], np.arange(10.0))),
+            r"at 14 ns: JointState.velocity: expected shape \(9,\), got \(8,\)",
+        ),
     ],
 )
 def test_a_message_unlike_the_first_is_named(third, text):

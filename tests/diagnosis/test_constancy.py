@@ -8,14 +8,14 @@ from arm_generator import PERIOD, Truth, record
 
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import panda
+from np_diagnosis.arm.stages import expected_torque
 from np_diagnosis.checks.constancy import _has_slipped, misfits, shapes_left
+from np_diagnosis.checks.omnibus import examine
+from np_diagnosis.effects import transmission
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
-from np_diagnosis.effects import transmission
-from np_diagnosis.checks.omnibus import examine
 from np_diagnosis.inference.search import Search
 from np_diagnosis.recordings.signals import Log
-from np_diagnosis.arm.stages import expected_torque
 
 JOINT = 2  # counted from 0: the third
 
@@ -104,8 +104,13 @@ def test_a_drift_that_is_named_may_change_with_time(log):
 def test_hysteresis_shows_that_winds_up_by_less_than_the_noise_of_the_encoders(width):
     """A twist of some tens of urad, in encoders of 10 urad: what winds it up is known from the load."""
     log, stiffness, stroke = lively(), 1e5, 2e-4
-    load = np.interp(log.time, log.time[::10], rigid.torque(panda(), log.position[::10], log.velocity[::10],
-                     np.gradient(log.velocity, PERIOD, axis=0)[::10])[:, JOINT])
+    load = np.interp(
+        log.time,
+        log.time[::10],
+        rigid.torque(panda(), log.position[::10], log.velocity[::10], np.gradient(log.velocity, PERIOD, axis=0)[::10])[
+            :, JOINT
+        ],
+    )
     twist, bent, found = 0.0, 0.0, []
     for torque in load:  # K (twist + width z) = torque, quasi-static
         moved = (torque - stiffness * (twist + width * bent)) / stiffness
@@ -119,8 +124,10 @@ def test_hysteresis_shows_that_winds_up_by_less_than_the_noise_of_the_encoders(w
     effect = next(e for e in transmission.effects(context) if e.key == "transmission_hysteresis[0.2 mrad]")
     straight = np.column_stack([np.ones(len(context.samples)), context.transmission.load[:, JOINT]])
     y = context.transmission.twist[:, JOINT]
-    squares = [np.square(y - a @ np.linalg.lstsq(a, y, rcond=None)[0]).sum()
-               for a in (straight, np.column_stack([straight, effect.columns["r3"](context, JOINT)]))]
+    squares = [
+        np.square(y - a @ np.linalg.lstsq(a, y, rcond=None)[0]).sum()
+        for a in (straight, np.column_stack([straight, effect.columns["r3"](context, JOINT)]))
+    ]
     assert np.abs(found).max() < 2 * stroke
     gain = 0.5 * len(y) * np.log(squares[0] / squares[1])
     assert gain > 30 if width else gain < 8
@@ -133,11 +140,14 @@ def test_a_disc_that_slips_shifts_an_encoder_at_once_and_for_good(shift, found):
     assert _has_slipped(left, time, np.zeros(len(time), int)) == found
 
 
-@pytest.mark.parametrize("left", [
-    lambda t: 2e-4 * np.sign(np.sin(t)),  # a play that is crossed again and again
-    lambda t: 3e-4 * np.tanh((t - 50.0) / 1.0),  # another posture, to which it moves
-    lambda t: 1e-3 * (np.abs(t - 50.0) < 0.1),  # comes back
-])
+@pytest.mark.parametrize(
+    "left",
+    [
+        lambda t: 2e-4 * np.sign(np.sin(t)),  # a play that is crossed again and again
+        lambda t: 3e-4 * np.tanh((t - 50.0) / 1.0),  # another posture, to which it moves
+        lambda t: 1e-3 * (np.abs(t - 50.0) < 0.1),  # comes back
+    ],
+)
 def test_what_is_no_slip_is_none(left):
     time, rng = np.arange(0.0, 100.0, 0.04), np.random.default_rng(0)
     assert not _has_slipped(left(time) + 3e-6 * rng.normal(size=len(time)), time, np.zeros(len(time), int))

@@ -6,18 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arm_generator import Truth, record
+from rclpy.serialization import serialize_message
 
-from np_record.topics import BY_NAME, TIMELINE
-from np_record.recorder import BagWriter, Sequencer
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_diagnosis.arm.model import panda
-from np_diagnosis.commands import diagnose as command
+from np_diagnosis.arm.stages import expected_torque
 from np_diagnosis.checks.plausibility import check
+from np_diagnosis.commands import diagnose as command
 from np_diagnosis.recordings.reading import ContractViolation, read
 from np_diagnosis.recordings.signals import Log
-from np_diagnosis.arm.stages import expected_torque
+from np_record.recorder import BagWriter, Sequencer
+from np_record.topics import BY_NAME, TIMELINE
 from np_ros.messages import joint_state_message
-from rclpy.serialization import serialize_message
 
 PERIOD = 2_000_000
 
@@ -102,18 +102,13 @@ def short(log):
         log.commands,
         **{
             name: getattr(log.commands, name)[rows]
-            for name in (
-                "rows", "target", "target_velocity", "torque", "torque_time", "stiffness", "damping"
-            )
+            for name in ("rows", "target", "target_velocity", "torque", "torque_time", "stiffness", "damping")
         },
     )
     return replace(
         log,
         commands=commands,
-        **{
-            name: getattr(log, name)[rows]
-            for name in ("time", "position", "velocity", "torque", "torque_time")
-        },
+        **{name: getattr(log, name)[rows] for name in ("time", "position", "velocity", "torque", "torque_time")},
     )
 
 
@@ -125,14 +120,10 @@ def bag(path, log, names=STATE_NAMES, period=PERIOD, skip=(), effort_command=Tru
         if i in skip:
             continue
         state = [np.concatenate([values[i], hand]) for values in (log.position, log.velocity, log.torque)]
-        sequencer.add(
-            BY_NAME[topic], serialize_message(joint_state_message(i * period, names, *state)), 2 * i
-        )
+        sequencer.add(BY_NAME[topic], serialize_message(joint_state_message(i * period, names, *state)), 2 * i)
         if effort_command:
             c = log.commands
-            answer = joint_state_message(
-                i * period, JOINT_NAMES, c.target[i], c.target_velocity[i], c.torque[i]
-            )
+            answer = joint_state_message(i * period, JOINT_NAMES, c.target[i], c.target_velocity[i], c.torque[i])
             sequencer.add(BY_NAME["effort_command"], serialize_message(answer), 2 * i + 1)
     assert TIMELINE.name == "joint_states"
     sequencer.flush()

@@ -11,9 +11,9 @@ from np_diagnosis.arm.model import load_arm, panda
 from np_diagnosis.checks.plausibility import check
 from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.effects.friction import PRESLIDING_MOST, PRESLIDING_STROKES
-from np_diagnosis.simulation.simulated_arm import Z1
 from np_diagnosis.recordings.reading import read
 from np_diagnosis.report.document import make_report
+from np_diagnosis.simulation.simulated_arm import Z1
 
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 
@@ -102,11 +102,19 @@ def panda_log():
 
 
 def test_the_public_panda_log_is_predicted_where_its_joints_slide(panda_log, capsys):
-    after = np.array([np.sqrt(np.mean(panda_log.gap.residuals[n][c.rows] ** 2))
-                      for n, c in enumerate(panda_log.design.cells) if c.stage == "r2"])
+    after = np.array(
+        [
+            np.sqrt(np.mean(panda_log.gap.residuals[n][c.rows] ** 2))
+            for n, c in enumerate(panda_log.design.cells)
+            if c.stage == "r2"
+        ]
+    )
     with capsys.disabled():
-        print(f"\nPanda log: {panda_log.verdict}, sliding {after.mean():.3f} Nm {after.round(3)}",
-              [(f.effect.key, f.component) for f in chosen(panda_log)], panda_log.unexplained)
+        print(
+            f"\nPanda log: {panda_log.verdict}, sliding {after.mean():.3f} Nm {after.round(3)}",
+            [(f.effect.key, f.component) for f in chosen(panda_log)],
+            panda_log.unexplained,
+        )
     assert len(panda_log.design.blocks) == 10
     assert after.mean() <= 0.285
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from arm_generator import Truth, record
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.recordings.excerpt import STRETCH, excerpts
@@ -35,9 +36,7 @@ def test_stretches_are_rows_of_the_recording(log, most):
         assert np.allclose(part.torque_time - part.time, log.torque_time[rows] - log.time[rows])
         c, whole = part.commands, log.commands
         assert np.array_equal(c.rows, np.arange(len(part.time)))
-        assert np.array_equal(c.torque, whole.torque[rows]) and np.allclose(
-            c.torque_time - part.time[c.rows], 0.001
-        )
+        assert np.array_equal(c.torque, whole.torque[rows]) and np.allclose(c.torque_time - part.time[c.rows], 0.001)
 
 
 def test_a_short_recording_is_looked_at_whole(log):

@@ -6,29 +6,28 @@ from importlib.resources import files
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from arm_generator import Truth, coloured, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import pinocchio as pin
-
 from np_control.dynamics import build_model
 from np_description.patch import PARAMETERS
-from np_diagnosis.inference import nuisances
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import panda
+from np_diagnosis.effects import Parameter, all_effects, catalogue
+from np_diagnosis.effects.sensing import find_quantum
+from np_diagnosis.effects.timing import USUAL
+from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, make_blocks, make_cell
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
-from np_diagnosis.effects import Parameter, all_effects, catalogue
-from np_diagnosis.effects.sensing import find_quantum
 from np_diagnosis.inference.fit import fit
-from np_diagnosis.effects.timing import USUAL
 from np_diagnosis.inference.loop_delay import loop_delay, settle_delay
 from np_diagnosis.inference.residuals import rung
-from np_diagnosis.report.schema import validate
 from np_diagnosis.recordings.signals import Log, sample
+from np_diagnosis.report.schema import validate
 
 ARM = panda()
 SCHEMA = json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text())

@@ -10,9 +10,9 @@ import pytest
 from own_simulator import record
 
 from np_description.patch import Patch, PatchEffect
-from np_diagnosis.simulation import refit as refitting
 from np_diagnosis.arm.model import panda
 from np_diagnosis.inference.estimates import Estimate
+from np_diagnosis.simulation import refit as refitting
 from np_diagnosis.simulation.forward import SAMPLE, WARM, WINDOW, departures, rms, windows
 from np_diagnosis.simulation.refit import Part, disagree, refit
 
@@ -96,9 +96,7 @@ def test_late_and_biased_sensors_are_started_from_what_was_true():
 
 
 def part(effect, component, **values):
-    return Part(
-        effect, component, {name: Estimate(v, v - w, v + w, "") for name, (v, w) in values.items()}, {}
-    )
+    return Part(effect, component, {name: Estimate(v, v - w, v + w, "") for name, (v, w) in values.items()}, {})
 
 
 def test_a_refit_finds_the_parameters_from_a_poor_start(recorded):
@@ -140,9 +138,7 @@ def test_disagreement_is_beyond_both_intervals():
     one = Estimate(1.0, 0.9, 1.1, "Nm")
     assert disagree(one, Estimate(1.3, 1.2, 1.4, "Nm"))
     assert not disagree(one, Estimate(1.1, 1.0, 1.2, "Nm"))
-    assert not disagree(
-        Estimate(1.0, 1.0, 1.0, "Nm"), Estimate(1.01, 1.01, 1.01, "Nm")
-    )  # two simulators differ
+    assert not disagree(Estimate(1.0, 1.0, 1.0, "Nm"), Estimate(1.01, 1.01, 1.01, "Nm"))  # two simulators differ
 
 
 def test_a_row_of_the_report_says_where_the_two_disagree(recorded):
@@ -159,8 +155,6 @@ def test_a_structure_that_no_arm_can_have_is_reported_and_does_not_end_the_repor
     impossible = Part("link_inertia", "panda_joint4", {"scale": Estimate(-1.5, -1.6, -1.4, "1")}, {})
     monkeypatch.setattr(refitting, "parts_of", lambda *_: (impossible,))
     monkeypatch.setattr(refitting, "windows", lambda logs: windows(logs, every=0.5))
-    diagnosis = SimpleNamespace(
-        context=SimpleNamespace(arm=panda(), logs=[log]), design=SimpleNamespace(parameters=())
-    )
+    diagnosis = SimpleNamespace(context=SimpleNamespace(arm=panda(), logs=[log]), design=SimpleNamespace(parameters=()))
     (row,) = refitting.second_opinion(diagnosis)["structures"]
     assert row["effects"] == ["link_inertia at panda_joint4"] and row["error"]

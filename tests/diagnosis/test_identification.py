@@ -14,14 +14,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from np_control.impedance import torque
-from np_description.patch import Patch, PatchEffect, dump_patch, load_patch
-from np_diagnosis.baselines import methods as baselines
 from np_blind import generate
 from np_blind.cases import Case, make_physics
 from np_blind.faults import Fault
 from np_blind.patched import patched_physics, read_patch
-from np_diagnosis.commands import baselines as command
+from np_control.impedance import torque
+from np_description.patch import Patch, PatchEffect, dump_patch, load_patch
+from np_diagnosis.baselines import methods as baselines
 from np_diagnosis.baselines.drive_log import read_drive_log
 from np_diagnosis.baselines.identification import (
     JOINT,
@@ -32,9 +31,10 @@ from np_diagnosis.baselines.identification import (
     likeliest_delay,
     paper_identification,
 )
-from np_diagnosis.simulation.simulated_arm import Z1, Plant, load_plant, panda_plant
-from np_diagnosis.simulation.closed_loop import Replay, stretch, stretches
+from np_diagnosis.commands import baselines as command
 from np_diagnosis.recordings.signals import Commands, Log
+from np_diagnosis.simulation.closed_loop import Replay, stretch, stretches
+from np_diagnosis.simulation.simulated_arm import Z1, Plant, load_plant, panda_plant
 
 pytestmark = pytest.mark.timeout(900)  # on a machine with nothing else to do all of it takes one minute
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
@@ -111,9 +111,7 @@ def test_the_replay_of_its_own_recording_is_exact(plant):
         [0, 1], {n: np.tile(v, (2, 1)) for n, v in TRUTH.items()}
     )
     assert np.nanmax(np.abs(errors)) < 1e-9
-    assert (
-        np.isfinite(errors[0]).all() and np.isnan(errors[1, 40:]).all() and np.isfinite(errors[1, :39]).all()
-    )
+    assert np.isfinite(errors[0]).all() and np.isnan(errors[1, 40:]).all() and np.isfinite(errors[1, :39]).all()
 
 
 def test_every_simulation_has_its_own_parameters_and_stretch(plant, recorded):
@@ -142,9 +140,7 @@ def test_a_load_that_nobody_compensates_is_seen_as_mass(plant):
 def test_a_log_is_cut_at_gaps_and_needs_commands():
     time = np.concatenate([np.arange(700) * PERIOD, 3.0 + np.arange(900) * PERIOD, [9.0]])
     zero = np.zeros((time.size, 2))
-    commands = Commands(
-        np.arange(time.size), zero, zero, zero + 1.0, time, zero + STIFFNESS, zero + np.sqrt(STIFFNESS)
-    )
+    commands = Commands(np.arange(time.size), zero, zero, zero + 1.0, time, zero + STIFFNESS, zero + np.sqrt(STIFFNESS))
     log = Log("log", time, zero, zero, zero, time, False, commands)
     parts = stretches(log)
     assert [len(part) for part in parts] == [700, 900]
@@ -230,8 +226,7 @@ def test_a_blind_bag_gives_patches_that_the_blind_test_can_follow(tmp_path, caps
         "sysid_6",
     }
     patches = {
-        name: read_patch(tmp_path / "out" / name / "patch.yaml")
-        for name in ("none", "paper", "sysid_3", "sysid_6")
+        name: read_patch(tmp_path / "out" / name / "patch.yaml") for name in ("none", "paper", "sysid_3", "sysid_6")
     }
     assert patches["none"] == [] and {e["component"] for e in patches["paper"]} == {"panda_joint7"}
     friction = [
@@ -322,10 +317,7 @@ def test_a_delay_is_found_where_there_is_one(plant, recorded):
     late = [stretch_.delayed(0.02) for stretch_ in [recorded[0].delayed(0.0)]]
     assert np.array_equal(late[0].target[10:], recorded[0].target[:-10])
     # Commands that were logged 20 ms before they acted.
-    early = [
-        replace(s, target=np.concatenate([s.target[10:], np.repeat(s.target[-1:], 10, axis=0)]))
-        for s in recorded
-    ]
+    early = [replace(s, target=np.concatenate([s.target[10:], np.repeat(s.target[-1:], 10, axis=0)])) for s in recorded]
     budget = replace(BUDGET, iterations=6)
     delay, rmse = likeliest_delay(plant, early, (0.0, 0.02, 0.04), budget)
     assert delay == 0.02 and rmse[0.02] < 0.5 * min(rmse[0.0], rmse[0.04])
@@ -351,9 +343,7 @@ def test_the_z1_has_its_published_friction_and_damping():
     blocks = log.windows(2.3, 2.3)
     fit = least_squares(arm, blocks[::2], JOINT, Budget(iterations=8))
     for name in ("frictionloss", "damping"):
-        assert np.allclose(fit.values[name][UNBOUNDED], PUBLISHED_Z1[name][UNBOUNDED], rtol=0.15), fit.values[
-            name
-        ]
+        assert np.allclose(fit.values[name][UNBOUNDED], PUBLISHED_Z1[name][UNBOUNDED], rtol=0.15), fit.values[name]
     before, published = baselines.gap(arm, blocks[1::2], {}), baselines.gap(arm, blocks[1::2], PUBLISHED_Z1)
     after = baselines.gap(arm, blocks[1::2], fit.values)
     assert (after < 0.2 * before).all() and after[1] < published[1]

@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arm_generator import Truth, record
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from np_diagnosis.arm.model import panda
-from np_diagnosis.inference.context import make_context
 from np_diagnosis.experiments.ambiguity import Ambiguity, ambiguity, open_question
-from np_diagnosis.inference.design import make_design
 from np_diagnosis.experiments.excitation import experiment, suite
-from np_diagnosis.report.page import render
 from np_diagnosis.experiments.forecast import planned_cells, planned_log
 from np_diagnosis.experiments.power import (
     EXPERIMENTS,
@@ -23,9 +21,12 @@ from np_diagnosis.experiments.power import (
     next_experiment,
     powers,
 )
-from np_diagnosis.simulation.refit import second_opinion
-from np_diagnosis.report.document import make_report
+from np_diagnosis.inference.context import make_context
+from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.search import Search
+from np_diagnosis.report.document import make_report
+from np_diagnosis.report.page import render
+from np_diagnosis.simulation.refit import second_opinion
 
 
 def belief(ids, mean, spread):

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from np_diagnosis.inference.cells import GAP, Block, Cell, make_cell
 from np_diagnosis.effects import Parameter
 from np_diagnosis.effects.base import recurrence
 from np_diagnosis.effects.timing import delayed, find_held
 from np_diagnosis.effects.torque_loop import first_order, rate_limited
+from np_diagnosis.inference.cells import GAP, Block, Cell, make_cell
 from np_diagnosis.recordings.signals import Log, sample
 
 PERIOD = 0.002
@@ -71,7 +71,9 @@ def test_a_limited_rate_is_its_loop(seed, step):
 @given(st.integers(0, 10**6), st.floats(0.0, 0.02))
 def test_a_delay_is_interpolation(seed, delay):
     d, _ = drive(seed)
-    parts = [np.interp(np.arange(len(p)) - delay / PERIOD, np.arange(len(p)), p) for p in stretches(d, d.commanded[:, 0])]
+    parts = [
+        np.interp(np.arange(len(p)) - delay / PERIOD, np.arange(len(p)), p) for p in stretches(d, d.commanded[:, 0])
+    ]
     np.testing.assert_allclose(delayed(d, d.commanded[:, 0], delay), np.concatenate(parts), atol=1e-9)
 
 
@@ -103,9 +105,7 @@ def make(seed, count=900):
     rows = rng.random(count) > 0.05
     matrix, residual = rng.normal(size=(count, 3)), rng.normal(size=count)
     blocks = tuple(Block(0, 3.0 * b, 3.0 * (b + 1)) for b in range(3))
-    stages = SimpleNamespace(
-        times=lambda s: (trajectory, time), rows=lambda s, j: rows, residual=lambda s, j: residual
-    )
+    stages = SimpleNamespace(times=lambda s: (trajectory, time), rows=lambda s, j: rows, residual=lambda s, j: residual)
     whiten = np.array([0.4, -0.2])
     parameters = [Parameter("p", "1", -9.0, 9.0, 1.0)] * 3
     cell = make_cell(stages, "r1", 0, np.arange(3), matrix, blocks, parameters, whiten)

@@ -8,6 +8,11 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from measured import Measurement, overheard
 from moving_arm import MovingArm
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA
 from np_description.domains import find_domain, sample_task
@@ -17,10 +22,6 @@ from np_description.rotations import quaternion_from_matrix, rotation_angle
 from np_description.scene import CAMERA_NAME
 from np_ros import qos
 from np_ros.messages import keypoints_message, pose_arrays, pose_message, trajectory_arrays
-from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import String
-from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
 
 DOMAIN = find_domain("card")
 START_TIMEOUT = 600.0  # s: the nodes start with what the running loop and others leave of the processors
@@ -40,11 +41,17 @@ class Episode:
         probe.advertise("keypoints", PointCloud2)
         probe.advertise("goal_pose", PoseStamped, qos.LATCHED)
         graph = arm.harness.graph
-        probe.wait_until_ready({
-            graph.run("np_policy", name, {"mode": "realtime", **more})
-            for name, more in (
-                ("pre_contact", {}), ("approach", {"seed": seed}), ("episode", {"backend": "franka_driver"}))
-        }, START_TIMEOUT)
+        probe.wait_until_ready(
+            {
+                graph.run("np_policy", name, {"mode": "realtime", **more})
+                for name, more in (
+                    ("pre_contact", {}),
+                    ("approach", {"seed": seed}),
+                    ("episode", {"backend": "franka_driver"}),
+                )
+            },
+            START_TIMEOUT,
+        )
 
     def run(self, now: Callable[[], int]) -> None:
         """Start, and show the card until the phase `post`; now: stamp ns of what is shown. RuntimeError where
@@ -55,7 +62,8 @@ class Episode:
         self.phases.clear()  # holding the arm anew says `fault` and `idle` there itself
         answer = probe.node.create_client(Trigger, "episode/start").call_async(Trigger.Request())
         corners, _ = CAMERA.project(
-            box_keypoints(np.asarray(DOMAIN.half_size), self._start.position, self._start.quaternion))
+            box_keypoints(np.asarray(DOMAIN.half_size), self._start.position, self._start.quaternion)
+        )
         seen = np.column_stack([corners, np.ones(len(corners))])
 
         def is_over() -> bool:

@@ -43,8 +43,10 @@ def start_robot():
 def start_driver(request, tmp_path):
     """A function that starts the driver with these parameters, and gives a Harness; in both its modes."""
     with ExitStack() as stack:
+
         def start(parameters: dict) -> Harness:
             graph = stack.enter_context(Graph(tmp_path / f"log{len(list(tmp_path.iterdir()))}"))
             probe = stack.enter_context(closing(Probe(graph)))
             return Harness(graph, probe, BACKENDS[request.param], "realtime", **parameters)
+
         yield start

@@ -12,6 +12,7 @@ import numpy as np
 from backends import silent
 from commands import Make
 from moving_arm import RUNNING, MovingArm
+
 from np_franka.limits import FR3_LIMITS
 
 BOTH = ("topic", "onboard")
@@ -223,8 +224,9 @@ CASES = {
     "frozen_server": Case("robot frozen for longer than 1 s", freeze),
     "network_cut": Case("network cut", asked("strict", "mute", then="unmute")),
     "lost_15_cycles": Case("15 cycles lost", asked("strict", "drop 15", ends=False)),
-    "lost_20_cycles": Case("20 cycles lost, and 5 more", asked(
-        "strict", "drop 25", says="communication_constraints_violation")),
+    "lost_20_cycles": Case(
+        "20 cycles lost, and 5 more", asked("strict", "drop 25", says="communication_constraints_violation")
+    ),
     "reflex": Case("collision reflex", asked("reflex", says="joint_reflex")),
     "not_a_number": Case("NaN in every command", answered(not_a_number), motion="turn", controller=False),
     "stale": Case("stale command, over and over", answered(stale), motion="turn", controller=False),

@@ -8,8 +8,7 @@ import struct
 from collections import deque
 
 import numpy as np
-from franky_sim.franka_robot_protocol import (
-    AutomaticErrorRecoveryCommand, MoveStatus, RobotCommand, RobotMode)
+from franky_sim.franka_robot_protocol import AutomaticErrorRecoveryCommand, MoveStatus, RobotCommand, RobotMode
 from franky_sim.franka_robot_server import ControlMode, FrankaRobotServer
 from franky_sim.franka_server import BaseCommand, ConnectCommand, ConnectStatus, FrankaServer, MessageHeader
 
@@ -71,7 +70,13 @@ class Robot(FrankaRobotServer):
         self.cycles += 1
         state = self.robot.inner_state
         self.trace[self.cycles % TRACED] = (
-            1e-3 * self.cycles, *state.q, *state.dq, *self.robot.told, self.step, self.is_commanded)
+            1e-3 * self.cycles,
+            *state.q,
+            *state.dq,
+            *self.robot.told,
+            self.step,
+            self.is_commanded,
+        )
         self.step = 0.0
         if self.drop or self.is_mute:
             self.drop = max(0, self.drop - 1)
@@ -102,7 +107,8 @@ class Robot(FrankaRobotServer):
     @property
     def robot_state(self):
         state = super().robot_state.replace(
-            control_command_success_rate=sum(self.came) / COUNTED if self.is_commanded else 0.0)
+            control_command_success_rate=sum(self.came) / COUNTED if self.is_commanded else 0.0
+        )
         if self.error is None:
             return state
         errors = tuple(i == self.error for i in range(41))

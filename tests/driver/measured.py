@@ -11,12 +11,13 @@ import numpy as np
 from commands import PERIOD
 from cpu_shares import CpuShares, children
 from moving_arm import MovingArm
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
 from np_control.kinematics import forward_kinematics
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_ros import qos
 from np_ros.messages import joint_state_arrays, stamp_nanoseconds
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
 
 STATISTICS = ("cycles", "cycle_rate_hz", "cycle_p50_ms", "cycle_p99_ms", "cycle_max_ms")
 COUNTS = ("lost_cycles", "commands")
@@ -37,8 +38,13 @@ class Measurement:
         graph = arm.harness.graph
         (hand,) = children(graph.pid("franka_driver"))
         self._shares = CpuShares(
-            {"simulated robot": arm.robot.process.pid, "this report": os.getpid(),
-             **{name: graph.pid(name) for name in graph.names}, "hand's client": hand})
+            {
+                "simulated robot": arm.robot.process.pid,
+                "this report": os.getpid(),
+                **{name: graph.pid(name) for name in graph.names},
+                "hand's client": hand,
+            }
+        )
 
     def now(self) -> int:
         """Stamp ns of the newest state, or of one a few before it."""
@@ -62,7 +68,8 @@ class Measurement:
             "lost_cycles": counts["lost_cycles"] - self._before["lost_cycles"],
             "commands_per_1000": round(1e3 * accepted / said["cycles"]),
             "unanswered_per_1000": round(
-                1e3 * (robot["unanswered"] - self._robot["unanswered"]) / max(commanded, 1), 2),
+                1e3 * (robot["unanswered"] - self._robot["unanswered"]) / max(commanded, 1), 2
+            ),
             "robot_pause_ms": round(1e3 * robot["pause"], 1),
             **following(arm.trace(), raw, self._offset),
             "shares": shares,
@@ -92,8 +99,7 @@ def clock_offset(arm: MovingArm) -> int:
     seen = Counter(told)
     times = {q: round(1000 * time) * 1_000_000 for q, time in zip(told, trace[:, 0]) if seen[q] == 1}
     stamps = {
-        np.float32(state.position[:7]).tobytes(): stamp_nanoseconds(state.header.stamp)
-        for state in arm.harness.states
+        np.float32(state.position[:7]).tobytes(): stamp_nanoseconds(state.header.stamp) for state in arm.harness.states
     }
     # A state of an odd millisecond is published under the even one before it.
     return max(stamps[q] - times[q] for q in stamps if q in times)

@@ -14,14 +14,15 @@ import numpy as np
 from backends import BACKENDS, Harness, silent
 from commands import TARGETS
 from graph_tools import Graph, Probe
+from simulated_robot import DRIVER_CORES, SLOW, SimulatedRobot, simulated_robot, urgent
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_franka.limits import FR3_LIMITS
 from np_policy.retiming import ACCELERATION_LIMIT, retime
 from np_ros import qos
 from np_ros.messages import trajectory_message
-from simulated_robot import DRIVER_CORES, SLOW, SimulatedRobot, simulated_robot, urgent
-from std_msgs.msg import String
-from trajectory_msgs.msg import JointTrajectory
 
 SWING = np.array([0.9, 0.4, -0.7, 0.5, 0.8, 0.6, 1.2])  # rad, of the seven joints from where they are
 FAST = 0.4  # share of its speed limit that a joint has when a fault is injected
@@ -78,12 +79,8 @@ class MovingArm:
         """The node that commands in topic mode."""
         harness = self.harness
         priority = CONTROLLER_PRIORITY if self._parameters["realtime_priority"] else 0
-        harness.graph.run(
-            "np_control", "joint_impedance", {"mode": "realtime", "realtime_priority": priority}
-        )
-        harness.wait(
-            lambda: all(map(harness.probe.matched, [*TARGETS.sent, "joint_trajectory"])), "the controller"
-        )
+        harness.graph.run("np_control", "joint_impedance", {"mode": "realtime", "realtime_priority": priority})
+        harness.wait(lambda: all(map(harness.probe.matched, [*TARGETS.sent, "joint_trajectory"])), "the controller")
 
     def close(self) -> None:
         """End every process."""
@@ -100,9 +97,7 @@ class MovingArm:
         harness = self.harness
         harness.wait(lambda: harness.probe.matched("joint_trajectory"), "whoever follows trajectories")
         begin = np.array(harness.states[-1].position[:7])
-        motion = retime(
-            np.linspace(begin, begin + SWING, 50), 0.7 * NOMINAL.velocity_limit, 0.5 * ACCELERATION_LIMIT
-        )
+        motion = retime(np.linspace(begin, begin + SWING, 50), 0.7 * NOMINAL.velocity_limit, 0.5 * ACCELERATION_LIMIT)
         harness.probe.publish(
             "joint_trajectory",
             trajectory_message(harness.stamp, JOINT_NAMES, motion.times, motion.positions, motion.velocities),

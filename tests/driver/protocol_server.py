@@ -77,10 +77,22 @@ def answer(request: list[str], server: Server) -> dict:
         case _:
             raise ValueError(f"unknown request {request}")
     state = robot.robot.inner_state
-    mode = RobotMode.kReflex if robot.error is not None else RobotMode.kMove if robot.current_motion_id \
+    mode = (
+        RobotMode.kReflex
+        if robot.error is not None
+        else RobotMode.kMove
+        if robot.current_motion_id
         else RobotMode.kIdle
-    return {"time": 1e-3 * robot.cycles, "q": state.q, "dq": state.dq, "mode": mode.name,
-            "commanded": robot.commanded, "unanswered": robot.unanswered, "pause": robot.pause}
+    )
+    return {
+        "time": 1e-3 * robot.cycles,
+        "q": state.q,
+        "dq": state.dq,
+        "mode": mode.name,
+        "commanded": robot.commanded,
+        "unanswered": robot.unanswered,
+        "pause": robot.pause,
+    }
 
 
 def lines(descriptor: int) -> Iterator[str | None]:
@@ -125,8 +137,13 @@ def main() -> None:
     mass, pace, protocol = map(float, sys.argv[1:])
     mujoco_simulator.FrankaMujocoRobot = SimulatedFr3
     with mujoco_simulator.MujocoSimulator() as simulator:
-        simulator.add_robot(initial_q=READY, initial_hand_width=0.0, kp=HOLD_STIFFNESS, kv=HOLD_DAMPING,
-                            robot_parameters=RobotParameters(ee_mass=mass))
+        simulator.add_robot(
+            initial_q=READY,
+            initial_hand_width=0.0,
+            kp=HOLD_STIFFNESS,
+            kv=HOLD_DAMPING,
+            robot_parameters=RobotParameters(ee_mass=mass),
+        )
         with Server(simulator, int(protocol)) as server:
             ctypes.CDLL(None).mlockall(LOCK_ALL)
             print(json.dumps({"hostname": server.sim.robots[0].hostname}), flush=True)

@@ -26,9 +26,10 @@ import suite  # noqa: E402
 import tables  # noqa: E402
 from approach import approach  # noqa: E402
 from moving_arm import MovingArm  # noqa: E402
-from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, origin# noqa: E402
 from simulated_robot import missing  # noqa: E402
 from tracking import track  # noqa: E402
+
+from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, origin  # noqa: E402
 
 PARTS = ("tracking", "approach", "suite", "faults")
 CONTROLS = ("topic", "onboard")
@@ -125,8 +126,12 @@ def parse() -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the tracking in each mode")
-    parser.add_argument("--pace", type=float, default=1.0, help="ms that a cycle of the robot takes in "
-                        "tracking, approach and suite: more on a busy machine")
+    parser.add_argument(
+        "--pace",
+        type=float,
+        default=1.0,
+        help="ms that a cycle of the robot takes in tracking, approach and suite: more on a busy machine",
+    )
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--only", nargs="+", default=[], metavar="EXPERIMENT", help="of the suite, not all")
     parser.add_argument("--out", type=Path, default=Path("docs/results"))

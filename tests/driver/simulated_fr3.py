@@ -16,7 +16,6 @@ from franky_sim.constants import FRANKA_HAND_FORCE_LIMIT
 from franky_sim.franka_robot_state import FrankaRobotState
 from franky_sim.mujoco_simulator import FrankaMujocoRobot
 
-
 # Where in a packed state the fields lie that change: franka_robot_state.py, FrankaRobotState.pack_state.
 JOINTS = 4 * 126, struct.Struct("<49f"), ("tau_J", "tau_J_d", "dtau_J", "q", "q_d", "dq", "dq_d")
 MOTORS = 4 * 270, struct.Struct("<14f"), ("theta", "dtheta")
@@ -42,14 +41,25 @@ class State(FrankaRobotState):
         for offset, layout, names in (JOINTS, MOTORS):
             layout.pack_into(packed, offset, *(number for name in names for number in getattr(self, name)))
         offset, layout = MODES
-        layout.pack_into(packed, offset, self.motion_generator_mode, self.controller_mode, *self.errors,
-                         *self.reflex_reason, self.robot_mode, self.control_command_success_rate)
+        layout.pack_into(
+            packed,
+            offset,
+            self.motion_generator_mode,
+            self.controller_mode,
+            *self.errors,
+            *self.reflex_reason,
+            self.robot_mode,
+            self.control_command_success_rate,
+        )
         return packed
 
     def check(self) -> None:
         """Whether this package's layout is the one above. Raises ValueError."""
-        probe = self.replace(**{name: tuple(np.random.rand(7)) for _, _, names in (JOINTS, MOTORS)
-                                for name in names}, errors=41 * (True,), control_command_success_rate=0.5)
+        probe = self.replace(
+            **{name: tuple(np.random.rand(7)) for _, _, names in (JOINTS, MOTORS) for name in names},
+            errors=41 * (True,),
+            control_command_success_rate=0.5,
+        )
         if probe.pack_state() != super(State, probe).pack_state():
             raise ValueError("a packed state is not laid out as expected: another franky-sim than required?")
 
@@ -107,5 +117,12 @@ class SimulatedFr3(FrankaMujocoRobot):
         """What goes over the wire."""
         inner = self._get_state()
         return self._constant.replace(
-            q=inner.q, dq=inner.dq, theta=inner.q, dtheta=inner.dq,  # gears and links that do not bend
-            q_d=inner.q, dq_d=inner.dq, tau_J=inner.tau_j, tau_J_d=self.told)
+            q=inner.q,
+            dq=inner.dq,
+            theta=inner.q,
+            dtheta=inner.dq,  # gears and links that do not bend
+            q_d=inner.q,
+            dq_d=inner.dq,
+            tau_J=inner.tau_j,
+            tau_J_d=self.told,
+        )

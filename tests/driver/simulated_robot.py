@@ -40,15 +40,22 @@ class SimulatedRobot:
 
     hand_mass: kg, of the end effector that its settings name. pace: ms that a cycle takes. The robot's clock
     paces whoever talks to it and counts for every deadline, so that a slow robot leaves a busy machine time
-    and changes nothing else. protocol: version that it claims to speak; it speaks 10. """
+    and changes nothing else. protocol: version that it claims to speak; it speaks 10."""
 
     def __init__(self, hand_mass: float = 0.73, pace: float = SLOW, protocol: int = 10):
         environment = {key: value for key, value in os.environ.items() if key not in OF_ROS}
         self._errors = tempfile.TemporaryFile()
         self.process = subprocess.Popen(
-            [str(SIMULATOR), str(Path(__file__).with_name("protocol_server.py")),
-             *map(str, (hand_mass, pace, protocol))],
-            env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors)
+            [
+                str(SIMULATOR),
+                str(Path(__file__).with_name("protocol_server.py")),
+                *map(str, (hand_mass, pace, protocol)),
+            ],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+        )
         self._buffer = b""
         self.hostname = self._read()["hostname"]
         # A robot has a computer of its own: what else runs here is not to look like one that went away.
@@ -118,7 +125,14 @@ def simulated_robot(**arguments):
     """A simulated robot, and the parameters that lead the driver to it."""
     robot = SimulatedRobot(**arguments)
     try:
-        yield robot, {"hostname": robot.hostname, "realtime": "ignore", "calibration": "none",
-                     "realtime_priority": DRIVER_PRIORITY if os.sched_getscheduler(0) == os.SCHED_FIFO else 0}
+        yield (
+            robot,
+            {
+                "hostname": robot.hostname,
+                "realtime": "ignore",
+                "calibration": "none",
+                "realtime_priority": DRIVER_PRIORITY if os.sched_getscheduler(0) == os.SCHED_FIFO else 0,
+            },
+        )
     finally:
         robot.close()

@@ -20,21 +20,33 @@ def record(arm: MovingArm, folder: Path, only: Sequence[str] = ()) -> dict:
 
     only: names of experiments, all by default; the bag and the logs are put into `folder`.
     """
-    options = ["--backend", "running", "--mode", "realtime", "--out", str(folder / "bag"), "--logs",
-               str(folder / "log"), *(["--only", *only] if only else [])]
+    options = [
+        "--backend",
+        "running",
+        "--mode",
+        "realtime",
+        "--out",
+        str(folder / "bag"),
+        "--logs",
+        str(folder / "log"),
+        *(["--only", *only] if only else []),
+    ]
     return _run([*command("np_diagnosis", "excite"), *options], folder / "excite.txt", arm)
 
 
 def diagnose(bag: str, folder: Path) -> dict:
     """Run `diagnose --quick` on a bag; what it prints. Raises RuntimeError, for a broken contract too."""
-    return _run([*command("np_diagnosis", "diagnose"), bag, "--out", str(folder / "report"), "--quick"],
-                folder / "diagnose.txt")
+    return _run(
+        [*command("np_diagnosis", "diagnose"), bag, "--out", str(folder / "report"), "--quick"], folder / "diagnose.txt"
+    )
 
 
 def _run(line: list[str], log: Path, arm: MovingArm | None = None) -> dict:
     environment = {**os.environ, **(arm.harness.graph.environment if arm else {})}
-    with open(log, "w") as errors, subprocess.Popen(
-            line, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
+    with (
+        open(log, "w") as errors,
+        subprocess.Popen(line, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
+    ):
         try:
             if arm is not None:
                 arm.harness.probe.wait_until(lambda: process.poll() is not None, TIMEOUT, line[0])
@@ -45,4 +57,3 @@ def _run(line: list[str], log: Path, arm: MovingArm | None = None) -> dict:
     if process.returncode:
         raise RuntimeError(f"{' '.join(line)} ended with {process.returncode}: {log.read_text()[-1000:]}")
     return json.loads(output.splitlines()[-1])
-

@@ -140,7 +140,7 @@ def table(rows: list[dict], columns: dict[str, str]) -> str:
 def costs(rows: list[dict]) -> str:
     """What each process took of a core in each mode: its first thread, and the others."""
     names = list(dict.fromkeys(name for row in rows for name in row["shares"]))
-    listed = [{"share of a core": name, **{row["control"]: row["shares"].get(name, "") for row in rows}}
-              for name in names]
-    return "What it cost; other threads are the middleware's:\n\n" + table(
-        listed, {key: key for key in listed[0]})
+    listed = [
+        {"share of a core": name, **{row["control"]: row["shares"].get(name, "") for row in rows}} for name in names
+    ]
+    return "What it cost; other threads are the middleware's:\n\n" + table(listed, {key: key for key in listed[0]})

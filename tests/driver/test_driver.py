@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+
 from np_control.controller import ControllerConfig
 from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MAX, torque
@@ -31,13 +32,17 @@ def start(start_robot):
 
     def started(onboard=None, **changes):
         _, parameters = start_robot()
-        arm = Arm(partial(ROBOTS["fr3"].open, parameters["hostname"], enforce_realtime=False),
-                  collision.torques(FR3_LIMITS), collision.wrench())
+        arm = Arm(
+            partial(ROBOTS["fr3"].open, parameters["hostname"], enforce_realtime=False),
+            collision.torques(FR3_LIMITS),
+            collision.wrench(),
+        )
         usual = Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
         checklist = replace(usual, **changes)
         drivers.append(Driver(arm, FR3_LIMITS, checklist, onboard))
         drivers[-1].start()
         return drivers[-1]
+
     yield started
     for driver in drivers:
         driver.close()

@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from backends import silent
-from np_ros.supervisor import NodeDied
+from sensor_msgs.msg import JointState
+
 from np_control.safety import LIMITS
 from np_franka.limits import FR3_LIMITS
-from sensor_msgs.msg import JointState
+from np_ros.supervisor import NodeDied
 
 
 def moving(harness):
     """Turn joint 7 until it really turns."""
     first = harness.states[-1].position[6]
-    harness.follow(harness.commands.turn, lambda: harness.states[-1].position[6] > first + 0.02,
-                   "joint 7 to turn")
+    harness.follow(harness.commands.turn, lambda: harness.states[-1].position[6] > first + 0.02, "joint 7 to turn")
 
 
 def resumes(harness):
@@ -27,8 +27,7 @@ def resumes(harness):
     while not (response := harness.call("recover")).success:
         assert "still moves" in response.message, response.message
     harness.wait_state("ready")
-    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving",
-                   "commands to be taken again")
+    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving", "commands to be taken again")
 
 
 def test_a_reflex_is_a_fault_in_the_robots_own_words(start_robot, start_driver):
@@ -82,8 +81,7 @@ def test_lost_cycles_are_counted_and_ridden_out(start_robot, start_driver):
     harness = start_driver(parameters)
     harness.wait(lambda: "lost_cycles" in harness.status, "the count")
     before = int(harness.status["lost_cycles"])
-    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving",
-                   "commands to be taken")
+    harness.follow(harness.commands.stay, lambda: harness.status.get("state") == "moving", "commands to be taken")
     harness.answer = harness.commands.stay
     harness.send(harness.commands.stay(harness.states[-1]))
     robot.request("drop 20")
@@ -102,8 +100,7 @@ def test_a_new_driver_takes_over_from_a_killed_one(start_robot, start_driver):
     second = start_driver(parameters)
     second.wait_state("ready")
     assert np.allclose(second.states[-1].position[:7], pose, atol=1e-2)
-    second.follow(second.commands.stay, lambda: second.status.get("state") == "moving",
-                  "commands to be taken")
+    second.follow(second.commands.stay, lambda: second.status.get("state") == "moving", "commands to be taken")
 
 
 def test_a_robot_in_reflex_is_not_moved_before_recover(start_robot, start_driver):
@@ -130,8 +127,7 @@ def test_a_joint_driven_at_its_limit_stays_inside_its_range_and_speed(start_robo
     _, parameters = start_robot()
     harness = start_driver(parameters)
     wall = FR3_LIMITS.wall_upper[6]
-    harness.follow(harness.commands.turn_fast, lambda: harness.states[-1].position[6] > wall - 0.02,
-                   "the soft wall")
+    harness.follow(harness.commands.turn_fast, lambda: harness.states[-1].position[6] > wall - 0.02, "the soft wall")
     later = harness.stamp + 500_000_000
     harness.follow(harness.commands.turn_fast, lambda: harness.stamp > later, "half a second at the wall")
     assert harness.status["state"] == "moving"
@@ -144,9 +140,12 @@ def test_a_joint_driven_at_its_limit_stays_inside_its_range_and_speed(start_robo
 def hand_process(harness):
     """The process of the driver's hand."""
     pid = harness.graph.pid("franka_driver")
-    return next(child for thread in Path(f"/proc/{pid}/task").iterdir()
-                for child in map(int, (thread / "children").read_text().split())
-                if b"np_franka.gripper" in Path(f"/proc/{child}/cmdline").read_bytes())
+    return next(
+        child
+        for thread in Path(f"/proc/{pid}/task").iterdir()
+        for child in map(int, (thread / "children").read_text().split())
+        if b"np_franka.gripper" in Path(f"/proc/{child}/cmdline").read_bytes()
+    )
 
 
 def test_a_hand_whose_process_died_is_a_warning_until_recover_starts_another(start_robot, start_driver):
@@ -162,11 +161,14 @@ def test_a_hand_whose_process_died_is_a_warning_until_recover_starts_another(sta
     assert os.sched_getscheduler(process) == os.SCHED_OTHER
 
 
-@pytest.mark.parametrize("parameters, text", [
-    ({"hostname": ""}, "hostname: expected the robot's address"),
-    ({"hostname": "127.255.255.1", "gripper": False}, "connection to 127.255.255.1"),
-    ({"hostname": "127.255.255.1"}, "hand of 127.255.255.1"),
-])
+@pytest.mark.parametrize(
+    "parameters, text",
+    [
+        ({"hostname": ""}, "hostname: expected the robot's address"),
+        ({"hostname": "127.255.255.1", "gripper": False}, "connection to 127.255.255.1"),
+        ({"hostname": "127.255.255.1"}, "hand of 127.255.255.1"),
+    ],
+)
 def test_without_a_robot_the_driver_ends_with_the_reason(graph, probe, parameters, text):
     graph.run("np_franka", "franka_driver", {"realtime": "ignore", **parameters})
     with pytest.raises(NodeDied, match="status 1") as died:

@@ -1,16 +1,18 @@
 """What breaks at the robot reaches the episode: phase `fault`, and no start until it is over."""
 
 from backends import silent
-from np_ros import qos
 from std_msgs.msg import String
+
+from np_ros import qos
 
 
 def test_a_reflex_is_a_fault_of_the_episode_until_recover(start_robot, start_driver):
     robot, parameters = start_robot()
     harness = start_driver(parameters)
     phases = harness.probe.collect("phase", String, qos.LATCHED)
-    names = {harness.graph.run("np_policy", "episode", {
-        "mode": "realtime", "backend": "franka_driver", "silence": 300.0})}
+    names = {
+        harness.graph.run("np_policy", "episode", {"mode": "realtime", "backend": "franka_driver", "silence": 300.0})
+    }
     harness.probe.wait_until_ready(names)
     assert harness.probe.call("episode/start").success
     harness.wait(lambda: phases and phases[-1].data == "pre", "the phase before")

@@ -13,13 +13,16 @@ RUN = {"date": "2026-01-01", "pace": 1.0}
 
 def listed(done, *, broken=()):
     """Three jobs of one part; `done` collects those that are run."""
+
     def job(text):
         def run():
             done.append(text)
             if text in broken:
                 raise RuntimeError("no arm")
             return {"fault": text}
+
         return "faults", text, run
+
     return [job(text) for text in ("first", "second", "third")]
 
 

@@ -5,15 +5,17 @@ from threading import Event
 
 import numpy as np
 import pytest
-from np_ros.supervisor import NodeDied
+
 from np_franka.client import Aborted, Lost
 from np_franka.turnstile import Turnstile
+from np_ros.supervisor import NodeDied
 
 
 @pytest.mark.parametrize("robot, protocol, spoken", [("fr3", 5, "panda"), ("panda", 10, "fr3")])
 @pytest.mark.parametrize("gripper", [True, False])
 def test_a_robot_of_the_other_kind_is_refused_with_both_names(
-        start_robot, graph, probe, robot, protocol, spoken, gripper):
+    start_robot, graph, probe, robot, protocol, spoken, gripper
+):
     simulated, parameters = start_robot(protocol=protocol)
     graph.run("np_franka", "franka_driver", {**parameters, "robot": robot, "gripper": gripper})
     with pytest.raises(NodeDied, match="status 1") as died:
@@ -109,6 +111,7 @@ def panda(monkeypatch):
         client = panda_client.PandaClient("panda", enforce_realtime=False)
         client.start()
         return client
+
     return controlled
 
 
@@ -116,8 +119,7 @@ def wrong_type(_callback):
     raise TypeError("control(): incompatible function arguments")
 
 
-@pytest.mark.parametrize("loop, words", [
-    (wrong_type, "TypeError: control"), (lambda _: None, "has ended by itself")])
+@pytest.mark.parametrize("loop, words", [(wrong_type, "TypeError: control"), (lambda _: None, "has ended by itself")])
 def test_a_motion_of_the_panda_that_ends_is_aborted_whatever_ended_it(panda, loop, words):
     client = panda(loop)
     with pytest.raises(Aborted, match=words):

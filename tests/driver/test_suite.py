@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 import suite
 from moving_arm import MovingArm
-from np_record.bag import Recording
+
 from np_diagnosis.arm.model import panda
 from np_diagnosis.checks.plausibility import check
 from np_diagnosis.experiments.excitation import suite as experiments
 from np_diagnosis.recordings.reading import read
+from np_record.bag import Recording
 
 EXPERIMENT = "sinusoid_7"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from measured import Measurement, overheard
 from moving_arm import MovingArm
+
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_ros import qos
 from np_ros.messages import trajectory_message

@@ -2,11 +2,14 @@
 
 import subprocess
 import sys
-from datetime import datetime, UTC
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import PointCloud2
+
+from np_bringup.task_graph import task_graph
 from np_description.calibration import Calibration, Errors, Lens
 from np_description.camera import CAMERA
 from np_description.domains import CARD, sample_task
@@ -14,13 +17,10 @@ from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 from np_description.scene import CAMERA_NAME
-from np_policy.episode import Episode, EpisodeConfig, Goal
 from np_perception.pose_estimation import project_keypoints
+from np_policy.episode import Episode, EpisodeConfig, Goal
 from np_ros.messages import keypoints_array, pose_message
 from np_sim_bridge.simulation import Simulation
-from sensor_msgs.msg import PointCloud2
-
-from np_bringup.task_graph import task_graph
 
 
 @pytest.fixture
@@ -91,6 +91,5 @@ def test_a_file_that_is_none_stops_the_node_with_one_line(module, graph, tmp_pat
     )
     assert ended.returncode == 1 and "Traceback" not in ended.stderr
     assert (
-        f"cannot start: calibration {tmp_path / 'camera.yaml'}: expected a file written by `calibrate`"
-        in ended.stderr
+        f"cannot start: calibration {tmp_path / 'camera.yaml'}: expected a file written by `calibrate`" in ended.stderr
     )

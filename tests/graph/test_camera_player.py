@@ -1,6 +1,6 @@
 """From pictures to keypoints over real topics, without a camera."""
 
-from datetime import datetime, UTC
+from datetime import UTC, datetime
 
 import cv2
 import numpy as np
@@ -8,15 +8,16 @@ import pytest
 import yaml
 from detector_weights import write_detector
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
 from np_description.calibration import Calibration, Errors, Lens
 from np_description.camera import CAMERA
 from np_description.domains import CARD
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix
-from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 from np_perception.camera.rectify import Rectifier
+from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 from np_ros import qos
 from np_ros.messages import camera_info_lens, image_array, keypoints_array, stamp_nanoseconds
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 STAMPS = [3_000_000_000 + 40_000_000 * i for i in range(6)]
 
@@ -49,9 +50,7 @@ def test_pictures_become_keypoints_with_their_own_stamps(graph, listening, tmp_p
     write_detector(tmp_path / "weights", score=4.0)
     images = write_pictures(tmp_path / "pictures")
     keypoints = listening.collect("keypoints", PointCloud2)
-    graph.run(
-        "np_perception", "keypoint_detector", {"weights": str(tmp_path / "weights"), "mode": "lockstep"}
-    )
+    graph.run("np_perception", "keypoint_detector", {"weights": str(tmp_path / "weights"), "mode": "lockstep"})
     listening.wait_until_ready({"keypoint_detector"})  # or we might not hear its first answer
     graph.run(
         "np_perception",

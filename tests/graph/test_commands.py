@@ -7,8 +7,9 @@ import subprocess
 
 import pytest
 from graph_tools import command
-from np_record.bag import Recording
+
 from np_description.phases import ENDS
+from np_record.bag import Recording
 
 LIMIT = 280  # s
 
@@ -54,9 +55,7 @@ def test_the_demo_records_and_reports(tmp_path, untrained):
     assert result["episodes"] == 2 and result["error"] == "" and len(result["bags"]) == 2
     assert all(outcome.split(":")[0] in ENDS for outcome in result["outcomes"])
     for bag in result["bags"]:
-        with Recording(
-            bag, ["joint_states", "camera/image_raw", "keypoints", "goal_pose", "phase"]
-        ) as recording:
+        with Recording(bag, ["joint_states", "camera/image_raw", "keypoints", "goal_pose", "phase"]) as recording:
             assert recording.information["seed"] == "0" and recording.information["weights_sha256"]
     report = (folder / "report.html").read_text()
     assert "episode_000" in report and "episode_001" in report and "data:video/webm" in report
@@ -107,9 +106,7 @@ def test_an_evaluation_counts_and_goes_on_where_it_stopped(tmp_path, untrained):
 
 
 def test_a_graph_that_breaks_down_costs_its_episode(tmp_path, untrained):
-    process = start(
-        "evaluate", untrained, "--episodes", 1, "--keypoints", "truth", "--out", tmp_path / "eval"
-    )
+    process = start("evaluate", untrained, "--episodes", 1, "--keypoints", "truth", "--out", tmp_path / "eval")
     victim = None
     while victim is None:
         assert process.poll() is None

@@ -7,6 +7,10 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Header, String
+from trajectory_msgs.msg import JointTrajectory
+
 from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, jacobian, pose_distance
@@ -15,11 +19,15 @@ from np_control.safety import LIMITS
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.rotations import quaternion_from_matrix
 from np_ros import qos
-from np_ros.messages import gains_message, header_message, joint_state_arrays, joint_state_message, \
-    pose_message, stamp_nanoseconds, trajectory_message
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, Header, String
-from trajectory_msgs.msg import JointTrajectory
+from np_ros.messages import (
+    gains_message,
+    header_message,
+    joint_state_arrays,
+    joint_state_message,
+    pose_message,
+    stamp_nanoseconds,
+    trajectory_message,
+)
 
 PERIOD = LIMITS.period_ns
 TICK = 50 * PERIOD
@@ -31,25 +39,33 @@ QUATERNION = quaternion_from_matrix(ROTATION)
 @pytest.fixture
 def start(graph, probe):
     """Starts the node with these parameters, everything matched."""
+
     def started(executable="joint_impedance", **parameters):
-        inputs = [("joint_states", JointState, qos.LOCKSTEP), ("tick", Header, qos.LOCKSTEP),
-                  ("joint_trajectory", JointTrajectory, qos.EVENT), ("phase", String, qos.LATCHED),
-                  ("target_gains", Float64MultiArray, qos.LOCKSTEP),
-                  ("target_pose", PoseStamped, qos.LOCKSTEP)]
+        inputs = [
+            ("joint_states", JointState, qos.LOCKSTEP),
+            ("tick", Header, qos.LOCKSTEP),
+            ("joint_trajectory", JointTrajectory, qos.EVENT),
+            ("phase", String, qos.LATCHED),
+            ("target_gains", Float64MultiArray, qos.LOCKSTEP),
+            ("target_pose", PoseStamped, qos.LOCKSTEP),
+        ]
         for topic, kind, profile in inputs:
             probe.advertise(topic, kind, profile)
         probe.collect("effort_command", JointState)
         probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
         probe.wait_until_ready({graph.run("np_control", executable, parameters)})
+
     return started
 
 
 @pytest.fixture
 def state(probe):
     """Publishes the state of a stamp: the ready posture, or another."""
+
     def publish(stamp, joints=NOMINAL.ready, fingers=(0.0, 0.0)):
         position, still = [*joints, *fingers], np.zeros(9)
         probe.publish("joint_states", joint_state_message(stamp, STATE_NAMES, position, still, still))
+
     return publish
 
 
@@ -69,8 +85,12 @@ def answered(probe, stamp):
 
 
 def is_counted(probe, key):
-    return any(pair.key == key and int(pair.value) >= 1 for array in probe.messages["diagnostics"]
-               for status in array.status for pair in status.values)
+    return any(
+        pair.key == key and int(pair.value) >= 1
+        for array in probe.messages["diagnostics"]
+        for status in array.status
+        for pair in status.values
+    )
 
 
 def counted(probe, key):
@@ -122,6 +142,7 @@ def test_a_tick_state_waits_for_tick_then_trajectory_then_target(start, state, p
         def said():
             last = next((s for array in reversed(probe.messages["diagnostics"]) for s in array.status), None)
             return last is not None and any(p.key == "waiting_for" and p.value == topic for p in last.values)
+
         probe.wait_until(said, what=f"the controller to wait for {topic}")
 
     state(TICK)
@@ -173,6 +194,7 @@ def test_a_pose_without_gains_is_refused_in_real_time(start, state, probe):
         state(TICK)
         probe.publish("target_pose", pose_message(TICK, BASE_FRAME, POSITION, QUATERNION))
         return is_counted(probe, "refused_unpaired")
+
     probe.wait_until(refused, what="the pose to be refused")
 
 
@@ -199,6 +221,7 @@ def test_in_a_fault_the_target_goes_along_with_the_arm(start, state, probe):
         stamp += PERIOD
         state(stamp, sagged)
         return (answered(probe, stamp)[0] == sagged).all()
+
     probe.wait_until(followed, what="the target to go along")
 
 
@@ -246,11 +269,13 @@ def test_the_end_of_an_episode_stops_an_arm_on_its_way_and_late_plans_are_refuse
         nonlocal before
         is_still, before = before is not None and (joints == before).all(), joints
         return is_still
+
     arm.until(rests, "rest")
     rest = arm.joints
     assert (rest < NOMINAL.ready + 0.3).all()
-    probe.publish("joint_trajectory", trajectory_message(0, JOINT_NAMES, [0.0, 1.0], [rest, goal], np.zeros((2, 7))),
-                  qos.EVENT)
+    probe.publish(
+        "joint_trajectory", trajectory_message(0, JOINT_NAMES, [0.0, 1.0], [rest, goal], np.zeros((2, 7))), qos.EVENT
+    )
     counted(probe, "refused_state")
     np.testing.assert_array_equal(arm.step(50), rest)
 
@@ -263,6 +288,7 @@ def test_after_a_fault_the_arm_is_held_again(arm, state, probe):
     def goes_along(_):
         arm.joints = pushed
         return (arm.step() == pushed).all()
+
     arm.until(goes_along, "the target to go along")
     say(probe, "idle")
 
@@ -270,6 +296,7 @@ def test_after_a_fault_the_arm_is_held_again(arm, state, probe):
         before = arm.step()
         arm.joints = before + 0.002  # somebody pushes
         return (arm.step() == before).all()
+
     arm.until(holds, "the arm to be held")
     state(arm.stamp + PERIOD, arm.joints + 0.002)
     assert (answered(probe, arm.stamp + PERIOD)[2] < 0).all()
@@ -286,6 +313,7 @@ def test_an_arm_that_comes_back_in_the_middle_of_an_episode_is_not_moved(arm, pr
         probe.publish("target_gains", gains_message(GAINS))
         probe.publish("target_pose", pose_message(arm.stamp, BASE_FRAME, POSITION + [0.02, 0, 0], QUATERNION))
         return is_counted(probe, "refused_state")
+
     arm.until(refused, "the target to be refused")
     np.testing.assert_array_equal(arm.step(30), NOMINAL.ready)
 
@@ -296,13 +324,18 @@ def test_with_the_sim_bridge_the_arm_arrives(graph, probe, tmp_path):
     probe.collect("joint_states", JointState)
     probe.advertise("joint_trajectory", JointTrajectory, qos.EVENT)
     free = {"tick_barrier": False}
-    probe.wait_until_ready({graph.run("np_control", "joint_impedance", free),
-                            graph.run("np_sim_bridge", "sim_bridge", {**free, "camera": False})})
+    probe.wait_until_ready(
+        {
+            graph.run("np_control", "joint_impedance", free),
+            graph.run("np_sim_bridge", "sim_bridge", {**free, "camera": False}),
+        }
+    )
     probe.wait_until(lambda: len(probe.messages["joint_states"]) > 5, what="time to run")
     probe.publish("joint_trajectory", plan(0, [0.0, 1.0], goal), qos.EVENT)
 
     def error():
         return np.abs(joint_state_arrays(probe.messages["joint_states"][-1], STATE_NAMES)[0][:7] - goal).max()
+
     probe.wait_until(lambda: error() < 0.003, what="the arm to arrive")
 
 

@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 from graph_tools import Graph
-from np_record.bag import Recording
-from np_ros.participant import GraphError
+
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
+from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_diagnosis.commands.excite import make_graph
 from np_diagnosis.experiments.excitation import LOW_DAMPING, suite
 from np_diagnosis.nodes.excite_node import Exciter
-from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_record.bag import Recording
 from np_ros.messages import gains_array, joint_state_arrays, trajectory_arrays
+from np_ros.participant import GraphError
 
 SHORT = ["sinusoid_7"]
 
@@ -44,9 +45,10 @@ def test_an_experiment_is_followed_and_recorded(request, tmp_path, mode):
     segments, result = request.getfixturevalue("recorded") if lockstep else record(tmp_path, mode)
     assert segments == SHORT
     with Recording(result["bag"], ["joint_states", "effort_command", "tick"]) as recording:
-        decoded = {name: [m.decode() for m in recording.messages(name)]
-                   for name in ("phase", "joint_trajectory", "target_gains", "effort_command",
-                                "joint_states")}
+        decoded = {
+            name: [m.decode() for m in recording.messages(name)]
+            for name in ("phase", "joint_trajectory", "target_gains", "effort_command", "joint_states")
+        }
     assert [m.data for m in decoded["phase"]] == ["excite: sinusoid_7", "idle"]
     (plan,), (gains,) = decoded["joint_trajectory"], decoded["target_gains"]
     assert plan.header.frame_id == "sinusoid_7"
@@ -79,19 +81,25 @@ def test_the_gains_of_an_experiment_hold_from_its_first_state_on(tmp_path):
         start = next(recording.messages("target_gains")).stamp
         gains = [gains_array(m.decode()) for m in recording.messages("target_gains")]
         begin, end = start + 1_000_000_000, start + 6_000_000_000
-        states = {m.stamp: joint_state_arrays(m.decode(), STATE_NAMES)
-                  for m in recording.messages("joint_states")}
-        answers = [(m.stamp, joint_state_arrays(m.decode(), JOINT_NAMES))
-                   for m in recording.messages("effort_command") if begin < m.stamp < end]
+        states = {m.stamp: joint_state_arrays(m.decode(), STATE_NAMES) for m in recording.messages("joint_states")}
+        answers = [
+            (m.stamp, joint_state_arrays(m.decode(), JOINT_NAMES))
+            for m in recording.messages("effort_command")
+            if begin < m.stamp < end
+        ]
     assert [set(table[1]) for table in gains] == [{LOW_DAMPING}]
     # tau - kp (q_d - q) - feedforward = kd (dq_d - dq), and the feedforward has nothing to do with dq_d - dq.
     error = np.array([answer[1] - states[stamp][1][:7] for stamp, answer in answers])
-    rest = np.array([answer[2] - gains[0][0] * (answer[0] - states[stamp][0][:7])
-                     for stamp, answer in answers])
+    rest = np.array([answer[2] - gains[0][0] * (answer[0] - states[stamp][0][:7]) for stamp, answer in answers])
     dynamics = Dynamics()
     rate = np.gradient([answer[1] for _, answer in answers], LIMITS.period, axis=0)
-    fed = np.array([dynamics.coriolis(states[stamp][0][:7], states[stamp][1][:7])
-                    + dynamics.mass_matrix(states[stamp][0][:7]) @ a for (stamp, _), a in zip(answers, rate)])
+    fed = np.array(
+        [
+            dynamics.coriolis(states[stamp][0][:7], states[stamp][1][:7])
+            + dynamics.mass_matrix(states[stamp][0][:7]) @ a
+            for (stamp, _), a in zip(answers, rate)
+        ]
+    )
     damping = ((rest - fed) * error).sum(axis=0) / (error**2).sum(axis=0)
     assert np.allclose(damping, LOW_DAMPING * np.sqrt(gains[0][0]), rtol=0.15)
 

@@ -9,14 +9,15 @@ import sys
 import numpy as np
 import pytest
 from graph_tools import Graph, card_specs, command
-from np_description.phases import ENDS, split_phase
-from np_ros.graph import NodeSpec
-from np_control.safety import LIMITS
-from np_description.panda import STATE_NAMES
-from np_ros import qos
-from np_ros.messages import joint_state_arrays, stamp_nanoseconds
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+
+from np_control.safety import LIMITS
+from np_description.panda import STATE_NAMES
+from np_description.phases import ENDS, split_phase
+from np_ros import qos
+from np_ros.graph import NodeSpec
+from np_ros.messages import joint_state_arrays, stamp_nanoseconds
 
 # Who gives up first: the backend, where its answers are missing, or the episode, where its inputs are.
 BACKEND_FIRST = {"sim_bridge": {"lockstep_timeout": 10.0}}
@@ -77,6 +78,7 @@ class Episode:
 
     def wait_for(self, phase):
         """Until the phase is in force; fails with what was said where the episode ends before."""
+
         def has_come():
             said = [split_phase(message.data) for message in self.phases]
             began = max((i for i, (name, _) in enumerate(said) if name == "pre"), default=len(said))
@@ -94,9 +96,7 @@ class Episode:
 
     def end(self):
         """The phase that ended the episode and its reason, once the arm is at rest."""
-        self.probe.wait_until(
-            lambda: split_phase(self.phases[-1].data)[0] in ENDS, what="the end of the episode"
-        )
+        self.probe.wait_until(lambda: split_phase(self.phases[-1].data)[0] in ENDS, what="the end of the episode")
         self.probe.wait_until(self.is_at_rest, what="the arm at rest")
         return split_phase(self.phases[-1].data)
 
@@ -121,8 +121,13 @@ def episode(graph, probe, untrained):
 
 
 def test_a_controller_that_turns_to_nan(graph, episode, monkeypatch):
-    monkeypatch.setattr(graph, "_locate", lambda package, executable: (
-        [sys.executable, "-c", NAN_CONTROLLER] if package == "none" else command(package, executable)))
+    monkeypatch.setattr(
+        graph,
+        "_locate",
+        lambda package, executable: (
+            [sys.executable, "-c", NAN_CONTROLLER] if package == "none" else command(package, executable)
+        ),
+    )
     episode.start(beside=[NodeSpec("none", "nan_controller")])
     episode.wait_for_motion("approach")
     graph.stop("joint_impedance")

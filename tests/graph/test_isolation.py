@@ -3,8 +3,9 @@
 import pytest
 from geometry_msgs.msg import PoseStamped
 from graph_tools import Graph, card_specs
-from np_ros import qos
 from std_msgs.msg import String
+
+from np_ros import qos
 
 ALLOWED = {
     "keypoint_detector": {"camera/image_raw", "camera/camera_info"},
@@ -52,6 +53,8 @@ def test_the_policy_path_does_not_hear_the_truth(controller, graph, probe, untra
     phases.clear()
     probe.wait_until(lambda: probe.call("episode/start").success, what="a start")
     # As far as an untrained detector leads: every node of the path but post_contact has worked then.
-    probe.wait_until(lambda: phases and phases[-1].data.split(":")[0] not in ("idle", "pre"), what="the end of phase pre")
+    probe.wait_until(
+        lambda: phases and phases[-1].data.split(":")[0] not in ("idle", "pre"), what="the end of phase pre"
+    )
     probe.wait_until(lambda: poses, what="the truth")
     check()  # nobody has subscribed meanwhile

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from detector_weights import write_detector
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
 from np_description.camera import CAMERA
 from np_description.domains import CARD
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 from np_ros import qos
 from np_ros.messages import camera_info_message, image_message, keypoints_array, stamp_nanoseconds
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 TOPIC = "camera/image_raw"
 
@@ -55,8 +56,7 @@ def test_every_image_is_answered_in_lockstep_with_its_own_stamp(graph, probe, we
     detector = KeypointDetector(CARD, weights)
     for i, answer in enumerate(answers):
         assert (
-            keypoints_array(answer).astype(np.float32).tobytes()
-            == detector.detect(random_image(i)).keypoints.tobytes()
+            keypoints_array(answer).astype(np.float32).tobytes() == detector.detect(random_image(i)).keypoints.tobytes()
         )
 
 
@@ -82,10 +82,12 @@ def test_a_silent_camera_is_a_warning_in_real_time_and_ends_with_the_next_image(
     start(graph, probe, weights, mode="realtime", image_timeout=0.3)
     probe.wait_until(lambda: warning(probe, "no image on camera/image_raw"), what="a warning")
     probe.messages["diagnostics"].clear()
+
     # The subscription is best effort: repeat until one image has come through.
     def answered() -> bool:
         probe.publish(TOPIC, image_message(5, "camera", random_image(0)))
         return bool(probe.messages["keypoints"])
+
     probe.wait_until(answered, what="an answer")
     probe.wait_until(
         lambda: any(s.level == DiagnosticStatus.OK for a in probe.messages["diagnostics"] for s in a.status),
@@ -134,8 +136,12 @@ def test_images_of_another_camera_are_refused_until_they_are_of_the_one_of_train
 
     def refused():
         show(replace(CAMERA, fx=CAMERA.fx + 20))
-        return any(pair.key == "refused images: camera" for array in probe.messages["diagnostics"]
-                   for status in array.status for pair in status.values)
+        return any(
+            pair.key == "refused images: camera"
+            for array in probe.messages["diagnostics"]
+            for status in array.status
+            for pair in status.values
+        )
 
     probe.wait_until(refused, what="refused images in diagnostics")
     answered = len(probe.messages["keypoints"])

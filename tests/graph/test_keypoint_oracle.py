@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import PointCloud2
+
 from np_description.camera import CAMERA
 from np_description.domains import CARD, sample_task
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME
 from np_ros.messages import keypoints_array, pose_message, stamp_nanoseconds
-from sensor_msgs.msg import PointCloud2
 
 STAMPS = (100_000_000, 134_000_000, 166_000_000)
 

@@ -9,15 +9,16 @@ from types import SimpleNamespace
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from np_ros.node import SUBSCRIBERS, Diagnostics, parameter
-from np_ros.qos import EVENT, LOCKSTEP
-from np_ros.spin import Spinner
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Int64
 from std_srvs.srv import Trigger
+
+from np_ros.node import SUBSCRIBERS, Diagnostics, parameter
+from np_ros.qos import EVENT, LOCKSTEP
+from np_ros.spin import Spinner
 
 TIMEOUT = 60.0  # s; only how long a broken spinner takes to fail
 
@@ -164,11 +165,14 @@ def test_parameters_are_described_ranged_and_read_only(spun):
     assert not node.set_parameters([Parameter("rate", value=10.0)])[0].successful
 
 
-@pytest.mark.parametrize("override, error, text", [
-    (Parameter("rate", value=61.0), InvalidParameterValueException, "rate out of range"),
-    (Parameter("rate", value="fast"), InvalidParameterTypeException, "rate"),
-    (Parameter("mode", value="lidar"), ValueError, "expected one of \\['camera', 'truth'\\], got 'lidar'"),
-])
+@pytest.mark.parametrize(
+    "override, error, text",
+    [
+        (Parameter("rate", value=61.0), InvalidParameterValueException, "rate out of range"),
+        (Parameter("rate", value="fast"), InvalidParameterTypeException, "rate"),
+        (Parameter("mode", value="lidar"), ValueError, "expected one of \\['camera', 'truth'\\], got 'lidar'"),
+    ],
+)
 def test_parameters_out_of_range_are_refused(graph, override, error, text):
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=graph.domain_id)
@@ -202,7 +206,10 @@ def test_diagnostics_say_counts_and_problems(spun):
     spin_until(node, spinner, lambda: first(DiagnosticStatus.WARN))
     warned = first(DiagnosticStatus.WARN)
     assert {v.key: v.value for v in warned.values} == {
-        "mode": "lockstep", "refused: finite": "2", SUBSCRIBERS: "/numbers=1"}
+        "mode": "lockstep",
+        "refused: finite": "2",
+        SUBSCRIBERS: "/numbers=1",
+    }
     assert warned.message == "refused: finite"
     received.clear()
     spin_until(node, spinner, lambda: first(DiagnosticStatus.OK))
@@ -225,7 +232,9 @@ def test_refusals_are_counted_and_logged_once_a_second(spun, capfd, monkeypatch)
     assert diagnostics.counts == {"refused_late": 3, "refused_order": 1}
     logged = capfd.readouterr().err
     assert [text for text in ("first", "second", "third", "fourth") if f"refused: {text}" in logged] == [
-        "first", "fourth"]
+        "first",
+        "fourth",
+    ]
 
 
 def test_the_middleware_runs_at_the_loops_priority(graph, probe):

@@ -11,30 +11,49 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from graph_tools import Graph, Probe, command
-from np_control.kinematics import forward_kinematics, pose_distance
-from np_description.domains import CARD, sample_task
-from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
-from np_description.rotations import matrix_from_quaternion
-from np_policy.action import TIGHT
-from np_perception.pose_estimation import project_keypoints
-from np_ros import qos
-from np_ros.messages import gains_array, joint_state_message, keypoints_array, keypoints_message, pose_arrays, \
-    pose_message, stamp_nanoseconds, trajectory_arrays
 from policy_weights import write_policies
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Float64, Float64MultiArray, Header, String
 from trajectory_msgs.msg import JointTrajectory
 
+from np_control.kinematics import forward_kinematics, pose_distance
+from np_description.domains import CARD, sample_task
+from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_description.rotations import matrix_from_quaternion
+from np_perception.pose_estimation import project_keypoints
+from np_policy.action import TIGHT
+from np_ros import qos
+from np_ros.messages import (
+    gains_array,
+    joint_state_message,
+    keypoints_array,
+    keypoints_message,
+    pose_arrays,
+    pose_message,
+    stamp_nanoseconds,
+    trajectory_arrays,
+)
+
 TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))
 HAND = (START.position[0], START.position[1], 0.05)
 NODES = ("pre_contact", "approach", "post_contact", "episode")
-INPUTS = {"goal_pose": (PoseStamped, qos.LATCHED), "keypoints": (PointCloud2, qos.LOCKSTEP),
-          "joint_states": (JointState, qos.LOCKSTEP), "diagnostics": (DiagnosticArray, qos.EVENT)}
-OUTPUTS = {"phase": (String, qos.LATCHED), "tick": (Header, qos.LOCKSTEP), "goal_keypoints": (PointCloud2, qos.LATCHED),
-           "gripper_command": (Float64, qos.EVENT), "pre_contact_pose": (PoseStamped, qos.EVENT),
-           "joint_trajectory": (JointTrajectory, qos.EVENT), "target_gains": (Float64MultiArray, qos.LOCKSTEP),
-           "target_pose": (PoseStamped, qos.LOCKSTEP)}
+INPUTS = {
+    "goal_pose": (PoseStamped, qos.LATCHED),
+    "keypoints": (PointCloud2, qos.LOCKSTEP),
+    "joint_states": (JointState, qos.LOCKSTEP),
+    "diagnostics": (DiagnosticArray, qos.EVENT),
+}
+OUTPUTS = {
+    "phase": (String, qos.LATCHED),
+    "tick": (Header, qos.LOCKSTEP),
+    "goal_keypoints": (PointCloud2, qos.LATCHED),
+    "gripper_command": (Float64, qos.EVENT),
+    "pre_contact_pose": (PoseStamped, qos.EVENT),
+    "joint_trajectory": (JointTrajectory, qos.EVENT),
+    "target_gains": (Float64MultiArray, qos.LOCKSTEP),
+    "target_pose": (PoseStamped, qos.LOCKSTEP),
+}
 
 
 class Backend:
@@ -67,8 +86,9 @@ class Backend:
         self._publish("keypoints", keypoints_message(stamp, "camera", points))
 
     def stand(self, stamp, joints=NOMINAL.ready):
-        self._publish("joint_states", joint_state_message(stamp, STATE_NAMES, [*joints, 0.01, 0.01], np.zeros(9),
-                                                          np.zeros(9)))
+        self._publish(
+            "joint_states", joint_state_message(stamp, STATE_NAMES, [*joints, 0.01, 0.01], np.zeros(9), np.zeros(9))
+        )
 
     def _publish(self, topic, message):
         self._last[topic] = message
@@ -86,12 +106,14 @@ class Backend:
 
     def wait(self, condition, what="the condition"):
         """Until the condition holds; what got lost is published again after a second, as backends do in lockstep."""
+
         def met():
             if time.monotonic() > self._repeat_at:
                 self._repeat_at = time.monotonic() + 1.0
                 for topic, message in self._last.items():
                     self.probe.publish(topic, message)
             return condition()
+
         self.probe.wait_until(met, what=what)
 
     def start(self):
@@ -102,8 +124,11 @@ class Backend:
 def think(graph, weights, position=HAND, mode="lockstep"):
     """Start the nodes that `episode` leads; position: where the student wants the hand."""
     weights = str(write_policies(weights, CARD, position=position))
-    for name, own in (("pre_contact", {"weights": weights}), ("post_contact", {"weights": weights}),
-                      ("approach", {"improve_checks": 2000})):
+    for name, own in (
+        ("pre_contact", {"weights": weights}),
+        ("post_contact", {"weights": weights}),
+        ("approach", {"improve_checks": 2000}),
+    ):
         graph.run("np_policy", name, {"mode": mode, "domain": "card", **own})
 
 
@@ -120,6 +145,7 @@ def thinking(tmp_path_factory):
 def begin(request, tmp_path):
     """Starts `episode` beside the other three; options: its parameters, or what asks for three of its own."""
     with ExitStack() as stack:
+
         def begun(position=HAND, mode="lockstep", **episode):
             if (position, mode) == (HAND, "lockstep"):
                 graph = request.getfixturevalue("thinking")
@@ -136,6 +162,7 @@ def begin(request, tmp_path):
             stack.callback(graph.stop, "episode")
             probe.wait_until_ready(set(NODES))
             return Backend(probe)
+
         yield begun
 
 
@@ -146,8 +173,10 @@ def run_to_post(backend, first):
     backend.stand(stamp)
     backend.see(stamp)
     backend.start()
-    backend.wait(lambda: (stamp, "approach") in backend.ticks() and backend.said("joint_trajectory"),
-                 "the first tick of the approach")
+    backend.wait(
+        lambda: (stamp, "approach") in backend.ticks() and backend.said("joint_trajectory"),
+        "the first tick of the approach",
+    )
     joints = trajectory_arrays(backend.said("joint_trajectory")[-1], JOINT_NAMES)[1][-1]
     while backend.ticks()[-1][1] == "approach":
         stamp += TICK
@@ -206,7 +235,9 @@ def test_equal_inputs_give_equal_plans_and_actions(begin):
             backend.see(stamp + i * TICK)
         backend.wait(lambda: len(backend.said("target_pose")) == 6 == len(backend.said("target_gains")))
         assert backend.probe.call("episode/stop").success
-        plan = b"".join(array.tobytes() for array in trajectory_arrays(backend.said("joint_trajectory")[0], JOINT_NAMES))
+        plan = b"".join(
+            array.tobytes() for array in trajectory_arrays(backend.said("joint_trajectory")[0], JOINT_NAMES)
+        )
         poses = [b"".join(a.tobytes() for a in pose_arrays(m, BASE_FRAME)) for m in backend.said("target_pose")]
         return plan, poses, [gains_array(m).tobytes() for m in backend.said("target_gains")]
 
@@ -245,8 +276,12 @@ def test_keypoints_that_are_not_numbers_are_refused_and_counted(begin):
 
     def counted():
         for array in backend.said("diagnostics"):
-            refused.update(status.name for status in array.status for value in status.values
-                           if value.key == "refused_finite" and int(value.value) > 0)
+            refused.update(
+                status.name
+                for status in array.status
+                for value in status.values
+                if value.key == "refused_finite" and int(value.value) > 0
+            )
         return refused == {f"/{name}" for name in NODES}
 
     backend.wait(counted, "the count of all four nodes")
@@ -264,8 +299,11 @@ def test_what_got_lost_is_answered_again(begin):
         backend.said(topic).clear()
     backend.see(stamp)  # the backend asks again
     backend.wait(lambda: backend.said("target_pose") and backend.said("target_gains") and backend.said("tick"))
-    assert {s for s, _ in backend.ticks()} == {stamp} == {
-        stamp_nanoseconds(m.header.stamp) for m in backend.said("target_pose")}
+    assert (
+        {s for s, _ in backend.ticks()}
+        == {stamp}
+        == {stamp_nanoseconds(m.header.stamp) for m in backend.said("target_pose")}
+    )
 
 
 def test_a_plan_that_got_lost_is_given_again(begin):
@@ -329,6 +367,7 @@ def test_in_real_time_nobody_is_waited_for_and_a_silent_camera_ends_the_episode(
                 backend.stand(stamp - 1, backend.joints)  # the newest state, not one of the image's stamp
                 backend.see(stamp)
             return condition()
+
         backend.probe.wait_until(step, what=what)
 
     backend.joints = NOMINAL.ready
@@ -368,14 +407,23 @@ def test_in_real_time_a_backend_that_falls_silent_ends_the_episode(begin):
 @pytest.mark.parametrize("name", ["pre_contact", "post_contact"])
 def test_a_node_without_weights_does_not_start_and_names_the_file(name, graph, tmp_path):
     result = subprocess.run(
-        [*command("np_policy", name), "--ros-args", "-p", f"weights:={tmp_path}"], capture_output=True, text=True,
-        timeout=120, check=False)
+        [*command("np_policy", name), "--ros-args", "-p", f"weights:={tmp_path}"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
     assert result.returncode == 1
     assert f"{name}_card.safetensors" in result.stderr and "make train" in result.stderr
     assert "Traceback" not in result.stderr
 
 
 def test_a_mode_that_does_not_exist_is_refused(graph):
-    result = subprocess.run([sys.executable, "-m", "np_policy.nodes.episode_node", "--ros-args", "-p", "mode:=slow"],
-                            capture_output=True, text=True, timeout=120, check=False)
+    result = subprocess.run(
+        [sys.executable, "-m", "np_policy.nodes.episode_node", "--ros-args", "-p", "mode:=slow"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
     assert result.returncode == 1 and "lockstep" in result.stderr

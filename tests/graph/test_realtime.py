@@ -5,14 +5,15 @@ import signal
 
 import numpy as np
 from graph_tools import TIMEOUT
-from np_description.phases import ENDS, split_phase
-from np_description.camera import CAMERA
-from np_description.scene import CAMERA_NAME
-from np_ros import qos
-from np_ros.messages import camera_info_message, keypoints_message
 from rclpy.duration import Duration
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import String
+
+from np_description.camera import CAMERA
+from np_description.phases import ENDS, split_phase
+from np_description.scene import CAMERA_NAME
+from np_ros import qos
+from np_ros.messages import camera_info_message, keypoints_message
 
 
 def recover(probe):
@@ -25,7 +26,8 @@ def test_an_episode_in_real_time(graph, probe, untrained, tmp_path):
     """A busy machine may make the backend stop for want of commands: that too is an end with a name."""
     phases = probe.collect("phase", String, qos.LATCHED)
     names = graph.run_card(
-        {"episode": {"post_timeout": 1.0}}, mode="realtime", keypoints="truth", weights=str(untrained))
+        {"episode": {"post_timeout": 1.0}}, mode="realtime", keypoints="truth", weights=str(untrained)
+    )
     graph.run("np_bringup", "round_trip", {"out": str(tmp_path / "round_trip.json")})
     probe.wait_until_ready(names | {"round_trip"})
     assert probe.call("round_trip/start").success

@@ -5,15 +5,16 @@ import signal
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PoseStamped
 from graph_tools import TIMEOUT
-from np_record.bag import Recording
-from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_ros import qos
-from np_ros.messages import joint_state_message, pose_message
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
-from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import String
+
+from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_record.bag import Recording
+from np_ros import qos
+from np_ros.messages import joint_state_message, pose_message
 
 PERIOD = 2_000_000
 
@@ -23,9 +24,7 @@ def publish_run(probe, start, count, phase="post"):
     for step in range(start, start + count):
         values = np.full((3, 9), float(step))
         probe.publish("joint_states", joint_state_message(step * PERIOD, STATE_NAMES, *values), qos.RECORDER)
-        probe.publish(
-            "effort_command", joint_state_message(step * PERIOD, JOINT_NAMES, *values[:, :7]), qos.RECORDER
-        )
+        probe.publish("effort_command", joint_state_message(step * PERIOD, JOINT_NAMES, *values[:, :7]), qos.RECORDER)
         if step == start:
             probe.publish("phase", String(data=phase), qos.LATCHED)
     for topic, kind in (("joint_states", JointState), ("effort_command", JointState), ("phase", String)):
@@ -96,9 +95,7 @@ def test_a_stop_is_answered_while_the_arm_goes_on_sending(probe, recorder):
 
     def send():
         sent.append(len(sent) * PERIOD)
-        probe.publish(
-            "joint_states", joint_state_message(sent[-1], STATE_NAMES, *np.zeros((3, 9))), qos.RECORDER
-        )
+        probe.publish("joint_states", joint_state_message(sent[-1], STATE_NAMES, *np.zeros((3, 9))), qos.RECORDER)
 
     origin = pose_message(0, "panda_link0", np.zeros(3), np.array([1.0, 0, 0, 0]))
     probe.publish("goal_pose", origin, qos.LATCHED)

@@ -71,13 +71,22 @@ class Ros2:
         self._command = [real] if real else [sys.executable, "-c", code]
         paths = [str(ROOT / "tools" / "ros2_lite"), *filter(None, sys.path)]
         ament = [str(prefix), *filter(None, [os.environ.get("AMENT_PREFIX_PATH")])]
-        self._environment = {**os.environ, **graph.environment, "PYTHONPATH": os.pathsep.join(paths),
-                             "AMENT_PREFIX_PATH": os.pathsep.join(ament)}
+        self._environment = {
+            **os.environ,
+            **graph.environment,
+            "PYTHONPATH": os.pathsep.join(paths),
+            "AMENT_PREFIX_PATH": os.pathsep.join(ament),
+        }
         self._processes = []
 
     def start(self, *arguments: str) -> subprocess.Popen:
-        process = subprocess.Popen([*self._command, *arguments], env=self._environment, text=True,
-                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        process = subprocess.Popen(
+            [*self._command, *arguments],
+            env=self._environment,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
         self._processes.append(process)
         return process
 

@@ -2,23 +2,27 @@
 
 import numpy as np
 import pytest
-from np_ros.supervisor import NodeDied
+from sensor_msgs.msg import Image, JointState
+
+from np_description.domains import BUMP
 from np_description.panda import NOMINAL, STATE_NAMES
 from np_description.patch import Patch, PatchEffect, dump_patch
 from np_ros.messages import image_array, joint_state_arrays
+from np_ros.supervisor import NodeDied
 from np_sim_bridge.renderer import WarpRenderer
 from np_sim_bridge.simulation import Simulation
-from np_description.domains import BUMP
-from sensor_msgs.msg import Image, JointState
 
 
-@pytest.mark.parametrize("parameters, text", [
-    ({"domain": "sphere"}, "expected one of"),
-    ({"policy_rate": 3}, "policy_rate: expected a divisor of 500 Hz, got 3"),
-    ({"renderer": "vulkan"}, "expected one of"),
-    ({"seed": "two"}, "seed"),
-    ({"mode": "fast"}, "expected one of"),
-])
+@pytest.mark.parametrize(
+    "parameters, text",
+    [
+        ({"domain": "sphere"}, "expected one of"),
+        ({"policy_rate": 3}, "policy_rate: expected a divisor of 500 Hz, got 3"),
+        ({"renderer": "vulkan"}, "expected one of"),
+        ({"seed": "two"}, "seed"),
+        ({"mode": "fast"}, "expected one of"),
+    ],
+)
 def test_a_bad_parameter_ends_the_node_with_the_reason(graph, probe, parameters, text):
     graph.run("np_sim_bridge", "sim_bridge", {"camera": False, **parameters})
     with pytest.raises(NodeDied, match="status 1") as died:
@@ -28,8 +32,11 @@ def test_a_bad_parameter_ends_the_node_with_the_reason(graph, probe, parameters,
 
 def test_the_image_is_that_of_the_task(graph, probe):
     images = probe.collect("camera/image_raw", Image)
-    graph.run("np_sim_bridge", "sim_bridge", {"domain": "bump", "seed": 7, "first_episode": 4, "renderer": "warp",
-                                              "shadows": False})
+    graph.run(
+        "np_sim_bridge",
+        "sim_bridge",
+        {"domain": "bump", "seed": 7, "first_episode": 4, "renderer": "warp", "shadows": False},
+    )
     probe.wait_until(lambda: images)
     simulation = Simulation(BUMP, seed=7, first_episode=4)
     expected = WarpRenderer(simulation.model, shadows=False).render(simulation.configuration())
@@ -45,22 +52,39 @@ def patch_file(folder, *effects):
 def test_the_arm_carries_the_effects_of_a_patch(graph, probe, tmp_path):
     """A bias is read from the first state on; what a backend cannot carry is named in the log."""
     states = probe.collect("joint_states", JointState)
-    graph.run("np_sim_bridge", "sim_bridge", {"camera": False, "effects": patch_file(
-        tmp_path, ("encoder_bias", "panda_joint4", {"bias": 0.02}),
-        ("stiffness_gain_error", "panda_joint1", {"relative": 0.1}))})
+    graph.run(
+        "np_sim_bridge",
+        "sim_bridge",
+        {
+            "camera": False,
+            "effects": patch_file(
+                tmp_path,
+                ("encoder_bias", "panda_joint4", {"bias": 0.02}),
+                ("stiffness_gain_error", "panda_joint1", {"relative": 0.1}),
+            ),
+        },
+    )
     probe.wait_until(lambda: states)
     position, _, _ = joint_state_arrays(states[0], STATE_NAMES)
     assert np.allclose(position[:7] - NOMINAL.ready, 0.02 * (np.arange(7) == 3), atol=1e-9)
     log = tmp_path / "log"
-    probe.wait_until(lambda: any("a backend cannot carry: stiffness_gain_error" in path.read_text(errors="replace")
-                                 for path in log.rglob("*") if path.is_file()))
+    probe.wait_until(
+        lambda: any(
+            "a backend cannot carry: stiffness_gain_error" in path.read_text(errors="replace")
+            for path in log.rglob("*")
+            if path.is_file()
+        )
+    )
 
 
-@pytest.mark.parametrize("content, text", [
-    ("effects: [{effect: magic, component: arm, parameters: {}}]", "expected an effect of the arm"),
-    ("effects: 3", "expected a mapping with the list"),
-    (None, "expected a patch.yaml"),
-])
+@pytest.mark.parametrize(
+    "content, text",
+    [
+        ("effects: [{effect: magic, component: arm, parameters: {}}]", "expected an effect of the arm"),
+        ("effects: 3", "expected a mapping with the list"),
+        (None, "expected a patch.yaml"),
+    ],
+)
 def test_a_patch_that_is_wrong_ends_the_node_with_the_reason(graph, probe, tmp_path, content, text):
     path = tmp_path / "wrong.yaml"
     if content is not None:

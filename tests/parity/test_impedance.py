@@ -6,7 +6,8 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from np_control import impedance
@@ -63,10 +64,25 @@ def training():
         command = np.zeros((6, 1, 7), np.float32)
         command[3:, 0] = target, stiffness, np.full(7, ratio)
         out = wp.zeros((1, 7), dtype=float, device="cpu")
-        wp.launch(impedance_kernel, dim=(1, 7), device="cpu", outputs=[out, over], inputs=[
-            0, limit, world(q), world(dq), world(coriolis), none,
-            wp.array(command, dtype=float, device="cpu"), delay, none])
+        wp.launch(
+            impedance_kernel,
+            dim=(1, 7),
+            device="cpu",
+            outputs=[out, over],
+            inputs=[
+                0,
+                limit,
+                world(q),
+                world(dq),
+                world(coriolis),
+                none,
+                wp.array(command, dtype=float, device="cpu"),
+                delay,
+                none,
+            ],
+        )
         return out.numpy()[0].astype(float)
+
     return torque
 
 

@@ -11,7 +11,9 @@ ROWS = 200
 
 
 def postures(generator: torch.Generator) -> torch.Tensor:
-    lower, upper = (torch.tensor(limit, dtype=torch.float32) for limit in (NOMINAL.position_lower, NOMINAL.position_upper))
+    lower, upper = (
+        torch.tensor(limit, dtype=torch.float32) for limit in (NOMINAL.position_lower, NOMINAL.position_upper)
+    )
     return lower + (upper - lower) * torch.rand(ROWS, 7, generator=generator)
 
 

@@ -10,8 +10,11 @@ def touching(model, domain) -> set[str]:
     """Names of the robot's geoms that may touch the object."""
     thing = model.geom("object")
     geoms = (model.geom(i) for i in range(model.ngeom))
-    return {geom.name for geom in geoms if geom.name.startswith("panda")
-            and (geom.contype & thing.conaffinity or thing.contype & geom.conaffinity)}
+    return {
+        geom.name
+        for geom in geoms
+        if geom.name.startswith("panda") and (geom.contype & thing.conaffinity or thing.contype & geom.conaffinity)
+    }
 
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)

@@ -5,6 +5,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, WALL, sample_task
 from np_description.keypoints import box_keypoints
@@ -38,7 +39,9 @@ def test_corners_follow_their_names(seed, index):
     turned = quaternion_multiply(pose.quaternion, symmetries(BUMP.half_size)[index])
     order = corner_orders(BUMP.half_size)[index]
     here = box_keypoints(np.asarray(BUMP.half_size), pose.position, pose.quaternion)
-    np.testing.assert_allclose(box_keypoints(np.asarray(BUMP.half_size), pose.position, turned), here[order], atol=1e-12)
+    np.testing.assert_allclose(
+        box_keypoints(np.asarray(BUMP.half_size), pose.position, turned), here[order], atol=1e-12
+    )
 
 
 @settings(deadline=None, max_examples=50)
@@ -46,9 +49,13 @@ def test_corners_follow_their_names(seed, index):
 def test_a_policy_sees_the_same_whatever_the_faces_are_called(seed, index):
     start, goal = sample_task(BUMP, np.random.default_rng(seed))
     turn = symmetries(BUMP.half_size)[index]
-    seen = [renamed(BUMP, *(pixels(BUMP, pose.position, q) for pose, q in ((start, a), (goal, b))))
-            for a, b in ((start.quaternion, goal.quaternion),
-                         (quaternion_multiply(start.quaternion, turn), quaternion_multiply(goal.quaternion, turn)))]
+    seen = [
+        renamed(BUMP, *(pixels(BUMP, pose.position, q) for pose, q in ((start, a), (goal, b))))
+        for a, b in (
+            (start.quaternion, goal.quaternion),
+            (quaternion_multiply(start.quaternion, turn), quaternion_multiply(goal.quaternion, turn)),
+        )
+    ]
     np.testing.assert_allclose(*(np.stack(pair) for pair in seen), atol=1e-9)
 
 
@@ -77,8 +84,10 @@ def test_faces_that_are_not_interchangeable_keep_their_names(domain):
 def test_training_sees_what_the_nodes_see(seed, index):
     start, goal = sample_task(BUMP, np.random.default_rng(seed))
     turn = symmetries(BUMP.half_size)[index]
-    called = [Poses(torch.from_numpy(p.position)[None], torch.from_numpy(quaternion_multiply(p.quaternion, turn))[None])
-              for p in (start, goal)]
+    called = [
+        Poses(torch.from_numpy(p.position)[None], torch.from_numpy(quaternion_multiply(p.quaternion, turn))[None])
+        for p in (start, goal)
+    ]
     seen = as_seen(BUMP, *called)
     nodes = renamed(BUMP, *(pixels(BUMP, p.position, p.quaternion) for p in (start, goal)))
     for poses, expected in zip(seen, nodes):

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from graph_tools import Graph, Probe, card_specs, command
-from np_record.bag import Recording
-from np_record.topics import TOPICS
-from np_description.phases import ENDS, split_phase
-from np_record.recorder import BagWriter
-from np_description.panda import BASE_FRAME
-from np_ros import qos
-from np_ros.messages import pose_arrays
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from np_description.panda import BASE_FRAME
+from np_description.phases import ENDS, split_phase
+from np_record.bag import Recording
+from np_record.recorder import BagWriter
+from np_record.topics import TOPICS
+from np_ros import qos
+from np_ros.messages import pose_arrays
 
 SEED = 5
 
@@ -44,9 +44,7 @@ def record(folder, weights, seed, episodes):
                 assert probe.call("sim_bridge/reset").success
                 phases.clear()
                 assert probe.call("episode/start").success
-                probe.wait_until(
-                    lambda: phases and split_phase(phases[-1].data)[0] in ENDS, what="the end"
-                )
+                probe.wait_until(lambda: phases and split_phase(phases[-1].data)[0] in ENDS, what="the end")
                 answer = json.loads(probe.call("recorder/stop").message)
                 assert answer["lost"] == 0
                 bags.append(answer["bag"])
@@ -102,9 +100,7 @@ def test_a_bag_holds_a_whole_episode(runs):
 
 
 def replay(bag):
-    done = subprocess.run(
-        [*command("np_record", "replay"), str(bag)], capture_output=True, text=True, timeout=280
-    )
+    done = subprocess.run([*command("np_record", "replay"), str(bag)], capture_output=True, text=True, timeout=280)
     return done, json.loads(done.stdout.splitlines()[-1]) if done.stdout else None
 
 
@@ -125,11 +121,7 @@ def test_a_replay_finds_what_was_changed(runs, tmp_path):
         changed = 0
         for message in recording.messages():
             data = message.data
-            if (
-                message.topic.name == "joint_states"
-                and not changed
-                and message.stamp > recording.start + 500_000_000
-            ):
+            if message.topic.name == "joint_states" and not changed and message.stamp > recording.start + 500_000_000:
                 state = deserialize_message(data, JointState)
                 state.position[2] += 1e-9
                 data, changed = serialize_message(state), message.stamp

@@ -11,11 +11,11 @@ from np_description.domains import BUMP, CARD, DOMAINS
 from np_description.panda import NOMINAL
 from np_training import train
 from np_training.environment import contact
-from np_training.ppo.curriculum import STAGES, Curriculum, CurriculumConfig
 from np_training.environment.fixed_contact import FixedContact
-from np_training.tasks.joint_range import JointRange
+from np_training.ppo.curriculum import STAGES, Curriculum, CurriculumConfig
 from np_training.ppo.log import Log, read_log
 from np_training.ppo.progress import Progress, describe
+from np_training.tasks.joint_range import JointRange
 from np_training.tasks.poses import sample_tasks
 
 
@@ -118,9 +118,7 @@ def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypat
     monkeypatch.setattr(
         "sys.argv", ["train", "--domain", "bump", "--worlds", "4", "--device", "cpu", "--out", str(tmp_path)]
     )
-    with pytest.raises(
-        ValueError, match="expected a checkpoint of .*'start': 'contact'.* got one of .*'right'"
-    ):
+    with pytest.raises(ValueError, match="expected a checkpoint of .*'start': 'contact'.* got one of .*'right'"):
         train.main()
 
 
@@ -158,7 +156,10 @@ def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path, monkeypatch
         "--iterations",
     ]
     with subprocess.Popen(
-        [sys.executable, "-m", "np_training.train", *options, "1000"], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+        [sys.executable, "-m", "np_training.train", *options, "1000"],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
     ) as process:
         shown = (line for line in process.stderr if "M steps" in line)
         first, second = (

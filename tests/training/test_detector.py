@@ -11,14 +11,15 @@ import json
 import numpy as np
 import pytest
 import torch
+
 from np_description.camera import CAMERA
 from np_description.domains import CARD
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_description.scene import load_model
 from np_training.detector.augment import Augmentation, augment, reduce
-from np_training.detector.held_out import cast_rays
 from np_training.detector.contrast import ContrastConfig, MomentumContrast
+from np_training.detector.held_out import cast_rays
 from np_training.detector.metrics import summarise
 from np_training.detector.network import KeypointNetwork, NetworkConfig
 from np_training.detector.render import (
@@ -51,9 +52,7 @@ def free_states() -> torch.Tensor:
     states = torch.zeros(WORLDS, STATE_SIZE)
     states[:, :7] = torch.tensor(NOMINAL.ready)
     states[:, 0] = 1.5
-    states[:, 9:12] = torch.tensor(
-        [[0.45, 0.1, 0.06], [0.55, -0.1, 0.08], [0.5, 0.0, 0.1], [0.6, 0.05, 0.07]]
-    )
+    states[:, 9:12] = torch.tensor([[0.45, 0.1, 0.06], [0.55, -0.1, 0.08], [0.5, 0.0, 0.1], [0.6, 0.05, 0.07]])
     states[:, 12:] = torch.nn.functional.normalize(torch.randn(WORLDS, 4, generator=generator()), dim=1)
     return states
 
@@ -76,7 +75,7 @@ def test_labels_lie_on_the_corners_of_what_is_drawn_whatever_the_camera(renderer
     assert moved.abs().max() > 1e-3
     segments = ~frames.surroundings.numpy()
     for mask, pixels in zip(segments, frames.pixels.numpy()):
-        mask[:40 * OVERSAMPLING] = False  # the arm's base
+        mask[: 40 * OVERSAMPLING] = False  # the arm's base
         rows, columns = np.nonzero(mask)
         drawn = np.array([columns.min(), rows.min(), columns.max(), rows.max()])
         drawn = (drawn + [0, 0, 1, 1]) / OVERSAMPLING - 0.5  # outer edges, in pixels of the camera
@@ -102,9 +101,7 @@ def test_visibility_from_the_rendering_agrees_with_rays_cast_by_mujoco(renderer)
     for i, state in enumerate(states):
         model.cam_pos[:], model.cam_quat[:] = renderer.fields["cam_pos"][i], renderer.fields["cam_quat"][i]
         geoms = cast_rays(model, state.double().numpy(), frames.pixels[i].numpy())
-        agree.append(
-            corner_visibility(geoms, frames.pixels[i : i + 1], renderer.blocks)[0] == frames.visible[i]
-        )
+        agree.append(corner_visibility(geoms, frames.pixels[i : i + 1], renderer.blocks)[0] == frames.visible[i])
     # Half-hidden corners may go either way at half the resolution.
     assert torch.stack(agree).float().mean() >= 0.9
     assert frames.visible.any() and not frames.visible.all()
@@ -115,8 +112,14 @@ def test_labels_follow_the_pixels_when_an_image_is_reduced(aliased):
     size = CAMERA.width * OVERSAMPLING
     centre = torch.tensor([[60.3, 101.8], [150.0, 20.25]])
     offset = (torch.arange(size) + 0.5) / OVERSAMPLING - 0.5
-    blob = torch.exp(-0.5 * ((offset[None, None, :] - centre[:, 0, None, None]) ** 2
-                             + (offset[None, :, None] - centre[:, 1, None, None]) ** 2) / 4.0)
+    blob = torch.exp(
+        -0.5
+        * (
+            (offset[None, None, :] - centre[:, 0, None, None]) ** 2
+            + (offset[None, :, None] - centre[:, 1, None, None]) ** 2
+        )
+        / 4.0
+    )
     frames = Frames(
         blob[..., None].expand(-1, -1, -1, 3).contiguous(),
         torch.zeros(2, size, size, dtype=torch.bool),
@@ -147,17 +150,9 @@ def test_figures_of_perfect_and_useless_detections():
     visible = np.arange(400).reshape(50, 8) % 3 > 0
     present = np.ones((50, 8), bool)
     perfect = summarise(truth, np.ones((50, 8)), truth, visible, present)
-    assert (
-        perfect["visible"]["median"] == 0
-        and perfect["hidden"]["within"] == 1
-        and perfect["calibration_error"] == 0
-    )
+    assert perfect["visible"]["median"] == 0 and perfect["hidden"]["within"] == 1 and perfect["calibration_error"] == 0
     wrong = summarise(truth + [3.0, 4.0], np.ones((50, 8)), truth, visible, present)
-    assert (
-        wrong["visible"]["median"] == 5
-        and wrong["visible"]["within"] == 0
-        and wrong["calibration_error"] == 1
-    )
+    assert wrong["visible"]["median"] == 5 and wrong["visible"]["within"] == 0 and wrong["calibration_error"] == 1
     assert perfect["found"] == [1.0, int(visible.sum())] and perfect["doubted"]["not_found"] is None
     assert wrong["doubted"] == {"not_seen": [0.0, int((~visible).sum())], "not_found": [0.0, 400]}
     knowing = summarise(truth + [3.0, 4.0], np.where(visible, 0.9, 0.1), truth, visible, present)
@@ -169,8 +164,15 @@ def recorded(path, domain: str = "card"):
     """Two episodes of four states, one of them over after two, and one that was never played."""
     qpos = torch.cat([free_states()[:3, None].expand(3, 4, STATE_SIZE)]).transpose(0, 1).clone().numpy()
     qpos[:, :, 9] += 0.001 * np.arange(4)[:, None]
-    np.savez(path, domain=domain, mode=np.array(["success", "timeout", "infeasible"]), length=np.array([1, 3, 0]),
-             goals=np.zeros((3, 7)), qpos=qpos, tips=np.zeros(3, int))
+    np.savez(
+        path,
+        domain=domain,
+        mode=np.array(["success", "timeout", "infeasible"]),
+        length=np.array([1, 3, 0]),
+        goals=np.zeros((3, 7)),
+        qpos=qpos,
+        tips=np.zeros(3, int),
+    )
     return qpos
 
 

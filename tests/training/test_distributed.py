@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 import torch
-
 from learn_together import learn
+
 from np_training import train
 from np_training.ppo import distributed
 
@@ -85,6 +85,4 @@ def test_alone_a_sum_is_the_number_itself():
     distributed.add(tensor)
     assert tensor.tolist() == [1.0, 2.0] and distributed.rank() == 0 and distributed.size() == 1
     assert distributed.total({"a": 2, "b": tensor.sum()}, torch.device("cpu")) == {"a": 2.0, "b": 3.0}
-    assert distributed.any_of(True, torch.device("cpu")) and not distributed.any_of(
-        False, torch.device("cpu")
-    )
+    assert distributed.any_of(True, torch.device("cpu")) and not distributed.any_of(False, torch.device("cpu"))

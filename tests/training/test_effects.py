@@ -12,9 +12,9 @@ from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.patch import PARAMETERS, Patch, PatchEffect, dump_patch
 from np_training import evaluate, train
-from np_training.physics.carried_effects import CARRIED, check_carried, load_effects
 from np_training.environment.environment import EnvironmentConfig
 from np_training.physics.batched import ARM, BatchedPhysics, PhysicsConfig
+from np_training.physics.carried_effects import CARRIED, check_carried, load_effects
 
 PATCH = Patch(
     (
@@ -60,9 +60,7 @@ def test_the_arm_moves_as_the_effect_says(effect, joint, sign):
     nominal, patched = (speeds_after(PhysicsConfig(effects=patch)) for patch in (Patch(), Patch((effect,))))
     change = sign * (patched - nominal)[joint]
     assert change > 2e-3
-    assert (
-        change > np.abs(np.delete(patched - nominal, joint)[:joint]).max()
-    )  # what follows is only carried along
+    assert change > np.abs(np.delete(patched - nominal, joint)[:joint]).max()  # what follows is only carried along
 
 
 def test_link_inertia_reaches_the_model():

@@ -13,10 +13,10 @@ from np_description.domains import BUMP
 from np_training import evaluate as command
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
+from np_training.episodes.recording import load_recording
 from np_training.evaluate import breaks_first, evaluate, rate, summarise
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
-from np_training.episodes.recording import load_recording
 from np_training.video import PICTURES, draw_recording, draw_strips
 
 WORLDS = 8
@@ -41,12 +41,8 @@ def make_episodes(modes: list[str], over: float = 0.0) -> Episodes:
 
 
 def test_widening_doubles_the_distance_from_nominal():
-    assert TWICE.table_friction == pytest.approx((0.4, 1.6)) and TWICE.finger_friction == pytest.approx(
-        (0.8, 1.2)
-    )
-    assert (
-        TWICE.mass == pytest.approx((0.4, 1.6)) and TWICE.joint_noise == 0.02 and TWICE.delay == PAPER.delay
-    )
+    assert TWICE.table_friction == pytest.approx((0.4, 1.6)) and TWICE.finger_friction == pytest.approx((0.8, 1.2))
+    assert TWICE.mass == pytest.approx((0.4, 1.6)) and TWICE.joint_noise == 0.02 and TWICE.delay == PAPER.delay
     one = widen(PAPER, ["mass"])
     assert dataclasses.replace(one, mass=PAPER.mass) == PAPER and one.mass != PAPER.mass
     assert widen(NOMINAL_CONDITIONS, GROUPS) == NOMINAL_CONDITIONS
@@ -99,9 +95,7 @@ def test_widened_conditions_are_tried_one_by_one(environment):
 def test_the_command_reads_its_setting_from_the_checkpoint_and_draws(tmp_path, monkeypatch, capsys):
     torch.manual_seed(0)
     setting = {"domain": "bump", "start": "above", "controller": "impedance", "limit": 3}
-    torch.save(
-        {"networks": ActorCritic().state_dict(), "steps": 7, "setting": setting}, tmp_path / "checkpoint.pt"
-    )
+    torch.save({"networks": ActorCritic().state_dict(), "steps": 7, "setting": setting}, tmp_path / "checkpoint.pt")
     monkeypatch.setattr(
         "sys.argv",
         [

@@ -50,10 +50,7 @@ def test_kernel_and_controller_compute_the_same_torque(stiffness):
     physics.delay[WORLDS // 2 :] = 0
     mass, bias, gravity = (
         mass_matrix(physics),
-        *(
-            getattr(physics.data, name).numpy()[:, ARM].astype(float)
-            for name in ("qfrc_bias", "qfrc_gravcomp")
-        ),
+        *(getattr(physics.data, name).numpy()[:, ARM].astype(float) for name in ("qfrc_bias", "qfrc_gravcomp")),
     )
     physics.advance()
     for i in range(WORLDS):

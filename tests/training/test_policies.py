@@ -18,19 +18,20 @@ from np_description.rotations import matrix_from_quaternion, rotation_angle
 from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
 from np_training import train
-from np_training.environment import contact
-from np_training.ppo import curriculum, learner as ppo
-from np_training.tasks import practice
 from np_training.distill import distil
+from np_training.environment import contact
 from np_training.environment.environment import PRE_STATE_SIZE, Environment, EnvironmentConfig, pre_contact_state
 from np_training.evaluate import evaluate
-from np_training.ppo.networks import ActorCritic, PreContactPolicy, sample
 from np_training.physics.batched import BatchedPhysics, PhysicsConfig
-from np_training.tasks.randomisation import PAPER
-from np_training.release import without_optimisers
-from np_training.tasks.rewards import Measures, RewardConfig, reward_terms
-from np_training.tasks.poses import quarter_tips, sample_tasks
+from np_training.ppo import curriculum
+from np_training.ppo import learner as ppo
+from np_training.ppo.networks import ActorCritic, PreContactPolicy, sample
 from np_training.ppo.trainer import TrainConfig, Trainer
+from np_training.release import without_optimisers
+from np_training.tasks import practice
+from np_training.tasks.poses import quarter_tips, sample_tasks
+from np_training.tasks.randomisation import PAPER
+from np_training.tasks.rewards import Measures, RewardConfig, reward_terms
 
 WORLDS = 16
 
@@ -56,8 +57,9 @@ def test_kernel_and_controller_compute_the_same_torque():
     command[2::3] = 0.5 + 1.5 * torch.rand(2, WORLDS, 7, generator=generator)
     physics.delay[: WORLDS // 2] = 1  # these still follow the command of the period before
     q, dq = physics.qpos[:, :7].clone(), physics.qvel[:, :7].clone()
-    bias, gravity = (torch.from_numpy(getattr(physics.data, name).numpy()[:, :7].copy())
-                     for name in ("qfrc_bias", "qfrc_gravcomp"))
+    bias, gravity = (
+        torch.from_numpy(getattr(physics.data, name).numpy()[:, :7].copy()) for name in ("qfrc_bias", "qfrc_gravcomp")
+    )
     physics.advance()
     new = (torch.arange(WORLDS) >= WORLDS // 2)[:, None]
     target, stiffness, ratio = (torch.where(new, command[i + 3], command[i]) for i in range(3))
@@ -71,7 +73,9 @@ def test_batched_tasks_keep_to_the_domain(domain):
     starts, goals = sample_tasks(domain, 2000, torch.Generator().manual_seed(2))
     assert ((starts.position - goals.position).norm(dim=-1) >= domain.min_distance).all()
     for axis, bounds in enumerate((domain.start.x, domain.start.y)):
-        assert (starts.position[:, axis] >= bounds[0] - 1e-6).all() and (starts.position[:, axis] <= bounds[1] + 1e-6).all()
+        assert (starts.position[:, axis] >= bounds[0] - 1e-6).all() and (
+            starts.position[:, axis] <= bounds[1] + 1e-6
+        ).all()
     lowest = min(domain.half_size) + domain.start.surface
     assert (starts.position[:, 2] >= lowest - 1e-6).all()
     assert torch.allclose(goals.quaternion.norm(dim=-1), torch.ones(2000), atol=1e-5)
@@ -102,7 +106,9 @@ def test_contacts_keep_the_fingers_off_the_chosen_face(domain):
     local = (matrix_from_quaternion(objects.quaternion).mT @ (point - objects.position)[..., None])[..., 0].abs()
     half_size = torch.tensor(domain.half_size)
     assert (local <= half_size + 1e-6).all() and ((local - half_size).abs() < 1e-6).any(-1).all()
-    assert ((point - objects.position) * action[:, 6:]).sum(-1).min() > 0  # in the base frame, whatever the object's yaw
+    assert ((point - objects.position) * action[:, 6:]).sum(
+        -1
+    ).min() > 0  # in the base frame, whatever the object's yaw
     position, rotation, width = contact.contact_pose(domain, action, objects)
     centres, radii = contact.gripper_spheres(position, rotation, width, with_hand=False)
     height = (((centres - point[:, None]) * normal[:, None]).sum(-1) - radii).amin(-1)
@@ -138,7 +144,11 @@ def test_tasks_of_every_kind_rest_beside_or_on_obstacles_and_come_in_their_share
         turned = matrix_from_quaternion(poses.quaternion).abs() @ half_size  # half the box around the object
         bottom = poses.position[:, 2] - turned[:, 2]
         for box in domain.obstacles:
-            apart = (poses.position - torch.tensor(box.centre))[:, :2].abs() - torch.tensor(box.half_size)[:2] - turned[:, :2]
+            apart = (
+                (poses.position - torch.tensor(box.centre))[:, :2].abs()
+                - torch.tensor(box.half_size)[:2]
+                - turned[:, :2]
+            )
             surface = torch.where((apart > -1e-6).any(-1), 0.0, top_of(domain) - tasks.sunk)
             assert torch.allclose(bottom, surface, atol=1e-6)
         if not domain.obstacles:
@@ -152,7 +162,12 @@ def test_a_kind_says_how_far_obstacles_are_lowered():
         for number, kind in enumerate(names):
             share = tasks.sunk[tasks.kind == number] / top_of(domain)
             assert (share >= kind.lowered[0] - 1e-6).all() and (share <= kind.lowered[1] + 1e-6).all()
-    assert [kind.lowered for kind in names if kind.name.startswith("low")] == [(.75, 1), (.5, .75), (.25, .5), (0, .25)]
+    assert [kind.lowered for kind in names if kind.name.startswith("low")] == [
+        (0.75, 1),
+        (0.5, 0.75),
+        (0.25, 0.5),
+        (0, 0.25),
+    ]
 
 
 def test_practice_on_the_bump_turns_little_and_its_own_tasks_turn_much():
@@ -384,4 +399,11 @@ def test_evaluation_counts_every_episode(environment):
     environment.config = dataclasses.replace(environment.config, limit=3)
     figures = evaluate(environment, ActorCritic(), PreContactStudent())
     assert figures["episodes"] == WORLDS
-    assert round(figures["success"] * WORLDS) + figures["infeasible"] + figures["lost"] + figures["stopped"] + figures["timeout"] == WORLDS
+    assert (
+        round(figures["success"] * WORLDS)
+        + figures["infeasible"]
+        + figures["lost"]
+        + figures["stopped"]
+        + figures["timeout"]
+        == WORLDS
+    )

@@ -10,13 +10,13 @@ import torch
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256
 from np_training import compare
-from np_training.reports.curves import WINDOW, reached
 from np_training.evaluate import rate, read_checkpoint
+from np_training.ppo.learner import Learner, PPOConfig
 from np_training.ppo.log import Log, read_log
 from np_training.ppo.networks import ActorCritic
-from np_training.ppo.learner import Learner, PPOConfig
 from np_training.release import check_releasable, figure_table, release
 from np_training.report import read_run, write_report
+from np_training.reports.curves import WINDOW, reached
 
 EVALUATION = {
     "conditions": "twice",
@@ -208,6 +208,5 @@ def test_evaluations_of_the_first_version_still_make_a_table():
         "timeout": 5,
     }
     assert (
-        figure_table([old]).splitlines()[-1]
-        == "| nominal | student | 0.995 | 0.988 to 0.998 | 1000 | 0 | 0 | - | 5 |"
+        figure_table([old]).splitlines()[-1] == "| nominal | student | 0.995 | 0.988 to 0.998 | 1000 | 0 | 0 | - | 5 |"
     )

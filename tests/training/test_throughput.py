@@ -17,16 +17,11 @@ def trainer():
 
 def test_all_figures_of_one_run(trainer, monkeypatch, capsys):
     monkeypatch.setattr(throughput, "make_trainer", lambda *arguments: trainer)
-    monkeypatch.setattr(
-        "sys.argv", ["throughput", "--worlds", str(WORLDS), "--device", "cpu", "--seconds", "0.01"]
-    )
+    monkeypatch.setattr("sys.argv", ["throughput", "--worlds", str(WORLDS), "--device", "cpu", "--seconds", "0.01"])
     throughput.main()
     result = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
     substeps = trainer.environment.physics.config.substeps
-    rates = {
-        name: result[name]["steps_per_second"]
-        for name in ("trainer", "environment", "bare_contact", "bare_free")
-    }
+    rates = {name: result[name]["steps_per_second"] for name in ("trainer", "environment", "bare_contact", "bare_free")}
     assert min(rates.values()) > 0
     for name in ("environment", "bare_contact", "bare_free"):
         assert result[f"trainer_over_{name}"] == pytest.approx(rates["trainer"] / rates[name])

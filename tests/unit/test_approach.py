@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+
 from np_control.kinematics import forward_kinematics, pose_distance
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, Pose, resting_height, sample_task
 from np_description.panda import NOMINAL
@@ -52,16 +53,18 @@ def test_plans_are_free_within_limits_and_arrive(domain):
                 assert touch.distance >= (-limit if touch.by_tool else 0), (time, str(touch))
         acceleration = np.diff([velocity for _, velocity in states], axis=0) / 0.004
         assert (np.abs(acceleration) < ACCELERATION_LIMIT / 2).all()
-        distance, angle = pose_distance(motion.positions[-1], pose.position + [0, 0, plan.lift],
-                                        matrix_from_quaternion(pose.quaternion))
+        distance, angle = pose_distance(
+            motion.positions[-1], pose.position + [0, 0, plan.lift], matrix_from_quaternion(pose.quaternion)
+        )
         assert distance < 1e-3 and angle < 3e-3
 
 
 def test_contact_comes_slowly():
     rng = np.random.default_rng(1)
     objekt, _ = sample_task(CARD, rng)
-    plan = plan_approach(CollisionModel(CARD), NOMINAL.ready, touching_pose(CARD, objekt, rng), 0.0, objekt, seed=1,
-                         config=FAST)
+    plan = plan_approach(
+        CollisionModel(CARD), NOMINAL.ready, touching_pose(CARD, objekt, rng), 0.0, objekt, seed=1, config=FAST
+    )
     times = np.arange(plan.contact_start, plan.trajectory.duration, 0.01)
     points = np.array([forward_kinematics(plan.trajectory.sample(t)[0])[0] for t in times])
     assert np.linalg.norm(np.diff(points, axis=0), axis=1).max() / 0.01 < 1.1 * FAST.contact_speed
@@ -100,8 +103,10 @@ def test_poses_out_of_reach_are_refused_with_the_miss():
 
 def test_a_start_in_collision_or_outside_limits_is_refused():
     objekt = Pose(np.array([0.5, 0.0, 0.0025]), np.array([1.0, 0, 0, 0]))
-    collision, pose = CollisionModel(CARD), Pose(np.array([0.5, 0.1, 0.2]),
-                                                 quaternion_from_matrix(np.diag([1.0, -1.0, -1.0])))
+    collision, pose = (
+        CollisionModel(CARD),
+        Pose(np.array([0.5, 0.1, 0.2]), quaternion_from_matrix(np.diag([1.0, -1.0, -1.0]))),
+    )
     folded = NOMINAL.ready.copy()
     folded[1] = 1.5  # elbow in the table
     with pytest.raises(StartError, match="mm deep in"):
@@ -139,16 +144,25 @@ def test_paths_around_obstacles_are_free_and_improve():
 def test_no_path_and_no_budget_are_named():
     collision = CollisionModel(BUMP)
     collision.place(None, 0.0)
-    (start, goal), = blocked_pair(collision)
+    ((start, goal),) = blocked_pair(collision)
 
     def walled_in(joints) -> bool:
         return any(np.linalg.norm(np.asarray(joints) - end) < 0.1 for end in (start, goal))
 
     with pytest.raises(PlanningError, match="no path found within 2000 collision checks"):
-        find_path(walled_in, start, goal, NOMINAL.position_lower, NOMINAL.position_upper, seed=0, budget=Budget(first=2000))
+        find_path(
+            walled_in, start, goal, NOMINAL.position_lower, NOMINAL.position_upper, seed=0, budget=Budget(first=2000)
+        )
     with pytest.raises(PlanningError, match="or 0 s"):
-        find_path(collision.is_free, start, goal, NOMINAL.position_lower, NOMINAL.position_upper, seed=0,
-                  budget=Budget(seconds=0.0))
+        find_path(
+            collision.is_free,
+            start,
+            goal,
+            NOMINAL.position_lower,
+            NOMINAL.position_upper,
+            seed=0,
+            budget=Budget(seconds=0.0),
+        )
 
 
 _REPEAT = """
@@ -172,11 +186,13 @@ print(hashlib.sha256(path.tobytes()).hexdigest())
 def test_a_seed_gives_the_same_bits_in_any_process_whatever_was_planned_before():
     collision = CollisionModel(WALL)
     collision.place(Pose(np.array([0.53, 0, 0.05]), np.array([1.0, 0, 0, 0])), 0.01)
-    (start, goal), = blocked_pair(collision)
+    ((start, goal),) = blocked_pair(collision)
 
     def digest(seeds):
         code = _REPEAT.format(path=sys.path, start=start.tolist(), goal=goal.tolist(), seeds=seeds)
-        return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()[-1]
+        return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()[
+            -1
+        ]
 
     assert digest([5]) == digest([5]) == digest([9, 5])
     assert digest([5]) != digest([6])

@@ -1,6 +1,7 @@
 """The launch argument `backend`: which nodes a graph has with the simulated robot, and with the real one."""
 
 import pytest
+
 from np_bringup.task_graph import task_graph
 
 REAL = {"backend": "franka_driver", "mode": "realtime", "hostname": "robot", "calibration": "camera.yaml"}
@@ -35,14 +36,20 @@ def test_a_recorder_does_not_wait_for_what_only_a_simulation_knows():
         assert ("object_pose" in recorder.parameters["required"]) is known
 
 
-@pytest.mark.parametrize("changes, text", [
-    ({"backend": "other"}, "backend: expected one of"), ({"mode": "lockstep"}, "mode: expected realtime"),
-    ({"keypoints": "truth"}, "keypoints: expected camera"), ({"hostname": ""}, "hostname: expected one"),
-    ({"robot": "ur5"}, "robot: expected one of fr3, panda"),
-    ({"calibration": ""}, "calibration: expected one"), ({"calibration": "none"}, "calibration: expected one"),
-    ({"control": "other"}, "control: expected one of"),
-    ({"control": "onboard", "controller": "osc"}, "no other law runs in the driver"),
-])
+@pytest.mark.parametrize(
+    "changes, text",
+    [
+        ({"backend": "other"}, "backend: expected one of"),
+        ({"mode": "lockstep"}, "mode: expected realtime"),
+        ({"keypoints": "truth"}, "keypoints: expected camera"),
+        ({"hostname": ""}, "hostname: expected one"),
+        ({"robot": "ur5"}, "robot: expected one of fr3, panda"),
+        ({"calibration": ""}, "calibration: expected one"),
+        ({"calibration": "none"}, "calibration: expected one"),
+        ({"control": "other"}, "control: expected one of"),
+        ({"control": "onboard", "controller": "osc"}, "no other law runs in the driver"),
+    ],
+)
 def test_what_does_not_go_together_is_named(changes, text):
     with pytest.raises(ValueError, match=text):
         task_graph({**REAL, **changes})

@@ -2,30 +2,30 @@
 
 import json
 from contextlib import closing
-from datetime import datetime, timedelta, UTC
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rclpy.serialization import serialize_message
+
+from np_bringup.calibration_trial.board_recording import record_rests
+from np_bringup.calibration_trial.board_scene import BoardScene, hand_mount, table_mount
+from np_bringup.commands.calibration_trial import card_errors, true_view
 from np_description.calibration import Lens, load
 from np_description.camera import CAMERA
 from np_description.panda import NOMINAL, STATE_NAMES
 from np_description.rotations import matrix_from_vector, vector_from_matrix
 from np_perception.calibration.board import Board, BoardError, Detection
-from np_ros.messages import camera_info_message, image_message, joint_state_message
-from rclpy.serialization import serialize_message
-
-from np_bringup.calibration_trial.board_recording import record_rests
-from np_bringup.calibration_trial.board_scene import BoardScene, hand_mount, table_mount
+from np_perception.calibration.evidence import RESTING, CalibrationRefused, averaged, find_rests, read_evidence
 from np_perception.calibration.fitting import calibrate, keypoint_bound
 from np_perception.commands.calibrate import main
 from np_perception.commands.calibration_board import main as print_board
 from np_perception.commands.calibration_board import page
-from np_bringup.commands.calibration_trial import card_errors, true_view
-from np_record.topics import BY_NAME
-from np_perception.calibration.evidence import RESTING, CalibrationRefused, averaged, find_rests, read_evidence
 from np_record.recorder import BagWriter
+from np_record.topics import BY_NAME
+from np_ros.messages import camera_info_message, image_message, joint_state_message
 
 BOARD = Board()
 POSITION = np.asarray(CAMERA.position) + [0.02, -0.015, 0.01]
@@ -44,9 +44,7 @@ def held(tmp_path_factory):
 @pytest.fixture(scope="module")
 def lying(tmp_path_factory):
     """A recording of the board on the table."""
-    with closing(
-        BoardScene(BOARD, table_mount(BOARD, height=0.002), POSITION, ROTATION, in_hand=False)
-    ) as scene:
+    with closing(BoardScene(BOARD, table_mount(BOARD, height=0.002), POSITION, ROTATION, in_hand=False)) as scene:
         return record_rests(tmp_path_factory.mktemp("bags") / "table", scene, [NOMINAL.ready])
 
 
@@ -78,14 +76,10 @@ def test_what_upstream_has_turned_is_turned_back(held):
 
     def turned(detection):
         rays = (
-            np.column_stack(
-                [(detection.pixels - (lens.cx, lens.cy)) / lens.fx, np.ones(len(detection.pixels))]
-            )
+            np.column_stack([(detection.pixels - (lens.cx, lens.cy)) / lens.fx, np.ones(len(detection.pixels))])
             @ turn.T
         )
-        return Detection(
-            detection.ids, rays[:, :2] / rays[:, 2:] * lens.fx + (lens.cx, lens.cy), detection.markers
-        )
+        return Detection(detection.ids, rays[:, :2] / rays[:, 2:] * lens.fx + (lens.cx, lens.cy), detection.markers)
 
     other = type(evidence)(
         lens,
@@ -142,9 +136,7 @@ def test_a_cut_off_bag_is_refused_by_name(held, tmp_path, capsys):
     bag = tmp_path / "bag"
     bag.mkdir()
     for file in held.iterdir():
-        (bag / file.name).write_bytes(
-            file.read_bytes()[:-3000] if file.suffix == ".mcap" else file.read_bytes()
-        )
+        (bag / file.name).write_bytes(file.read_bytes()[:-3000] if file.suffix == ".mcap" else file.read_bytes())
     status, said = run(capsys, bag, "--out", tmp_path / "camera.yaml")
     assert status == 1 and str(bag) in said["error"] and "cut off" in said["error"]
 
@@ -162,9 +154,7 @@ def test_recordings_that_show_nothing_are_refused(tmp_path, capsys, joint, speed
     writer = BagWriter(tmp_path / "bag", {})
     for i in range(100):
         stamp, joints = 20_000_000 * i, np.full(9, joint)
-        messages = [
-            ("joint_states", joint_state_message(stamp, STATE_NAMES, joints, np.full(9, speed), np.zeros(9)))
-        ]
+        messages = [("joint_states", joint_state_message(stamp, STATE_NAMES, joints, np.full(9, speed), np.zeros(9)))]
         if i in (50, 90):
             camera = type(CAMERA)(400, 400, 741.0, 741.0, 199.5, 199.5, CAMERA.position, CAMERA.rotation)
             messages += [
@@ -182,9 +172,7 @@ def test_recordings_that_show_nothing_are_refused(tmp_path, capsys, joint, speed
 
 
 @settings(max_examples=20)
-@given(
-    st.lists(st.tuples(st.integers(40, 90), st.integers(3, 20)), min_size=1, max_size=6), st.integers(0, 1000)
-)
+@given(st.lists(st.tuples(st.integers(40, 90), st.integers(3, 20)), min_size=1, max_size=6), st.integers(0, 1000))
 def test_every_rest_is_found(plan, seed):
     """Rests of 0.8 s or more between movements, joint states every 20 ms."""
     rng = np.random.default_rng(seed)

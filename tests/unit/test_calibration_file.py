@@ -1,12 +1,13 @@
 """The calibration file: what is written is read, and nothing else is."""
 
-from datetime import datetime, timedelta, UTC
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from np_description.calibration import (
     MAX_AGE,
     Calibration,
@@ -58,13 +59,9 @@ def test_the_camera_to_project_with_looks_where_the_policies_learned_to_look(tmp
     calibration = example()
     assert calibration.camera.rotation == CAMERA.rotation
     assert calibration.camera.position == (1.11, 0.01, 0.69)
-    np.testing.assert_allclose(
-        np.asarray(CAMERA.rotation) @ calibration.turn, calibration.rotation, atol=1e-12
-    )
+    np.testing.assert_allclose(np.asarray(CAMERA.rotation) @ calibration.turn, calibration.rotation, atol=1e-12)
     distance, angle = calibration.displacement
-    assert distance == pytest.approx(np.sqrt(3) * 0.01) and angle == pytest.approx(
-        np.linalg.norm([0.01, 0.02, 0.01])
-    )
+    assert distance == pytest.approx(np.sqrt(3) * 0.01) and angle == pytest.approx(np.linalg.norm([0.01, 0.02, 0.01]))
     calibration.save(tmp_path / "camera.yaml")
     assert calibrated_camera(str(tmp_path / "camera.yaml")) == calibration.camera
     assert calibrated_camera("") is CAMERA

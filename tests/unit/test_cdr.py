@@ -4,11 +4,12 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from np_record.cdr import header_stamp, padding_filter
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, JointState
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from np_record.cdr import header_stamp, padding_filter
 
 names = st.text(st.characters(codec="ascii", exclude_characters="\0"), max_size=12)
 numbers = st.lists(st.floats(allow_nan=False), max_size=5)
@@ -72,9 +73,7 @@ def test_padding_does_not_survive_and_fields_do(message):
 @pytest.mark.parametrize(
     "message",
     [
-        JointState(
-            header=Header(frame_id="ab"), name=["a", "bcd"], position=[1.5], velocity=[2.5], effort=[3.5]
-        ),
+        JointState(header=Header(frame_id="ab"), name=["a", "bcd"], position=[1.5], velocity=[2.5], effort=[3.5]),
         PoseStamped(header=Header(frame_id="base")),
         CameraInfo(distortion_model="plumb_bob", d=[0.5]),
         JointTrajectory(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from np_perception.camera.frame_clock import JUMP, PATIENCE, SECOND, ClockMapper
 
 PERIOD = SECOND // 30
@@ -17,11 +18,7 @@ def frames(seconds, drift, seed, late=0.05, wraps=0, begin=4000 * SECOND):
     for i in range(round(seconds * 30)):
         taken = i * PERIOD
         device = begin + round(taken * (1 + drift))
-        delay = (
-            LEAST
-            + round(rng.exponential(2e6))
-            + (round(rng.uniform(0, 0.2) * 1e9) if rng.random() < late else 0)
-        )
+        delay = LEAST + round(rng.exponential(2e6)) + (round(rng.uniform(0, 0.2) * 1e9) if rng.random() < late else 0)
         last = max(last + 1, EPOCH + taken + delay)  # a late frame holds up those behind it
         yield EPOCH + taken, device % wraps if wraps else device, last
 

@@ -10,8 +10,8 @@ from np_control.controller import Controller, ControllerConfig
 from np_control.following import Following
 from np_control.impedance import DAMPING_RATIO_MAX, STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, pose_distance
-from np_control.tick_gate import TickGate
 from np_control.safety import LIMITS, Reason, Refusal, SafetyFilter, State
+from np_control.tick_gate import TickGate
 from np_control.trajectory import make_trajectory
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
@@ -52,8 +52,7 @@ class Arm:
 
     def step(self):
         answer = self.controller.answer()
-        self.safety.offer(answer.stamp, NOMINAL.joints, answer.position, answer.velocity, answer.torque,
-                          now=self.stamp)
+        self.safety.offer(answer.stamp, NOMINAL.joints, answer.position, answer.velocity, answer.torque, now=self.stamp)
         applied = self.safety.apply(self.stamp, self.q, self.dq)
         # The backend's guards agree with the controller's.
         np.testing.assert_array_equal(applied.torque, answer.torque)
@@ -89,6 +88,7 @@ def test_the_same_inputs_give_the_same_torques_bit_for_bit():
         arm = Arm(Controller())
         arm.controller.follow(quintic(READY + 0.2, 0.5), 10 * PERIOD)
         return np.array([arm.step()[0].torque for _ in range(300)])
+
     np.testing.assert_array_equal(run(), run())
 
 
@@ -130,13 +130,18 @@ def test_a_target_takes_effect_after_the_latency_from_the_joints_it_answers():
     np.testing.assert_array_equal(reached, reference.answer().position)
 
 
-@pytest.mark.parametrize("reason, change", [
-    (Reason.NOT_FINITE, dict(position=np.array([0.5, np.nan, 0.1]))),
-    (Reason.NOT_FINITE, dict(rotation=np.full((3, 3), np.nan))),
-    (Reason.WORKSPACE, dict(position=np.array([0.5, 0.0, -0.3]))),
-    (Reason.GAINS, dict(stiffness=STIFFNESS_MAX * 2)),
-    (Reason.UNREACHABLE, dict(position=np.array([0.80, 0.50, 0.80]))),
-    (Reason.LATE, dict(stamp=-10**9)), (Reason.FUTURE, dict(stamp=10**9))])
+@pytest.mark.parametrize(
+    "reason, change",
+    [
+        (Reason.NOT_FINITE, dict(position=np.array([0.5, np.nan, 0.1]))),
+        (Reason.NOT_FINITE, dict(rotation=np.full((3, 3), np.nan))),
+        (Reason.WORKSPACE, dict(position=np.array([0.5, 0.0, -0.3]))),
+        (Reason.GAINS, dict(stiffness=STIFFNESS_MAX * 2)),
+        (Reason.UNREACHABLE, dict(position=np.array([0.80, 0.50, 0.80]))),
+        (Reason.LATE, dict(stamp=-(10**9))),
+        (Reason.FUTURE, dict(stamp=10**9)),
+    ],
+)
 def test_each_bad_target_is_refused_and_changes_nothing(reason, change):
     controller = Controller()
     controller.observe(0, READY, ZERO)
@@ -170,11 +175,15 @@ def test_a_target_under_the_table_is_cut_to_the_floor():
     assert controller.set_target(0, [*position[:2], -0.1], rotation, *SOFT)
 
 
-@pytest.mark.parametrize("stamp, q", [
-    (PERIOD, READY + [0, 0, 0, 0.1, 0, 0, 0]),  # a jump
-    (10**9, READY + 1e-3),  # a gap
-    (-PERIOD, READY + 1e-3),  # another backend
-    (0, READY + 1e-2)])  # a reset without time passing
+@pytest.mark.parametrize(
+    "stamp, q",
+    [
+        (PERIOD, READY + [0, 0, 0, 0.1, 0, 0, 0]),  # a jump
+        (10**9, READY + 1e-3),  # a gap
+        (-PERIOD, READY + 1e-3),  # another backend
+        (0, READY + 1e-2),
+    ],
+)  # a reset without time passing
 def test_a_state_the_arm_cannot_have_reached_is_a_new_beginning(stamp, q):
     controller = Controller()
     assert controller.observe(0, READY, ZERO)
@@ -234,7 +243,7 @@ def test_a_trajectory_broken_off_comes_to_rest_on_its_path(moment, break_off):
     assert (np.diff(share[:, 0]) >= -1e-12).all() and share[-1, 0] <= 1 + 1e-12
     moved = np.diff(positions, axis=0) / (PERIOD * 1e-9)
     np.testing.assert_allclose(moved, (velocities[1:] + velocities[:-1]) / 2, atol=5e-3)
-    assert (velocities[moment + 101:] == 0).all() and (np.diff(positions[moment + 101:], axis=0) == 0).all()
+    assert (velocities[moment + 101 :] == 0).all() and (np.diff(positions[moment + 101 :], axis=0) == 0).all()
 
 
 def test_a_trajectory_that_has_not_begun_is_dropped_by_a_stop():

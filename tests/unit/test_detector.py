@@ -6,6 +6,7 @@ import torch
 from detector_weights import TINY, write_detector
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD
 from np_description.released import WeightsError
@@ -34,9 +35,7 @@ def test_decoding_stays_inside_the_image_and_near_the_peak_at_its_border(u, v):
     logits = gaussian_logits(u, v)
     pixel = decode(logits, find_peak(logits), window=5)[0, 0]
     assert (pixel >= 0).all() and (pixel <= SIZE - 1).all()
-    assert (
-        np.linalg.norm(pixel.numpy() - [u, v]) < 2.5
-    )  # the mean of a cut Gaussian lies inside of its centre
+    assert np.linalg.norm(pixel.numpy() - [u, v]) < 2.5  # the mean of a cut Gaussian lies inside of its centre
 
 
 def test_a_second_mode_far_away_does_not_pull():
@@ -93,8 +92,9 @@ def test_the_exported_network_answers_as_the_trained_one(weights, image):
     assert record["domain"] == "card"
 
 
-@pytest.mark.parametrize("bad", [np.zeros((240, 320, 3), np.uint8), np.zeros(IMAGE_SHAPE, np.float32),
-                                 np.zeros((224, 224), np.uint8)])
+@pytest.mark.parametrize(
+    "bad", [np.zeros((240, 320, 3), np.uint8), np.zeros(IMAGE_SHAPE, np.float32), np.zeros((224, 224), np.uint8)]
+)
 def test_other_images_are_refused(weights, bad):
     with pytest.raises(ValueError, match=r"expected \(224, 224, 3\) uint8, got"):
         KeypointDetector(CARD, weights).detect(bad)

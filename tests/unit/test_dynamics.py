@@ -3,7 +3,8 @@
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from np_control.dynamics import Dynamics, build_model
@@ -17,7 +18,8 @@ MODEL = load_model(CARD)
 DATA = mujoco.MjData(MODEL)
 
 positions = arrays(float, 7, elements=st.floats(-3.1, 3.8)).map(
-    lambda q: np.clip(q, NOMINAL.position_lower, NOMINAL.position_upper))
+    lambda q: np.clip(q, NOMINAL.position_lower, NOMINAL.position_upper)
+)
 velocities = arrays(float, 7, elements=st.floats(-2.5, 2.5))
 
 

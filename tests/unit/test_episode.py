@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from np_description.domains import CARD, Pose, sample_task
-from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, EpisodeConfig, Goal, PhaseChange, Refused, Tick
 from np_perception.pose_estimation import project_keypoints
+from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, EpisodeConfig, Goal, PhaseChange, Refused, Tick
 
 TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))
@@ -54,7 +55,7 @@ def in_post(**options):
 
 def test_an_episode_from_start_to_success():
     episode = make(success_frames=3)
-    goal, = episode.goal(TICK, GOAL)
+    (goal,) = episode.goal(TICK, GOAL)
     assert isinstance(goal, Goal) and goal.stamp == TICK
     np.testing.assert_array_equal(goal.keypoints, project_keypoints(CARD, GOAL))
     assert phases(episode.start()) == ["pre"]
@@ -164,7 +165,9 @@ def test_a_failed_plan_fails_the_approach_with_its_reason():
     episode.goal(TICK, GOAL)
     episode.start()
     episode.keypoints(TICK, keypoints())
-    assert phases(episode.trajectory(TICK, None, "unreachable: far away")) == ["failed: approach: unreachable: far away"]
+    assert phases(episode.trajectory(TICK, None, "unreachable: far away")) == [
+        "failed: approach: unreachable: far away"
+    ]
 
 
 def test_a_plan_for_another_image_is_refused():
@@ -179,15 +182,17 @@ def test_a_plan_for_another_image_is_refused():
     assert episode.phase == "pre"
 
 
-@pytest.mark.parametrize("prepare, topic", [
-    (lambda: make(), "goal_pose"), (in_approach, "keypoints"), (in_post, "keypoints")])
+@pytest.mark.parametrize(
+    "prepare, topic", [(lambda: make(), "goal_pose"), (in_approach, "keypoints"), (in_post, "keypoints")]
+)
 def test_silence_is_named(prepare, topic):
     episode = prepare()
     if not episode.is_active:
         episode.start()
     assert episode.overdue(29.0) == []
-    assert phases(episode.overdue(31.0)) == [f"failed: {'pre' if topic == 'goal_pose' else episode_phase(prepare)}: "
-                                             f"no {topic} within 30 s"]
+    assert phases(episode.overdue(31.0)) == [
+        f"failed: {'pre' if topic == 'goal_pose' else episode_phase(prepare)}: no {topic} within 30 s"
+    ]
 
 
 def episode_phase(prepare):
@@ -279,8 +284,10 @@ def test_in_real_time_an_episode_begins_with_an_image_of_after_its_start(is_used
     assert phases(episode.overdue(31.0)) == ["failed: pre: no keypoints within 30 s"]
 
 
-@pytest.mark.parametrize("off, phase", [(0.05, "post"), (0.2, "failed: approach: the arm did not arrive: "
-                                                         "joint 3 is 0.20 rad from the plan's end")])
+@pytest.mark.parametrize(
+    "off, phase",
+    [(0.05, "post"), (0.2, "failed: approach: the arm did not arrive: joint 3 is 0.20 rad from the plan's end")],
+)
 def test_post_begins_only_where_the_plan_ends(off, phase):
     end = np.linspace(-1, 1, 7)
     episode = Episode(EpisodeConfig(CARD, lockstep=False), lambda: end + off * (np.arange(7) == 2))
@@ -322,15 +329,23 @@ def test_whatever_comes_ticks_increase_and_belong_to_an_episode(data):
         if data.draw(st.booleans()):
             stamp -= stamp % TICK
         stamp = max(stamp, last)
-        what = data.draw(st.sampled_from(["keypoints"] * 6 + ["start", "start", "stop", "goal", "plan", "plan", "fault", "late"]))
+        what = data.draw(
+            st.sampled_from(["keypoints"] * 6 + ["start", "start", "stop", "goal", "plan", "plan", "fault", "late"])
+        )
         try:
             events = {
-                "keypoints": lambda: episode.keypoints(stamp, data.draw(st.sampled_from([None, BLIND, keypoints(GOAL)]))),
-                "start": episode.start, "stop": episode.stop, "goal": lambda: episode.goal(stamp, GOAL),
-                "plan": lambda: episode.trajectory(data.draw(st.sampled_from([stamp, last])), data.draw(
-                    st.sampled_from([None, 0.1]))),
+                "keypoints": lambda: episode.keypoints(
+                    stamp, data.draw(st.sampled_from([None, BLIND, keypoints(GOAL)]))
+                ),
+                "start": episode.start,
+                "stop": episode.stop,
+                "goal": lambda: episode.goal(stamp, GOAL),
+                "plan": lambda: episode.trajectory(
+                    data.draw(st.sampled_from([stamp, last])), data.draw(st.sampled_from([None, 0.1]))
+                ),
                 "fault": lambda: episode.backend(data.draw(st.sampled_from(["", "held"]))),
-                "late": lambda: episode.overdue(100.0)}[what]()
+                "late": lambda: episode.overdue(100.0),
+            }[what]()
         except Refused:
             continue
         for event in events:

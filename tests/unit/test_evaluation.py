@@ -3,13 +3,14 @@
 import json
 
 import pytest
-from np_bringup.task_graph import task_graph
+
 from np_bringup.commands import evaluate as command
-from np_record.recorded_episode import Outcome
 from np_bringup.evaluation import Results, breakdown, result_of, summary
-from np_record.intervals import wilson_interval
 from np_bringup.results_plot import results_plot
+from np_bringup.task_graph import task_graph
 from np_description.domains import CARD
+from np_record.intervals import wilson_interval
+from np_record.recorded_episode import Outcome
 
 SETTINGS = {
     "domain": "card",
@@ -101,18 +102,23 @@ def test_the_patch_of_an_evaluation_goes_to_the_simulated_arm_and_nowhere_else(t
     patch.write_text("effects: [{effect: command_delay, component: arm, parameters: {delay: 0.004}}]")
     options = command.parse(["--effects", str(patch)])
     assert options.effects == str(patch.resolve())
-    carrying = {node.name: dict(node.parameters).get("effects")
-                for node in task_graph({"keypoints": "truth", "effects": options.effects})}
+    carrying = {
+        node.name: dict(node.parameters).get("effects")
+        for node in task_graph({"keypoints": "truth", "effects": options.effects})
+    }
     assert carrying.pop("sim_bridge") == options.effects and not any(carrying.values())
     nominal = task_graph({"keypoints": "truth", "effects": ""})
     assert "effects" not in next(node.parameters for node in nominal if node.name == "sim_bridge")
 
 
-@pytest.mark.parametrize("content, text", [
-    ("effects: [{effect: telepathy, component: arm, parameters: {}}]", "expected an effect of the arm"),
-    ("effects: none", "expected a mapping with the list"),
-    (None, "expected a patch.yaml"),
-])
+@pytest.mark.parametrize(
+    "content, text",
+    [
+        ("effects: [{effect: telepathy, component: arm, parameters: {}}]", "expected an effect of the arm"),
+        ("effects: none", "expected a mapping with the list"),
+        (None, "expected a patch.yaml"),
+    ],
+)
 def test_an_evaluation_refuses_a_patch_that_is_none(tmp_path, capsys, content, text):
     patch = tmp_path / "patch.yaml"
     if content is not None:

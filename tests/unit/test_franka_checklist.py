@@ -1,11 +1,13 @@
 """What must hold before the arm is moved, and the times of its cycles; no hardware extra needed."""
 
 from dataclasses import replace
-from datetime import datetime, timedelta, UTC
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
+
 from np_control.impedance import STIFFNESS_MAX
 from np_description.calibration import Calibration, Errors, Lens
 from np_franka.checklist import Checklist, Facts

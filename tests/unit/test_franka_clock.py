@@ -3,6 +3,7 @@ needed."""
 
 import numpy as np
 import pytest
+
 from np_control.safety import State
 from np_franka.clock import SLEW, WINDOW, RobotClock
 from np_franka.limits import CYCLE_NS
@@ -26,8 +27,10 @@ class Cycles:
         counts = self._count + np.arange(1, round(seconds * 1e9 / CYCLE_NS) + 1)
         taken = np.rint(counts * CYCLE_NS / (1 + self._drift)).astype(np.int64)
         late = self._rng.exponential(self._delay, counts.size) + 1e8 * (self._rng.random(counts.size) < 0.01)
-        stamps = [self.clock.go_on(int(count) * CYCLE_NS, EPOCH + int(at))
-                  for count, at in zip(counts, taken + late.astype(np.int64))]
+        stamps = [
+            self.clock.go_on(int(count) * CYCLE_NS, EPOCH + int(at))
+            for count, at in zip(counts, taken + late.astype(np.int64))
+        ]
         self._count = int(counts[-1])
         return np.array(stamps), taken - (np.array(stamps) - EPOCH)
 
@@ -69,13 +72,17 @@ def test_another_connection_begins_at_the_hosts_time_and_never_before_the_last_s
     assert clock.begin(0, EPOCH + WINDOW, CYCLE_NS) == EPOCH + WINDOW == clock.go_on(1, EPOCH + WINDOW) - 1
 
 
-@pytest.mark.parametrize("state, hand, lag, level, words", [
-    (State.MOVING, "", 19.0, OK, "moving: why"),
-    (State.MOVING, "", 21.0, WARN, "moving: why; clock: 21 ms behind the host's"),
-    (State.MOVING, "", -99.0, WARN, "moving: why; clock: 99 ms ahead of the host's"),
-    (State.MOVING, "blocked", 0.0, WARN, "moving: why; hand: blocked"),
-    (State.READY, "blocked", -101.0, ERROR, "ready: why; hand: blocked; clock: 101 ms ahead of the host's"),
-    (State.HOLDING, "", 0.0, WARN, "holding: why"),
-    (State.FAULT, "blocked", 30.0, ERROR, "fault: why; hand: blocked; clock: 30 ms behind the host's")])
+@pytest.mark.parametrize(
+    "state, hand, lag, level, words",
+    [
+        (State.MOVING, "", 19.0, OK, "moving: why"),
+        (State.MOVING, "", 21.0, WARN, "moving: why; clock: 21 ms behind the host's"),
+        (State.MOVING, "", -99.0, WARN, "moving: why; clock: 99 ms ahead of the host's"),
+        (State.MOVING, "blocked", 0.0, WARN, "moving: why; hand: blocked"),
+        (State.READY, "blocked", -101.0, ERROR, "ready: why; hand: blocked; clock: 101 ms ahead of the host's"),
+        (State.HOLDING, "", 0.0, WARN, "holding: why"),
+        (State.FAULT, "blocked", 30.0, ERROR, "fault: why; hand: blocked; clock: 30 ms behind the host's"),
+    ],
+)
 def test_the_worst_counts_and_everything_is_said(state, hand, lag, level, words):
     assert condition(state, "why", hand, lag) == (level, words)

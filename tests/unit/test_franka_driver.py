@@ -5,6 +5,7 @@ from datetime import timedelta
 
 import numpy as np
 import pytest
+
 from np_control.impedance import STIFFNESS_MAX
 from np_control.safety import Refusal, State
 from np_description.panda import JOINT_NAMES, NOMINAL
@@ -72,8 +73,9 @@ def started(robot, *, drift=0.0, **changes):
     checklist = Checklist("none", timedelta(days=1), STIFFNESS_MAX, np.ones(7), FR3_LIMITS)
     collision = Collision()
     arm = Arm(lambda: robot, collision.torques(FR3_LIMITS), collision.wrench())
-    driver = Driver(arm, FR3_LIMITS, replace(checklist, **changes),
-                    host_time=lambda: EPOCH + round(robot.time / (1 + drift)))
+    driver = Driver(
+        arm, FR3_LIMITS, replace(checklist, **changes), host_time=lambda: EPOCH + round(robot.time / (1 + drift))
+    )
     driver.start()
     return driver
 

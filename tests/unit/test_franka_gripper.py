@@ -5,6 +5,7 @@ import signal
 import time
 
 import pytest
+
 from np_franka.gripper import Gripper, GripperError
 
 TIMEOUT = 30.0  # s
@@ -48,6 +49,7 @@ def start(tmp_path, monkeypatch):
     def started(hostname="hand"):
         made.append(Gripper("fr3", hostname))
         return made[-1]
+
     yield started
     for gripper in made:
         gripper.close()

@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+
 from np_control.safety import LIMITS
 from np_franka.client import ArmError
 from np_franka.limits import CYCLE_NS, FR3_LIMITS, Collision

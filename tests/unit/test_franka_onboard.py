@@ -4,6 +4,7 @@ needed.
 
 import numpy as np
 import pytest
+
 from np_control.controller import ControllerConfig
 from np_control.impedance import STIFFNESS_MAX
 from np_control.kinematics import forward_kinematics

@@ -2,6 +2,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
+
 from np_control.safety import State
 from np_franka.telling import PASSING, TOLD_EVERY, Telling
 
@@ -37,8 +38,7 @@ def test_moving_and_holding_in_turn_are_told_ten_times_a_second(parts):
 
 def test_a_hold_that_begins_at_once_is_told_before_silence_ends_it():
     states = [State.READY] + 8 * [State.MOVING] + 192 * [State.HOLDING] + [State.STOPPED]
-    assert [state for _, state in told(Telling(), states)] == [
-        State.READY, State.MOVING, State.HOLDING, State.STOPPED]
+    assert [state for _, state in told(Telling(), states)] == [State.READY, State.MOVING, State.HOLDING, State.STOPPED]
 
 
 def test_another_cause_of_the_same_state_is_told():

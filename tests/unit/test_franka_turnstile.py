@@ -3,14 +3,17 @@
 from threading import Event
 
 import pytest
+
 from np_franka.turnstile import Turnstile
 
 
 def raising(error):
     """A loop that calls back once, and then raises this."""
+
     def loop(callback):
         callback("state", None)
         raise error
+
     return loop
 
 
@@ -18,9 +21,15 @@ def once(callback):
     callback("state", None)
 
 
-@pytest.mark.parametrize("loop, words", [
-    (raising(RuntimeError("reflex")), "^reflex$"), (raising(TypeError("no such argument")), "TypeError: no such"),
-    (raising(SystemExit(3)), "SystemExit: 3"), (once, "has ended by itself")])
+@pytest.mark.parametrize(
+    "loop, words",
+    [
+        (raising(RuntimeError("reflex")), "^reflex$"),
+        (raising(TypeError("no such argument")), "TypeError: no such"),
+        (raising(SystemExit(3)), "SystemExit: 3"),
+        (once, "has ended by itself"),
+    ],
+)
 def test_whatever_ends_the_loop_is_raised_by_every_read_from_then_on(loop, words):
     turn = Turnstile(loop)
     assert turn.read() == "state"

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from np_control.dynamics import Dynamics
@@ -97,11 +98,7 @@ def test_a_lost_packet_leaves_the_command_before_it_to_all_joints(share, seed):
 def test_what_is_uneven_about_friction_is_half_the_difference(q, dq, positive, negative):
     """With the mean, which the rigid-body model has, each direction gets its own level."""
     patch = Patch(
-        (
-            PatchEffect(
-                "asymmetric_coulomb_friction", JOINT, {"level_positive": positive, "level_negative": negative}
-            ),
-        )
+        (PatchEffect("asymmetric_coulomb_friction", JOINT, {"level_positive": positive, "level_negative": negative}),)
     )
     dq[at] = np.copysign(max(abs(dq[at]), 0.1), dq[at])
     mean = 0.5 * (positive + negative)
@@ -112,9 +109,9 @@ def test_what_is_uneven_about_friction_is_half_the_difference(q, dq, positive, n
 
 @given(angles, speeds, st.floats(-1, 1), st.floats(-1, 1))
 def test_uneven_damping_likewise(q, dq, positive, negative):
-    extra = gap(
-        "asymmetric_viscous_friction", coefficient_positive=positive, coefficient_negative=negative
-    ).extra(q, dq)
+    extra = gap("asymmetric_viscous_friction", coefficient_positive=positive, coefficient_negative=negative).extra(
+        q, dq
+    )
     resisting = 0.5 * (positive + negative) * dq[at] - extra[at]
     assert resisting == pytest.approx((positive if dq[at] > 0 else negative) * dq[at], abs=1e-9)
 
@@ -137,9 +134,7 @@ def test_springs_and_ripple_follow_the_angle(q, stiffness, sine, cosine, order):
     )
 
 
-@given(
-    st.floats(0.05, 1.0), st.floats(0.002, 0.05), st.lists(st.floats(-0.01, 0.01), min_size=2, max_size=60)
-)
+@given(st.floats(0.05, 1.0), st.floats(0.002, 0.05), st.lists(st.floats(-0.01, 0.01), min_size=2, max_size=60))
 def test_friction_that_builds_up_follows_dahl(level, stroke, moves):
     """dF/dx = (Fc - F sgn v) / x0, whose exact solution over a move is an exponential; it never gives
     energy."""
@@ -175,9 +170,7 @@ def test_friction_drifts_over_its_duration_and_then_stays():
     nominal = NOMINAL.frictionloss[at] * np.tanh(0.4 / STICTION_SPEED) + NOMINAL.damping[at] * 0.4
     course = np.array([model.extra(NOMINAL.ready, dq)[at] for _ in range(1000)]) / nominal
     assert np.allclose(course[:500], 0.3 * np.arange(1, 501) / 500) and np.allclose(course[500:], 0.3)
-    begun = Gap(
-        Patch((PatchEffect("thermal_drift", JOINT, {"change": -0.3, "duration": 1.0}),)), PERIOD, begin=0.5
-    )
+    begun = Gap(Patch((PatchEffect("thermal_drift", JOINT, {"change": -0.3, "duration": 1.0}),)), PERIOD, begin=0.5)
     assert begun.extra(NOMINAL.ready, dq)[at] == pytest.approx(course[250] * nominal)
 
 
@@ -234,10 +227,7 @@ def test_encoders_read_in_steps_and_torque_sensors_are_off(q, dq, step, gain, of
 def test_what_a_backend_cannot_carry_is_named_and_does_nothing(effect):
     model = gap(effect, **{PARAMETERS[effect][0]: 0.01})
     assert model.ignored == (effect,)
-    assert (
-        np.array_equal(model.drive(np.ones(7)), np.ones(7))
-        and not model.extra(NOMINAL.ready, np.ones(7)).any()
-    )
+    assert np.array_equal(model.drive(np.ones(7)), np.ones(7)) and not model.extra(NOMINAL.ready, np.ones(7)).any()
 
 
 @settings(deadline=None, max_examples=30)
@@ -271,9 +261,7 @@ def test_side_by_side_is_one_by_one(effects, seed):
             assert np.allclose(
                 together.drive(command), [one.drive(row) for one, row in zip(alone, command)], atol=1e-12
             )
-        assert np.allclose(
-            together.extra(q, dq), [one.extra(*row) for one, row in zip(alone, zip(q, dq))], atol=1e-12
-        )
+        assert np.allclose(together.extra(q, dq), [one.extra(*row) for one, row in zip(alone, zip(q, dq))], atol=1e-12)
         seen = zip(*(one.sense(*row) for one, row in zip(alone, zip(q, dq, command))))
         for wide, rows in zip(together.sense(q, dq, command), seen):
             assert np.allclose(wide, rows, atol=1e-12)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from np_description.calibration import Lens
 from np_description.camera import CAMERA
 from np_description.rotations import matrix_from_vector, vector_from_matrix
@@ -39,9 +40,7 @@ class Setup:
                 continue
             on_base = self.rotation @ seen
             hand = on_base @ mounted.T
-            position = (
-                self.rotation @ (centre - seen @ board.corners.mean(axis=0)) + self.position - hand @ at
-            )
+            position = self.rotation @ (centre - seen @ board.corners.mean(axis=0)) + self.position - hand @ at
             hand = matrix_from_vector(rng.normal(0, arm, 3)) @ hand
             self.views.append(
                 View(
@@ -89,9 +88,7 @@ def test_derivatives():
     for k in range(16):
         step = np.zeros(16)
         step[k] = 1e-6
-        numeric = (
-            linearise(moved(fit, -step), setup.views)[0] - linearise(moved(fit, step), setup.views)[0]
-        ) / 2e-6
+        numeric = (linearise(moved(fit, -step), setup.views)[0] - linearise(moved(fit, step), setup.views)[0]) / 2e-6
         np.testing.assert_allclose(jacobian[:, :, k], numeric, rtol=1e-4, atol=1e-3 * np.abs(numeric).max())
 
 
@@ -136,10 +133,7 @@ def table(seed, count=8, noise=0.0003, spread=True):
     points = BOARD.corners @ turned.T + at
     seen = (points - setup.position) @ setup.rotation
     pixels = seen[:, :2] / seen[:, 2:] * LENS.fx + LENS.cx
-    views = [
-        View(np.zeros(3), np.eye(3), BOARD.corners, pixels + rng.normal(0, 0.05, pixels.shape))
-        for _ in range(3)
-    ]
+    views = [View(np.zeros(3), np.eye(3), BOARD.corners, pixels + rng.normal(0, 0.05, pixels.shape)) for _ in range(3)]
     corners = [0, 5, 18, 23, 8, 15, 2, 21][:count] if spread else range(count)
     return setup, views, [Touch(points[i] + rng.normal(0, noise, 3), BOARD.corners[i]) for i in corners]
 

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import torch
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from np_control.dynamics import build_model
@@ -19,7 +20,8 @@ MODEL = load_model(CARD)
 DATA = mujoco.MjData(MODEL)
 
 joints = arrays(float, 7, elements=st.floats(-3.1, 3.8)).map(
-    lambda q: np.clip(q, NOMINAL.position_lower, NOMINAL.position_upper))
+    lambda q: np.clip(q, NOMINAL.position_lower, NOMINAL.position_upper)
+)
 # Postures from which the hand can move in every direction: about ready, away from limits and singularities.
 near_ready = arrays(float, 7, elements=st.floats(-0.4, 0.4)).map(lambda step: NOMINAL.ready + step)
 shifts = arrays(float, 3, elements=st.floats(-0.03, 0.03))
@@ -105,8 +107,10 @@ def test_numpy_and_torch_agree_and_batches_are_independent(q, shift, turn):
     position, rotation = forward_kinematics(q)
     target, turned = position + shift, matrix_from_vector(turn) @ rotation
     batch = [torch.as_tensor(np.stack([a, a])) for a in (q, target, turned)]
-    for one, many in ((forward_kinematics(q), forward_kinematics(batch[0])),
-                      ((jacobian(q),), (jacobian(batch[0]),)),
-                      ((solve_ik(q, target, turned),), (solve_ik(*batch),))):
+    for one, many in (
+        (forward_kinematics(q), forward_kinematics(batch[0])),
+        ((jacobian(q),), (jacobian(batch[0]),)),
+        ((solve_ik(q, target, turned),), (solve_ik(*batch),)),
+    ):
         for array, tensor in zip(one, many):
             np.testing.assert_allclose(tensor.numpy(), np.stack([array, array]), atol=1e-6)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rosbags.rosbag2 import StoragePlugin, Writer
+
 from np_record import mcap
 from np_record.bag import Recording
 from np_record.cdr import TYPESTORE
-from rosbags.rosbag2 import StoragePlugin, Writer
 
 TEXT, NUMBER = "std_msgs/msg/String", "std_msgs/msg/Float64"
 TOPICS = ("/phase", "/gripper_command")

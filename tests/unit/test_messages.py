@@ -6,11 +6,12 @@ from geometry_msgs.msg import PoseStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from rclpy.serialization import deserialize_message, serialize_message
+
 from np_description.camera import CAMERA
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_ros import messages
 from np_ros.messages import BadMessage
-from rclpy.serialization import deserialize_message, serialize_message
 
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 doubles = st.floats(allow_nan=False, allow_infinity=False)
@@ -59,14 +60,17 @@ def joint_state(**changes):
     return message
 
 
-@pytest.mark.parametrize("changes, kind, text", [
-    ({"name": list(reversed(JOINT_NAMES))}, "names", "panda_joint1"),
-    ({"name": []}, "names", "got \\[\\]"),
-    ({"position": [0.0] * 6}, "shape", "position: expected shape \\(7,\\), got \\(6,\\)"),
-    ({"effort": []}, "shape", "effort"),
-    ({"velocity": [0.0] * 6 + [float("nan")]}, "finite", "velocity.*nan"),
-    ({"effort": [float("inf")] * 7}, "finite", "effort.*inf"),
-])
+@pytest.mark.parametrize(
+    "changes, kind, text",
+    [
+        ({"name": list(reversed(JOINT_NAMES))}, "names", "panda_joint1"),
+        ({"name": []}, "names", "got \\[\\]"),
+        ({"position": [0.0] * 6}, "shape", "position: expected shape \\(7,\\), got \\(6,\\)"),
+        ({"effort": []}, "shape", "effort"),
+        ({"velocity": [0.0] * 6 + [float("nan")]}, "finite", "velocity.*nan"),
+        ({"effort": [float("inf")] * 7}, "finite", "effort.*inf"),
+    ],
+)
 def test_joint_state_refused(changes, kind, text):
     with pytest.raises(BadMessage, match=text) as refusal:
         messages.joint_state_arrays(joint_state(**changes), JOINT_NAMES)
@@ -138,18 +142,28 @@ def test_gains_refused():
         messages.gains_message(np.ones((7, 2)))
 
 
-@given(stamps, vectors(8, 2, low=-1e5, high=1e5, width=32, dtype=np.float32), vectors(8, low=0, high=1, width=32, dtype=np.float32))
+@given(
+    stamps,
+    vectors(8, 2, low=-1e5, high=1e5, width=32, dtype=np.float32),
+    vectors(8, low=0, high=1, width=32, dtype=np.float32),
+)
 def test_keypoints_round_trip(stamp, pixels, scores):
     keypoints = np.column_stack([pixels, scores]).astype(np.float64)
     message = sent(messages.keypoints_message(stamp, "camera_optical", keypoints))
     np.testing.assert_array_equal(messages.keypoints_array(message), keypoints)
 
 
-@pytest.mark.parametrize("changes, kind", [
-    ({"width": 7}, "shape"), ({"is_bigendian": True}, "encoding"), ({"fields": []}, "encoding"),
-    ({"data": b"\0" * 95}, "shape"), ({"data": np.full(24, np.nan, "<f4").tobytes()}, "finite"),
-    ({"data": np.full(24, 2.0, "<f4").tobytes()}, "range"),
-])
+@pytest.mark.parametrize(
+    "changes, kind",
+    [
+        ({"width": 7}, "shape"),
+        ({"is_bigendian": True}, "encoding"),
+        ({"fields": []}, "encoding"),
+        ({"data": b"\0" * 95}, "shape"),
+        ({"data": np.full(24, np.nan, "<f4").tobytes()}, "finite"),
+        ({"data": np.full(24, 2.0, "<f4").tobytes()}, "range"),
+    ],
+)
 def test_keypoints_refused(changes, kind):
     message = messages.keypoints_message(0, "camera_optical", np.ones((8, 3)))
     for name, value in changes.items():
@@ -159,8 +173,7 @@ def test_keypoints_refused(changes, kind):
     assert refusal.value.kind == kind
 
 
-@given(stamps, st.integers(1, 12).flatmap(lambda h: st.integers(1, 12).flatmap(
-    lambda w: arrays(np.uint8, (h, w, 3)))))
+@given(stamps, st.integers(1, 12).flatmap(lambda h: st.integers(1, 12).flatmap(lambda w: arrays(np.uint8, (h, w, 3)))))
 def test_image_round_trip(stamp, pixels):
     message = sent(messages.image_message(stamp, "camera_optical", pixels))
     np.testing.assert_array_equal(messages.image_array(message), pixels)
@@ -174,9 +187,15 @@ def test_image_with_padded_rows_is_read():
     np.testing.assert_array_equal(messages.image_array(message), pixels)
 
 
-@pytest.mark.parametrize("changes, kind", [
-    ({"encoding": "bgr8"}, "encoding"), ({"height": 5}, "shape"), ({"data": b""}, "shape"),
-    ({"height": 0, "data": b""}, "shape")])
+@pytest.mark.parametrize(
+    "changes, kind",
+    [
+        ({"encoding": "bgr8"}, "encoding"),
+        ({"height": 5}, "shape"),
+        ({"data": b""}, "shape"),
+        ({"height": 0, "data": b""}, "shape"),
+    ],
+)
 def test_image_refused(changes, kind):
     message = messages.image_message(0, "camera_optical", np.zeros((4, 4, 3), np.uint8))
     for name, value in changes.items():

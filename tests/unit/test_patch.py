@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
@@ -127,8 +128,7 @@ def test_a_payload_is_a_point_mass_at_the_tool(mass):
     jacobian = np.empty((3, model.nv))
     body = model.body("panda_hand").id
     point = (
-        data.body("panda_hand").xpos
-        + data.body("panda_hand").xmat.reshape(3, 3) @ NOMINAL.frames["hand_tcp"].position
+        data.body("panda_hand").xpos + data.body("panda_hand").xmat.reshape(3, 3) @ NOMINAL.frames["hand_tcp"].position
     )
     mujoco.mj_jac(model, data, jacobian, None, point, body)
     speed = jacobian[:, :7] @ np.linspace(0.3, -0.5, 7)
@@ -155,7 +155,6 @@ def test_link_inertia_is_scaled_about_the_centre_of_mass(scale, joint):
 def test_nothing_changes_nothing():
     arm = Patch().panda()
     assert all(
-        np.array_equal(getattr(arm, name), getattr(NOMINAL, name))
-        for name in ("frictionloss", "damping", "armature")
+        np.array_equal(getattr(arm, name), getattr(NOMINAL, name)) for name in ("frictionloss", "damping", "armature")
     )
     assert all(np.array_equal(body.com, NOMINAL.inertials[name].com) for name, body in arm.inertials.items())

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import yaml
 from bags import record_episode
-from np_description.calibration import Lens
-from np_perception.camera.source import CameraError, EndOfImages
 
+from np_description.calibration import Lens
 from np_perception.camera.playback import POLICY_LENS, Playback
+from np_perception.camera.source import CameraError, EndOfImages
 
 
 def write_pictures(folder, names, size=(224, 224), suffix=".png"):
@@ -46,9 +46,7 @@ def test_stamps_of_now_keep_the_recorded_distances(tmp_path):
         yaml.safe_dump({"fx": 300.0, "fy": 300.0, "cx": 111.5, "cy": 111.5, "rate": 5})
     )
     playback = Playback(tmp_path / "p", rate=100.0)
-    assert playback.lens == Lens(224, 224, 300.0, 300.0, 111.5, 111.5) and playback.period == pytest.approx(
-        0.002
-    )
+    assert playback.lens == Lens(224, 224, 300.0, 300.0, 111.5, 111.5) and playback.period == pytest.approx(0.002)
     stamps = np.array([frame.stamp for frame in play(playback)])
     np.testing.assert_array_equal(np.diff(stamps), 2_000_000)
 

@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 import torch
+
 from np_control.impedance import STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics
 from np_description.domains import CARD, sample_task
 from np_description.panda import FINGER_MAX, NOMINAL
 from np_description.rotations import matrix_from_quaternion, six_from_matrix
+from np_perception.pose_estimation import project_keypoints
 from np_policy.action import TIGHT
 from np_policy.hand_pose import POSITION_CENTRE, POSITION_RANGE
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.policy import PolicyError, PostContactController, PreContactPlanner, student_output, weights_file
-from np_perception.pose_estimation import project_keypoints
 from np_policy.weights import WeightsError, save
 
 START, GOAL = (project_keypoints(CARD, pose) for pose in sample_task(CARD, np.random.default_rng(0)))
@@ -38,7 +39,9 @@ def test_the_students_output_is_a_pose_and_an_opening():
     rotation = np.diag([1.0, -1.0, -1.0])
     wanted = student_output(np.concatenate([2 * six_from_matrix(rotation), [0.5, -0.25, 0.0], [0.25]]))
     np.testing.assert_allclose(matrix_from_quaternion(wanted.pose.quaternion), rotation, atol=1e-12)
-    np.testing.assert_allclose(wanted.pose.position, np.array(POSITION_CENTRE) + POSITION_RANGE * np.array([0.5, -0.25, 0.0]))
+    np.testing.assert_allclose(
+        wanted.pose.position, np.array(POSITION_CENTRE) + POSITION_RANGE * np.array([0.5, -0.25, 0.0])
+    )
     assert wanted.opening == pytest.approx(FINGER_MAX / 4)
     assert student_output(np.concatenate([six_from_matrix(rotation), [0, 0, 0], [7.0]])).opening == FINGER_MAX
 
@@ -63,7 +66,10 @@ def test_targets_stay_within_the_residual_and_gain_limits(controller):
         target = controller.act(q, rng.normal(0, 0.5, 9), START, GOAL)
         position, rotation = forward_kinematics(q[:7])
         assert np.abs(target.position - position).max() <= TIGHT.position + 1e-12
-        assert np.arccos(np.clip((np.trace(target.rotation @ rotation.T) - 1) / 2, -1, 1)) <= TIGHT.rotation * 3**0.5 + 1e-6
+        assert (
+            np.arccos(np.clip((np.trace(target.rotation @ rotation.T) - 1) / 2, -1, 1))
+            <= TIGHT.rotation * 3**0.5 + 1e-6
+        )
         assert (target.stiffness >= STIFFNESS_MIN - 1e-9).all() and (target.stiffness <= STIFFNESS_MAX + 1e-9).all()
         assert (target.damping_ratio >= 0.5).all()
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+
 from np_description.camera import CAMERA
 from np_description.domains import CARD, DOMAINS, Pose, pose_error, sample_task
 from np_description.keypoints import box_keypoints
@@ -100,8 +101,10 @@ def test_nan_is_a_missing_keypoint():
     assert error(estimate_pose(keypoints, CARD), pose)[0] < 1e-5
 
 
-@given(arrays(float, (8, 2), elements=st.one_of(st.floats(-1e5, 1e5), st.sampled_from([0.0, 112.0]))),
-       st.sampled_from(list(DOMAINS.values())))
+@given(
+    arrays(float, (8, 2), elements=st.one_of(st.floats(-1e5, 1e5), st.sampled_from([0.0, 112.0]))),
+    st.sampled_from(list(DOMAINS.values())),
+)
 @settings(max_examples=150, deadline=None)
 def test_any_keypoints_have_a_finite_pose_or_none(pixels, domain):
     try:

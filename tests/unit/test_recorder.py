@@ -7,14 +7,15 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from np_record.bag import BagError, Recording
-from np_record.topics import BY_NAME, TIMELINE
-from np_record.recorder import HORIZON, BagWriter, Sequencer
-from np_description.panda import STATE_NAMES
-from np_ros.messages import gains_message, joint_state_message, pose_message
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from std_msgs.msg import String
+
+from np_description.panda import STATE_NAMES
+from np_record.bag import BagError, Recording
+from np_record.recorder import HORIZON, BagWriter, Sequencer
+from np_record.topics import BY_NAME, TIMELINE
+from np_ros.messages import gains_message, joint_state_message, pose_message
 
 PERIOD = 2_000_000
 
@@ -173,19 +174,11 @@ def foreign(path, topic, message_type, data):
 
 
 def test_a_foreign_bag_is_named(tmp_path):
-    chatter = foreign(
-        tmp_path / "a", "/chatter", "std_msgs/msg/String", serialize_message(String(data="hello"))
-    )
-    with pytest.raises(
-        BagError, match=r"expected messages on .*graph.md; it has /chatter \(std_msgs/msg/String, 1\)"
-    ):
+    chatter = foreign(tmp_path / "a", "/chatter", "std_msgs/msg/String", serialize_message(String(data="hello")))
+    with pytest.raises(BagError, match=r"expected messages on .*graph.md; it has /chatter \(std_msgs/msg/String, 1\)"):
         Recording(chatter)
-    wrong = foreign(
-        tmp_path / "b", "/joint_states", "geometry_msgs/msg/PoseStamped", serialize_message(PoseStamped())
-    )
-    with pytest.raises(
-        BagError, match="joint_states: expected sensor_msgs/msg/JointState, got geometry_msgs"
-    ):
+    wrong = foreign(tmp_path / "b", "/joint_states", "geometry_msgs/msg/PoseStamped", serialize_message(PoseStamped()))
+    with pytest.raises(BagError, match="joint_states: expected sensor_msgs/msg/JointState, got geometry_msgs"):
         Recording(wrong)
     with pytest.raises(BagError, match="expected messages on tick, effort_command; it has"):
         Recording(record(tmp_path / "c"), required=["joint_states", "tick", "effort_command"])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from np_description.calibration import CalibrationError, Lens
 from np_description.camera import CAMERA
 from np_description.rotations import matrix_from_vector
@@ -25,9 +26,7 @@ def raw_pixels(points, turn, lens=D435):
 @settings(max_examples=10)
 @given(
     SMALL,
-    st.lists(
-        st.tuples(st.floats(0.35, 0.65), st.floats(-0.2, 0.2), st.floats(0, 0.1)), min_size=1, max_size=5
-    ),
+    st.lists(st.tuples(st.floats(0.35, 0.65), st.floats(-0.2, 0.2), st.floats(0, 0.1)), min_size=1, max_size=5),
 )
 def test_geometry(vector, points):
     points, turn = np.array(points), matrix_from_vector(np.array(vector))
@@ -38,9 +37,7 @@ def test_geometry(vector, points):
 
 def test_our_distortion_is_opencvs():
     rays = np.column_stack([*np.random.default_rng(0).uniform(-0.6, 0.6, (2, 50)), np.ones(50)])
-    theirs = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), D435.matrix, np.array(D435.distortion))[0][
-        :, 0
-    ]
+    theirs = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), D435.matrix, np.array(D435.distortion))[0][:, 0]
     np.testing.assert_allclose(project_distorted(rays, D435), theirs, atol=1e-6)
 
 

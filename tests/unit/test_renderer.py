@@ -129,7 +129,8 @@ def test_a_driver_that_aborts_its_process_means_the_ray_caster(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "variable, value", [("PYOPENGL_PLATFORM", "osmesa"), ("__EGL_VENDOR_LIBRARY_DIRS", os.devnull)])
+    "variable, value", [("PYOPENGL_PLATFORM", "osmesa"), ("__EGL_VENDOR_LIBRARY_DIRS", os.devnull)]
+)
 def test_without_a_usable_egl_the_ray_caster_draws(monkeypatch, variable, value):
     """OpenGL taken by another platform; a loader that finds no driver."""
     monkeypatch.setenv(variable, value)

@@ -8,14 +8,15 @@ import pytest
 from bags import KEYPOINT_OFFSET, PERIOD, record_episode
 from hypothesis import given
 from hypothesis import strategies as st
-from np_record.bag import BagError, Recording
-from np_record.commands import report as command
-from np_record.recorded_episode import images, load_episode, score
-from np_record.intervals import wilson_interval
-from np_record.report.episodes import make_section, write_report
-from np_record.report.video import write_video
+
 from np_description.domains import CARD, WALL, Pose
 from np_description.rotations import yaw_quaternion
+from np_record.bag import BagError, Recording
+from np_record.commands import report as command
+from np_record.intervals import wilson_interval
+from np_record.recorded_episode import images, load_episode, score
+from np_record.report.episodes import make_section, write_report
+from np_record.report.video import write_video
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,10 @@ import yaml
 from geometry_msgs.msg import PoseStamped
 from hypothesis import given
 from hypothesis import strategies as st
+from std_srvs.srv import SetBool
+
 from np_description.panda import JOINT_NAMES
 from np_ros import messages
-from std_srvs.srv import SetBool
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "tools" / "ros2_lite"))
 from ros2_lite import launch, main, packages, service, topic  # noqa: E402
@@ -46,7 +47,9 @@ def test_steps_aside_for_a_real_ros2(tmp_path):
     real = executable(tmp_path / "opt" / "ros2")
     assert main.real_ros2(f"{ours}:{real.parent}", ours) == str(real)
     assert main.real_ros2(f"{real.parent}:{ours}", ours) == str(real)
-    other = executable(tmp_path / "other" / "ros2")  # of another checkout: the two would hand over to each other for ever
+    other = executable(
+        tmp_path / "other" / "ros2"
+    )  # of another checkout: the two would hand over to each other for ever
     other.write_text("#!/usr/bin/python\nfrom ros2_lite.main import main\n")
     assert main.real_ros2(f"{other.parent}:{ours}", ours) is None
     assert main.real_ros2(f"{other.parent}:{real.parent}:{ours}", ours) == str(real)
@@ -55,10 +58,18 @@ def test_steps_aside_for_a_real_ros2(tmp_path):
 def test_hands_its_arguments_over_to_the_real_ros2(tmp_path):
     executable(tmp_path / "ros2").write_text('#!/bin/sh\necho real "$@"\n')
     code = "import sys; from ros2_lite.main import main; sys.exit(main())"
-    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}",
-                   "PYTHONPATH": os.pathsep.join([str(Path(main.__file__).parents[1]), *sys.path])}
-    done = subprocess.run([sys.executable, "-c", code, "bag", "play", "-s", "mcap", "x"], env=environment,
-                          capture_output=True, text=True, check=True)
+    environment = {
+        **os.environ,
+        "PATH": f"{tmp_path}:{os.environ['PATH']}",
+        "PYTHONPATH": os.pathsep.join([str(Path(main.__file__).parents[1]), *sys.path]),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code, "bag", "play", "-s", "mcap", "x"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert done.stdout == "real bag play -s mcap x\n"
 
 

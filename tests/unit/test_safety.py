@@ -4,12 +4,25 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
-from np_control.safety import LIMITS, Reason, Refusal, SafetyFilter, State, check_command, limit_gains, \
-    limit_target, limit_torque, slew_gains, torque_bounds, velocity_bounds
+from np_control.safety import (
+    LIMITS,
+    Reason,
+    Refusal,
+    SafetyFilter,
+    State,
+    check_command,
+    limit_gains,
+    limit_target,
+    limit_torque,
+    slew_gains,
+    torque_bounds,
+    velocity_bounds,
+)
 from np_description.panda import JOINT_NAMES, NOMINAL
 
 PERIOD = LIMITS.period_ns
@@ -107,8 +120,11 @@ def test_gains_outside_their_bounds_are_refused_but_rounding_is_not():
     rounded = STIFFNESS_MAX.astype(np.float32) * np.float32(1 + 1e-6)
     stiffness, ratio = limit_gains(rounded, np.full(7, DAMPING_RATIO_MIN))
     assert (stiffness <= STIFFNESS_MAX).all() and (ratio >= DAMPING_RATIO_MIN).all()
-    for stiffness, ratio in ((STIFFNESS_MAX * 1.1, np.ones(7)), (-STIFFNESS_MIN, np.ones(7)),
-                             (STIFFNESS_MIN, np.full(7, 0.4))):
+    for stiffness, ratio in (
+        (STIFFNESS_MAX * 1.1, np.ones(7)),
+        (-STIFFNESS_MIN, np.ones(7)),
+        (STIFFNESS_MIN, np.full(7, 0.4)),
+    ):
         with pytest.raises(Refusal) as refusal:
             limit_gains(stiffness, ratio)
         assert refusal.value.reason is Reason.GAINS
@@ -136,18 +152,22 @@ def changed(array, index, value):
     return array
 
 
-@pytest.mark.parametrize("reason, change", [
-    (Reason.NAMES, dict(names=list(JOINT_NAMES[::-1]))),
-    (Reason.NAMES, dict(names=[])),
-    (Reason.LENGTH, dict(effort=np.zeros(6))),
-    (Reason.LENGTH, dict(velocity=[])),
-    (Reason.NOT_FINITE, dict(effort=changed(ZERO, 2, np.nan))),
-    (Reason.NOT_FINITE, dict(position=changed(READY, 6, np.inf))),
-    (Reason.FUTURE, dict(stamp=11 * PERIOD)),
-    (Reason.ORDER, dict(stamp=8 * PERIOD)),
-    (Reason.POSITION, dict(position=changed(READY, 3, 0.0))),
-    (Reason.VELOCITY, dict(velocity=changed(ZERO, 0, 2.2))),
-    (Reason.TORQUE, dict(effort=changed(ZERO, 6, -12.1)))])
+@pytest.mark.parametrize(
+    "reason, change",
+    [
+        (Reason.NAMES, dict(names=list(JOINT_NAMES[::-1]))),
+        (Reason.NAMES, dict(names=[])),
+        (Reason.LENGTH, dict(effort=np.zeros(6))),
+        (Reason.LENGTH, dict(velocity=[])),
+        (Reason.NOT_FINITE, dict(effort=changed(ZERO, 2, np.nan))),
+        (Reason.NOT_FINITE, dict(position=changed(READY, 6, np.inf))),
+        (Reason.FUTURE, dict(stamp=11 * PERIOD)),
+        (Reason.ORDER, dict(stamp=8 * PERIOD)),
+        (Reason.POSITION, dict(position=changed(READY, 3, 0.0))),
+        (Reason.VELOCITY, dict(velocity=changed(ZERO, 0, 2.2))),
+        (Reason.TORQUE, dict(effort=changed(ZERO, 6, -12.1))),
+    ],
+)
 def test_each_bad_command_is_refused_for_its_reason(reason, change):
     with pytest.raises(Refusal) as refusal:
         check_command(LIMITS, **command(**change), now=10 * PERIOD, last=9 * PERIOD)
@@ -264,10 +284,15 @@ def test_an_arm_is_slack_once_it_is_at_rest_and_its_torque_a_step_from_none():
     assert not safety.is_slack
 
 
-@pytest.mark.parametrize("q, dq, cause", [
-    (changed(READY, 1, np.nan), ZERO, "not finite"), (READY, changed(ZERO, 4, np.inf), "not finite"),
-    (READY, changed(ZERO, 2, 2.3), "panda_joint3: 2.30 rad/s is over"),
-    (changed(READY, 3, 0.1), ZERO, "panda_joint4: 0.100 rad is outside")])
+@pytest.mark.parametrize(
+    "q, dq, cause",
+    [
+        (changed(READY, 1, np.nan), ZERO, "not finite"),
+        (READY, changed(ZERO, 4, np.inf), "not finite"),
+        (READY, changed(ZERO, 2, 2.3), "panda_joint3: 2.30 rad/s is over"),
+        (changed(READY, 3, 0.1), ZERO, "panda_joint4: 0.100 rad is outside"),
+    ],
+)
 def test_a_broken_state_is_a_fault_and_the_torque_stays_lawful(q, dq, cause):
     safety = started()
     safety.offer(**command(effort=np.full(7, 1.9)), now=10 * PERIOD)

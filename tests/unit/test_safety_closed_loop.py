@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from np_control.impedance import STIFFNESS_MAX, torque as impedance_torque
+from np_control.impedance import STIFFNESS_MAX
+from np_control.impedance import torque as impedance_torque
 from np_control.safety import LIMITS, SafetyFilter, State, clamp_torque
 from np_description.domains import CARD
 from np_description.panda import NOMINAL

@@ -1,6 +1,7 @@
 """The watchdog against a model of its rules, over random sequences of events."""
 
-from hypothesis import settings, strategies as st
+from hypothesis import settings
+from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from np_control.safety import LIMITS, Reason, Refusal, State, Watchdog

@@ -5,7 +5,8 @@ from fractions import Fraction
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from np_control.safety import SafetyFilter, State
 from np_description.domains import BUMP, CARD, DOMAINS, WALL
@@ -19,8 +20,11 @@ ZERO = np.zeros(7)
 
 
 def state_bytes(simulation):
-    return b"".join(a.tobytes() for a in (*vars(simulation.measure()).values(), simulation.configuration())
-                    if isinstance(a, np.ndarray))
+    return b"".join(
+        a.tobytes()
+        for a in (*vars(simulation.measure()).values(), simulation.configuration())
+        if isinstance(a, np.ndarray)
+    )
 
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)

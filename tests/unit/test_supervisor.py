@@ -5,6 +5,7 @@ import signal
 import sys
 
 import pytest
+
 from np_ros.graph import LaunchArgument, NodeSpec, complete
 from np_ros.supervisor import NodeDied, Supervisor, installed_command, reserve_domain_id
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from np_control.safety import LIMITS, Reason, Refusal
@@ -20,8 +21,12 @@ def trajectories(draw):
 
 
 def there_and_back(**changes):
-    fields = dict(times=np.array([0.0, 1.0, 2.5]), positions=NOMINAL.ready + np.array([[0.0], [0.2], [0.1]]),
-                  velocities=np.array([[0.0], [0.05], [0.0]]) * np.ones(7), limits=LIMITS)
+    fields = dict(
+        times=np.array([0.0, 1.0, 2.5]),
+        positions=NOMINAL.ready + np.array([[0.0], [0.2], [0.1]]),
+        velocities=np.array([[0.0], [0.05], [0.0]]) * np.ones(7),
+        limits=LIMITS,
+    )
     return fields | changes
 
 
@@ -72,17 +77,21 @@ def test_a_single_point_is_a_place_to_be():
     np.testing.assert_array_equal(trajectory.sample(1.0)[0], NOMINAL.ready)
 
 
-@pytest.mark.parametrize("reason, change", [
-    (Reason.TRAJECTORY, dict(times=[], positions=np.zeros((0, 7)), velocities=np.zeros((0, 7)))),
-    (Reason.TRAJECTORY, dict(times=[0.0, 1.0, 1.0])),
-    (Reason.TRAJECTORY, dict(times=[0.0, 2.0, 1.0])),
-    (Reason.TRAJECTORY, dict(times=[-0.1, 1.0, 2.0])),
-    (Reason.TRAJECTORY, dict(times=[0.0, np.nan, 2.0])),
-    (Reason.TRAJECTORY, dict(positions=np.zeros((3, 6)))),
-    (Reason.TRAJECTORY, dict(velocities=np.full((3, 7), 0.05))),
-    (Reason.NOT_FINITE, dict(positions=np.full((3, 7), np.nan))),
-    (Reason.POSITION, dict(positions=NOMINAL.ready + np.array([[0.0], [2.5], [0.1]]), times=[0.0, 9.0, 20])),
-    (Reason.VELOCITY, dict(times=[0.0, 0.1, 2.5]))])
+@pytest.mark.parametrize(
+    "reason, change",
+    [
+        (Reason.TRAJECTORY, dict(times=[], positions=np.zeros((0, 7)), velocities=np.zeros((0, 7)))),
+        (Reason.TRAJECTORY, dict(times=[0.0, 1.0, 1.0])),
+        (Reason.TRAJECTORY, dict(times=[0.0, 2.0, 1.0])),
+        (Reason.TRAJECTORY, dict(times=[-0.1, 1.0, 2.0])),
+        (Reason.TRAJECTORY, dict(times=[0.0, np.nan, 2.0])),
+        (Reason.TRAJECTORY, dict(positions=np.zeros((3, 6)))),
+        (Reason.TRAJECTORY, dict(velocities=np.full((3, 7), 0.05))),
+        (Reason.NOT_FINITE, dict(positions=np.full((3, 7), np.nan))),
+        (Reason.POSITION, dict(positions=NOMINAL.ready + np.array([[0.0], [2.5], [0.1]]), times=[0.0, 9.0, 20])),
+        (Reason.VELOCITY, dict(times=[0.0, 0.1, 2.5])),
+    ],
+)
 def test_each_bad_trajectory_is_refused_for_its_reason(reason, change):
     make_trajectory(**there_and_back())
     with pytest.raises(Refusal) as refusal:

@@ -12,8 +12,8 @@ import argparse
 import json
 from pathlib import Path
 
-from np_training.reports.curves import draw_comparison, reached, save
 from np_training.report import Run, read_run
+from np_training.reports.curves import draw_comparison, reached, save
 
 EVALUATED = ("steps", "conditions", "student", "success", "ci95", "episodes", "breaks_first")
 

@@ -29,9 +29,7 @@ KEYPOINT_NOISE = 0.02  # largest standard deviation, normalised image units; 1.0
 POOL, REUSE = 32, 8  # batches of tasks kept, and updates from them for each that is new: the teacher is the slow part
 
 
-def student_input(
-    domain: Domain, objects: Poses, goals: Poses, noise: torch.Tensor | float = 0.0
-) -> torch.Tensor:
+def student_input(domain: Domain, objects: Poses, goals: Poses, noise: torch.Tensor | float = 0.0) -> torch.Tensor:
     """The student's input (n, 32) for tasks, keypoints disturbed by Gaussian noise of a standard deviation
     (n, 1, 1)."""
     return disturbed(*_keypoints(domain, objects, goals), noise)
@@ -118,13 +116,9 @@ def main() -> None:
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     arguments = parser.parse_args()
     state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
-    domain = arguments.domain or state.get("setting", {}).get(
-        "domain", "card"
-    )  # the first version did not say
+    domain = arguments.domain or state.get("setting", {}).get("domain", "card")  # the first version did not say
     teacher = PreContactPolicy().to(arguments.device)
-    teacher.load_state_dict(
-        {name[4:]: tensor for name, tensor in state["networks"].items() if name.startswith("pre.")}
-    )
+    teacher.load_state_dict({name[4:]: tensor for name, tensor in state["networks"].items() if name.startswith("pre.")})
     student, figures = distil(
         find_domain(domain),
         teacher,

@@ -20,20 +20,20 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from np_record.intervals import wilson_interval
 from np_control.operational_space import CartesianGains, uniform_gains
 from np_description.domains import DOMAINS, find_domain
 from np_policy.networks import PreContactStudent
 from np_policy.policy import weights_file
 from np_policy.weights import load
-from np_training.physics.carried_effects import load_effects
+from np_record.intervals import wilson_interval
 from np_training.environment.environment import Environment, EnvironmentConfig
-from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
 from np_training.environment.fixed_contact import STARTS, FixedContact
-from np_training.ppo.networks import ActorCritic
-from np_training.physics.batched import CONTROLLERS, PhysicsConfig
-from np_training.tasks.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
+from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
 from np_training.episodes.recording import save_recording
+from np_training.physics.batched import CONTROLLERS, PhysicsConfig
+from np_training.physics.carried_effects import load_effects
+from np_training.ppo.networks import ActorCritic
+from np_training.tasks.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
 from np_training.train import LIMITS
 
 SETTING = {
@@ -125,9 +125,7 @@ def evaluate(
 def breaks_first(base: dict, alone: dict[str, dict]) -> str | None:
     """The widened group with the least success; None where no group's interval lies below that of the trained
     range."""
-    worse = {
-        name: figures["success"] for name, figures in alone.items() if figures["ci95"][1] < base["ci95"][0]
-    }
+    worse = {name: figures["success"] for name, figures in alone.items() if figures["ci95"][1] < base["ci95"][0]}
     return min(worse, key=worse.get) if worse else None
 
 
@@ -181,9 +179,7 @@ def main() -> None:
     parser.add_argument(
         "--record", type=Path, help="file (.npz) for the joint positions of the last condition's episodes"
     )
-    parser.add_argument(
-        "--video", type=int, metavar="N", help="draw N of the recorded episodes beside --record"
-    )
+    parser.add_argument("--video", type=int, metavar="N", help="draw N of the recorded episodes beside --record")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     arguments = parser.parse_args()
     if arguments.video and not arguments.record:
@@ -220,9 +216,7 @@ def main() -> None:
     for conditions in arguments.conditions:
         begin = time.monotonic()
         record = arguments.record if conditions == arguments.conditions[-1] else None
-        figures = evaluate(
-            environment, networks, student, setting["start"], conditions, tuple(arguments.seeds), record
-        )
+        figures = evaluate(environment, networks, student, setting["start"], conditions, tuple(arguments.seeds), record)
         line = json.dumps(
             {
                 "conditions": conditions,

@@ -19,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
-from np_diagnosis.baselines.methods import compare, gap
 from np_diagnosis.baselines.drive_log import read_drive_log
-from np_diagnosis.experiments.excitation import suite
 from np_diagnosis.baselines.identification import JOINT, Budget, likeliest_delay
-from np_diagnosis.simulation.simulated_arm import Plant, load_plant, panda_plant
+from np_diagnosis.baselines.methods import compare, gap
+from np_diagnosis.experiments.excitation import suite
 from np_diagnosis.simulation.closed_loop import Stretch, stretches
+from np_diagnosis.simulation.simulated_arm import Plant, load_plant, panda_plant
 from np_training.identify_reference import known_arm, record
 
 FITTED, HELD_OUT = (
@@ -87,9 +87,7 @@ def report(
     if truth is not None:
         result["truth"] = {name: truth[name].tolist() for name in JOINT}
         # What is left even so: noise, and the step of the nominal simulator against the finer one of the arm.
-        result["gap_with_truth_rad"] = float(
-            np.sqrt(np.mean(gap(plant, held_out, truth, budget.threads) ** 2))
-        )
+        result["gap_with_truth_rad"] = float(np.sqrt(np.mean(gap(plant, held_out, truth, budget.threads) ** 2)))
         for method in result["methods"].values():
             method["relative_error"] = {
                 name: (np.array(method["values"][name]) / truth[name] - 1).tolist()
@@ -158,12 +156,8 @@ def main() -> None:
     )
     parser.add_argument("--blocks", type=float, help="hold out every second block of this length, s, instead")
     parser.add_argument("--arm", type=Path, help="MJCF file; default: the nominal Panda")
-    parser.add_argument(
-        "--delays", nargs="+", type=float, default=[], help="s, of commands, of which to take the best"
-    )
-    parser.add_argument(
-        "--simulate", action="store_true", help="a reference arm with known parameters instead"
-    )
+    parser.add_argument("--delays", nargs="+", type=float, default=[], help="s, of commands, of which to take the best")
+    parser.add_argument("--simulate", action="store_true", help="a reference arm with known parameters instead")
     parser.add_argument("--out", type=Path, default=Path("runs/identify"))
     parser.add_argument("--seed", type=int, default=0)
     for name, default in vars(Budget()).items():

@@ -14,8 +14,8 @@ import numpy as np
 
 from np_control.controller import Controller, ControllerConfig
 from np_diagnosis.experiments.excitation import Segment
-from np_diagnosis.simulation.simulated_arm import panda_plant
 from np_diagnosis.simulation.closed_loop import FIELDS, Stretch, stretch
+from np_diagnosis.simulation.simulated_arm import panda_plant
 
 PERIOD_NS = 2_000_000
 SUBSTEPS = 4

@@ -19,9 +19,9 @@ import torch
 
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256
+from np_training.report import PHYSICS_STEPS, Run, read_run
 from np_training.reports.curves import draw_curves
 from np_training.reports.curves import save as save_figure
-from np_training.report import PHYSICS_STEPS, Run, read_run
 
 _CARD = """# {title}
 
@@ -76,18 +76,12 @@ def figure_table(lines: list[dict]) -> str:
             f"{r['episodes']} | {r['infeasible']} | {r['lost']} | {r.get('stopped', '-')} | {r['timeout']} |"
         )
         parts = [
-            f"{name} {g['success']:.3f} ({g['episodes']})"
-            for name, g in r.get("by_group", {}).items()
-            if g["episodes"]
+            f"{name} {g['success']:.3f} ({g['episodes']})" for name, g in r.get("by_group", {}).items() if g["episodes"]
         ]
         if parts:
-            notes.append(
-                f"- {r['conditions']}, {source}, by quarter turns needed and goal region: {', '.join(parts)}."
-            )
+            notes.append(f"- {r['conditions']}, {source}, by quarter turns needed and goal region: {', '.join(parts)}.")
         if "breaks_first" in r:
-            alone = ", ".join(
-                f"{name.replace('_', ' ')} {g['success']:.3f}" for name, g in r["one_at_a_time"].items()
-            )
+            alone = ", ".join(f"{name.replace('_', ' ')} {g['success']:.3f}" for name, g in r["one_at_a_time"].items())
             first = (r["breaks_first"] or "nothing beyond doubt").replace("_", " ")
             notes.append(f"- {source}, one range widened at a time: {alone}. What breaks first: {first}.")
         if "over_velocity_limit" in r:
@@ -127,9 +121,7 @@ def release(
     check_releasable(setting, run.evaluations)
     domain, seed = setting["domain"], run.config.get("environment", {}).get("seed", 0)
     post = PostContactPolicy()
-    post.load_state_dict(
-        {name[5:]: tensor for name, tensor in state["networks"].items() if name.startswith("post.")}
-    )
+    post.load_state_dict({name[5:]: tensor for name, tensor in state["networks"].items() if name.startswith("post.")})
     modules = {"post_contact": post, "pre_contact": load(PreContactStudent(), student)}
     today = datetime.date.today().isoformat()
     weights.mkdir(parents=True, exist_ok=True)
@@ -197,8 +189,9 @@ def main() -> None:
     command = arguments.command or shlex.join(
         ["python", "-m", "np_training.train", *run.config.get("command", [""])[1:]]
     )
-    files = release(run, state, arguments.student, arguments.weights, arguments.results, machine, command,
-                    arguments.note)
+    files = release(
+        run, state, arguments.student, arguments.weights, arguments.results, machine, command, arguments.note
+    )
     print(json.dumps({"files": [str(file) for file in files]}))
 
 

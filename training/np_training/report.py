@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from np_record.report.pages import page, svg
-from np_training.reports.curves import draw_curves, reached
 from np_training.ppo.log import read_log
+from np_training.reports.curves import draw_curves, reached
 
 PHYSICS_STEPS = 20  # a policy step, where the configuration does not say
 
@@ -67,9 +67,7 @@ def read_run(path: Path) -> Run:
     log = path / "log.csv"
     rows = read_log(log)
     if not rows:
-        raise ValueError(
-            f"run {path}: expected log.csv with a row, found {'none in it' if log.exists() else 'no log'}"
-        )
+        raise ValueError(f"run {path}: expected log.csv with a row, found {'none in it' if log.exists() else 'no log'}")
     config, lines = path / "config.json", path / "evaluation.jsonl"
     return Run(
         path,

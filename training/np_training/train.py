@@ -21,18 +21,18 @@ import torch
 
 from np_control.operational_space import CartesianGains, uniform_gains
 from np_description.domains import DOMAINS, find_domain
-from np_training.ppo import distributed
-from np_training.ppo.curriculum import CurriculumConfig
-from np_training.physics.carried_effects import load_effects
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.environment.fixed_contact import STARTS
-from np_training.ppo.log import Log
 from np_training.physics.batched import CONTROLLERS, PhysicsConfig
+from np_training.physics.carried_effects import load_effects
+from np_training.ppo import distributed
+from np_training.ppo.curriculum import CurriculumConfig
 from np_training.ppo.learner import PPOConfig
+from np_training.ppo.log import Log
 from np_training.ppo.progress import Progress
+from np_training.ppo.trainer import TrainConfig, Trainer
 from np_training.tasks.randomisation import PAPER
 from np_training.tasks.rewards import RewardConfig
-from np_training.ppo.trainer import TrainConfig, Trainer
 
 CHECKPOINT = "checkpoint.pt"
 LIMITS = {"card": 100, "bump": 200, "wall": 100}  # steps an episode
@@ -46,9 +46,7 @@ def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--out", type=Path, help="default: runs/DOMAIN")
-    parser.add_argument(
-        "--resume", type=Path, help="checkpoint to start from; default: OUT/checkpoint.pt, if any"
-    )
+    parser.add_argument("--resume", type=Path, help="checkpoint to start from; default: OUT/checkpoint.pt, if any")
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--iterations", type=int, default=10**9)
     parser.add_argument("--save-every", type=float, default=120.0, help="seconds between checkpoints")
@@ -62,9 +60,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--rate-limit", type=float, default=PPOConfig.rate[1], help="largest learning rate")
     parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
     parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
-    parser.add_argument(
-        "--entropy", type=float, default=PPOConfig.entropy, help="weight of the entropy bonus"
-    )
+    parser.add_argument("--entropy", type=float, default=PPOConfig.entropy, help="weight of the entropy bonus")
     parser.add_argument(
         "--controller",
         choices=CONTROLLERS,
@@ -98,12 +94,8 @@ def parse() -> argparse.Namespace:
         "--target-kl", type=float, default=PPOConfig.target_kl, help="divergence that steers the learning rate"
     )
     parser.add_argument("--limit", type=int, help=f"steps an episode; default: {LIMITS}")
-    parser.add_argument(
-        "--explore", type=float, help=f"share of random contacts at the beginning; default: {EXPLORE}"
-    )
-    parser.add_argument(
-        "--practice", type=float, help=f"share of easier tasks at the beginning; default: {PRACTICE}"
-    )
+    parser.add_argument("--explore", type=float, help=f"share of random contacts at the beginning; default: {EXPLORE}")
+    parser.add_argument("--practice", type=float, help=f"share of easier tasks at the beginning; default: {PRACTICE}")
     parser.add_argument("--far", type=float, help=f"weight of the distance's own potential; default: {FAR}")
     parser.add_argument(
         "--stiffness",
@@ -112,7 +104,9 @@ def parse() -> argparse.Namespace:
         help="stiffness that an untrained policy commands, -1 to 1 of its range",
     )
     parser.add_argument(
-        "--deviation", type=float, help="largest standard deviation of the actions drawn, for a run's end; default: none"
+        "--deviation",
+        type=float,
+        help="largest standard deviation of the actions drawn, for a run's end; default: none",
     )
     parser.add_argument(
         "--tolerance",
@@ -125,9 +119,7 @@ def parse() -> argparse.Namespace:
         default=TrainConfig.reflex,
         help="whether joints beyond their limits of speed or position end an episode once randomised",
     )
-    parser.add_argument(
-        "--turn", type=float, default=RewardConfig.turn, help="weight of the angle's potential"
-    )
+    parser.add_argument("--turn", type=float, default=RewardConfig.turn, help="weight of the angle's potential")
     arguments = parser.parse_args()
     try:
         arguments.effects = load_effects(arguments.effects)
@@ -189,8 +181,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         trainer.load_state_dict(state)
         if distributed.rank() == 0:
             print(
-                f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, "
-                f"stage {trainer.curriculum.stage}",
+                f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, stage {trainer.curriculum.stage}",
                 file=sys.stderr,
                 flush=True,
             )

@@ -14,9 +14,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from np_record.report.video import SCALE, draw_box, encode
 from np_description.domains import Domain, Pose, find_domain, pose_error
 from np_description.scene import load_model
+from np_record.report.video import SCALE, draw_box, encode
 from np_sim_bridge.renderer import Renderer, make_renderer
 from np_training.episodes.recording import PERIOD, Recording, load_recording
 
@@ -71,8 +71,14 @@ def draw_strips(path: Path, file: Path, count: int, renderer: str = "auto") -> N
     for row in rows:
         pictures = list(frames(drawing, domain, recording, row))[:-LINGER]
         chosen = np.linspace(0, len(pictures) - 1, PICTURES).round().astype(int)
-        strips.append(np.hstack([cv2.resize(pictures[i], None, fx=1 / SCALE, fy=1 / SCALE,
-                                            interpolation=cv2.INTER_AREA) for i in chosen]))
+        strips.append(
+            np.hstack(
+                [
+                    cv2.resize(pictures[i], None, fx=1 / SCALE, fy=1 / SCALE, interpolation=cv2.INTER_AREA)
+                    for i in chosen
+                ]
+            )
+        )
     drawing.close()
     file.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(file), cv2.cvtColor(np.vstack(strips), cv2.COLOR_RGB2BGR))
@@ -82,9 +88,7 @@ def _open(path: Path, count: int, renderer: str) -> tuple[Recording, Domain, np.
     recording = load_recording(path)
     rows = recording.choose(count)
     if not len(rows):
-        raise ValueError(
-            f"recording {path}: expected an episode that was played, every contact was out of reach"
-        )
+        raise ValueError(f"recording {path}: expected an episode that was played, every contact was out of reach")
     domain = find_domain(recording.domain)
     return recording, domain, rows, make_renderer(renderer, load_model(domain))
 

@@ -13,8 +13,11 @@ def real_ros2(path: str, own: Path) -> str | None:
     of another checkout, which would hand back to us, or None."""
     for folder in path.split(os.pathsep):
         candidate = Path(folder or ".") / "ros2"
-        if os.access(candidate, os.X_OK) and candidate.resolve().parent != own \
-                and b"from ros2_lite." not in candidate.read_bytes():
+        if (
+            os.access(candidate, os.X_OK)
+            and candidate.resolve().parent != own
+            and b"from ros2_lite." not in candidate.read_bytes()
+        ):
             return str(candidate)
     return None
 

@@ -15,8 +15,9 @@ def prefix_of(package: str) -> Path:
         return Path(get_package_prefix(package))
     except (PackageNotFoundError, ValueError) as error:
         searched = os.environ.get("AMENT_PREFIX_PATH") or "not set"
-        raise LookupError(f"Package '{package}' not found; AMENT_PREFIX_PATH is {searched}; "
-                          "source env.sh first") from error
+        raise LookupError(
+            f"Package '{package}' not found; AMENT_PREFIX_PATH is {searched}; source env.sh first"
+        ) from error
 
 
 def executables(package: str) -> list[Path]:

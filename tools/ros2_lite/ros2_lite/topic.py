@@ -48,7 +48,8 @@ def _profile(node: Node, name: str) -> QoSProfile:
     return QoSProfile(
         depth=100,
         reliability=QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT,
-        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if latched else QoSDurabilityPolicy.VOLATILE)
+        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if latched else QoSDurabilityPolicy.VOLATILE,
+    )
 
 
 def plain(value, limit: int | None):
@@ -70,8 +71,7 @@ def echo(topic: str, once: bool, full_length: bool) -> int:
     with graph.node() as node:
         name, message_type = _wait_for_topic(node, topic)
         received = deque()
-        node.create_subscription(message_type, name, lambda message: received.append(message),
-                                 _profile(node, name))
+        node.create_subscription(message_type, name, lambda message: received.append(message), _profile(node, name))
         while True:
             graph.spin_once(node, 1.0)
             while received:
@@ -87,8 +87,10 @@ def rate_line(arrivals: deque) -> str:
     times = list(arrivals)
     gaps = [after - before for before, after in zip(times, times[1:])]
     mean = statistics.fmean(gaps)
-    return (f"average rate: {1 / mean:.3f}\n\tmin: {min(gaps):.4f}s max: {max(gaps):.4f}s "
-            f"std dev: {statistics.pstdev(gaps, mean):.5f}s window: {len(times)}")
+    return (
+        f"average rate: {1 / mean:.3f}\n\tmin: {min(gaps):.4f}s max: {max(gaps):.4f}s "
+        f"std dev: {statistics.pstdev(gaps, mean):.5f}s window: {len(times)}"
+    )
 
 
 def hz(topic: str, window: int) -> int:
@@ -96,8 +98,9 @@ def hz(topic: str, window: int) -> int:
     with graph.node() as node:
         name, message_type = _wait_for_topic(node, topic)
         arrivals = deque(maxlen=max(2, window))
-        node.create_subscription(message_type, name, lambda _: arrivals.append(time.monotonic()),
-                                 _profile(node, name), raw=True)
+        node.create_subscription(
+            message_type, name, lambda _: arrivals.append(time.monotonic()), _profile(node, name), raw=True
+        )
         printed = time.monotonic()
         while True:
             graph.spin_once(node, 0.1)

@@ -34,12 +34,12 @@ import warp as wp
 from np_description.domains import DOMAINS, find_domain
 from np_description.panda import NOMINAL
 from np_training.environment import environment as environment_module
-from np_training.ppo.curriculum import CurriculumConfig
 from np_training.environment.environment import Environment, EnvironmentConfig
-from np_training.ppo.networks import sample
 from np_training.physics.batched import ARM, OBJECT_POSITION, BatchedPhysics, PhysicsConfig
-from np_training.train import EXPLORE, LIMITS, PRACTICE
+from np_training.ppo.curriculum import CurriculumConfig
+from np_training.ppo.networks import sample
 from np_training.ppo.trainer import TrainConfig, Trainer
+from np_training.train import EXPLORE, LIMITS, PRACTICE
 
 LEAST_ROUNDS = 2
 SETTLE = 5  # policy periods until an object that was put down rests
@@ -145,11 +145,7 @@ def throughput(trainer: Trainer, seconds: float) -> dict:
     whole = rates["trainer"].steps_per_second
     return {
         **{name: vars(rate) for name, rate in rates.items()},
-        **{
-            f"trainer_over_{name}": whole / rates[name].steps_per_second
-            for name in rates
-            if name != "trainer"
-        },
+        **{f"trainer_over_{name}": whole / rates[name].steps_per_second for name in rates if name != "trainer"},
         "policy_steps_per_second": whole / physics.config.substeps,
         "parts_ms": parts(trainer),
     }

@@ -36,9 +36,7 @@ class Augmentation:
     noise: float = 0.04
 
 
-def augment(
-    frames: Frames, generator: torch.Generator, config: Augmentation = Augmentation()
-) -> tuple[Tensor, Tensor]:
+def augment(frames: Frames, generator: torch.Generator, config: Augmentation = Augmentation()) -> tuple[Tensor, Tensor]:
     """Images (n, 3, 224, 224) in [0, 1] in steps of 1/255, and the pixels (n, 8, 2) of the corners in
     them."""
     images, surroundings, shift = reduce(frames, generator, config)
@@ -58,9 +56,7 @@ def reduce(frames: Frames, generator: torch.Generator, config: Augmentation) -> 
     choice = torch.randint(0, n, (2, count), generator=generator, device=device)
     rough = torch.rand(count, generator=generator, device=device) < config.aliased
     one = functional.one_hot(choice, n).to(frames.rgb.dtype)
-    weights = torch.where(
-        rough[:, None, None], one[1][:, :, None] * one[0][:, None, :], 1 / n**2
-    )  # rows, columns
+    weights = torch.where(rough[:, None, None], one[1][:, :, None] * one[0][:, None, :], 1 / n**2)  # rows, columns
     height, width = frames.rgb.shape[1] // n, frames.rgb.shape[2] // n
     cells = frames.rgb.view(count, height, n, width, n, 3)
     images = torch.einsum("nyaxbc,nab->ncyx", cells, weights)
@@ -140,5 +136,5 @@ def gaussian_blur(images: Tensor, sigma: Tensor, radius: int = 3) -> Tensor:
     kernel = kernel / kernel.sum(dim=1, keepdim=True)
     padded = functional.pad(images, (radius,) * 4, mode="replicate")
     width, height = images.shape[3], images.shape[2]
-    rows = sum(kernel[:, i, None, None, None] * padded[..., i:i + width] for i in range(2 * radius + 1))
-    return sum(kernel[:, i, None, None, None] * rows[..., i:i + height, :] for i in range(2 * radius + 1))
+    rows = sum(kernel[:, i, None, None, None] * padded[..., i : i + width] for i in range(2 * radius + 1))
+    return sum(kernel[:, i, None, None, None] * rows[..., i : i + height, :] for i in range(2 * radius + 1))

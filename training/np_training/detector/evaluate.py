@@ -23,15 +23,15 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
-from np_training.detector.timing import detector_figures
-from np_record.report.pages import style
 from np_description.domains import DOMAINS, Domain, find_domain
 from np_perception.detector import KeypointDetector
+from np_record.report.pages import style
 from np_sim_bridge.renderer import egl_works
 from np_training.detector.held_out import SHIFTED_LOOK, HeldOut, held_out_images
 from np_training.detector.metrics import summarise
 from np_training.detector.network import RELIABLE
 from np_training.detector.render import NOMINAL_LOOK
+from np_training.detector.timing import detector_figures
 from np_training.detector.visited import load_visited
 
 SETS = {  # look, renderer, whether the table is patterned
@@ -99,8 +99,15 @@ def draw(pictures: list, path: Path, columns: int = 5) -> None:
     figure.savefig(path, dpi=70)
 
 
-def evaluate(domain: Domain, folder: str | Path, images: int, seed: int, pictures: Path | None,
-             visited: torch.Tensor | None = None, only: Sequence[str] = tuple(SETS)) -> dict:
+def evaluate(
+    domain: Domain,
+    folder: str | Path,
+    images: int,
+    seed: int,
+    pictures: Path | None,
+    visited: torch.Tensor | None = None,
+    only: Sequence[str] = tuple(SETS),
+) -> dict:
     """The figures of the sets, `visited` states among them; the sheet of the shifted one goes to `pictures`."""
     detector = KeypointDetector(domain, folder)
     result = {
@@ -126,9 +133,7 @@ def evaluate(domain: Domain, folder: str | Path, images: int, seed: int, picture
 
 def main() -> None:
     """Command line; the last line printed is the figures as JSON."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--weights", default="", help="folder of weights; default: the released ones")
     parser.add_argument("--images", type=int, default=5000, help="of each set")
@@ -142,8 +147,9 @@ def main() -> None:
     stem = options.out / f"detector_{options.domain}"
     domain = find_domain(options.domain)
     visited = load_visited(options.episodes, domain, "cpu") if options.episodes else None
-    result = evaluate(domain, options.weights, options.images, options.seed, stem.with_suffix(".png"), visited,
-                      options.sets)
+    result = evaluate(
+        domain, options.weights, options.images, options.seed, stem.with_suffix(".png"), visited, options.sets
+    )
     draw_reliability(result["sets"], stem.with_name(f"{stem.name}_reliability.png"))
     stem.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
     print(json.dumps(result))

@@ -52,12 +52,8 @@ def load_weights(path: Path) -> tuple[KeypointNetwork, dict]:
         metadata = file.metadata() or {}
         state = {name: file.get_tensor(name) for name in file.keys()}
     if not {"network", "training"} <= metadata.keys():
-        raise WeightsError(
-            f"detector: {path}: expected metadata network and training, got {sorted(metadata)}"
-        )
-    config = {
-        key: tuple(v) if isinstance(v, list) else v for key, v in json.loads(metadata["network"]).items()
-    }
+        raise WeightsError(f"detector: {path}: expected metadata network and training, got {sorted(metadata)}")
+    config = {key: tuple(v) if isinstance(v, list) else v for key, v in json.loads(metadata["network"]).items()}
     network = KeypointNetwork(NetworkConfig(**config))
     network.load_state_dict(state)
     return network.eval(), json.loads(metadata["training"])
@@ -68,17 +64,23 @@ def export(weights: Path) -> Path:
     answers differ."""
     network, record = load_weights(weights)
     module = Deployed(network).eval()
-    example = torch.randint(0, 256, (1, CAMERA.height, CAMERA.width, 3), dtype=torch.uint8,
-                            generator=torch.Generator().manual_seed(0))
+    example = torch.randint(
+        0, 256, (1, CAMERA.height, CAMERA.width, 3), dtype=torch.uint8, generator=torch.Generator().manual_seed(0)
+    )
     target = weights.with_suffix(".onnx")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the exporter, about its own parts
         logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-        program = torch.onnx.export(module, (example,), dynamo=True, input_names=["image"],
-                                    output_names=["pixels", "scores"], verbose=False)
+        program = torch.onnx.export(
+            module, (example,), dynamo=True, input_names=["image"], output_names=["pixels", "scores"], verbose=False
+        )
     model = program.model_proto
-    information = {"domain": record["domain"], "width": CAMERA.width, "height": CAMERA.height,
-                   "weights_sha256": sha256(weights)}
+    information = {
+        "domain": record["domain"],
+        "width": CAMERA.width,
+        "height": CAMERA.height,
+        "weights_sha256": sha256(weights),
+    }
     onnx.helper.set_model_props(model, {key: str(value) for key, value in information.items()})
     for node in model.graph.node:  # the exporter notes source lines there
         del node.metadata_props[:]
@@ -89,17 +91,13 @@ def export(weights: Path) -> Path:
     found = KeypointDetector(find_domain(record["domain"]), weights.parent).detect(example[0].numpy())
     difference = max(abs(found.pixels - pixels[0].numpy()).max(), abs(found.scores - scores[0].numpy()).max())
     if difference > AGREEMENT:
-        raise WeightsError(
-            f"detector: {target} differs from {weights} by {difference:.3g} px, expected {AGREEMENT}"
-        )
+        raise WeightsError(f"detector: {target} differs from {weights} by {difference:.3g} px, expected {AGREEMENT}")
     return target
 
 
 def main() -> None:
     """Command line; prints the path written."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("weights", type=Path)
     print(export(parser.parse_args().weights))
 

@@ -40,8 +40,15 @@ class HeldOut:
     present: np.ndarray
 
 
-def held_out_images(domain: Domain, count: int, seed: int, look: Randomisation, renderer: str,
-                    patterned: bool, visited: torch.Tensor | None = None) -> Iterator[HeldOut]:
+def held_out_images(
+    domain: Domain,
+    count: int,
+    seed: int,
+    look: Randomisation,
+    renderer: str,
+    patterned: bool,
+    visited: torch.Tensor | None = None,
+) -> Iterator[HeldOut]:
     """So many labelled images from `renderer` (see np_sim_bridge.renderer); visited: states (m, 16) of episodes, from
     which most are taken."""
     generator = torch.Generator().manual_seed(seed)
@@ -102,10 +109,8 @@ def cast_rays(model: mujoco.MjModel, state: np.ndarray, pixels: np.ndarray) -> t
     if (high <= low).any():
         return torch.from_numpy(geoms)[None]
     u, v = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
-    directions = np.stack(
-        [(u - CAMERA.cx) / CAMERA.fx, (CAMERA.cy - v) / CAMERA.fy, -np.ones(u.shape)], axis=-1
-    )
-    directions = (directions.reshape(-1, 3) @ data.cam_xmat[0].reshape(3, 3).T)
+    directions = np.stack([(u - CAMERA.cx) / CAMERA.fx, (CAMERA.cy - v) / CAMERA.fy, -np.ones(u.shape)], axis=-1)
+    directions = directions.reshape(-1, 3) @ data.cam_xmat[0].reshape(3, 3).T
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     hit, distance = np.empty(len(directions), np.int32), np.empty(len(directions))
     drawn = np.array([1, 1, 1, 0, 0, 0], np.uint8)
@@ -123,5 +128,5 @@ def cast_rays(model: mujoco.MjModel, state: np.ndarray, pixels: np.ndarray) -> t
         len(hit),
         mujoco.mjMAXVAL,
     )
-    geoms[low[1]:high[1], low[0]:high[0]] = hit.reshape(u.shape)
+    geoms[low[1] : high[1], low[0] : high[0]] = hit.reshape(u.shape)
     return torch.from_numpy(geoms)[None]

@@ -46,8 +46,12 @@ def percentiles(error: np.ndarray) -> dict:
     if not error.size:
         return {"count": 0, "median": None, "p95": None, "within": None}
     median, p95 = np.percentile(error, [50, 95])
-    return {"count": int(error.size), "median": round(float(median), 3), "p95": round(float(p95), 3),
-            "within": round(float((error <= RELIABLE).mean()), 4)}
+    return {
+        "count": int(error.size),
+        "median": round(float(median), 3),
+        "p95": round(float(p95), 3),
+        "within": round(float((error <= RELIABLE).mean()), 4),
+    }
 
 
 def calibration(scores: np.ndarray, reliable: np.ndarray) -> dict:

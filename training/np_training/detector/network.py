@@ -41,8 +41,11 @@ class Keypoints(NamedTuple):
 
 def convolution(inputs: int, outputs: int, stride: int = 1, size: int = 3) -> nn.Sequential:
     """Convolution, batch normalisation, rectifier."""
-    return nn.Sequential(nn.Conv2d(inputs, outputs, size, stride, (size - 1) // 2, bias=False),
-                         nn.BatchNorm2d(outputs), nn.ReLU(inplace=True))
+    return nn.Sequential(
+        nn.Conv2d(inputs, outputs, size, stride, (size - 1) // 2, bias=False),
+        nn.BatchNorm2d(outputs),
+        nn.ReLU(inplace=True),
+    )
 
 
 class Residual(nn.Module):
@@ -68,7 +71,8 @@ class KeypointNetwork(nn.Module):
         self.stem = convolution(3, widths[0], stride=2, size=5)
         self.down = nn.ModuleList(
             nn.Sequential(convolution(a, b, stride=2), *(Residual(b) for _ in range(count)))
-            for a, b, count in zip(widths, widths[1:], config.blocks))
+            for a, b, count in zip(widths, widths[1:], config.blocks)
+        )
         self.narrow = nn.ModuleList(nn.Conv2d(b, a, 1) for a, b in zip(widths, widths[1:]))
         self.merge = nn.ModuleList(convolution(a, a) for a in widths[:-1])
         self.heatmap = nn.Conv2d(widths[0], 4 * COUNT, 1)
@@ -130,9 +134,7 @@ def decode(logits: Tensor, peak: Tensor, window: int) -> Tensor:
     rows = peak[..., :1].clamp(window, height - 1 - window) + offset
     columns = peak[..., 1:].clamp(window, width - 1 - window) + offset
     index = (rows[..., :, None] * width + columns[..., None, :]).flatten(2)
-    weights = (
-        logits.flatten(2).gather(2, index).softmax(dim=-1).unflatten(2, (2 * window + 1, 2 * window + 1))
-    )
+    weights = logits.flatten(2).gather(2, index).softmax(dim=-1).unflatten(2, (2 * window + 1, 2 * window + 1))
     u = (weights.sum(dim=2) * columns).sum(dim=-1)
     v = (weights.sum(dim=3) * rows).sum(dim=-1)
     return torch.stack([u, v], dim=-1)

@@ -48,8 +48,9 @@ of its place.
 """
 
 
-def release(run: Path, domain_name: str, weights: Path, results: Path, images: int, seed: int,
-            episodes: Path | None = None) -> Path:
+def release(
+    run: Path, domain_name: str, weights: Path, results: Path, images: int, seed: int, episodes: Path | None = None
+) -> Path:
     """Release the detector of a training run; the path of its model card. episodes: see `evaluate`."""
     domain = find_domain(domain_name)
     name = network_name(domain)
@@ -76,18 +77,22 @@ def model_card(weights: Path, figures: dict, episodes: Path | None = None) -> st
         cells = [result[part][key] for part in ("visible", "hidden") for key in ("median", "p95", "within")]
         rows.append(f"| {name} | {' | '.join(map(str, cells))} | {result['calibration_error']} |")
     return CARD.format(
-        name=weights.stem, reliable=RELIABLE, parameters=sum(p.numel() for p in network.parameters()),
-        window=2 * network.config.window + 1, rows="\n".join(rows), sha256=figures["weights_sha256"],
-        count=max(result["images"] for result in figures["sets"].values()), evaluation_seed=figures["seed"],
+        name=weights.stem,
+        reliable=RELIABLE,
+        parameters=sum(p.numel() for p in network.parameters()),
+        window=2 * network.config.window + 1,
+        rows="\n".join(rows),
+        sha256=figures["weights_sha256"],
+        count=max(result["images"] for result in figures["sets"].values()),
+        evaluation_seed=figures["seed"],
         episodes=f" --episodes {episodes.name}" if episodes else "",
-        **{key: record[key] for key in ("domain", "images", "seed", "steps", "minutes", "device", "command")})
+        **{key: record[key] for key in ("domain", "images", "seed", "steps", "minutes", "device", "command")},
+    )
 
 
 def main() -> None:
     """Command line; prints the model card."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, help="folder that np_training.detector.train wrote")
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--weights", type=Path, default=Path("weights"))
@@ -97,8 +102,17 @@ def main() -> None:
     parser.add_argument("--episodes", type=Path, help="recording from which most held-out states come")
     options = parser.parse_args()
     torch.set_num_threads(1)
-    print(release(options.run, options.domain, options.weights, options.results, options.images,
-                  options.seed, options.episodes).read_text())
+    print(
+        release(
+            options.run,
+            options.domain,
+            options.weights,
+            options.results,
+            options.images,
+            options.seed,
+            options.episodes,
+        ).read_text()
+    )
 
 
 if __name__ == "__main__":

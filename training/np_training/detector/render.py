@@ -70,9 +70,7 @@ class Frames:
 class SceneRenderer:
     """Renders `worlds` states of a domain at once, and labels them."""
 
-    def __init__(
-        self, domain: Domain, worlds: int, device: str, look: Randomisation = Randomisation()
-    ) -> None:
+    def __init__(self, domain: Domain, worlds: int, device: str, look: Randomisation = Randomisation()) -> None:
         self.domain, self.worlds, self.device = domain, worlds, torch.device(device)
         self.size = CAMERA.width * OVERSAMPLING
         model = load_model(domain)
@@ -81,9 +79,7 @@ class SceneRenderer:
         self.looks = Looks(model, look, self.device)
         self._wp_device = wp.get_device(device)
         if self._wp_device.is_cuda:
-            torch.cuda.set_stream(
-                wp.stream_to_torch(wp.get_stream(self._wp_device))
-            )  # one queue: no synchronising
+            torch.cuda.set_stream(wp.stream_to_torch(wp.get_stream(self._wp_device)))  # one queue: no synchronising
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         with wp.ScopedDevice(self._wp_device):
@@ -120,9 +116,7 @@ class SceneRenderer:
             mjw.get_rgb(self.context, 0, self._rgb)
             mjw.get_segmentation(self.context, 0, self._segments)
         geoms = wp.to_torch(self._segments)[..., 0]
-        pixels = project_corners(
-            self.domain, states, self.fields["cam_pos"][:, 0], self.fields["cam_quat"][:, 0]
-        )
+        pixels = project_corners(self.domain, states, self.fields["cam_pos"][:, 0], self.fields["cam_quat"][:, 0])
         visible = corner_visibility(geoms, pixels, self.blocks)
         area = object_area(geoms, self.blocks)
         return Frames(wp.to_torch(self._rgb), (geoms == self.table) | (geoms < 0), pixels, visible, area)
@@ -130,8 +124,7 @@ class SceneRenderer:
 
 def corner_blocks(model: mujoco.MjModel) -> list[int]:
     """Geom ids of the eight coloured blocks, keypoint order."""
-    return [g for g in range(model.ngeom)
-            if model.geom_bodyid[g] == model.body(OBJECT).id and model.geom_group[g] == 2]
+    return [g for g in range(model.ngeom) if model.geom_bodyid[g] == model.body(OBJECT).id and model.geom_group[g] == 2]
 
 
 def object_area(geoms: torch.Tensor, blocks: list[int]) -> torch.Tensor:
@@ -156,12 +149,8 @@ class Looks:
 
     def __init__(self, model: mujoco.MjModel, look: Randomisation, device: str | torch.device) -> None:
         self.look = look
-        self.nominal = {
-            name: torch.as_tensor(np.array(getattr(model, name)), device=device) for name in self.fields
-        }
-        self.nominal = {
-            name: t.bool() if name == "light_castshadow" else t.float() for name, t in self.nominal.items()
-        }
+        self.nominal = {name: torch.as_tensor(np.array(getattr(model, name)), device=device) for name in self.fields}
+        self.nominal = {name: t.bool() if name == "light_castshadow" else t.float() for name, t in self.nominal.items()}
         self.object_geoms = torch.as_tensor(model.geom_bodyid == model.body(OBJECT).id, device=device)
         self.robot_geoms = torch.as_tensor(model.geom_group == 1, device=device)
 
@@ -175,9 +164,7 @@ class Looks:
         def chance(share: float, *shape: int) -> torch.Tensor:
             return torch.rand(count, *shape, generator=generator, device=generator.device) < share
 
-        rotation = matrix_from_quaternion(nominal["cam_quat"]) @ matrix_from_vector(
-            spread((1, 3), look.camera_angle)
-        )
+        rotation = matrix_from_quaternion(nominal["cam_quat"]) @ matrix_from_vector(spread((1, 3), look.camera_angle))
         lights = nominal["light_pos"].shape[0]
         light_position = nominal["light_pos"] + spread((lights, 3), look.light_position)
         # A light keeps pointing at what it nominally lights on the table, give or take.
@@ -185,16 +172,17 @@ class Looks:
         target = nominal["light_pos"] + reach * nominal["light_dir"] + spread((lights, 3), look.light_target)
         direction = target - light_position
         low, high = look.light_power
-        power = low + (high - low) * torch.rand(
-            count, lights, 1, generator=generator, device=generator.device
-        )
+        power = low + (high - low) * torch.rand(count, lights, 1, generator=generator, device=generator.device)
         tint = 1 + spread((lights, 3), look.light_tint)
-        return {"cam_pos": nominal["cam_pos"] + spread((1, 3), look.camera_position),
-                "cam_quat": quaternion_from_matrix(rotation), "light_pos": light_position,
-                "light_dir": direction / direction.norm(dim=-1, keepdim=True),
-                "light_diffuse": nominal["light_diffuse"] * power * tint,
-                "light_castshadow": nominal["light_castshadow"] & ~chance(look.shadowless, 1),
-                "geom_rgba": self._colours(count, generator, spread, chance)}
+        return {
+            "cam_pos": nominal["cam_pos"] + spread((1, 3), look.camera_position),
+            "cam_quat": quaternion_from_matrix(rotation),
+            "light_pos": light_position,
+            "light_dir": direction / direction.norm(dim=-1, keepdim=True),
+            "light_diffuse": nominal["light_diffuse"] * power * tint,
+            "light_castshadow": nominal["light_castshadow"] & ~chance(look.shadowless, 1),
+            "geom_rgba": self._colours(count, generator, spread, chance),
+        }
 
     def _colours(self, count: int, generator: torch.Generator, spread, chance) -> torch.Tensor:
         look, rgba = self.look, self.nominal["geom_rgba"].expand(count, -1, -1).clone()

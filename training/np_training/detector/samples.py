@@ -46,8 +46,14 @@ class Samples:
     rendering is augmented twice."""
 
     def __init__(
-        self, domain: Domain, renderer: SceneRenderer, pool: int, generator: torch.Generator,
-        config: SampleConfig = SampleConfig(), visited: Tensor | None = None, pairs: bool = False,
+        self,
+        domain: Domain,
+        renderer: SceneRenderer,
+        pool: int,
+        generator: torch.Generator,
+        config: SampleConfig = SampleConfig(),
+        visited: Tensor | None = None,
+        pairs: bool = False,
     ) -> None:
         self.domain, self.renderer, self.generator = domain, renderer, generator
         self.config, self.visited, self.pairs = config, visited, pairs
@@ -58,7 +64,7 @@ class Samples:
         count = self.renderer.worlds
         if self._next + count > self.size:
             self._states, self._next = self._draw_states(), 0
-        states = self._states[self._next:self._next + count]
+        states = self._states[self._next : self._next + count]
         self._next += count
         frames = self.renderer.render(states, self.generator)
         images, pixels = augment(frames, self.generator, self.config.augmentation)

@@ -16,8 +16,13 @@ from torch.nn import functional
 from np_control.kinematics import solve_ik
 from np_description.domains import Domain
 from np_description.panda import FINGER_MAX, NOMINAL
-from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix, \
-    quaternion_multiply, yaw_quaternion
+from np_description.rotations import (
+    matrix_from_quaternion,
+    matrix_from_vector,
+    quaternion_from_matrix,
+    quaternion_multiply,
+    yaw_quaternion,
+)
 from np_training.environment import contact
 from np_training.tasks.poses import Poses, sample_tasks, uniform
 
@@ -50,9 +55,7 @@ class SceneConfig:
     joint_noise: float = 0.08
 
 
-def sample_states(
-    domain: Domain, count: int, generator: torch.Generator, config: SceneConfig = SceneConfig()
-):
+def sample_states(domain: Domain, count: int, generator: torch.Generator, config: SceneConfig = SceneConfig()):
     """Joint positions (count, 16) of the scene: 7 joints, 2 fingers, object position, object quaternion
     wxyz."""
     objects = sample_objects(domain, count, generator, config)
@@ -68,9 +71,7 @@ def sample_states(
 
     low = chance(0.5)
     offset = 0.05 * torch.randn(count, 3, generator=generator, device=generator.device)
-    offset[:, 2] = torch.where(
-        low, uniform(count, (-0.004, 0.01), generator), uniform(count, (0.0, 0.2), generator)
-    )
+    offset[:, 2] = torch.where(low, uniform(count, (-0.004, 0.01), generator), uniform(count, (0.0, 0.2), generator))
     moved = solve_ik(contacts.q, contacts.position + offset, contacts.rotation, iterations=10)
 
     ready = torch.tensor(NOMINAL.ready, dtype=contacts.q.dtype, device=contacts.q.device)
@@ -80,17 +81,13 @@ def sample_states(
     q = torch.where(waits[:, None], free, torch.where(beside[:, None], moved, contacts.q))
 
     # The fingers of a position servo under load differ a little.
-    fingers = contacts.width[:, None] + 5e-4 * torch.randn(
-        count, 2, generator=generator, device=generator.device
-    )
+    fingers = contacts.width[:, None] + 5e-4 * torch.randn(count, 2, generator=generator, device=generator.device)
     position = objects.position.clone()
     position[:, 2] = torch.where(chance(config.absent), -torch.ones_like(kind), position[:, 2])
     return torch.cat([q, fingers.clamp(0, FINGER_MAX), position, objects.quaternion], dim=-1)
 
 
-def sample_contacts(
-    domain: Domain, objects: Poses, generator: torch.Generator, config: SceneConfig, tries: int = 5
-):
+def sample_contacts(domain: Domain, objects: Poses, generator: torch.Generator, config: SceneConfig, tries: int = 5):
     """A contact of the pre-contact policy's kind on each object, feasible if one of `tries` random ones
     is."""
     count = len(objects.position)
@@ -111,9 +108,7 @@ def sample_contacts(
         best = contact.Contacts(
             *(
                 torch.where(keep.view(-1, *[1] * (old.ndim - 1)), old, fresh)
-                for old, fresh in (
-                    (getattr(best, f.name), getattr(new, f.name)) for f in fields(contact.Contacts)
-                )
+                for old, fresh in ((getattr(best, f.name), getattr(new, f.name)) for f in fields(contact.Contacts))
             )
         )
     return best
@@ -144,8 +139,6 @@ def sample_objects(domain: Domain, count: int, generator: torch.Generator, confi
     vector = tilted * config.tilt * torch.randn(count, 3, generator=generator, device=generator.device)
     quaternion = quaternion_multiply(quaternion_from_matrix(matrix_from_vector(vector)), quaternion)
     radius = sum(side**2 for side in domain.half_size) ** 0.5
-    lift = vector.norm(dim=-1).clamp(max=1) * radius + tilted[:, 0] * uniform(
-        count, (0.0, config.lift), generator
-    )
+    lift = vector.norm(dim=-1).clamp(max=1) * radius + tilted[:, 0] * uniform(count, (0.0, config.lift), generator)
     position = position + torch.stack([torch.zeros_like(lift), torch.zeros_like(lift), lift], dim=-1)
     return Poses(position, quaternion)

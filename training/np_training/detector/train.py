@@ -55,8 +55,10 @@ def train(trainer: Trainer, out: Path, steps: int | None, seconds: float, say: C
                 f"{means['hidden_px']:.2f} px hidden, "
                 f"{means['within']:.1%} within {RELIABLE:.0f} px  {left / 60:.1f} min left"
             )
-            append_row(out / "curves.csv", {"step": trainer.step, "seconds": round(trainer.seconds, 1),
-                                            "images_per_second": round(rate), **means})
+            append_row(
+                out / "curves.csv",
+                {"step": trainer.step, "seconds": round(trainer.seconds, 1), "images_per_second": round(rate), **means},
+            )
             reported, window = time.monotonic(), []
         if now - saved >= config.save:
             trainer.save(checkpoint)
@@ -82,9 +84,7 @@ def append_row(path: Path, row: dict) -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Command line; the last line printed is the held-out figures as JSON."""
     began = time.monotonic()
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--out", type=Path, required=True, help="folder of checkpoint, curves and weights")
     parser.add_argument("--seed", type=int, default=0)
@@ -108,24 +108,33 @@ def main(arguments: list[str] | None = None) -> None:
     torch.set_float32_matmul_precision("high")
     domain, kept = find_domain(options.domain), {"coloured": 0.0, "textured": 0.0}
     augmentation = Augmentation(**kept if options.keep_background else {})
-    config = TrainConfig(batch=options.batch, rate=options.rate, pool=options.pool, held_out=options.held_out,
-                         contrast=None if options.no_contrast else ContrastConfig(),
-                         samples=SampleConfig(augmentation=augmentation))
+    config = TrainConfig(
+        batch=options.batch,
+        rate=options.rate,
+        pool=options.pool,
+        held_out=options.held_out,
+        contrast=None if options.no_contrast else ContrastConfig(),
+        samples=SampleConfig(augmentation=augmentation),
+    )
     visited = load_visited(options.episodes, domain, options.device) if options.episodes else None
     names = ("domain", "seed", "steps" if options.steps else "minutes", "batch", "rate", "pool", "episodes")
-    said = {**vars(options), "episodes": options.episodes and options.episodes.name}  # the folder says nothing elsewhere
-    command = " ".join([*(f"--{name} {said[name]}" for name in names if said[name] is not None),
-                        *(f"--{name.replace('_', '-')}" for name in ("no_contrast", "keep_background")
-                          if getattr(options, name))])
+    said = {
+        **vars(options),
+        "episodes": options.episodes and options.episodes.name,
+    }  # the folder says nothing elsewhere
+    command = " ".join(
+        [
+            *(f"--{name} {said[name]}" for name in names if said[name] is not None),
+            *(f"--{name.replace('_', '-')}" for name in ("no_contrast", "keep_background") if getattr(options, name)),
+        ]
+    )
     trainer = Trainer(domain, options.device, options.seed, config, command=command, visited=visited)
     if (options.out / "checkpoint.pt").exists():
         trainer.load(options.out / "checkpoint.pt")
         say(f"continues from step {trainer.step}")
     trainer.samples(WARM_UP_STREAM).draw()  # compiles the renderer, before the clock of the training starts
     say(f"set up in {time.monotonic() - began:.0f} s")
-    figures = train(
-        trainer, options.out, options.steps, options.minutes * 60 - (time.monotonic() - began), say
-    )
+    figures = train(trainer, options.out, options.steps, options.minutes * 60 - (time.monotonic() - began), say)
     print(json.dumps(figures))
 
 

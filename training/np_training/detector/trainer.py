@@ -48,8 +48,16 @@ class TrainConfig:
 class Trainer:
     """The network, its optimiser and moving average, and what must survive an interruption."""
 
-    def __init__(self, domain: Domain, device: str, seed: int, config: TrainConfig = TrainConfig(),
-                 network: NetworkConfig = NetworkConfig(), command: str = "", visited: Tensor | None = None) -> None:
+    def __init__(
+        self,
+        domain: Domain,
+        device: str,
+        seed: int,
+        config: TrainConfig = TrainConfig(),
+        network: NetworkConfig = NetworkConfig(),
+        command: str = "",
+        visited: Tensor | None = None,
+    ) -> None:
         torch.manual_seed(seed)
         self.command, self.visited = command, visited
         self.domain, self.device, self.seed, self.config = domain, torch.device(device), seed, config
@@ -65,8 +73,9 @@ class Trainer:
     def samples(self, stream: int, pairs: bool = False) -> Samples:
         """Images of a random stream of their own; pairs: see `Samples`."""
         generator = torch.Generator(device=self.device).manual_seed(self.seed * 1_000_003 + stream)
-        return Samples(self.domain, self.renderer, self.config.pool, generator, self.config.samples, self.visited,
-                       pairs)
+        return Samples(
+            self.domain, self.renderer, self.config.pool, generator, self.config.samples, self.visited, pairs
+        )
 
     def update(self, batch: Batch, progress: float) -> dict[str, Tensor]:
         """One gradient step, `progress` of the way; losses and errors as tensors on the device."""
@@ -99,10 +108,14 @@ class Trainer:
         self._follow()
         seen = visible & mask
         nothing = torch.full_like(error, torch.nan)
-        return {"heatmap": heat.detach(), "score": score.detach(), **told_apart,
-                "visible_px": torch.where(seen, error, nothing).nanmedian(),
-                "hidden_px": torch.where(mask & ~visible, error, nothing).nanmedian(),
-                "within": (reliable & seen).sum() / seen.sum().clamp(min=1)}
+        return {
+            "heatmap": heat.detach(),
+            "score": score.detach(),
+            **told_apart,
+            "visible_px": torch.where(seen, error, nothing).nanmedian(),
+            "hidden_px": torch.where(mask & ~visible, error, nothing).nanmedian(),
+            "within": (reliable & seen).sum() / seen.sum().clamp(min=1),
+        }
 
     def forward(self, network: KeypointNetwork, images: Tensor):
         """The network's answer, in bfloat16 on a GPU."""
@@ -128,9 +141,7 @@ class Trainer:
         for _ in range(max(1, images // self.config.batch)):
             batch, truth, visible, mask, _ = samples.draw()
             found = self.forward(self.average, batch)
-            rows.append(
-                [t.float().cpu() for t in (found.pixels, found.score_logits.sigmoid(), truth, visible, mask)]
-            )
+            rows.append([t.float().cpu() for t in (found.pixels, found.score_logits.sigmoid(), truth, visible, mask)])
         pixels, scores, truth, visible, mask = (torch.cat(column).numpy() for column in zip(*rows))
         return summarise(pixels, scores, truth, visible, mask)
 
@@ -181,5 +192,8 @@ class Trainer:
         """The averaged weights as safetensors, with the network's form and the training record in the
         metadata."""
         tensors = {name: t.contiguous().cpu() for name, t in self.average.state_dict().items()}
-        save_file(tensors, path, metadata={"network": json.dumps(asdict(self.network.config)),
-                                           "training": json.dumps(self.record(**more))})
+        save_file(
+            tensors,
+            path,
+            metadata={"network": json.dumps(asdict(self.network.config)), "training": json.dumps(self.record(**more))},
+        )

@@ -31,9 +31,7 @@ def load_visited(path: Path, domain: Domain, device: str | torch.device) -> torc
     return torch.as_tensor(states, dtype=torch.float32, device=device).view(-1, STATE_SIZE)
 
 
-def mix_visited(
-    states: torch.Tensor, visited: torch.Tensor, share: float, generator: torch.Generator
-) -> torch.Tensor:
+def mix_visited(states: torch.Tensor, visited: torch.Tensor, share: float, generator: torch.Generator) -> torch.Tensor:
     """`states` (n, 16), a share of which are replaced by visited ones (m, 16), each moved a little."""
     count, device = len(states), states.device
     rows = torch.randint(0, len(visited), (count,), generator=generator, device=device)

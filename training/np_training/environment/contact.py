@@ -47,15 +47,23 @@ class Contacts:
     feasible: torch.Tensor
 
 
-def contact_pose(domain: Domain, action: torch.Tensor, objects: Poses) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def contact_pose(
+    domain: Domain, action: torch.Tensor, objects: Poses
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """T_E position (n, 3) m, rotation (n, 3, 3) and finger width (n,) m, up to what the domain allows, that actions
     (n, 9) choose on the objects."""
     action = action.clamp(-1, 1)
     point, normal = surface_point(domain, action[:, 6:], objects)
     rotation = hand_rotation(action[:, :3], normal)
     width = domain.max_opening * (action[:, 3] + 1) / 2
-    gripper_point = torch.stack([_TIP_HALF[0] * action[:, 4], (width + _TIP_CENTRE[1]) * action[:, 5],
-                                 torch.full_like(width, TIP_DEPTH - _TCP[2])], -1)
+    gripper_point = torch.stack(
+        [
+            _TIP_HALF[0] * action[:, 4],
+            (width + _TIP_CENTRE[1]) * action[:, 5],
+            torch.full_like(width, TIP_DEPTH - _TCP[2]),
+        ],
+        -1,
+    )
     position = point - (rotation * gripper_point[:, None, :]).sum(-1)
     centres, radii = gripper_spheres(position, rotation, width, with_hand=False)
     depth = (radii - ((centres - point[:, None]) * normal[:, None]).sum(-1)).amax(-1)  # of the fingers below the face
@@ -89,12 +97,21 @@ def hand_rotation(action: torch.Tensor, normal: torch.Tensor) -> torch.Tensor:
     about_x = torch.where(side, SIDE_TILT * action[:, 1], TILT * action[:, 1])
     about_y = torch.where(side, lean, TILT * action[:, 2])
     down = torch.diag(torch.tensor([1.0, -1.0, -1.0], device=action.device))
-    return (matrix_from_vector(torch.stack([zero, zero, yaw], -1)) @ down
-            @ matrix_from_vector(torch.stack([about_x, about_y, zero], -1)))
+    return (
+        matrix_from_vector(torch.stack([zero, zero, yaw], -1))
+        @ down
+        @ matrix_from_vector(torch.stack([about_x, about_y, zero], -1))
+    )
 
 
-def reach(domain: Domain, position: torch.Tensor, rotation: torch.Tensor, width: torch.Tensor, objects: Poses,
-          sunk: torch.Tensor | float = 0.0) -> Contacts:
+def reach(
+    domain: Domain,
+    position: torch.Tensor,
+    rotation: torch.Tensor,
+    width: torch.Tensor,
+    objects: Poses,
+    sunk: torch.Tensor | float = 0.0,
+) -> Contacts:
     """Contacts at given hand poses, with a joint solution from the ready posture, and whether it is feasible. sunk (n,) m:
     how deep the obstacles are."""
     ready = torch.tensor(NOMINAL.ready, dtype=position.dtype, device=position.device).expand(len(position), 7)
@@ -110,8 +127,9 @@ def resolve(domain: Domain, action: torch.Tensor, objects: Poses, sunk: torch.Te
     return reach(domain, *contact_pose(domain, action, objects), objects, sunk)
 
 
-def gripper_clearance(domain: Domain, q: torch.Tensor, width: torch.Tensor, objects: Poses,
-                      sunk: torch.Tensor | float = 0.0) -> torch.Tensor:
+def gripper_clearance(
+    domain: Domain, q: torch.Tensor, width: torch.Tensor, objects: Poses, sunk: torch.Tensor | float = 0.0
+) -> torch.Tensor:
     """Least distance (n,) m of hand and fingers to table, obstacles sunk (n,) m, and object; negative in collision.
 
     Capsules are sampled along their axes, which is exact for the table and within 1 mm for boxes of these sizes.
@@ -121,7 +139,9 @@ def gripper_clearance(domain: Domain, q: torch.Tensor, width: torch.Tensor, obje
     down = torch.zeros(len(q), 1, 3).to(centres)
     down[:, 0, 2] = sunk
     boxes = [(torch.tensor(b.half_size), torch.tensor(b.centre).to(centres) - down, None) for b in domain.obstacles]
-    boxes.append((torch.tensor(domain.half_size), objects.position[:, None], matrix_from_quaternion(objects.quaternion)))
+    boxes.append(
+        (torch.tensor(domain.half_size), objects.position[:, None], matrix_from_quaternion(objects.quaternion))
+    )
     for half_size, position, turn in boxes:
         local = centres - position.to(centres)
         if turn is not None:
@@ -132,14 +152,17 @@ def gripper_clearance(domain: Domain, q: torch.Tensor, width: torch.Tensor, obje
     return least
 
 
-def gripper_spheres(tcp: torch.Tensor, rotation: torch.Tensor, width: torch.Tensor, with_hand: bool = True,
-             samples: int = 9) -> tuple[torch.Tensor, torch.Tensor]:
+def gripper_spheres(
+    tcp: torch.Tensor, rotation: torch.Tensor, width: torch.Tensor, with_hand: bool = True, samples: int = 9
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Centres (n, k, 3) m in the base frame and radii (k,) of spheres along the gripper's capsules, for T_E at tcp (n, 3)
     m, rotation (n, 3, 3), and finger openings width (n,) m."""
     device, dtype = tcp.device, tcp.dtype
     share = torch.linspace(-1, 1, samples, device=device)
     parts = [(0, HAND_CAPSULE)] if with_hand else []
-    parts += [(side, capsule) for side in (1, -1) for capsule in FINGER_CAPSULES]  # the second finger: half a turn about z
+    parts += [
+        (side, capsule) for side in (1, -1) for capsule in FINGER_CAPSULES
+    ]  # the second finger: half a turn about z
     points, radii = [], []
     for side, (centre, half, radius) in parts:
         local = torch.tensor(half, device=device) * share[:, None] + torch.tensor(centre, device=device)

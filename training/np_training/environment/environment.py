@@ -19,14 +19,14 @@ from np_description.symmetry import naming, symmetries
 from np_policy import action as actions
 from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training.environment import contact
-from np_training.tasks.joint_range import JointRange
-from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
+from np_training.environment.starts import Starts
 from np_training.physics.batched import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics, PhysicsConfig
+from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
+from np_training.tasks.joint_range import JointRange
+from np_training.tasks.poses import Poses, quarter_tips
 from np_training.tasks.practice import Tasks, draw_tasks
 from np_training.tasks.randomisation import NOMINAL_CONDITIONS, Conditions
 from np_training.tasks.rewards import Measures, RewardConfig, reward_terms
-from np_training.environment.starts import Starts
-from np_training.tasks.poses import Poses, quarter_tips
 
 PRE_STATE_SIZE = 18
 PRIVILEGED_SIZE = 18 + 6 + 3 + 2
@@ -54,9 +54,13 @@ class EnvironmentConfig:
 
 def pre_contact_state(objects: Poses, goals: Poses) -> torch.Tensor:
     """The pre-contact policy's input (n, 18): object and goal, position scaled and 6D rotation."""
+
     def encode(poses: Poses) -> torch.Tensor:
         centre = torch.tensor([0.5, 0.0, 0.0], device=poses.position.device)
-        return torch.cat([(poses.position - centre) / 0.2, six_from_matrix(matrix_from_quaternion(poses.quaternion))], -1)
+        return torch.cat(
+            [(poses.position - centre) / 0.2, six_from_matrix(matrix_from_quaternion(poses.quaternion))], -1
+        )
+
     return torch.cat([encode(objects), encode(goals)], -1)
 
 
@@ -90,15 +94,18 @@ class Environment:
         self.held = torch.zeros(n, dtype=torch.long, device=device)
         self.total = torch.zeros(n, device=device)
         self.kind = torch.zeros(n, dtype=torch.long, device=device)  # of task: index into practice.kinds
-        self.tips = torch.zeros(n, dtype=torch.long, device=device)  # quarter turns from the start's upper face to the goal's
+        self.tips = torch.zeros(
+            n, dtype=torch.long, device=device
+        )  # quarter turns from the start's upper face to the goal's
         # What the pre-contact policy saw and did for the episode of each world, and how probable it was.
         self.pre_state = torch.zeros(n, PRE_STATE_SIZE, device=device)
         self.pre_action = torch.zeros(n, contact.SIZE, device=device)
         self.pre_log_probability = torch.zeros(n, device=device)
         self.keypoint_bias = torch.zeros(n, 1, 2, device=device)
         self.conditions = torch.ones(n, 3, device=device)  # factors of table friction, finger friction, mass
-        self._range = torch.tensor([list(NOMINAL.position_lower), list(NOMINAL.position_upper)], dtype=torch.float32,
-                                   device=device)
+        self._range = torch.tensor(
+            [list(NOMINAL.position_lower), list(NOMINAL.position_upper)], dtype=torch.float32, device=device
+        )
         self.starts: Starts | None = None
         self.joint_range: JointRange | None = None
 
@@ -133,8 +140,9 @@ class Environment:
         state = post_contact_observation(q, dq, pixels, goal_pixels, position, rotation, self.last_action)
         remaining = 1 - self.age[:, None] / self.config.limit
         zeta = torch.full_like(remaining, self.limits.position / actions.LOOSE.position)
-        privileged = torch.cat([pre_contact_state(objects, goals), self.physics.qvel[:, 9:], self.conditions, remaining,
-                                zeta], -1)
+        privileged = torch.cat(
+            [pre_contact_state(objects, goals), self.physics.qvel[:, 9:], self.conditions, remaining, zeta], -1
+        )
         return state, privileged
 
     def _normal(self, rows: int, columns: int) -> torch.Tensor:
@@ -150,11 +158,25 @@ class Environment:
         contacts = contact.resolve(self.domain, action, tasks.starts, tasks.sunk)
         return self.pool(tasks, state, action, log_probability, contacts)
 
-    def pool(self, tasks: Tasks, state: torch.Tensor, action: torch.Tensor, log_probability: torch.Tensor,
-             contacts: contact.Contacts) -> Starts:
+    def pool(
+        self,
+        tasks: Tasks,
+        state: torch.Tensor,
+        action: torch.Tensor,
+        log_probability: torch.Tensor,
+        contacts: contact.Contacts,
+    ) -> Starts:
         """The pool of these starts (n,), under the conditions now, with all that a reset would else work out for a few."""
-        return Starts(tasks, state, action, log_probability, contacts, self._missed(tasks, contacts),
-                      corners(self.domain, tasks.goals), quarter_tips(tasks.starts, tasks.goals))
+        return Starts(
+            tasks,
+            state,
+            action,
+            log_probability,
+            contacts,
+            self._missed(tasks, contacts),
+            corners(self.domain, tasks.goals),
+            quarter_tips(tasks.starts, tasks.goals),
+        )
 
     def _missed(self, tasks: Tasks, contacts: contact.Contacts) -> torch.Tensor:
         """Joints (n, 7) rad where approaches to the contacts end: the approach of the real robot, and the student, miss the
@@ -195,12 +217,15 @@ class Environment:
 
     def _draw_conditions(self, where: torch.Tensor) -> None:
         c, n = self.config.conditions, len(where)
-        self.physics.delay[where] = torch.randint(c.delay[0], c.delay[1] + 1, (n,), generator=self.generator,
-                                                  device=self.device, dtype=torch.int32)
+        self.physics.delay[where] = torch.randint(
+            c.delay[0], c.delay[1] + 1, (n,), generator=self.generator, device=self.device, dtype=torch.int32
+        )
         self.keypoint_bias[where] = c.keypoint_bias * self._normal(n, 2)[:, None]
         if c.randomises_physics:
-            factors = [low + (high - low) * torch.rand(n, generator=self.generator, device=self.device)
-                       for low, high in (c.table_friction, c.finger_friction, c.mass)]
+            factors = [
+                low + (high - low) * torch.rand(n, generator=self.generator, device=self.device)
+                for low, high in (c.table_friction, c.finger_friction, c.mass)
+            ]
             self.conditions[where] = torch.stack(factors, -1)
             self.physics.randomise(where, *factors)
 
@@ -232,14 +257,26 @@ class Environment:
         lost = (is_lost(self.domain, objects.position) | broken) & ~success & ~stopped
         timeout = (self.age >= config.limit) & ~success & ~lost & ~stopped
         after = self.measure()
-        after = Measures(*(torch.where(broken, getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures)))
+        after = Measures(
+            *(torch.where(broken, getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures))
+        )
         terms = reward_terms(config.reward, before, after, success, lost | stopped, target.stiffness)
         if self.joint_range is not None:
             terms["joint_range"] = config.reward.scale * self.joint_range.term(physics.qpos[:, ARM])
         reward = sum(terms.values())
         self.total += reward
-        return {"reward": reward, "done": success | lost | stopped | timeout, "success": success, "lost": lost,
-                "stopped": stopped, "timeout": timeout, "terms": terms, "distance": distance, "angle": angle, "broken": broken}
+        return {
+            "reward": reward,
+            "done": success | lost | stopped | timeout,
+            "success": success,
+            "lost": lost,
+            "stopped": stopped,
+            "timeout": timeout,
+            "terms": terms,
+            "distance": distance,
+            "angle": angle,
+            "broken": broken,
+        }
 
     def _stopped(self) -> torch.Tensor:
         """Worlds (n,) in which a joint was too fast in the last period, or is outside its range."""

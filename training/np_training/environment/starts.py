@@ -32,8 +32,10 @@ class Starts:
     def take(self, count: int) -> torch.Tensor:
         """Rows of the next `count` usable starts; wraps around a pool that is used up. Raises ValueError without any."""
         if not len(self.usable):
-            raise ValueError(f"starts: expected at least one feasible contact among {len(self.action)}, found none; "
-                             "draw a larger pool")
+            raise ValueError(
+                f"starts: expected at least one feasible contact among {len(self.action)}, found none; "
+                "draw a larger pool"
+            )
         rows = (torch.arange(count, device=self.usable.device) + self.next) % len(self.usable)
         self.next += count
         return self.usable[rows]

@@ -12,14 +12,14 @@ import torch
 from np_policy import hand_pose
 from np_policy.action import TIGHT
 from np_policy.networks import PreContactStudent
-from np_training.environment import contact
-from np_training.tasks.breakdown import groups_of_tasks
 from np_training.distill import student_input
+from np_training.environment import contact
 from np_training.environment.environment import Environment, as_seen, pre_contact_state
 from np_training.ppo.networks import ActorCritic
+from np_training.tasks.breakdown import groups_of_tasks
+from np_training.tasks.poses import Poses, sample_tasks
 from np_training.tasks.practice import Tasks
 from np_training.tasks.randomisation import Conditions
-from np_training.tasks.poses import Poses, sample_tasks
 
 MODES = ("success", "infeasible", "broken", "lost", "stopped", "timeout")
 """How an episode ends: at the goal; without a contact that can be reached; in numbers that are not finite;

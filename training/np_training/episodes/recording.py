@@ -28,9 +28,7 @@ class Recording:
     def choose(self, count: int) -> np.ndarray:
         """Rows of `count` played episodes, half of them failures where there are as many, in order."""
         played = self.mode != "infeasible"
-        won, failed = (
-            np.flatnonzero(played & mask) for mask in (self.mode == "success", self.mode != "success")
-        )
+        won, failed = (np.flatnonzero(played & mask) for mask in (self.mode == "success", self.mode != "success"))
         failures = min(len(failed), max(count // 2, count - len(won)))
         return np.sort(np.concatenate([won[: count - failures], failed[:failures]]))
 

@@ -22,10 +22,10 @@ from np_description.patch import Patch
 from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
 from np_description.scene import OBJECT, load_model
 from np_policy.action import Target
-from np_training.physics.chain import make_chain
-from np_training.physics.carried_effects import check_carried
 from np_training.physics.batched_kinematics import forward_kinematics
 from np_training.physics.batched_operational_space import count_excess, make_gains, operational_space_kernel
+from np_training.physics.carried_effects import check_carried
+from np_training.physics.chain import make_chain
 
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.
 RANDOMISED = ("geom_friction", "body_mass", "body_subtreemass", "body_inertia")
@@ -107,9 +107,7 @@ class BatchedPhysics:
     the limits of joint velocity, and of torque as commanded.
     """
 
-    def __init__(
-        self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()
-    ) -> None:
+    def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
         self.config, self.worlds, self.device = config, worlds, torch.device(device)
         panda = config.effects.panda()
         model = load_model(domain, timestep=config.timestep, arm_collision=False, panda=panda)
@@ -129,9 +127,7 @@ class BatchedPhysics:
             mujoco.mj_forward(model, data)
             # Counted by take_overflowed, not printed. Steps short of convergence are the normal case.
             self.model.opt.warn_overflow = 0
-            self.data = mjw.put_data(
-                model, data, nworld=worlds, nconmax=config.contacts, njmax=config.constraints
-            )
+            self.data = mjw.put_data(model, data, nworld=worlds, nconmax=config.contacts, njmax=config.constraints)
             self._command = wp.zeros((6, worlds, 7), dtype=float)
             self._delay = wp.zeros(worlds, dtype=int)
             self._noise = wp.zeros((worlds, 7), dtype=float)
@@ -152,7 +148,9 @@ class BatchedPhysics:
         )
         self.object_body = model.body(OBJECT).id
         self._object_mass, self._whole_mass = float(model.body_mass[self.object_body]), float(model.body_mass.sum())
-        self._object_inertia = torch.tensor(model.body_inertia[self.object_body], dtype=torch.float32, device=self.device)
+        self._object_inertia = torch.tensor(
+            model.body_inertia[self.object_body], dtype=torch.float32, device=self.device
+        )
         fixed = {"table", *(box.name for box in domain.obstacles)}
         names = [model.geom(geom).name for geom in range(model.ngeom)]
         # Indices of the geoms of the surroundings and of the fingers, and their friction.
@@ -238,9 +236,7 @@ class BatchedPhysics:
         for geom, height in self._obstacles.items():
             self._geom_position[where, geom, 2] = height - sunk
 
-    def randomise(
-        self, where: torch.Tensor, table: torch.Tensor, finger: torch.Tensor, mass: torch.Tensor
-    ) -> None:
+    def randomise(self, where: torch.Tensor, table: torch.Tensor, finger: torch.Tensor, mass: torch.Tensor) -> None:
         """Scale nominal friction of the surroundings and fingers, and the object's mass, by factors (n,)."""
         for (geoms, friction), factor in zip(self._rubbing, (table, finger)):
             self.friction[where[:, None], geoms, 0] = friction * factor[:, None]

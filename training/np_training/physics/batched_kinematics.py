@@ -84,7 +84,11 @@ def forward_kinematics(q: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def solve_ik(
-    q: torch.Tensor, position: torch.Tensor, rotation: torch.Tensor, *, iterations: int = IK_ITERATIONS,
+    q: torch.Tensor,
+    position: torch.Tensor,
+    rotation: torch.Tensor,
+    *,
+    iterations: int = IK_ITERATIONS,
     damping: float = IK_DAMPING,
 ) -> torch.Tensor:
     """Joints (n, 7) rad near q (n, 7) that bring T_E to position (n, 3) m and rotation (n, 3, 3), single precision; as
@@ -113,5 +117,11 @@ def _launch(kernel: wp.Kernel, like: torch.Tensor, inputs: list, outputs: list[t
         dtype = wp.vec3 if value.shape[1:] == (3,) else dtypes[value.ndim]
         return wp.from_torch(value if value.ndim == 2 else value.contiguous(), dtype=dtype, requires_grad=False)
 
-    wp.launch(kernel, dim=len(like), inputs=[make_chain(device.alias), *map(array, inputs)],
-              outputs=list(map(array, outputs)), device=device, stream=stream)
+    wp.launch(
+        kernel,
+        dim=len(like),
+        inputs=[make_chain(device.alias), *map(array, inputs)],
+        outputs=list(map(array, outputs)),
+        device=device,
+        stream=stream,
+    )

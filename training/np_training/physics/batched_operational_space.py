@@ -98,9 +98,7 @@ def operational_space_kernel(
 
     # Acceleration that is asked of T_E.
     target = wp.vec3(command[new + 1, i, 0], command[new + 1, i, 1], command[new + 1, i, 2])
-    wanted = wp.quat(
-        command[new + 1, i, 3], command[new + 1, i, 4], command[new + 1, i, 5], command[new + 1, i, 6]
-    )
+    wanted = wp.quat(command[new + 1, i, 3], command[new + 1, i, 4], command[new + 1, i, 5], command[new + 1, i, 6])
     shift = target - at
     turn = rotation_vector(wanted * wp.quat_inverse(turned))
     force = vec6()
@@ -113,9 +111,7 @@ def operational_space_kernel(
             error = shift[k]
         else:
             error = turn[k - 3]
-        force[k] = (
-            gains.stiffness[k] * error - 2.0 * gains.damping_ratio * wp.sqrt(gains.stiffness[k]) * speed
-        )
+        force[k] = gains.stiffness[k] * error - 2.0 * gains.damping_ratio * wp.sqrt(gains.stiffness[k]) * speed
 
     # M and what it makes of the pull towards the posture.
     inertia = mat7()

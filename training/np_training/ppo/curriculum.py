@@ -33,10 +33,7 @@ def stage_limits(stage: int) -> ResidualLimits:
     """Residual limits of a curriculum stage, 0 (loose) to STAGES (tight), geometric in between (paper)."""
     share = min(stage, STAGES) / STAGES
     return ResidualLimits(
-        *(
-            a * (b / a) ** share
-            for a, b in ((LOOSE.position, TIGHT.position), (LOOSE.rotation, TIGHT.rotation))
-        )
+        *(a * (b / a) ** share for a, b in ((LOOSE.position, TIGHT.position), (LOOSE.rotation, TIGHT.rotation)))
     )
 
 

@@ -64,9 +64,7 @@ def add(*tensors: torch.Tensor) -> None:
 
 def total(values: dict[str, torch.Tensor | float], device: torch.device) -> dict[str, float]:
     """Sums over all processes of named numbers, in one message; the names have to be the same everywhere."""
-    numbers = torch.stack(
-        [torch.as_tensor(value, dtype=torch.float64, device=device) for value in values.values()]
-    )
+    numbers = torch.stack([torch.as_tensor(value, dtype=torch.float64, device=device) for value in values.values()])
     add(numbers)
     return dict(zip(values, numbers.tolist()))
 

@@ -105,7 +105,11 @@ class Learner:
         divided by the number of samples of all, so that gradients summed over the processes are those of one
         large batch.
         """
-        batch, count, device = replace(batch, advantage=_normalised(batch.advantage)), len(batch.state), batch.state.device
+        batch, count, device = (
+            replace(batch, advantage=_normalised(batch.advantage)),
+            len(batch.state),
+            batch.state.device,
+        )
         with torch.no_grad():
             old_mean, old_std = _moments(self.policy, batch.state)
         self._sums.zero_()

@@ -34,9 +34,7 @@ def describe(row: dict[str, float], left: float) -> str:
     """A row of the log in one line; success also by groups of tasks, where there are any
     (`breakdown.groups`)."""
     groups = " ".join(
-        f"{name[8:]} {value:.2f}"
-        for name, value in row.items()
-        if name.startswith(("success_tips", "success_goal"))
+        f"{name[8:]} {value:.2f}" for name, value in row.items() if name.startswith(("success_tips", "success_goal"))
     )
     practised = " ".join(
         f"{name[8:]} {value:.2f}"

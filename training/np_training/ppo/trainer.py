@@ -11,15 +11,15 @@ from pathlib import Path
 import torch
 
 from np_policy.action import STIFFNESS
-from np_training.ppo import distributed
-from np_training.tasks.breakdown import groups
-from np_training.ppo.curriculum import Curriculum, CurriculumConfig, stage_limits
 from np_training.environment.environment import Environment
 from np_training.environment.fixed_contact import FixedContact
-from np_training.tasks.joint_range import JointRange
-from np_training.ppo.networks import ActorCritic, sample
-from np_training.tasks.practice import kinds
+from np_training.ppo import distributed
+from np_training.ppo.curriculum import Curriculum, CurriculumConfig, stage_limits
 from np_training.ppo.learner import Batch, Learner, PPOConfig, advantages
+from np_training.ppo.networks import ActorCritic, sample
+from np_training.tasks.breakdown import groups
+from np_training.tasks.joint_range import JointRange
+from np_training.tasks.practice import kinds
 from np_training.tasks.randomisation import NOMINAL_CONDITIONS, PAPER
 
 
@@ -110,9 +110,7 @@ class Trainer:
     def iterate(self) -> dict[str, float]:
         """One rollout, one update of both policies; returns a row of the log, over all processes."""
         env, nets, worlds = self.environment, self.networks, self.environment.config.worlds
-        env.config = dataclasses.replace(
-            env.config, shares=self.curriculum.shares, explore=self.curriculum.explore
-        )
+        env.config = dataclasses.replace(env.config, shares=self.curriculum.shares, explore=self.curriculum.explore)
         env.starts = env.draw_starts(self.chooser, worlds)
         data: dict[str, list[torch.Tensor]] = {
             k: [] for k in ("state", "critic", "action", "logp", "value", "reward", "done")
@@ -227,9 +225,7 @@ class Trainer:
             "pre_feasible": sums["pre_feasible"] / sums["drawn"],
         } | means
 
-    def _update(
-        self, data: dict[str, list[torch.Tensor]], ended: list[tuple[torch.Tensor, ...]]
-    ) -> dict[str, float]:
+    def _update(self, data: dict[str, list[torch.Tensor]], ended: list[tuple[torch.Tensor, ...]]) -> dict[str, float]:
         env, nets = self.environment, self.networks
         stacked = {name: torch.stack(tensors) for name, tensors in data.items()}
         with torch.no_grad():
@@ -242,9 +238,7 @@ class Trainer:
             Batch(flat["state"], flat["critic"], flat["action"], flat["logp"], gain.flatten(), returns.flatten())
         )
         rejected = env.starts.rejected()
-        failure = torch.full(
-            (len(rejected),), env.config.reward.failure * env.config.reward.scale, device=env.device
-        )
+        failure = torch.full((len(rejected),), env.config.reward.failure * env.config.reward.scale, device=env.device)
         parts = [
             *ended,
             (

@@ -80,9 +80,7 @@ def _lines(ax: Axes, rows: Rows, names: dict[str, str], scale: float = 1.0) -> N
 
 
 def _success(ax: Axes, rows: Rows) -> None:
-    names = sorted(
-        {name for row in rows for name in row if name.startswith("success_") and name != "success_mean"}
-    )
+    names = sorted({name for row in rows for name in row if name.startswith("success_") and name != "success_mean"})
     own = [name for name in names if name[len("success_") :].startswith(GROUPS)]
     steps, practised = column(rows, "steps") / 1e6, column(rows, "practice") > LEAST_PRACTICE
     # Each kind of practice in grey, behind: how they rise tells more than which is which.

@@ -56,8 +56,9 @@ def quarter_tips(starts: Poses, goals: Poses) -> torch.Tensor:
     return torch.round(torch.acos(up.clamp(-1, 1)) / (pi / 2)).long()
 
 
-def draw_apart(draw: Callable[..., tuple[Poses, Poses]], domain: Domain, count: int,
-               generator: torch.Generator) -> tuple[Poses, Poses]:
+def draw_apart(
+    draw: Callable[..., tuple[Poses, Poses]], domain: Domain, count: int, generator: torch.Generator
+) -> tuple[Poses, Poses]:
     """What `draw(domain, count, generator)` gives, with tasks closer than the domain's least distance drawn again."""
     starts, goals = draw(domain, count, generator)
     while True:
@@ -84,5 +85,6 @@ def from_any(domain: Domain, regions: tuple[Region, ...], count: int, generator:
     choices = [sample_poses(domain, region, count, generator) for region in regions]
     pick = torch.randint(0, len(choices), (count,), generator=generator, device=generator.device)
     rows = torch.arange(count, device=generator.device)
-    return Poses(torch.stack([c.position for c in choices])[pick, rows],
-                 torch.stack([c.quaternion for c in choices])[pick, rows])
+    return Poses(
+        torch.stack([c.position for c in choices])[pick, rows], torch.stack([c.quaternion for c in choices])[pick, rows]
+    )

@@ -53,10 +53,15 @@ def kinds(domain: Domain) -> tuple[Kind, ...]:
     own = Kind("own", sample_tasks)
     if domain.start.quarter_turns:
         anywhere = (domain.start, *domain.goals)
-        graded = [kind for grade, yaw in enumerate(YAWS, 1) for kind in (
-            Kind(f"roll{grade}", partial(_rolls, yaw=yaw)),
-            Kind(f"slide{grade}", partial(_slides, regions=anywhere, yaw=yaw), FLAT),
-            Kind(f"cross{grade}", partial(_slides, regions=(domain.start,), yaw=yaw), (0.0, FLAT[0])))]
+        graded = [
+            kind
+            for grade, yaw in enumerate(YAWS, 1)
+            for kind in (
+                Kind(f"roll{grade}", partial(_rolls, yaw=yaw)),
+                Kind(f"slide{grade}", partial(_slides, regions=anywhere, yaw=yaw), FLAT),
+                Kind(f"cross{grade}", partial(_slides, regions=(domain.start,), yaw=yaw), (0.0, FLAT[0])),
+            )
+        ]
         return own, *graded, Kind("turn1", _turns, FLAT), Kind("turn2", _turns)
     if domain.obstacles:
         return own, Kind("top", _moves), *_lower("low", sample_tasks)
@@ -66,15 +71,19 @@ def kinds(domain: Domain) -> tuple[Kind, ...]:
 def draw_tasks(domain: Domain, shares: tuple[float, ...], count: int, generator: torch.Generator) -> Tasks:
     """(count,) tasks in random order, of which each of `kinds(domain)` has its share."""
     ends = [round(sum(shares[: k + 1]) * count) for k in range(len(shares) - 1)]
-    parts = [_draw_kind(domain, number, kind, end - begin, generator)
-             for number, (kind, begin, end) in enumerate(zip(kinds(domain), (0, *ends), (*ends, count)))]
+    parts = [
+        _draw_kind(domain, number, kind, end - begin, generator)
+        for number, (kind, begin, end) in enumerate(zip(kinds(domain), (0, *ends), (*ends, count)))
+    ]
     order = torch.randperm(count, generator=generator, device=generator.device)
 
     def joined(values: list[torch.Tensor]) -> torch.Tensor:
         return torch.cat(values)[order]
 
-    starts, goals = (Poses(joined([p.position for p in poses]), joined([p.quaternion for p in poses]))
-                     for poses in ([p.starts for p in parts], [p.goals for p in parts]))
+    starts, goals = (
+        Poses(joined([p.position for p in poses]), joined([p.quaternion for p in poses]))
+        for poses in ([p.starts for p in parts], [p.goals for p in parts])
+    )
     return Tasks(starts, goals, joined([p.kind for p in parts]), joined([p.sunk for p in parts]))
 
 
@@ -105,8 +114,9 @@ def _lower(name: str, draw: Draw) -> list[Kind]:
     return [Kind(f"{name}{4 - k}", draw, ((k - 1) / 4, k / 4)) for k in (4, 3, 2, 1)]
 
 
-def _slides(domain: Domain, count: int, generator: torch.Generator, regions: tuple[Region, ...],
-            yaw: float) -> tuple[Poses, Poses]:
+def _slides(
+    domain: Domain, count: int, generator: torch.Generator, regions: tuple[Region, ...], yaw: float
+) -> tuple[Poses, Poses]:
     """From one of `regions` to any, with the same face up, turned by up to `yaw`."""
     starts = from_any(domain, regions, count, generator)
     goals = from_any(domain, (domain.start, *domain.goals), count, generator)
@@ -138,8 +148,9 @@ def _rolls(domain: Domain, count: int, generator: torch.Generator, yaw: float) -
     turn = torch.zeros(count, 4, device=device)
     turn[:, 0], turn[:, 1] = torch.cos(torch.tensor(pi / 4)), -torch.sin(torch.tensor(pi / 4)) * (target - source)
     square = quaternion_multiply(yaw_quaternion(-square_yaw), starts.quaternion)
-    rolled = quaternion_multiply(yaw_quaternion(square_yaw + uniform(count, (-yaw, yaw), generator)),
-                                 quaternion_multiply(turn, square))
+    rolled = quaternion_multiply(
+        yaw_quaternion(square_yaw + uniform(count, (-yaw, yaw), generator)), quaternion_multiply(turn, square)
+    )
     return starts, _resting(domain, Poses(goals, rolled), quaternion[target, rows])
 
 

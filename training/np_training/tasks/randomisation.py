@@ -66,9 +66,7 @@ def widen(conditions: Conditions, groups: Iterable[str], factor: float = 2.0) ->
     wide = {}
     for name in (name for group in groups for name in GROUPS[group]):
         value = getattr(conditions, name)
-        wide[name] = (
-            tuple(1 + factor * (end - 1) for end in value) if isinstance(value, tuple) else factor * value
-        )
+        wide[name] = tuple(1 + factor * (end - 1) for end in value) if isinstance(value, tuple) else factor * value
     return dataclasses.replace(conditions, **wide)
 
 

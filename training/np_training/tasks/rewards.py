@@ -46,14 +46,22 @@ class Measures:
 
 def potentials(config: RewardConfig, measures: Measures) -> dict[str, torch.Tensor]:
     """The potential (n,) of each measure; higher is nearer."""
-    return {"progress": config.progress / (config.distance + measures.distance),
-            "far": -config.far * measures.distance,
-            "turn": -config.turn * measures.angle / pi,
-            "reach": -config.reach * measures.hand / 0.1}
+    return {
+        "progress": config.progress / (config.distance + measures.distance),
+        "far": -config.far * measures.distance,
+        "turn": -config.turn * measures.angle / pi,
+        "reach": -config.reach * measures.hand / 0.1,
+    }
 
 
-def reward_terms(config: RewardConfig, before: Measures, after: Measures, success: torch.Tensor,
-                 lost: torch.Tensor, stiffness: torch.Tensor) -> dict[str, torch.Tensor]:
+def reward_terms(
+    config: RewardConfig,
+    before: Measures,
+    after: Measures,
+    success: torch.Tensor,
+    lost: torch.Tensor,
+    stiffness: torch.Tensor,
+) -> dict[str, torch.Tensor]:
     """Each term (n,), scaled. before, after: around the step; success, lost (n,) bool; stiffness (n, 7) Nm/rad."""
     old, new = potentials(config, before), potentials(config, after)
     terms = {name: new[name] - old[name] for name in new} | {

@@ -26,9 +26,7 @@ ARGUMENTS = (
         "topic",
         "franka_driver: topic: the controller is a node; onboard: it runs in the driver, at 1 kHz.",
     ),
-    LaunchArgument(
-        "camera", "realsense", "franka_driver: realsense: start its node; none: a camera of your own."
-    ),
+    LaunchArgument("camera", "realsense", "franka_driver: realsense: start its node; none: a camera of your own."),
     LaunchArgument(
         "realtime",
         "enforce",
@@ -55,13 +53,9 @@ def check(given: Mapping[str, str]) -> None:
         ("keypoints", "camera", "nobody knows the true pose of a real object"),
     ):
         if given[name] != needed:
-            raise ValueError(
-                f"{name}: expected {needed} with backend franka_driver ({why}), got {given[name]!r}"
-            )
+            raise ValueError(f"{name}: expected {needed} with backend franka_driver ({why}), got {given[name]!r}")
     if given["control"] == "onboard" and given["controller"] != "impedance":
-        raise ValueError(
-            "controller: expected impedance with control onboard: no other law runs in the driver"
-        )
+        raise ValueError("controller: expected impedance with control onboard: no other law runs in the driver")
     for name in ("hostname", "calibration"):
         if given[name] in ("", "none"):  # a driver alone may do without a camera, this graph sees
             raise ValueError(f"{name}: expected one with backend franka_driver, got {given[name] or 'none'}")

@@ -10,9 +10,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from np_description.phases import SUCCEEDED
-
-from np_record.recorded_episode import Outcome
 from np_record.intervals import wilson_interval
+from np_record.recorded_episode import Outcome
 
 
 @dataclass(frozen=True)
@@ -59,9 +58,7 @@ class Results:
 
     def __init__(self, folder: Path, settings: Mapping[str, object]):
         text = json.dumps({"settings": dict(settings)}, sort_keys=True)
-        name = "_".join(
-            str(settings[key]) for key in ("domain", "keypoints", "controller", "seed") if key in settings
-        )
+        name = "_".join(str(settings[key]) for key in ("domain", "keypoints", "controller", "seed") if key in settings)
         self.path = folder / f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.jsonl"
         self.results: list[Result] = []
         folder.mkdir(parents=True, exist_ok=True)
@@ -78,9 +75,7 @@ class Results:
                     f"{self.path}, line {number + 2}: expected one result, found {line.strip()}"
                 ) from error
             if result.episode != number:
-                raise ValueError(
-                    f"{self.path}, line {number + 2}: expected episode {number}, found {result.episode}"
-                )
+                raise ValueError(f"{self.path}, line {number + 2}: expected episode {number}, found {result.episode}")
             self.results.append(result)
         complete = [text + "\n", *(_line(result) for result in self.results)]
         if lines != complete:

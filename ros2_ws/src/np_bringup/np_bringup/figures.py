@@ -76,10 +76,11 @@ def detector_figures(domain: Domain, weights: str) -> dict[str, object]:
 def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str, object]:
     """One decision of the post-contact policy, observation to gains, against its bare torch module."""
     import torch
+
+    from np_perception.pose_estimation import project_keypoints
     from np_policy.networks import PostContactPolicy
     from np_policy.observation import POST_SIZE
     from np_policy.policy import PostContactController, weights_file
-    from np_perception.pose_estimation import project_keypoints
     from np_policy.weights import load
 
     torch.set_num_threads(1)

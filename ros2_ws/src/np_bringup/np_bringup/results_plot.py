@@ -19,8 +19,13 @@ def results_plot(results: list[Result], domain: Domain) -> str:
         ends, times = figure.subplots(1, 2)
         for success, colour, label in ((True, "#2f8f3a", "success"), (False, "#a8461f", "failure")):
             chosen = [result for result in whole if result.success == success]
-            ends.scatter([100 * r.distance for r in chosen], [np.degrees(r.angle) for r in chosen], s=14,
-                         color=colour, label=f"{label}: {len(chosen)}")
+            ends.scatter(
+                [100 * r.distance for r in chosen],
+                [np.degrees(r.angle) for r in chosen],
+                s=14,
+                color=colour,
+                label=f"{label}: {len(chosen)}",
+            )
         ends.axvline(100 * domain.tolerance_position, color="0.5", ls="--", lw=1)
         if domain.tolerance_angle is not None:
             ends.axhline(np.degrees(domain.tolerance_angle), color="0.5", ls="--", lw=1)

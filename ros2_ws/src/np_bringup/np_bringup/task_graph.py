@@ -14,20 +14,15 @@ KEYPOINT_SOURCES = ("camera", "truth")
 
 ARGUMENTS = (
     LaunchArgument("domain", "card", "Task family: card, bump or wall; it needs released weights."),
-    LaunchArgument(
-        "seed", "0", "With an episode's number it names the task; equal seeds give equal runs in lockstep."
-    ),
+    LaunchArgument("seed", "0", "With an episode's number it names the task; equal seeds give equal runs in lockstep."),
     LaunchArgument("first_episode", "0", "Number of the episode that the first reset draws."),
     LaunchArgument("mode", "lockstep", "lockstep: time waits for every answer; realtime: it does not."),
     LaunchArgument(
         "keypoints",
         "camera",
-        "camera: detected in images; truth: projected from the simulated object, to "
-        "show what perception costs.",
+        "camera: detected in images; truth: projected from the simulated object, to show what perception costs.",
     ),
-    LaunchArgument(
-        "controller", "impedance", "impedance: joint impedance; osc: the operational-space baseline."
-    ),
+    LaunchArgument("controller", "impedance", "impedance: joint impedance; osc: the operational-space baseline."),
     LaunchArgument("image_rate", "30", "Images a second of simulated time."),
     LaunchArgument(
         "calibration",

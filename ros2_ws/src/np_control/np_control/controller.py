@@ -13,11 +13,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from np_control.dynamics import Dynamics
-from np_control.impedance import STIFFNESS_MAX, lead, torque as impedance_torque
+from np_control.impedance import STIFFNESS_MAX, lead
+from np_control.impedance import torque as impedance_torque
 from np_control.kinematics import IK_ITERATIONS, pose_distance, solve_ik
 from np_control.operational_space import CartesianGains, operational_space_torque
-from np_control.safety import LIMITS, Reason, Refusal, SafetyLimits, check_finite, limit_gains, \
-    limit_target, limit_torque, slew_gains
+from np_control.safety import (
+    LIMITS,
+    Reason,
+    Refusal,
+    SafetyLimits,
+    check_finite,
+    limit_gains,
+    limit_target,
+    limit_torque,
+    slew_gains,
+)
 from np_control.trajectory import Trajectory
 
 
@@ -81,8 +91,12 @@ class _Target:
 class Controller:
     """One arm's controller: `observe` every state, give trajectories and targets, take the `answer`."""
 
-    def __init__(self, config: ControllerConfig = ControllerConfig(), limits: SafetyLimits = LIMITS,
-                 dynamics: Dynamics | None = None):
+    def __init__(
+        self,
+        config: ControllerConfig = ControllerConfig(),
+        limits: SafetyLimits = LIMITS,
+        dynamics: Dynamics | None = None,
+    ):
         self.config, self.limits = config, limits
         self._dynamics = dynamics or Dynamics()
         self._own_gains = np.stack(limit_gains(config.stiffness, np.full(7, config.damping_ratio)))
@@ -124,8 +138,7 @@ class Controller:
             self._answer = Answer(state.stamp, self._position, velocity, self._torque, tuple(limited))
         return self._answer
 
-    def follow(self, trajectory: Trajectory, start: int | None = None,
-               gains: np.ndarray | None = None) -> None:
+    def follow(self, trajectory: Trajectory, start: int | None = None, gains: np.ndarray | None = None) -> None:
         """Follow a trajectory from the state of `start` ns on, or from the next state that is answered.
 
         gains (2, 7): rows stiffness Nm/rad, damping ratio; the controller's own where None. Targets given
@@ -138,15 +151,19 @@ class Controller:
         error = np.abs(trajectory.positions[0] - self._states[-1].q)
         if (error > self.limits.start_tolerance).any():
             i = int(error.argmax())
-            raise Refusal(Reason.START, f"trajectory begins with {self.limits.joints[i]} at "
-                          f"{trajectory.positions[0][i]:.3f} rad, {error[i]:.3f} rad from the measured "
-                          f"position; allowed are {self.limits.start_tolerance}")
+            raise Refusal(
+                Reason.START,
+                f"trajectory begins with {self.limits.joints[i]} at "
+                f"{trajectory.positions[0][i]:.3f} rad, {error[i]:.3f} rad from the measured "
+                f"position; allowed are {self.limits.start_tolerance}",
+            )
         self._trajectory, self._start, self._target, self._broken_off = trajectory, start, None, None
         self._targets.clear()
         self._gains_target = gains
 
-    def set_target(self, stamp: int, position: np.ndarray, rotation: np.ndarray, stiffness: np.ndarray,
-                   ratio: np.ndarray) -> bool:
+    def set_target(
+        self, stamp: int, position: np.ndarray, rotation: np.ndarray, stiffness: np.ndarray, ratio: np.ndarray
+    ) -> bool:
         """Take a target at once: see `resolve_target`."""
         resolving = self.resolve_target(stamp, position, rotation, stiffness, ratio)
         while True:
@@ -155,8 +172,9 @@ class Controller:
             except StopIteration as end:
                 return end.value
 
-    def resolve_target(self, stamp: int, position: np.ndarray, rotation: np.ndarray, stiffness: np.ndarray,
-                       ratio: np.ndarray) -> Generator[None, None, bool]:
+    def resolve_target(
+        self, stamp: int, position: np.ndarray, rotation: np.ndarray, stiffness: np.ndarray, ratio: np.ndarray
+    ) -> Generator[None, None, bool]:
         """Move T_E to position (3,) m, rotation (3, 3) in the base frame, with gains (7,) Nm/rad and (7,).
 
         stamp: ns of the state that the target answers; inverse kinematics starts from the joints measured
@@ -164,21 +182,21 @@ class Controller:
         trajectory ends. Gives back control after every step of inverse kinematics, for who has no time for
         all of them, and takes effect when exhausted. Returns whether the target was cut to the workspace.
         Raises Refusal (not_finite, workspace, gains, order, late, future, unreachable) and leaves everything
-        as it was. """
+        as it was."""
         if not self._states:
             raise Refusal(Reason.STATE, "no joint state has come yet")
         position, clamped = limit_target(self.limits, np.asarray(position, dtype=float))
         check_finite(rotation=rotation)
         gains = np.stack(limit_gains(np.asarray(stiffness, dtype=float), np.asarray(ratio, dtype=float)))
         if self._newest_target is not None and stamp < self._newest_target:
-            raise Refusal(Reason.ORDER, f"target of {stamp} ns is older than the one before it, "
-                                        f"of {self._newest_target} ns")
+            raise Refusal(
+                Reason.ORDER, f"target of {stamp} ns is older than the one before it, of {self._newest_target} ns"
+            )
         age = self._states[-1].stamp - stamp
         if age > self.config.largest_target_age_ns:
             raise Refusal(Reason.LATE, f"target of {stamp} ns answers a state {age / 1e6:.0f} ms ago")
         if age < -self.config.largest_gap_ns:
-            raise Refusal(Reason.FUTURE, f"target of {stamp} ns is {-age / 1e6:.0f} ms ahead of the newest "
-                                         "state")
+            raise Refusal(Reason.FUTURE, f"target of {stamp} ns is {-age / 1e6:.0f} ms ahead of the newest state")
         measured = next((state for state in reversed(self._states) if state.stamp <= stamp), self._states[0])
         joints = measured.q
         for _ in range(IK_ITERATIONS):
@@ -186,8 +204,11 @@ class Controller:
             yield
         distance, angle = pose_distance(joints, position, rotation)
         if distance > self.config.reach_position or angle > self.config.reach_angle:
-            raise Refusal(Reason.UNREACHABLE, f"target {np.round(position, 3)} m: inverse kinematics misses "
-                                              f"it by {distance:.3f} m and {angle:.2f} rad")
+            raise Refusal(
+                Reason.UNREACHABLE,
+                f"target {np.round(position, 3)} m: inverse kinematics misses "
+                f"it by {distance:.3f} m and {angle:.2f} rad",
+            )
         self._newest_target = stamp
         effective = stamp + self.config.policy_latency_ns
         self._targets.append(_Target(effective, position, rotation, joints, gains))
@@ -275,9 +296,15 @@ class Controller:
                 self._gains = self._gains_target
         if self._target is not None and self.config.cartesian is not None:
             torque = operational_space_torque(
-                state.q, state.dq, self._target.position, self._target.rotation, self._position,
-                self.config.cartesian, self._dynamics.mass_matrix(state.q),
-                self._dynamics.coriolis(state.q, state.dq))
+                state.q,
+                state.dq,
+                self._target.position,
+                self._target.rotation,
+                self._position,
+                self.config.cartesian,
+                self._dynamics.mass_matrix(state.q),
+                self._dynamics.coriolis(state.q, state.dq),
+            )
             return torque, velocity
         stiffness, ratio = self._gains
         feedforward = self._dynamics.feedforward(state.q, state.dq, acceleration)

@@ -20,9 +20,16 @@ def build_model(panda: PandaModel = NOMINAL, finger_opening: float = 0.0) -> pin
     model.name = "panda"
     parent = 0
     for i, name in enumerate(panda.joints):
-        parent = model.addJoint(parent, pin.JointModelRZ(), _placement(panda.joint_frames[i]), name,
-                                panda.torque_limit[i:i + 1], panda.velocity_limit[i:i + 1],
-                                panda.position_lower[i:i + 1], panda.position_upper[i:i + 1])
+        parent = model.addJoint(
+            parent,
+            pin.JointModelRZ(),
+            _placement(panda.joint_frames[i]),
+            name,
+            panda.torque_limit[i : i + 1],
+            panda.velocity_limit[i : i + 1],
+            panda.position_lower[i : i + 1],
+            panda.position_upper[i : i + 1],
+        )
         model.appendBodyToJoint(parent, _inertia(panda.inertials[f"link{i + 1}"]), pin.SE3.Identity())
     hand = _placement(panda.frames["link7_hand"])
     model.appendBodyToJoint(parent, _inertia(panda.inertials["hand"]), hand)

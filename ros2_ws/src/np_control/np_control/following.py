@@ -2,7 +2,7 @@
 ROS.
 
 The counterpart of `np_control.tick_gate.TickGate`, for the controller node and for a driver with the
-controller on board. """
+controller on board."""
 
 from __future__ import annotations
 
@@ -49,8 +49,10 @@ class Following:
     def check_open(self) -> None:
         """Raises Refusal(state) where nothing is to be followed now."""
         if not self._is_open:
-            raise Refusal(Reason.STATE, "expected an episode under way, with the arm as it was at its start; "
-                                        f"the phase is {self.phase}")
+            raise Refusal(
+                Reason.STATE,
+                f"expected an episode under way, with the arm as it was at its start; the phase is {self.phase}",
+            )
 
     def trajectory(self, trajectory: Trajectory | None, start: int | None = None) -> None:
         """Follow a plan from the state of `start` ns on, or from now, with the gains that came since the last

@@ -82,8 +82,9 @@ def _pose_and_jacobian(q, panda: PandaModel):
     return origins[-1], rotations[-1], matrix
 
 
-def solve_ik(q, position, rotation, *, iterations: int = IK_ITERATIONS, damping: float = IK_DAMPING,
-             panda: PandaModel = NOMINAL):
+def solve_ik(
+    q, position, rotation, *, iterations: int = IK_ITERATIONS, damping: float = IK_DAMPING, panda: PandaModel = NOMINAL
+):
     """Joints (..., 7) rad near `q` that bring T_E to position (..., 3) m and rotation (..., 3, 3).
 
     A fixed number of damped least-squares steps, each cut to the joint limits: the result is always finite and within

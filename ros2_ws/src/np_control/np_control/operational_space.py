@@ -34,9 +34,16 @@ def uniform_gains(stiffness: float) -> CartesianGains:
     return CartesianGains(position=stiffness, rotation=stiffness)
 
 
-def operational_space_torque(q: np.ndarray, dq: np.ndarray, position: np.ndarray, rotation: np.ndarray,
-                             posture: np.ndarray, gains: CartesianGains, mass_matrix: np.ndarray,
-                             coriolis: np.ndarray) -> np.ndarray:
+def operational_space_torque(
+    q: np.ndarray,
+    dq: np.ndarray,
+    position: np.ndarray,
+    rotation: np.ndarray,
+    posture: np.ndarray,
+    gains: CartesianGains,
+    mass_matrix: np.ndarray,
+    coriolis: np.ndarray,
+) -> np.ndarray:
     """Torque (7,) Nm without gravity that draws T_E to position (3,) m and rotation (3, 3) in the base frame.
 
     q, posture (7,) rad; dq (7,) rad/s; mass_matrix (7, 7) kg m^2 and coriolis (7,) Nm at (q, dq).

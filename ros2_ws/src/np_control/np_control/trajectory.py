@@ -78,8 +78,9 @@ class Trajectory:
         return p0, v0, 3 * (p1 - p0) - 2 * v0 - v1, 2 * (p0 - p1) + v0 + v1
 
 
-def make_trajectory(times: np.ndarray, positions: np.ndarray, velocities: np.ndarray,
-                    limits: SafetyLimits) -> Trajectory:
+def make_trajectory(
+    times: np.ndarray, positions: np.ndarray, velocities: np.ndarray, limits: SafetyLimits
+) -> Trajectory:
     """A checked trajectory that starts and ends at rest.
 
     Raises Refusal: trajectory (no points, shapes, times that do not increase, motion at either end),
@@ -91,22 +92,26 @@ def make_trajectory(times: np.ndarray, positions: np.ndarray, velocities: np.nda
         raise Refusal(Reason.TRAJECTORY, f"expected at least one point, got times of shape {times.shape}")
     for name, table in (("positions", positions), ("velocities", velocities)):
         if table.shape != (times.size, joints):
-            raise Refusal(Reason.TRAJECTORY, f"{name}: expected shape {(times.size, joints)}, "
-                                             f"got {table.shape}")
+            raise Refusal(Reason.TRAJECTORY, f"{name}: expected shape {(times.size, joints)}, got {table.shape}")
         if not np.isfinite(table).all():
             raise Refusal(Reason.NOT_FINITE, f"{name}: expected finite numbers")
     if not np.isfinite(times).all() or times[0] < 0 or (np.diff(times) <= 0).any():
         raise Refusal(Reason.TRAJECTORY, f"times: expected increasing from 0 or later, got {times}")
     if np.abs(velocities[[0, -1]]).max() > 1e-3:
-        raise Refusal(Reason.TRAJECTORY, "expected rest at both ends, got velocities "
-                                         f"{velocities[0]} and {velocities[-1]} rad/s")
+        raise Refusal(
+            Reason.TRAJECTORY, f"expected rest at both ends, got velocities {velocities[0]} and {velocities[-1]} rad/s"
+        )
     trajectory = Trajectory(times, positions, velocities)
     lower, upper, speed = trajectory.extremes()
     for i in np.flatnonzero((lower < limits.position_lower) | (upper > limits.position_upper)):
-        raise Refusal(Reason.POSITION, f"{limits.joints[i]}: expected {limits.position_lower[i]} to "
-                      f"{limits.position_upper[i]} rad, got {lower[i]:.4f} to {upper[i]:.4f}")
+        raise Refusal(
+            Reason.POSITION,
+            f"{limits.joints[i]}: expected {limits.position_lower[i]} to "
+            f"{limits.position_upper[i]} rad, got {lower[i]:.4f} to {upper[i]:.4f}",
+        )
     allowed = limits.speed_fraction * limits.velocity
     for i in np.flatnonzero(speed > allowed):
-        raise Refusal(Reason.VELOCITY, f"{limits.joints[i]}: expected at most {allowed[i]:.3f} rad/s, "
-                                       f"got {speed[i]:.3f}")
+        raise Refusal(
+            Reason.VELOCITY, f"{limits.joints[i]}: expected at most {allowed[i]:.3f} rad/s, got {speed[i]:.3f}"
+        )
     return trajectory

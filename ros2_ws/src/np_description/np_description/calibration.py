@@ -13,7 +13,7 @@ is the position. `Calibration.camera` is the camera whose images those are: the 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from datetime import datetime, timedelta, UTC
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -105,9 +105,7 @@ class Calibration:
         for name, shape in (("position", (3,)), ("quaternion", (4,)), ("covariance", (6, 6))):
             array = np.asarray(getattr(self, name), float)
             if array.shape != shape or not np.isfinite(array).all():
-                raise CalibrationError(
-                    f"{name}: expected finite numbers of shape {shape}, got {array.tolist()}"
-                )
+                raise CalibrationError(f"{name}: expected finite numbers of shape {shape}, got {array.tolist()}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if abs(np.linalg.norm(self.quaternion) - 1) > 1e-6:
@@ -117,9 +115,7 @@ class Calibration:
             not np.allclose(self.covariance, self.covariance.T, rtol=0, atol=1e-9 * scale)
             or np.linalg.eigvalsh(self.covariance)[0] < -1e-9 * scale
         ):
-            raise CalibrationError(
-                f"covariance: expected symmetric, not negative, got {self.covariance.tolist()}"
-            )
+            raise CalibrationError(f"covariance: expected symmetric, not negative, got {self.covariance.tolist()}")
         numbers = [*asdict(self.errors).values(), *(_flat(asdict(self.table)) if self.table else [])]
         if not np.isfinite(numbers).all():
             raise CalibrationError(f"errors, table: expected finite numbers, got {self.errors}, {self.table}")
@@ -197,9 +193,7 @@ def load(path: str | Path) -> Calibration:
     try:
         content = yaml.safe_load(Path(path).read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise CalibrationError(
-            f"calibration {path}: expected a file written by `calibrate`: {error}"
-        ) from error
+        raise CalibrationError(f"calibration {path}: expected a file written by `calibrate`: {error}") from error
     keys = {
         "format",
         "made",
@@ -230,9 +224,7 @@ def load(path: str | Path) -> Calibration:
             quaternion=content["quaternion"],
             covariance=content["covariance"],
             errors=Errors(**content["errors"]),
-            table=(
-                Table(**{**table, "tilt": tuple(table["tilt"]), "at": tuple(table["at"])}) if table else None
-            ),
+            table=(Table(**{**table, "tilt": tuple(table["tilt"]), "at": tuple(table["at"])}) if table else None),
             source=str(content["source"]),
         )
     except (TypeError, KeyError, ValueError) as error:  # a CalibrationError is one

@@ -60,8 +60,9 @@ class Camera(Pinhole):
     def normalise(self, pixels):
         """Image coordinates (..., 2) in [-1, 1] across the image, the unit in which policies see keypoints."""
         xp = namespace(pixels)
-        return xp.stack([(pixels[..., 0] + 0.5) * (2 / self.width) - 1,
-                         (pixels[..., 1] + 0.5) * (2 / self.height) - 1], axis=-1)
+        return xp.stack(
+            [(pixels[..., 0] + 0.5) * (2 / self.width) - 1, (pixels[..., 1] + 0.5) * (2 / self.height) - 1], axis=-1
+        )
 
 
 def look_at(position, target) -> tuple[tuple[float, float, float], ...]:
@@ -78,5 +79,12 @@ _POSITION = (1.10, 0.0, 0.68)
 CAMERA = Camera(
     # The colour stream of a RealSense D435 at 1280 x 720 has f of about 920 px (datasheet: 69 x 42 degrees). A centred crop
     # of 496 px, scaled to 224, shows the workspace at about 2 mm a pixel.
-    width=224, height=224, fx=415.0, fy=415.0, cx=111.5, cy=111.5,
-    position=_POSITION, rotation=look_at(_POSITION, (0.50, 0.0, 0.0)))
+    width=224,
+    height=224,
+    fx=415.0,
+    fy=415.0,
+    cx=111.5,
+    cy=111.5,
+    position=_POSITION,
+    rotation=look_at(_POSITION, (0.50, 0.0, 0.0)),
+)

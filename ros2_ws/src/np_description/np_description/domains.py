@@ -12,8 +12,14 @@ from math import pi
 
 import numpy as np
 
-from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix, \
-    quaternion_multiply, rotation_angle, yaw_quaternion
+from np_description.rotations import (
+    matrix_from_quaternion,
+    matrix_from_vector,
+    quaternion_from_matrix,
+    quaternion_multiply,
+    rotation_angle,
+    yaw_quaternion,
+)
 
 
 @dataclass(frozen=True)
@@ -85,24 +91,41 @@ class Domain:
 
 
 CARD = Domain(
-    name="card", half_size=(0.025, 0.035, 0.0025), density=457.1,
-    start=Region(x=(0.42, 0.58), y=(-0.13, 0.13)), goals=(Region(x=(0.42, 0.58), y=(-0.13, 0.13)),),
-    goal_yaw=(-pi / 2, pi / 2), workspace_x=(0.34, 0.66), workspace_y=(-0.21, 0.21))
+    name="card",
+    half_size=(0.025, 0.035, 0.0025),
+    density=457.1,
+    start=Region(x=(0.42, 0.58), y=(-0.13, 0.13)),
+    goals=(Region(x=(0.42, 0.58), y=(-0.13, 0.13)),),
+    goal_yaw=(-pi / 2, pi / 2),
+    workspace_x=(0.34, 0.66),
+    workspace_y=(-0.21, 0.21),
+)
 
 BUMP = Domain(
-    name="bump", half_size=(0.045, 0.045, 0.045), density=200.0,
+    name="bump",
+    half_size=(0.045, 0.045, 0.045),
+    density=200.0,
     obstacles=(Box("bump", (0.50, 0.0, 0.015), (0.15, 0.06, 0.015)),),
     start=Region(x=(0.42, 0.58), y=(-0.17, -0.125), quarter_turns=True),
-    goals=(Region(x=(0.42, 0.58), y=(-0.015, 0.015), surface=0.03, quarter_turns=True),
-           Region(x=(0.42, 0.58), y=(0.125, 0.17), quarter_turns=True)), interchangeable=True)
+    goals=(
+        Region(x=(0.42, 0.58), y=(-0.015, 0.015), surface=0.03, quarter_turns=True),
+        Region(x=(0.42, 0.58), y=(0.125, 0.17), quarter_turns=True),
+    ),
+    interchangeable=True,
+)
 
 # The goal is a box that lies on the wall. Of one that stands there only the position would count, and a lying box that is
 # tipped up has it too.
 WALL = Domain(
-    name="wall", half_size=(0.025, 0.025, 0.05), density=150.0,
+    name="wall",
+    half_size=(0.025, 0.025, 0.05),
+    density=150.0,
     obstacles=(Box("wall", (0.64, 0.0, 0.05), (0.08, 0.20, 0.05)),),
     start=Region(x=(0.53, 0.53), y=(-0.15, 0.15), yaw=(0.0, 0.0)),
-    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0), pitch=pi / 2),), tolerance_angle=None, aim=0.6)
+    goals=(Region(x=(0.60, 0.64), y=(0.05, 0.15), surface=0.10, yaw=(0.0, 0.0), pitch=pi / 2),),
+    tolerance_angle=None,
+    aim=0.6,
+)
 
 DOMAINS = {domain.name: domain for domain in (CARD, BUMP, WALL)}
 
@@ -162,5 +185,10 @@ def is_success(domain: Domain, distance, angle, share: float = 1.0):
 def is_lost(domain: Domain, position):
     """Whether object positions (..., 3) m have left the workspace, or fallen below the table."""
     x, y, z = position[..., 0], position[..., 1], position[..., 2]
-    return ((x < domain.workspace_x[0]) | (x > domain.workspace_x[1]) | (y < domain.workspace_y[0])
-            | (y > domain.workspace_y[1]) | (z < -0.02))
+    return (
+        (x < domain.workspace_x[0])
+        | (x > domain.workspace_x[1])
+        | (y < domain.workspace_y[0])
+        | (y > domain.workspace_y[1])
+        | (z < -0.02)
+    )

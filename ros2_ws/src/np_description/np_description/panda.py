@@ -68,16 +68,25 @@ def load_panda(text: str) -> PandaModel:
         array.setflags(write=False)
         return array
 
-    top = {name: per_joint(raw[name], name) for name in
-           ("position_lower", "position_upper", "velocity_limit", "torque_limit", "ready")}
+    top = {
+        name: per_joint(raw[name], name)
+        for name in ("position_lower", "position_upper", "velocity_limit", "torque_limit", "ready")
+    }
     dynamics = {name: per_joint(raw["joint_dynamics"][name], name) for name in ("frictionloss", "damping", "armature")}
     return PandaModel(
-        joints=tuple(raw["joints"]), fingers=tuple(raw["fingers"]), torque_rate_limit=float(raw["torque_rate_limit"]),
-        frames={name: Frame(np.asarray(f["pos"], float), np.asarray(f["quat"], float))
-                for name, f in raw["frames"].items()},
-        inertials={name: Inertial(float(i["mass"]), np.asarray(i["com"], float), np.asarray(i["inertia"], float))
-                   for name, i in raw["inertials"].items()},
-        **top, **dynamics)
+        joints=tuple(raw["joints"]),
+        fingers=tuple(raw["fingers"]),
+        torque_rate_limit=float(raw["torque_rate_limit"]),
+        frames={
+            name: Frame(np.asarray(f["pos"], float), np.asarray(f["quat"], float)) for name, f in raw["frames"].items()
+        },
+        inertials={
+            name: Inertial(float(i["mass"]), np.asarray(i["com"], float), np.asarray(i["inertia"], float))
+            for name, i in raw["inertials"].items()
+        },
+        **top,
+        **dynamics,
+    )
 
 
 NOMINAL = load_panda((files("np_description") / "data" / "panda_nominal.yaml").read_text())

@@ -135,7 +135,9 @@ def load_patch(path: str | Path) -> Patch:
         if not isinstance(entry, Mapping) or not {"effect", "component", "parameters"} <= set(entry):
             raise ValueError(f"{place}: expected effect, component and parameters, got {entry!r:.80}")
         if entry["effect"] not in PARAMETERS:
-            raise ValueError(f"{place}: expected an effect of the arm ({', '.join(PARAMETERS)}), got {entry['effect']!r}")
+            raise ValueError(
+                f"{place}: expected an effect of the arm ({', '.join(PARAMETERS)}), got {entry['effect']!r}"
+            )
         if entry["component"] not in (ARM, *NOMINAL.joints):
             raise ValueError(f"{place}: expected 'arm' or a joint as component, got {entry['component']!r}")
         known, values = PARAMETERS[entry["effect"]], {}

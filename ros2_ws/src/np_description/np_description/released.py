@@ -28,8 +28,10 @@ def weights_folder(folder: str | Path = "") -> Path:
     for parent in (p for start in starts for p in start.parents):
         if (parent / "weights").is_dir() and any((parent / "weights").glob("*.safetensors")):
             return parent / "weights"
-    raise WeightsError(f"weights: no folder `weights` with safetensors beside the code or the working directory; "
-                       f"set ${ENVIRONMENT_VARIABLE}, or train with `make train`")
+    raise WeightsError(
+        f"weights: no folder `weights` with safetensors beside the code or the working directory; "
+        f"set ${ENVIRONMENT_VARIABLE}, or train with `make train`"
+    )
 
 
 def sha256(path: str | Path) -> str:

@@ -34,12 +34,15 @@ def quaternion_multiply(a, b):
     xp = namespace(a)
     aw, ax, ay, az = (a[..., i] for i in range(4))
     bw, bx, by, bz = (b[..., i] for i in range(4))
-    return xp.stack([
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    ], axis=-1)
+    return xp.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
 
 
 def quaternion_conjugate(quaternion):
@@ -53,9 +56,15 @@ def matrix_from_quaternion(quaternion):
     unit = quaternion / xp.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True))
     w, x, y, z = (unit[..., i] for i in range(4))
     rows = [
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
     ]
     return xp.stack(rows, axis=-1).reshape(quaternion.shape[:-1] + (3, 3))
 
@@ -68,12 +77,27 @@ def quaternion_from_matrix(matrix):
     xp = namespace(matrix)
     m = [[matrix[..., i, j] for j in range(3)] for i in range(3)]
     one = xp.ones_like(m[0][0])
-    outer = xp.stack([
-        one + m[0][0] + m[1][1] + m[2][2], m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1],
-        m[2][1] - m[1][2], one + m[0][0] - m[1][1] - m[2][2], m[0][1] + m[1][0], m[0][2] + m[2][0],
-        m[0][2] - m[2][0], m[0][1] + m[1][0], one - m[0][0] + m[1][1] - m[2][2], m[1][2] + m[2][1],
-        m[1][0] - m[0][1], m[0][2] + m[2][0], m[1][2] + m[2][1], one - m[0][0] - m[1][1] + m[2][2],
-    ], axis=-1).reshape(matrix.shape[:-2] + (4, 4))
+    outer = xp.stack(
+        [
+            one + m[0][0] + m[1][1] + m[2][2],
+            m[2][1] - m[1][2],
+            m[0][2] - m[2][0],
+            m[1][0] - m[0][1],
+            m[2][1] - m[1][2],
+            one + m[0][0] - m[1][1] - m[2][2],
+            m[0][1] + m[1][0],
+            m[0][2] + m[2][0],
+            m[0][2] - m[2][0],
+            m[0][1] + m[1][0],
+            one - m[0][0] + m[1][1] - m[2][2],
+            m[1][2] + m[2][1],
+            m[1][0] - m[0][1],
+            m[0][2] + m[2][0],
+            m[1][2] + m[2][1],
+            one - m[0][0] - m[1][1] + m[2][2],
+        ],
+        axis=-1,
+    ).reshape(matrix.shape[:-2] + (4, 4))
     diagonal = xp.stack([outer[..., i, i] for i in range(4)], axis=-1)
     largest = diagonal.argmax(axis=-1)
     if xp is np:
@@ -134,11 +158,14 @@ def matrix_from_six(six):
 def cross(a, b):
     """Cross product of (..., 3) vectors."""
     xp = namespace(a)
-    return xp.stack([
-        a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
-        a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
-        a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
-    ], axis=-1)
+    return xp.stack(
+        [
+            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
+            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
+            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
+        ],
+        axis=-1,
+    )
 
 
 def yaw_quaternion(yaw):

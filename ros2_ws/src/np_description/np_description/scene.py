@@ -11,8 +11,8 @@ import numpy as np
 
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain
-from np_description.panda import BASE_FRAME, FINGER_FORCE, FINGER_MAX, NOMINAL, TCP_FRAME, PandaModel
 from np_description.keypoints import CORNERS
+from np_description.panda import BASE_FRAME, FINGER_FORCE, FINGER_MAX, NOMINAL, TCP_FRAME, PandaModel
 
 OBJECT = "object"
 CAMERA_NAME = "camera"
@@ -25,8 +25,15 @@ OBJECT_FRICTION = 0.1  # lower than both partners, so that each partner decides
 ENVIRONMENT_BIT, OBJECT_BIT, ROBOT_BIT = 1, 2, 4
 
 CORNER_COLOURS = (
-    (0.85, 0.10, 0.10), (0.10, 0.35, 0.90), (0.05, 0.60, 0.15), (0.95, 0.80, 0.05),
-    (0.55, 0.10, 0.65), (0.05, 0.75, 0.80), (0.95, 0.45, 0.05), (0.90, 0.40, 0.65))
+    (0.85, 0.10, 0.10),
+    (0.10, 0.35, 0.90),
+    (0.05, 0.60, 0.15),
+    (0.95, 0.80, 0.05),
+    (0.55, 0.10, 0.65),
+    (0.05, 0.75, 0.80),
+    (0.95, 0.45, 0.05),
+    (0.90, 0.40, 0.65),
+)
 """RGB of the block at each corner, keypoint order: every face shows four colours, no two corners look alike."""
 
 # Capsules that enclose each link: link -> (centre m, half axis vector m, radius m) in the link frame.
@@ -42,12 +49,20 @@ _LINK_CAPSULES = {
 }
 
 HAND_CAPSULE = ((0.0, 0.0, 0.033), (0.0, 0.07, 0.0), 0.033)  # the same form, in the hand frame
-FINGER_CAPSULES = (((0.0, 0.0095, 0.020), (0.0, 0.0, 0.016), 0.009),  # shaft
-                   ((0.0, 0.0085, 0.0458), (0.0065, 0.0, 0.0), 0.008))  # tip, in the finger's frame
+FINGER_CAPSULES = (
+    ((0.0, 0.0095, 0.020), (0.0, 0.0, 0.016), 0.009),  # shaft
+    ((0.0, 0.0085, 0.0458), (0.0065, 0.0, 0.0), 0.008),
+)  # tip, in the finger's frame
 
 
-def build_scene(domain: Domain, *, timestep: float = 0.002, arm_collision: bool = True, panda: PandaModel = NOMINAL,
-                camera: Camera = CAMERA) -> mujoco.MjSpec:
+def build_scene(
+    domain: Domain,
+    *,
+    timestep: float = 0.002,
+    arm_collision: bool = True,
+    panda: PandaModel = NOMINAL,
+    camera: Camera = CAMERA,
+) -> mujoco.MjSpec:
     """The scene of a domain as an MjSpec, robot at its ready posture in keyframe "ready".
 
     timestep s. With `arm_collision` false only the last link, hand and fingers touch things (training: the other links never
@@ -70,7 +85,18 @@ def build_scene(domain: Domain, *, timestep: float = 0.002, arm_collision: bool 
     _add_object(spec, domain)
     key = spec.add_key(name="ready")
     home = domain.start
-    key.qpos = [*panda.ready, 0.0, 0.0, np.mean(home.x), np.mean(home.y), home.surface + domain.half_size[2], 1, 0, 0, 0]
+    key.qpos = [
+        *panda.ready,
+        0.0,
+        0.0,
+        np.mean(home.x),
+        np.mean(home.y),
+        home.surface + domain.half_size[2],
+        1,
+        0,
+        0,
+        0,
+    ]
     key.ctrl = [0.0] * 9
     return spec
 
@@ -81,22 +107,42 @@ def load_model(domain: Domain, **options) -> mujoco.MjModel:
 
 
 def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera) -> None:
-    spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-                     rgb1=[0.55, 0.6, 0.65], rgb2=[0.25, 0.27, 0.3], width=64, height=384)
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.55, 0.6, 0.65],
+        rgb2=[0.25, 0.27, 0.3],
+        width=64,
+        height=384,
+    )
     world = spec.worldbody
     world.add_light(name="key", pos=[0.9, -0.6, 1.6], dir=[-0.35, 0.4, -1.2], diffuse=[0.7] * 3, castshadow=True)
     world.add_light(name="fill", pos=[0.6, 0.9, 1.4], dir=[-0.1, -0.6, -1.0], diffuse=[0.3] * 3, castshadow=False)
     fixed = dict(contype=ENVIRONMENT_BIT, conaffinity=OBJECT_BIT | ROBOT_BIT, friction=[TABLE_FRICTION, 0.005, 1e-4])
-    world.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.05], rgba=[0.62, 0.58, 0.52, 1], **fixed)
+    world.add_geom(
+        name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.05], rgba=[0.62, 0.58, 0.52, 1], **fixed
+    )
     for box in domain.obstacles:
-        world.add_geom(name=box.name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=box.centre, size=box.half_size,
-                       rgba=[0.42, 0.45, 0.5, 1], **fixed)
+        world.add_geom(
+            name=box.name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=box.centre,
+            size=box.half_size,
+            rgba=[0.42, 0.45, 0.5, 1],
+            **fixed,
+        )
     # MuJoCo's camera looks along its -z with y up; the optical frame has z forward and y down.
     rotation = np.asarray(camera.rotation) @ np.diag([1.0, -1.0, -1.0])
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, rotation.flatten())
-    world.add_camera(name=CAMERA_NAME, pos=camera.position, quat=quaternion, fovy=camera.fovy,
-                     resolution=[camera.width, camera.height])
+    world.add_camera(
+        name=CAMERA_NAME,
+        pos=camera.position,
+        quat=quaternion,
+        fovy=camera.fovy,
+        resolution=[camera.width, camera.height],
+    )
 
 
 def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> None:
@@ -117,9 +163,15 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> N
     def add_capsule(body, centre, half_axis, radius, rgba, **collision):
         centre, half_axis = np.asarray(centre), np.asarray(half_axis)
         number = len(body.geoms)
-        body.add_geom(name=f"{body.name}_{number}", type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-                      size=[radius, 0, 0], fromto=[*(centre - half_axis), *(centre + half_axis)], rgba=rgba, group=1,
-                      **collision)
+        body.add_geom(
+            name=f"{body.name}_{number}",
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            size=[radius, 0, 0],
+            fromto=[*(centre - half_axis), *(centre + half_axis)],
+            rgba=rgba,
+            group=1,
+            **collision,
+        )
 
     white, dark = [0.92, 0.92, 0.92, 1], [0.25, 0.26, 0.28, 1]
     body = add_body(spec.worldbody, BASE_FRAME, panda.inertials["link0"])
@@ -127,27 +179,50 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> N
         add_capsule(body, *capsule, white, **silent)
     for i, joint in enumerate(panda.joints):
         body = add_body(body, f"panda_link{i + 1}", panda.inertials[f"link{i + 1}"], panda.joint_frames[i])
-        body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1],
-                       range=[panda.position_lower[i], panda.position_upper[i]], frictionloss=panda.frictionloss[i],
-                       damping=np.array([panda.damping[i], 0, 0]), armature=panda.armature[i])
+        body.add_joint(
+            name=joint,
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=[0, 0, 1],
+            range=[panda.position_lower[i], panda.position_upper[i]],
+            frictionloss=panda.frictionloss[i],
+            damping=np.array([panda.damping[i], 0, 0]),
+            armature=panda.armature[i],
+        )
         for capsule in _LINK_CAPSULES[i + 1]:
             add_capsule(body, *capsule, white, **(touching if i >= first_touching else silent))
-        actuator = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT,
-                                     ctrlrange=[-panda.torque_limit[i], panda.torque_limit[i]])
+        actuator = spec.add_actuator(
+            name=joint,
+            target=joint,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            ctrlrange=[-panda.torque_limit[i], panda.torque_limit[i]],
+        )
         actuator.set_to_motor()
     hand = add_body(body, "panda_hand", panda.inertials["hand"], panda.frames["link7_hand"])
     add_capsule(hand, *HAND_CAPSULE, white, **touching)
     tcp = panda.frames["hand_tcp"]
     hand.add_site(name=TCP_FRAME, pos=tcp.position, quat=tcp.quaternion, size=[0.003, 0, 0], group=4)
     for i, finger in enumerate(panda.fingers):
-        body = add_body(hand, finger.replace("_joint", ""), panda.inertials["finger"], panda.frames[f"hand_finger{i + 1}"])
-        body.add_joint(name=finger, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0], range=[0, FINGER_MAX],
-                       damping=np.array([10.0, 0, 0]), armature=0.1)
+        body = add_body(
+            hand, finger.replace("_joint", ""), panda.inertials["finger"], panda.frames[f"hand_finger{i + 1}"]
+        )
+        body.add_joint(
+            name=finger,
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=[0, 1, 0],
+            range=[0, FINGER_MAX],
+            damping=np.array([10.0, 0, 0]),
+            armature=0.1,
+        )
         rubber = dict(friction=[FINGER_FRICTION, 0.005, 1e-4], **touching)
         for capsule in FINGER_CAPSULES:
             add_capsule(body, *capsule, dark, **rubber)
-        actuator = spec.add_actuator(name=finger, target=finger, trntype=mujoco.mjtTrn.mjTRN_JOINT,
-                                     ctrlrange=[0, FINGER_MAX], forcerange=[-FINGER_FORCE, FINGER_FORCE])
+        actuator = spec.add_actuator(
+            name=finger,
+            target=finger,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            ctrlrange=[0, FINGER_MAX],
+            forcerange=[-FINGER_FORCE, FINGER_FORCE],
+        )
         actuator.set_to_position(kp=FINGER_STIFFNESS, kv=FINGER_DAMPING)
 
 
@@ -155,11 +230,27 @@ def _add_object(spec: mujoco.MjSpec, domain: Domain) -> None:
     half = np.asarray(domain.half_size)
     body = spec.worldbody.add_body(name=OBJECT, pos=[0.5, 0, half[2]])
     body.add_freejoint(name=OBJECT)
-    body.add_geom(name=OBJECT, type=mujoco.mjtGeom.mjGEOM_BOX, size=half, density=domain.density, group=3,
-                  contype=OBJECT_BIT, conaffinity=ENVIRONMENT_BIT | ROBOT_BIT, friction=[OBJECT_FRICTION, 0.005, 1e-4])
+    body.add_geom(
+        name=OBJECT,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=half,
+        density=domain.density,
+        group=3,
+        contype=OBJECT_BIT,
+        conaffinity=ENVIRONMENT_BIT | ROBOT_BIT,
+        friction=[OBJECT_FRICTION, 0.005, 1e-4],
+    )
     for corner, colour in zip(CORNERS, CORNER_COLOURS):
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half / 2, pos=corner * half / 2, rgba=[*colour, 1], mass=0,
-                      group=2, contype=0, conaffinity=0)
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=half / 2,
+            pos=corner * half / 2,
+            rgba=[*colour, 1],
+            mass=0,
+            group=2,
+            contype=0,
+            conaffinity=0,
+        )
 
 
 def main() -> None:

@@ -8,19 +8,19 @@ import numpy as np
 
 from np_diagnosis.arm.model import Arm, panda
 from np_diagnosis.checks.constancy import shapes_left, slipped
-from np_diagnosis.inference.context import make_context
-from np_diagnosis.inference.design import Design, make_design
+from np_diagnosis.checks.omnibus import Rest, examine
+from np_diagnosis.checks.shrinkage import Gap, measure
+from np_diagnosis.checks.standstill import ageing
 from np_diagnosis.effects import Context, Effect
 from np_diagnosis.effects.sensing import quantised
+from np_diagnosis.inference.context import make_context
+from np_diagnosis.inference.design import Design, make_design
 from np_diagnosis.inference.estimates import Estimate, estimate
-from np_diagnosis.checks.shrinkage import Gap, measure
 from np_diagnosis.inference.loop_delay import settle_delay
-from np_diagnosis.checks.omnibus import Rest, examine
 from np_diagnosis.inference.ranking import alternatives, larger, probabilities
 from np_diagnosis.inference.search import Search, Structure
 from np_diagnosis.inference.settling import settle_shapes
 from np_diagnosis.recordings.signals import Log
-from np_diagnosis.checks.standstill import ageing
 
 CERTAIN = 0.8  # probability of an effect from which on it counts as identified
 EXPLAINED = 0.8  # of what is predictable at all: a structure that explains less is no explanation
@@ -97,8 +97,15 @@ def diagnose(logs: list[Log], arm: Arm | None = None, seed: int = 0, quick: bool
     gap = measure(search, chosen, seed)
     found = _findings(search, chosen, gap, seed, quick)
     return Diagnosis(
-        _verdict(found, unexplained, rests, design), tuple(found), gap, tuple(rests), unexplained,
-        context, design, search, chosen,
+        _verdict(found, unexplained, rests, design),
+        tuple(found),
+        gap,
+        tuple(rests),
+        unexplained,
+        context,
+        design,
+        search,
+        chosen,
     )
 
 
@@ -123,8 +130,11 @@ def _extreme(search: Search, chosen: Structure) -> set[int]:
             places = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
             shape = candidate.effect.shape
             is_beyond = shape is not None and shape.value > shape.upper
-            if is_beyond or any(abs(fitted[at]) > EXTREME * p.upper
-                                for at, p in zip(places, candidate.effect.parameters) if p.name != "share"):
+            if is_beyond or any(
+                abs(fitted[at]) > EXTREME * p.upper
+                for at, p in zip(places, candidate.effect.parameters)
+                if p.name != "share"
+            ):
                 found |= set(search.reach(candidate)) if candidate.place is None else {candidate.place}
     return found
 
@@ -200,9 +210,7 @@ def _steps(design: Design) -> list[Finding]:
         half = 0.01 * step
         values = {"step": Estimate(float(step), float(step - half), float(step + half), "rad")}
         energy = float(np.square(context.drive.stiffness[:, j].mean() * step) / 12) if context.drive else 0.0
-        found.append(
-            Finding(quantised(step), context.arm.joints[j], 1.0, values, 0.0, (), True, max(energy, 1e-9))
-        )
+        found.append(Finding(quantised(step), context.arm.joints[j], 1.0, values, 0.0, (), True, max(energy, 1e-9)))
     return found
 
 

@@ -23,7 +23,7 @@ class Facts:
     """What the robot says of itself.
 
     mode: the robot's own word; errors: those that it has, or empty; end_effector_mass, load_mass kg: what it
-    compensates at its flange. """
+    compensates at its flange."""
 
     mode: str
     errors: str
@@ -37,7 +37,7 @@ class Checklist:
 
     calibration: path of the camera's calibration, or `none` for a run that needs no camera;
     calibration_max_age: how old it may be. stiffness (7,) Nm/rad and damping_ratio (7,): the gains that the
-    driver uses of itself besides its hold. limits: with the period at which they act. """
+    driver uses of itself besides its hold. limits: with the period at which they act."""
 
     calibration: str
     calibration_max_age: timedelta
@@ -63,16 +63,20 @@ class Checklist:
         pairs = ((self.stiffness, self.damping_ratio), (HOLD_STIFFNESS, HOLD_DAMPING_RATIO))
         most = np.max([damping(*pair) for pair in pairs], axis=0)
         bound = self.limits.inertia / self.limits.period
-        return [f"gains: {self.limits.joints[i]}: damping {most[i]:.0f} Nms/rad is not stable at "
-                f"{1 / self.limits.period:.0f} Hz, expected below {bound[i]:.0f}"
-                for i in np.flatnonzero(most >= bound)]
+        return [
+            f"gains: {self.limits.joints[i]}: damping {most[i]:.0f} Nms/rad is not stable at "
+            f"{1 / self.limits.period:.0f} Hz, expected below {bound[i]:.0f}"
+            for i in np.flatnonzero(most >= bound)
+        ]
 
     def _calibration(self, now: datetime | None) -> list[str]:
         if self.calibration == NO_CALIBRATION:
             return []
         if not self.calibration:
-            return [f"no calibration: name the file that `calibrate` wrote, or `{NO_CALIBRATION}` for a run "
-                    "without a camera"]
+            return [
+                f"no calibration: name the file that `calibrate` wrote, or `{NO_CALIBRATION}` for a run "
+                "without a camera"
+            ]
         try:
             calibration.load(self.calibration).require_fresh(self.calibration_max_age, now)
         except calibration.CalibrationError as error:
@@ -90,7 +94,9 @@ def _payload(facts: Facts) -> list[str]:
     expected = NOMINAL.inertials["hand"].mass
     total = facts.end_effector_mass + facts.load_mass
     if abs(total - expected) > MASS_TOLERANCE or facts.load_mass > MASS_TOLERANCE:
-        return [f"the robot compensates {facts.end_effector_mass:.2f} kg at its flange and a load of "
-                f"{facts.load_mass:.2f} kg, expected the hand's {expected:.2f} kg and no load; set both in "
-                "Desk"]
+        return [
+            f"the robot compensates {facts.end_effector_mass:.2f} kg at its flange and a load of "
+            f"{facts.load_mass:.2f} kg, expected the hand's {expected:.2f} kg and no load; set both in "
+            "Desk"
+        ]
     return []

@@ -107,5 +107,7 @@ def mismatch(robot: str, package: str, hostname: str, error: Exception) -> ArmEr
     spoken = ROBOT_OF_PROTOCOL.get(server, "")
     advice = f"set robot:={spoken}" if spoken not in ("", robot) else f"install the {package} of its version"
     kind = f"of robot:={spoken}" if spoken else "unknown"
-    return ArmError(f"robot:={robot}: {package} speaks version {library} of the protocol, the robot at "
-                    f"{hostname} version {server} ({kind}): {advice}")
+    return ArmError(
+        f"robot:={robot}: {package} speaks version {library} of the protocol, the robot at "
+        f"{hostname} version {server} ({kind}): {advice}"
+    )

@@ -26,7 +26,7 @@ class Cycle:
     """One cycle: `stamp` ns on the driver's clock, what the robot said, what was applied then.
 
     On board, answer: of the controller, unless it is silent; refusal: where that, or a target, was refused;
-    clamped: whether a target was cut to the workspace. """
+    clamped: whether a target was cut to the workspace."""
 
     stamp: int
     reading: Reading
@@ -42,10 +42,16 @@ class Driver:
     Between commands the last one holds: torques change at the controller's rate, guards act at the robot's.
     With a controller on board they change at the robot's too; it is commanded by nobody else then. What
     breaks in between is a fault with the robot's words as cause; `recover` clears it, and connects again
-    where the connection was lost. host_time: ns, the clock that stamps are led by. """
+    where the connection was lost. host_time: ns, the clock that stamps are led by."""
 
-    def __init__(self, arm: Arm, limits: SafetyLimits, checklist: Checklist, onboard: Onboard | None = None,
-                 host_time: Callable[[], int] = time_ns):
+    def __init__(
+        self,
+        arm: Arm,
+        limits: SafetyLimits,
+        checklist: Checklist,
+        onboard: Onboard | None = None,
+        host_time: Callable[[], int] = time_ns,
+    ):
         self.arm, self.checklist, self.onboard = arm, checklist, onboard
         self.filter = SafetyFilter(limits)
         self.clock, self._host_time = RobotClock(), host_time
@@ -101,8 +107,14 @@ class Driver:
         refusal = refusal or thought
         return Cycle(self.stamp, reading, applied, answer, refusal, clamped)
 
-    def offer(self, stamp: int, names: Sequence[str], position: Sequence[float], velocity: Sequence[float],
-              effort: Sequence[float]) -> None:
+    def offer(
+        self,
+        stamp: int,
+        names: Sequence[str],
+        position: Sequence[float],
+        velocity: Sequence[float],
+        effort: Sequence[float],
+    ) -> None:
         """Take a command from the next cycle on. Raises Refusal, as SafetyFilter.offer."""
         self.filter.offer(stamp, names, position, velocity, effort, now=self.stamp)
         self.commands += 1
@@ -164,8 +176,7 @@ class Driver:
         try:
             answer = self.onboard.answer(self.stamp, reading.q, reading.dq)
             if answer is not None:
-                self.offer(answer.stamp, self.filter.limits.joints, answer.position, answer.velocity,
-                           answer.torque)
+                self.offer(answer.stamp, self.filter.limits.joints, answer.position, answer.velocity, answer.torque)
         except Refusal as refusal:
             return None, refusal
         return answer, None

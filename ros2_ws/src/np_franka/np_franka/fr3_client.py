@@ -50,10 +50,17 @@ class Fr3Client:
         state.O_ddP_O = UPRIGHT  # in place of the accelerometer's noise
         gravity = np.array(self._model.gravity(state))
         return Reading(
-            round(state.time.to_sec() * 1000) * MILLISECOND, np.array(state.q), np.array(state.dq),
-            np.array(state.tau_J) - gravity, np.array(state.theta), np.array(state.dtheta),
-            np.array(state.tau_J_d), state.robot_mode.name, _words(state.current_errors),
-            state.control_command_success_rate)
+            round(state.time.to_sec() * 1000) * MILLISECOND,
+            np.array(state.q),
+            np.array(state.dq),
+            np.array(state.tau_J) - gravity,
+            np.array(state.theta),
+            np.array(state.dtheta),
+            np.array(state.tau_J_d),
+            state.robot_mode.name,
+            _words(state.current_errors),
+            state.control_command_success_rate,
+        )
 
     @translated
     def write(self, torque: np.ndarray, last: bool) -> None:

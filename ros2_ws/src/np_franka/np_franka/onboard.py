@@ -2,7 +2,7 @@
 ROS.
 
 The same objects as in the node `joint_impedance`, at twice its rate. What a silent controller is to the
-driver in `control:=topic`, a silent policy is here: nobody else stands between the two. """
+driver in `control:=topic`, a silent policy is here: nobody else stands between the two."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Onboard:
 
     It says nothing until it has been given something to follow. Then it answers every state, unless a target
     is overdue: from the first target until a trajectory, a new episode or the end of one, the next must come
-    within `target_timeout_ns` by the driver's clock. `release` makes it silent again. """
+    within `target_timeout_ns` by the driver's clock. `release` makes it silent again."""
 
     def __init__(self, config: ControllerConfig, limits: SafetyLimits, target_timeout_ns: int):
         self._controller = Controller(config, limits)
@@ -73,7 +73,7 @@ class Onboard:
         pose.
 
         stamp: ns of the state that it answers; None: a pose that was refused. It takes effect once `think`
-        has found the joints for it; one that is still being thought of is dropped. Raises Refusal. """
+        has found the joints for it; one that is still being thought of is dropped. Raises Refusal."""
         gains = self._following.take_gains(stamp)
         if pose is not None:
             self._thought = stamp, self._controller.resolve_target(stamp, *pose, *gains)
@@ -93,7 +93,9 @@ class Onboard:
         except StopIteration as end:
             self._thought = None
             self._engage(first)
-            if stamp > self._newest_target and self._following.phase not in AT_REST:  # the same again is no sign of life
+            if (
+                stamp > self._newest_target and self._following.phase not in AT_REST
+            ):  # the same again is no sign of life
                 self._due = self._controller.stamp + self._timeout
             self._newest_target = max(stamp, self._newest_target)
             return end.value

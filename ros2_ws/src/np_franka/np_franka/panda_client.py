@@ -36,8 +36,7 @@ class PandaClient:
     @translated
     def set_collision_behavior(self, torques: np.ndarray, wrench: np.ndarray) -> None:
         """Stop at external torques (7,) Nm, or at a wrench (6,) N, Nm; contact is told from half of it on."""
-        self._robot.set_collision_behavior(
-            *(values.tolist() for values in (torques / 2, torques, wrench / 2, wrench)))
+        self._robot.set_collision_behavior(*(values.tolist() for values in (torques / 2, torques, wrench / 2, wrench)))
 
     @translated
     def facts(self) -> Facts:
@@ -47,8 +46,9 @@ class PandaClient:
 
     def start(self) -> None:
         """Begin to take torques, as they are: neither filtered nor limited in rate by the client."""
-        self._control = Turnstile(lambda callback: self._robot.control(
-            callback, limit_rate=False, cutoff_frequency=NO_FILTER))
+        self._control = Turnstile(
+            lambda callback: self._robot.control(callback, limit_rate=False, cutoff_frequency=NO_FILTER)
+        )
 
     @translated
     def read(self) -> Reading:
@@ -56,9 +56,17 @@ class PandaClient:
         state = self._control.read() if self._control else self._robot.read_once()
         gravity = np.array(self._model.gravity(state))  # of an upright base, by default
         return Reading(
-            round(state.time.to_sec() * 1000) * MILLISECOND, np.array(state.q), np.array(state.dq),
-            np.array(state.tau_J) - gravity, None, None, np.array(state.tau_J_d), _mode(state),
-            _words(state.current_errors), state.control_command_success_rate)
+            round(state.time.to_sec() * 1000) * MILLISECOND,
+            np.array(state.q),
+            np.array(state.dq),
+            np.array(state.tau_J) - gravity,
+            None,
+            None,
+            np.array(state.tau_J_d),
+            _mode(state),
+            _words(state.current_errors),
+            state.control_command_success_rate,
+        )
 
     @translated
     def write(self, torque: np.ndarray, last: bool) -> None:

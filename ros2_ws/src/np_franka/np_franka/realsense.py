@@ -11,18 +11,15 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+
 from np_description.calibration import Lens
-from np_perception.camera.source import CameraError, Frame
 from np_perception.camera.frame_clock import ClockMapper
+from np_perception.camera.source import CameraError, Frame
 
 # Ns: the camera counts microseconds in 32 bits, and begins anew every 71.6 minutes
 COUNTER_WRAPS = 2**32 * 1000
-EXPOSURE_UNIT = (
-    1e-4  # s, of the colour sensor's option (librealsense: "exposure" of RGB sensors is in 100 us)
-)
-LONGEST_READOUT = (
-    200_000  # us, from the middle of an exposure to the frame's own stamp; more is no such pair of times
-)
+EXPOSURE_UNIT = 1e-4  # s, of the colour sensor's option (librealsense: "exposure" of RGB sensors is in 100 us)
+LONGEST_READOUT = 200_000  # us, from the middle of an exposure to the frame's own stamp; more is no such pair of times
 _QUEUE = 2  # frames that may wait: older ones are dropped by the SDK
 _SETTLING = 10  # frames after the start that are not used: exposure and clock settle
 
@@ -55,9 +52,7 @@ def sdk():
 def find_device(serial: str = ""):
     """The camera with this serial number, or the only one there is. Raises CameraError."""
     rs = sdk()
-    devices = {
-        device.get_info(rs.camera_info.serial_number): device for device in rs.context().query_devices()
-    }
+    devices = {device.get_info(rs.camera_info.serial_number): device for device in rs.context().query_devices()}
     if serial in devices:
         return devices[serial]
     wanted = f"with serial number {serial}" if serial else "and only one"
@@ -204,9 +199,7 @@ def lens_of(intrinsics, rs) -> Lens:
     if model == rs.distortion.none or not any(coefficients):
         coefficients = (0.0,) * 5
     elif model not in (rs.distortion.brown_conrady, rs.distortion.inverse_brown_conrady):
-        raise CameraError(
-            f"camera: expected (inverse) Brown-Conrady distortion, got {model} with {coefficients}"
-        )
+        raise CameraError(f"camera: expected (inverse) Brown-Conrady distortion, got {model} with {coefficients}")
     return Lens(
         intrinsics.width,
         intrinsics.height,

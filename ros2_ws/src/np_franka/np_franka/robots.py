@@ -31,8 +31,9 @@ class RobotKind:
         try:
             return import_module(self.module)
         except ModuleNotFoundError as error:
-            raise ArmError(f"robot:={self.name}: expected the package {self.package}, which `make hardware` "
-                           f"installs: {error}") from error
+            raise ArmError(
+                f"robot:={self.name}: expected the package {self.package}, which `make hardware` installs: {error}"
+            ) from error
 
 
 ROBOTS = {

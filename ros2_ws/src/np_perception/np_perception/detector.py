@@ -49,23 +49,21 @@ class KeypointDetector:
     def __init__(self, domain: Domain, folder: str | Path = "", threads: int = 1) -> None:
         path = weights_folder(folder) / f"{network_name(domain)}.onnx"
         if not path.is_file():
-            raise WeightsError(f"keypoint detector: expected the network {path}, which does not exist; "
-                               "np_training.detector.export writes it")
+            raise WeightsError(
+                f"keypoint detector: expected the network {path}, which does not exist; "
+                "np_training.detector.export writes it"
+            )
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
         options.use_deterministic_compute = True
         try:
-            self._session = onnxruntime.InferenceSession(
-                str(path), options, providers=["CPUExecutionProvider"]
-            )
+            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
         except Exception as error:  # ONNX Runtime raises a class of its own for each kind of broken file
             raise WeightsError(f"keypoint detector: {path} cannot be read: {error}") from error
         self.information = dict(self._session.get_modelmeta().custom_metadata_map)
         _check(path, self.information, domain)
-        self.detect(
-            np.zeros(IMAGE_SHAPE, np.uint8)
-        )  # the first run allocates; a node's first image should not wait
+        self.detect(np.zeros(IMAGE_SHAPE, np.uint8))  # the first run allocates; a node's first image should not wait
 
     def detect(self, image: np.ndarray) -> Detection:
         """Corners in an RGB image (224, 224, 3) uint8. Raises ValueError for any other shape or type."""
@@ -82,5 +80,7 @@ def _check(path: Path, information: dict[str, str], domain: Domain) -> None:
         raise WeightsError(f"keypoint detector: {path}: expected a network of {expected}, got {got}")
     source = path.with_suffix(".safetensors")
     if source.is_file() and sha256(source) != information.get("weights_sha256"):
-        raise WeightsError(f"keypoint detector: {path} was not exported from {source.name} beside it "
-                           "(other sha256); np_training.detector.export writes it anew")
+        raise WeightsError(
+            f"keypoint detector: {path} was not exported from {source.name} beside it "
+            "(other sha256); np_training.detector.export writes it anew"
+        )

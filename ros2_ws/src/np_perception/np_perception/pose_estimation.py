@@ -54,8 +54,14 @@ def project_keypoints(domain: Domain, pose: Pose, camera: Camera = CAMERA) -> np
     return np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
 
 
-def estimate_pose(keypoints, domain: Domain, *, min_score: float = 0.3, max_rms: float = 4.0, camera: Camera = CAMERA,
-                  ) -> PoseEstimate:
+def estimate_pose(
+    keypoints,
+    domain: Domain,
+    *,
+    min_score: float = 0.3,
+    max_rms: float = 4.0,
+    camera: Camera = CAMERA,
+) -> PoseEstimate:
     """The object's pose from keypoints (8, 3): u px, v px, score 0..1, in the order of np_description.keypoints.
 
     min_score: keypoints below it are left out; max_rms px: a worse fit is refused. Raises PoseError with fewer than
@@ -64,11 +70,16 @@ def estimate_pose(keypoints, domain: Domain, *, min_score: float = 0.3, max_rms:
     keypoints = np.asarray(keypoints, float)
     good = usable(keypoints, min_score)
     if good.sum() < MIN_POINTS:
-        raise PoseError(f"expected at least {MIN_POINTS} of 8 keypoints with a score of {min_score:g} or more, "
-                        f"got {good.sum()}")
+        raise PoseError(
+            f"expected at least {MIN_POINTS} of 8 keypoints with a score of {min_score:g} or more, got {good.sum()}"
+        )
     fit = _Fit(keypoints[good], CORNERS[good] * domain.half_size, camera)
-    starts = [start for height in sorted({0.0, *map(_top, domain.obstacles)}) for start in fit.resting_starts(height)
-              if height == _surface_below(domain, start[0])] or fit.resting_starts(0.0)
+    starts = [
+        start
+        for height in sorted({0.0, *map(_top, domain.obstacles)})
+        for start in fit.resting_starts(height)
+        if height == _surface_below(domain, start[0])
+    ] or fit.resting_starts(0.0)
     starts = sorted(((*start, fit.rms(*start)) for start in starts), key=_rms)
     near = [start for start in starts[:2] if start[2] <= 2 * starts[0][2] + _GOOD]
     resting = _best(fit.refine(*start[:2], planar=True) for start in near)
@@ -99,8 +110,14 @@ def _top(box: Box) -> float:
 
 def _surface_below(domain: Domain, position) -> float:
     """Height m of what lies under a position: an obstacle's top or the table."""
-    return max((_top(box) for box in domain.obstacles
-                if all(abs(position[i] - box.centre[i]) <= box.half_size[i] for i in (0, 1))), default=0.0)
+    return max(
+        (
+            _top(box)
+            for box in domain.obstacles
+            if all(abs(position[i] - box.centre[i]) <= box.half_size[i] for i in (0, 1))
+        ),
+        default=0.0,
+    )
 
 
 def _explains(resting, free) -> bool:
@@ -125,8 +142,16 @@ class _Fit:
         The height of every corner is known then, so its pixel gives its x, y; a planar rigid alignment gives the rest.
         """
         view, eye = self._view
-        rays = np.concatenate([(self.pixels - (self.camera.cx, self.camera.cy)) / (self.camera.fx, self.camera.fy),
-                               np.ones((len(self.pixels), 1))], axis=1) @ view.T
+        rays = (
+            np.concatenate(
+                [
+                    (self.pixels - (self.camera.cx, self.camera.cy)) / (self.camera.fx, self.camera.fy),
+                    np.ones((len(self.pixels), 1)),
+                ],
+                axis=1,
+            )
+            @ view.T
+        )
         starts = []
         for turn in _FACES_DOWN:
             local = self.points @ turn.T
@@ -144,7 +169,9 @@ class _Fit:
         """Position (3,) and rotation (3, 3) by SQPnP (Terzakis and Lourakis, 2020), as a list of none or one."""
         view, eye = self._view
         try:
-            found, turn, shift = cv2.solvePnP(self.points, self.pixels, self.camera.matrix, None, flags=cv2.SOLVEPNP_SQPNP)
+            found, turn, shift = cv2.solvePnP(
+                self.points, self.pixels, self.camera.matrix, None, flags=cv2.SOLVEPNP_SQPNP
+            )
         except cv2.error:  # pixels that coincide, or lie on a line
             return []
         if not found or not (np.isfinite(turn).all() and np.isfinite(shift).all()):
@@ -188,14 +215,21 @@ class _Fit:
         z = np.where(np.abs(z) < 1e-3, 1e-3, z)
         predicted = np.stack([self.camera.fx * x / z + self.camera.cx, self.camera.fy * y / z + self.camera.cy], axis=1)
         zero = np.zeros_like(z)
-        of_optical = np.stack([np.stack([self.camera.fx / z, zero, -self.camera.fx * x / z**2], axis=1),
-                               np.stack([zero, self.camera.fy / z, -self.camera.fy * y / z**2], axis=1)], axis=1)
+        of_optical = np.stack(
+            [
+                np.stack([self.camera.fx / z, zero, -self.camera.fx * x / z**2], axis=1),
+                np.stack([zero, self.camera.fy / z, -self.camera.fy * y / z**2], axis=1),
+            ],
+            axis=1,
+        )
         of_point = of_optical @ view.T
         # A turn w of the object moves a corner by w x arm = -[arm]x w.
         of_turn = np.cross(arms[:, None, :], of_point)
         return self.pixels - predicted, np.concatenate([of_point, of_turn], axis=2).reshape(-1, 6)
 
 
-_FACES_DOWN = [matrix_from_vector(np.array(vector) * np.pi / 2) for vector in (
-    (0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0), (0, 1, 0), (0, 3, 0))]
+_FACES_DOWN = [
+    matrix_from_vector(np.array(vector) * np.pi / 2)
+    for vector in ((0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0), (0, 1, 0), (0, 3, 0))
+]
 """Rotations (3, 3) that put each face of the box down."""

@@ -69,8 +69,16 @@ _LINE_STEP = 0.0025  # m
 _CANDIDATES = 6  # goal postures that are tried in turn
 
 
-def plan_approach(collision: CollisionModel, joints, goal: Pose, opening: float, objekt: Pose, *, seed: int,
-                  config: ApproachConfig = ApproachConfig()) -> Approach:
+def plan_approach(
+    collision: CollisionModel,
+    joints,
+    goal: Pose,
+    opening: float,
+    objekt: Pose,
+    *,
+    seed: int,
+    config: ApproachConfig = ApproachConfig(),
+) -> Approach:
     """Plan from joints (7,) rad to the hand pose `goal` (T_E in the base frame).
 
     opening: of each finger, m; objekt: estimated pose of the object in the base frame. Equal arguments give equal
@@ -92,8 +100,16 @@ def plan_approach(collision: CollisionModel, joints, goal: Pose, opening: float,
         try:
             arrive = hand.straight_away(posture)[::-1]
             lower, upper = hand.bounds(leave[-1], arrive[0])
-            path = find_path(collision.is_free, leave[-1], arrive[0], lower, upper, seed=seed, budget=config.budget,
-                             resolution=config.resolution)
+            path = find_path(
+                collision.is_free,
+                leave[-1],
+                arrive[0],
+                lower,
+                upper,
+                seed=seed,
+                budget=config.budget,
+                resolution=config.resolution,
+            )
             return _timed(collision, leave, path, arrive, lift, config)
         except PlanningError as error:
             reason = reason or error  # of the most natural posture
@@ -105,8 +121,10 @@ def _leave_start(hand: _Hand, joints) -> np.ndarray:
     panda = hand.collision.panda
     outside = (joints < panda.position_lower) | (joints > panda.position_upper)
     if outside.any():
-        raise StartError(f"start: expected joints within limits, joint {int(outside.argmax()) + 1} is at "
-                         f"{joints[outside.argmax()]:.3f} rad")
+        raise StartError(
+            f"start: expected joints within limits, joint {int(outside.argmax()) + 1} is at "
+            f"{joints[outside.argmax()]:.3f} rad"
+        )
     if hand.collision.is_free(joints):
         return joints[None]
     try:
@@ -142,7 +160,10 @@ class _Hand:
     def __init__(self, collision: CollisionModel, config: ApproachConfig) -> None:
         self.collision, self.config = collision, config
         panda = collision.panda
-        self._lower, self._upper = panda.position_lower + config.limit_margin, panda.position_upper - config.limit_margin
+        self._lower, self._upper = (
+            panda.position_lower + config.limit_margin,
+            panda.position_upper - config.limit_margin,
+        )
 
     def postures(self, position, quaternion, joints, seed: int) -> np.ndarray:
         """Solutions (n, 7), n >= 1, of inverse kinematics: from the posture the arm is in, from ready, then others,
@@ -155,15 +176,19 @@ class _Hand:
         distance, angle = pose_distance(found, position, rotation, panda)
         arrived = (distance < _POSITION_TOLERANCE) & (angle < _ANGLE_TOLERANCE)
         if not arrived.any():
-            raise UnreachableError(f"unreachable: no posture brings the hand to {_text(position)} m with this "
-                                   f"orientation, the nearest misses by {distance.min() * 1e3:.1f} mm")
+            raise UnreachableError(
+                f"unreachable: no posture brings the hand to {_text(position)} m with this "
+                f"orientation, the nearest misses by {distance.min() * 1e3:.1f} mm"
+            )
         inside = arrived & ((found > self._lower) & (found < self._upper)).all(axis=1)
         if not inside.any():
-            raise UnreachableError(f"unreachable: every posture with the hand at {_text(position)} m has a joint "
-                                   f"within {self.config.limit_margin:g} rad of its limit")
+            raise UnreachableError(
+                f"unreachable: every posture with the hand at {_text(position)} m has a joint "
+                f"within {self.config.limit_margin:g} rad of its limit"
+            )
         order = np.linalg.norm(found - joints, axis=1)
         order[:2] -= 100.0, 50.0  # where the arm already is, or usually is, the policies know their way
-        return found[np.argsort(np.where(inside, order, np.inf), kind="stable")][:inside.sum()]
+        return found[np.argsort(np.where(inside, order, np.inf), kind="stable")][: inside.sum()]
 
     def bounds(self, *postures) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper joint positions (7,) of the motion: limits with their margin, unless it begins beyond that."""
@@ -171,12 +196,17 @@ class _Hand:
 
     def needed_lift(self, joints) -> float:
         """How far m the hand has to be raised so that it is no deeper in fixed surroundings than it may be."""
-        depths = [-touch.distance - self.config.surface_depth for touch in self.collision.touches(joints)
-                  if touch.by_tool and OBJECT not in (touch.first, touch.second)]
+        depths = [
+            -touch.distance - self.config.surface_depth
+            for touch in self.collision.touches(joints)
+            if touch.by_tool and OBJECT not in (touch.first, touch.second)
+        ]
         lift = max(depths, default=0.0)
         if lift > self.config.largest_lift:
-            raise UnreachableError(f"unreachable: the hand would be {(lift + self.config.surface_depth) * 1e3:.1f} mm "
-                                   "deep in the surroundings")
+            raise UnreachableError(
+                f"unreachable: the hand would be {(lift + self.config.surface_depth) * 1e3:.1f} mm "
+                "deep in the surroundings"
+            )
         return max(0.0, lift)
 
     def straight_away(self, joints) -> np.ndarray:

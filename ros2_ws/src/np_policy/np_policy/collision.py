@@ -32,7 +32,8 @@ class Touch:
     def by_tool(self) -> bool:
         """Hand or finger against object or surroundings, which is what a manipulation policy does on purpose."""
         return (self.first in _TOOL) != (self.second in _TOOL) and not any(
-            name.startswith("panda_link") for name in (self.first, self.second))
+            name.startswith("panda_link") for name in (self.first, self.second)
+        )
 
     def __str__(self) -> str:
         state = f"{-self.distance * 1e3:.1f} mm deep in" if self.distance < 0 else f"{self.distance * 1e3:.1f} mm from"

@@ -156,7 +156,9 @@ class Episode:
         self._newest = stamp, keypoints
         return self._decide()
 
-    def trajectory(self, stamp: int, duration: float | None, reason: str = "", end: np.ndarray | None = None) -> list[Event]:
+    def trajectory(
+        self, stamp: int, duration: float | None, reason: str = "", end: np.ndarray | None = None
+    ) -> list[Event]:
         """The plan for the keypoints of stamp ns: its duration s and last joints (7,) rad, or None and why there is none.
 
         Raises Refused for a plan that nobody waits for.
@@ -164,8 +166,11 @@ class Episode:
         awaited = self._planned_from
         if self.phase == APPROACH and stamp == awaited:
             return []  # said twice
-        if self.phase != PRE or awaited is None or not (
-                stamp == awaited if self.config.lockstep else stamp >= max(self._goal.stamp, self._not_before)):
+        if (
+            self.phase != PRE
+            or awaited is None
+            or not (stamp == awaited if self.config.lockstep else stamp >= max(self._goal.stamp, self._not_before))
+        ):
             raise Refused(f"a plan for {stamp} ns, while the phase is {self.phase} and one is awaited for {awaited} ns")
         self.phase = APPROACH
         if duration is None:
@@ -218,8 +223,11 @@ class Episode:
             return []
         stamp, keypoints = self._newest
         config = self.config
-        due = stamp % config.policy_period == 0 if config.lockstep else \
-            stamp >= self._last_tick + 0.9 * config.policy_period or self._last_tick < 0
+        due = (
+            stamp % config.policy_period == 0
+            if config.lockstep
+            else stamp >= self._last_tick + 0.9 * config.policy_period or self._last_tick < 0
+        )
         if stamp < max(self._goal.stamp, self._not_before) or stamp <= self._last_tick or not due:
             return []
         good = keypoints is not None and usable(keypoints, config.min_score).sum() >= MIN_POINTS
@@ -262,7 +270,9 @@ class Episode:
         else:
             self._blind_since = None
             goal = self._goal_pose
-            self.distance, self.angle = map(float, pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion))
+            self.distance, self.angle = map(
+                float, pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion)
+            )
             self._near = self._near + 1 if is_success(config.domain, self.distance, self.angle) else 0
             sure = is_success(config.domain, self.distance, self.angle, config.success_share)
             self._sure = self._sure + 1 if sure else 0
@@ -281,8 +291,11 @@ class Episode:
             return ""
         off = np.abs(joints - self._plan_end)
         worst = int(off.argmax())
-        return f"the arm did not arrive: joint {worst + 1} is {off[worst]:.2f} rad from the plan's end" \
-            if off[worst] > self.config.arrival else ""
+        return (
+            f"the arm did not arrive: joint {worst + 1} is {off[worst]:.2f} rad from the plan's end"
+            if off[worst] > self.config.arrival
+            else ""
+        )
 
     def _is_over(self, stamp: int) -> bool:
         return stamp - self._post_began >= self.config.post_timeout * SECOND

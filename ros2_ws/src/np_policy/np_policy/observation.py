@@ -37,15 +37,18 @@ def post_contact_observation(q, dq, keypoints, goal_keypoints, position, rotatio
     """
     xp = namespace(q)
     pixels, goal = (k.reshape(k.shape[:-2] + (16,)) for k in (keypoints, goal_keypoints))
-    return xp.concatenate([
-        (q - _like(_CENTRE, q)) / _like(_RANGE, q),
-        dq / _like(_SPEED, q),
-        pixels,
-        (goal - pixels) * GOAL_GAIN,
-        (position - _like(_TCP_CENTRE, q)) / _TCP_RANGE,
-        six_from_matrix(rotation),
-        last_action,
-    ], axis=-1)
+    return xp.concatenate(
+        [
+            (q - _like(_CENTRE, q)) / _like(_RANGE, q),
+            dq / _like(_SPEED, q),
+            pixels,
+            (goal - pixels) * GOAL_GAIN,
+            (position - _like(_TCP_CENTRE, q)) / _TCP_RANGE,
+            six_from_matrix(rotation),
+            last_action,
+        ],
+        axis=-1,
+    )
 
 
 def student_observation(keypoints, goal_keypoints):

@@ -54,8 +54,17 @@ def length(waypoints) -> float:
     return float(np.linalg.norm(np.diff(waypoints, axis=0), axis=1).sum())
 
 
-def find_path(is_free: Callable[[np.ndarray], bool], start, goal, lower, upper, *, seed: int, budget: Budget = Budget(),
-              resolution: float = 0.02) -> np.ndarray:
+def find_path(
+    is_free: Callable[[np.ndarray], bool],
+    start,
+    goal,
+    lower,
+    upper,
+    *,
+    seed: int,
+    budget: Budget = Budget(),
+    resolution: float = 0.02,
+) -> np.ndarray:
     """Waypoints (n, 7) rad of a short free path from `start` to `goal`, both (7,) rad and free, ends included.
 
     is_free: whether joints (7,) are valid; lower, upper (7,) rad: limits; resolution rad: distance between the postures

@@ -16,10 +16,10 @@ from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
 from np_description.rotations import quaternion_from_matrix
 from np_description.symmetry import renamed
+from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints, usable
 from np_policy import action, hand_pose, weights
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import post_contact_observation, student_observation
-from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints, usable
 
 
 class PolicyError(RuntimeError):
@@ -94,7 +94,9 @@ class PostContactController:
             return action.decode(np.zeros(action.SIZE), position, rotation)
         here, there = self._camera.normalise(seen), self._camera.normalise(np.asarray(goal)[:, :2])
         here, there = renamed(self._domain, here, there)
-        state = post_contact_observation(np.asarray(q), np.asarray(dq), here, there, position, rotation, self.last_action)
+        state = post_contact_observation(
+            np.asarray(q), np.asarray(dq), here, there, position, rotation, self.last_action
+        )
         chosen = _infer(self._network, state)
         if not np.isfinite(chosen).all():
             raise PolicyError(f"post-contact policy: expected 20 finite numbers, got {chosen.tolist()}")

@@ -44,7 +44,7 @@ def _b_spline(control: np.ndarray) -> np.ndarray:
     for a, b, c in zip(knots, control[1:-1], knots[1:]):
         steps = max(2, int(np.ceil((np.linalg.norm(b - a) + np.linalg.norm(c - b)) / _STEP)))
         t = np.linspace(0, 1, steps + 1)[1:, None]
-        points.append((1 - t)**2 * a + 2 * t * (1 - t) * b + t**2 * c)
+        points.append((1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)
     return np.concatenate(points)
 
 
@@ -66,8 +66,10 @@ def retime(path, velocity_limit, acceleration_limit, period: float = 0.02) -> Tr
     tangent = np.gradient(path, ds, axis=0)
     curvature = np.gradient(tangent, ds, axis=0)
     tiny = 1e-9
-    squared = np.minimum((velocity_limit / (np.abs(tangent) + tiny)).min(axis=1)**2,
-                         (acceleration_limit / 2 / (np.abs(curvature) + tiny)).min(axis=1))
+    squared = np.minimum(
+        (velocity_limit / (np.abs(tangent) + tiny)).min(axis=1) ** 2,
+        (acceleration_limit / 2 / (np.abs(curvature) + tiny)).min(axis=1),
+    )
     left = acceleration_limit - np.abs(curvature) * squared[:, None]  # for speeding up and down
     gain = (left / (np.abs(tangent) + tiny)).min(axis=1)
     squared[[0, -1]] = 0.0
@@ -98,6 +100,8 @@ def _sample(times, s, speed, path, tangent, period: float) -> Trajectory:
 
 def join(first: Trajectory, second: Trajectory) -> Trajectory:
     """`second` after `first`, which ends at rest where `second` begins."""
-    return Trajectory(np.concatenate([first.times, first.duration + second.times[1:]]),
-                      np.concatenate([first.positions, second.positions[1:]]),
-                      np.concatenate([first.velocities, second.velocities[1:]]))
+    return Trajectory(
+        np.concatenate([first.times, first.duration + second.times[1:]]),
+        np.concatenate([first.positions, second.positions[1:]]),
+        np.concatenate([first.velocities, second.velocities[1:]]),
+    )

@@ -67,18 +67,14 @@ class Recording:
             if topic is None:
                 continue
             if connection.msgtype != topic.type:
-                raise BagError(
-                    f"bag {self.path}: topic {topic.name}: expected {topic.type}, got {connection.msgtype}"
-                )
+                raise BagError(f"bag {self.path}: topic {topic.name}: expected {topic.type}, got {connection.msgtype}")
             self._topics[connection.id] = (topic, connection)
         self.counts = {topic.name: connection.msgcount for topic, connection in self._topics.values()}
         missing = [name for name in required if not self.counts.get(name)]
         if missing or not any(self.counts.values()):
             found = [f"{c.topic} ({c.msgtype}, {c.msgcount})" for c in self._reader.connections]
             wanted = ", ".join(missing) or "the topics of docs/graph.md"
-            raise BagError(
-                f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'no topics'}"
-            )
+            raise BagError(f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'no topics'}")
         custom = getattr(self._reader.storage.metadata, "custom", None) or {}
         self.information: dict = json.loads(custom.get("run_info", "{}"))
         self.start, self.end = self._reader.start_time, self._reader.end_time - 1

@@ -24,8 +24,9 @@ _CHUNK = Struct("<QQQII")  # first and last time, size, checksum, length of the 
 _CHANNEL = Struct("<HHI")  # channel, schema, length of the topic
 _ENTRIES = Struct("<HI")  # channel, bytes of the entries that follow
 _ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])  # the place counted from the chunk's first record
-_HEAD = np.dtype([("kind", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time", "<u8"),
-                  ("sent", "<u8")])  # `_MESSAGE` again
+_HEAD = np.dtype(
+    [("kind", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("time", "<u8"), ("sent", "<u8")]
+)  # `_MESSAGE` again
 
 
 class Compressed(Exception):
@@ -133,8 +134,9 @@ class _Scan:
         topic[list(self.wanted)] = list(self.wanted.values())
         topic = topic[heads["channel"]]
         kept = topic >= 0
-        self.tables.append(np.array([heads["time"][kept].astype(np.int64), places[kept] + _MESSAGE.size, ends[kept],
-                                     topic[kept]]))
+        self.tables.append(
+            np.array([heads["time"][kept].astype(np.int64), places[kept] + _MESSAGE.size, ends[kept], topic[kept]])
+        )
 
     def index(self, at: int, first: int, end: int) -> np.ndarray:
         """Places (n,) of messages, in their order, of the index that begins at a byte; none where one is not

@@ -11,9 +11,8 @@ from np_description.domains import Domain, Pose, find_domain, is_success, pose_e
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, first_end, split_phase
-from np_ros.messages import image_array, joint_state_arrays, keypoints_array, pose_arrays
-
 from np_record.bag import BagError, Recording
+from np_ros.messages import image_array, joint_state_arrays, keypoints_array, pose_arrays
 
 SECOND = 1e9
 
@@ -50,9 +49,7 @@ class Outcome:
 def score(domain: Domain, declared: str, reason: str, pose: Pose, goal: Pose, duration: float) -> Outcome:
     """The outcome for an object that ended at `pose` (truth)."""
     distance, angle = pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion)
-    return Outcome(
-        declared, reason, float(distance), float(angle), bool(is_success(domain, distance, angle)), duration
-    )
+    return Outcome(declared, reason, float(distance), float(angle), bool(is_success(domain, distance, angle)), duration)
 
 
 @dataclass(frozen=True)
@@ -99,8 +96,7 @@ def load_episode(recording: Recording) -> EpisodeData:
     """The first episode of a recording. Raises BagError where what a report needs is missing."""
     start = recording.start
     collected = {
-        name: []
-        for name in ("joint_states", "effort_command", "object_pose", "keypoints", "phase", "goal_pose")
+        name: [] for name in ("joint_states", "effort_command", "object_pose", "keypoints", "phase", "goal_pose")
     }
     for message in recording.messages(*collected):
         collected[message.topic.name].append((message.stamp, message.decode()))

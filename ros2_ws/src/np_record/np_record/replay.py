@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from np_description.phases import IDLE, PRE, split_phase
 
+from np_description.phases import IDLE, PRE, split_phase
 from np_record.bag import BagError, Message, Recording
 from np_record.cdr import TYPESTORE
 from np_record.topics import BY_NAME
@@ -54,8 +54,7 @@ class Script:
         mode = recording.information.get("mode")
         if mode != "lockstep":
             raise BagError(
-                f"bag {recording.path}: expected a recording in lockstep (run_info of the recorder), "
-                f"got mode {mode!r}"
+                f"bag {recording.path}: expected a recording in lockstep (run_info of the recorder), got mode {mode!r}"
             )
         self._recording = recording
         self.from_camera = recording.counts.get("camera/image_raw", 0) > 0
@@ -102,9 +101,7 @@ class Script:
         if name in self.live:
             return step.answers if name in BEFORE_TICK else step.final_answers
         # The phases after `pre` answer the plan; so does the tick.
-        later = (
-            name == "tick" or name == "phase" and split_phase(message.decode().data)[0] not in (IDLE, PRE)
-        )
+        later = name == "tick" or name == "phase" and split_phase(message.decode().data)[0] not in (IDLE, PRE)
         return step.then if later else step.first
 
 
@@ -145,9 +142,7 @@ class Comparison:
         self.received[name] += 1
         if self.first is None:
             decoded = TYPESTORE.deserialize_cdr(got, BY_NAME[name].type)
-            self.first = Difference(
-                name, self.expected[name], stamp, f"expected no message, got {decoded}"[:300]
-            )
+            self.first = Difference(name, self.expected[name], stamp, f"expected no message, got {decoded}"[:300])
 
 
 def describe_difference(message_type: str, expected: bytes, got: bytes) -> str:
@@ -179,11 +174,7 @@ def _first_difference(a, b, path: str) -> str:
                 text
                 for name in names
                 if name != "__msgtype__"
-                and (
-                    text := _first_difference(
-                        getattr(a, name), getattr(b, name), f"{path}.{name}".lstrip(".")
-                    )
-                )
+                and (text := _first_difference(getattr(a, name), getattr(b, name), f"{path}.{name}".lstrip(".")))
             ),
             "",
         )

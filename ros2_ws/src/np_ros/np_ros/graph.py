@@ -47,9 +47,7 @@ def complete(arguments: Mapping[str, str], known: Sequence[LaunchArgument]) -> d
     return {a.name: str(arguments.get(a.name, a.default)) for a in known}
 
 
-def launch_description(
-    known: Sequence[LaunchArgument], graph: Callable[[Mapping[str, str]], Sequence[NodeSpec]]
-):
+def launch_description(known: Sequence[LaunchArgument], graph: Callable[[Mapping[str, str]], Sequence[NodeSpec]]):
     """A LaunchDescription that declares the arguments and starts the nodes of `graph`; needs launch_ros."""
     from launch import LaunchDescription
     from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -71,7 +69,5 @@ def launch_description(
             for spec in graph(given)
         ]
 
-    declared = [
-        DeclareLaunchArgument(a.name, default_value=a.default, description=a.description) for a in known
-    ]
+    declared = [DeclareLaunchArgument(a.name, default_value=a.default, description=a.description) for a in known]
     return LaunchDescription([*declared, OpaqueFunction(function=start)])

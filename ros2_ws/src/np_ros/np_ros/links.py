@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+
 from np_ros import qos
 from np_ros.node import SUBSCRIBERS
-from rclpy.node import Node
 
 
 class Links:
@@ -18,9 +19,7 @@ class Links:
 
     def __init__(self, node: Node):
         self._node = node
-        self._found: dict[
-            str, dict[str, int]
-        ] = {}  # node, topic: how many subscribers the node says it has found
+        self._found: dict[str, dict[str, int]] = {}  # node, topic: how many subscribers the node says it has found
         node.create_subscription(DiagnosticArray, "diagnostics", self._receive, qos.RECORDER)
 
     def are_complete(self, names: set[str]) -> bool:

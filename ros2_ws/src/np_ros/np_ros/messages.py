@@ -14,14 +14,15 @@ from collections.abc import Sequence
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
-from np_description.calibration import Lens
-from np_description.camera import Camera
-from np_description.keypoints import COUNT
-from np_description.rotations import wxyz_from_xyzw, xyzw_from_wxyz
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointField
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from np_description.calibration import Lens
+from np_description.camera import Camera
+from np_description.keypoints import COUNT
+from np_description.rotations import wxyz_from_xyzw, xyzw_from_wxyz
 
 NANOSECONDS = 1_000_000_000
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -79,8 +80,10 @@ def stamp_message(nanoseconds: int) -> Time:
 def stamp_nanoseconds(stamp: Time) -> int:
     """Integer nanoseconds of a builtin_interfaces/Time."""
     if stamp.sec < 0 or not 0 <= stamp.nanosec < NANOSECONDS:
-        raise BadMessage("stamp", "stamp: expected sec >= 0 and nanosec in 0 .. 999999999, "
-                                  f"got sec {stamp.sec}, nanosec {stamp.nanosec}")
+        raise BadMessage(
+            "stamp",
+            f"stamp: expected sec >= 0 and nanosec in 0 .. 999999999, got sec {stamp.sec}, nanosec {stamp.nanosec}",
+        )
     return stamp.sec * NANOSECONDS + stamp.nanosec
 
 
@@ -100,8 +103,10 @@ def joint_state_message(stamp: int, names: Sequence[str], position, velocity, ef
     All three arrays are required: tools refuse messages that end in an empty array.
     """
     shape = (len(names),)
-    parts = [_shaped(values, shape, what) for values, what in
-             ((position, "position"), (velocity, "velocity"), (effort, "effort"))]
+    parts = [
+        _shaped(values, shape, what)
+        for values, what in ((position, "position"), (velocity, "velocity"), (effort, "effort"))
+    ]
     message = JointState(header=header_message(stamp), name=list(names))
     message.position, message.velocity, message.effort = map(_doubles, parts)
     return message
@@ -128,8 +133,10 @@ def joint_state_arrays(message: JointState, names: Sequence[str]) -> Arrays:
     """(position, velocity, effort), each (n,), of a JointState with exactly these names in this order."""
     _named(message.name, names, "JointState.name")
     shape = (len(names),)
-    return tuple(_finite(_shaped(getattr(message, part), shape, f"JointState.{part}"), f"JointState.{part}")
-                 for part in ("position", "velocity", "effort"))
+    return tuple(
+        _finite(_shaped(getattr(message, part), shape, f"JointState.{part}"), f"JointState.{part}")
+        for part in ("position", "velocity", "effort")
+    )
 
 
 def pose_message(stamp: int, frame_id: str, position, quaternion) -> PoseStamped:
@@ -143,15 +150,17 @@ def pose_message(stamp: int, frame_id: str, position, quaternion) -> PoseStamped
 def pose_arrays(message: PoseStamped, frame_id: str) -> tuple[np.ndarray, np.ndarray]:
     """(position (3,) m, quaternion (4,) wxyz) of a PoseStamped that must be given in `frame_id`."""
     if message.header.frame_id != frame_id:
-        raise BadMessage("frame", f"PoseStamped.header.frame_id: expected '{frame_id}', "
-                                  f"got '{message.header.frame_id}'")
+        raise BadMessage(
+            "frame", f"PoseStamped.header.frame_id: expected '{frame_id}', got '{message.header.frame_id}'"
+        )
     p, q = message.pose.position, message.pose.orientation
     position = _finite(np.array([p.x, p.y, p.z]), "PoseStamped.pose.position")
     xyzw = _finite(np.array([q.x, q.y, q.z, q.w]), "PoseStamped.pose.orientation")
     norm = float(np.linalg.norm(xyzw))
     if abs(norm - 1) > _UNIT_TOLERANCE:
-        raise BadMessage("range", f"PoseStamped.pose.orientation: expected norm 1 within {_UNIT_TOLERANCE}, "
-                                  f"got {norm:.6g}")
+        raise BadMessage(
+            "range", f"PoseStamped.pose.orientation: expected norm 1 within {_UNIT_TOLERANCE}, got {norm:.6g}"
+        )
     return position, wxyz_from_xyzw(xyzw)
 
 
@@ -180,8 +189,9 @@ def trajectory_arrays(message: JointTrajectory, names: Sequence[str]) -> Arrays:
     durations = [point.time_from_start for point in message.points]
     times = np.array([d.sec * NANOSECONDS + d.nanosec for d in durations], dtype=np.int64)
     if times.size and (times[0] < 0 or (np.diff(times) <= 0).any()):
-        raise BadMessage("stamp", "JointTrajectory: expected time_from_start >= 0 and increasing, "
-                                  f"got {times.tolist()} ns")
+        raise BadMessage(
+            "stamp", f"JointTrajectory: expected time_from_start >= 0 and increasing, got {times.tolist()} ns"
+        )
     shape = (len(names),)
     tables = []
     for part in ("positions", "velocities"):
@@ -194,8 +204,9 @@ def trajectory_arrays(message: JointTrajectory, names: Sequence[str]) -> Arrays:
 def gains_message(gains) -> Float64MultiArray:
     """std_msgs/Float64MultiArray of gains (2, 7): stiffness Nm/rad in row 0, damping ratio rho in row 1."""
     gains = _shaped(gains, (2, 7), "gains")
-    layout = MultiArrayLayout(dim=[MultiArrayDimension(label="gain", size=2, stride=14),
-                                   MultiArrayDimension(label="joint", size=7, stride=7)])
+    layout = MultiArrayLayout(
+        dim=[MultiArrayDimension(label="gain", size=2, stride=14), MultiArrayDimension(label="joint", size=7, stride=7)]
+    )
     message = Float64MultiArray(layout=layout)
     message.data = _doubles(gains)
     return message
@@ -205,8 +216,11 @@ def gains_array(message: Float64MultiArray) -> np.ndarray:
     """Gains (2, 7) of a Float64MultiArray labelled "gain" x "joint"."""
     dims = [(d.label, d.size) for d in message.layout.dim]
     if dims != [("gain", 2), ("joint", 7)] or message.layout.data_offset or len(message.data) != 14:
-        raise BadMessage("shape", "Float64MultiArray: expected dims gain 2 x joint 7, offset 0, 14 numbers, "
-                                  f"got {dims}, {message.layout.data_offset}, {len(message.data)}")
+        raise BadMessage(
+            "shape",
+            "Float64MultiArray: expected dims gain 2 x joint 7, offset 0, 14 numbers, "
+            f"got {dims}, {message.layout.data_offset}, {len(message.data)}",
+        )
     return _finite(np.array(message.data, dtype=np.float64).reshape(2, 7), "Float64MultiArray.data")
 
 
@@ -216,11 +230,20 @@ def keypoints_message(stamp: int, frame_id: str, keypoints) -> PointCloud2:
     The order is that of np_description.keypoints.
     """
     keypoints = _shaped(keypoints, (COUNT, 3), "keypoints")
-    fields = [PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
-              for i, name in enumerate(KEYPOINT_FIELDS)]
-    message = PointCloud2(header=header_message(stamp, frame_id), height=1, width=COUNT, fields=fields,
-                          is_bigendian=False, point_step=_KEYPOINT_STEP,
-                          row_step=_KEYPOINT_STEP * COUNT, is_dense=True)
+    fields = [
+        PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+        for i, name in enumerate(KEYPOINT_FIELDS)
+    ]
+    message = PointCloud2(
+        header=header_message(stamp, frame_id),
+        height=1,
+        width=COUNT,
+        fields=fields,
+        is_bigendian=False,
+        point_step=_KEYPOINT_STEP,
+        row_step=_KEYPOINT_STEP * COUNT,
+        is_dense=True,
+    )
     message.data = array("B", keypoints.astype("<f4").tobytes())
     return message
 
@@ -230,18 +253,22 @@ def keypoints_array(message: PointCloud2) -> np.ndarray:
     fields = [(f.name, f.offset, f.datatype, f.count) for f in message.fields]
     expected = [(name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(KEYPOINT_FIELDS)]
     if fields != expected or message.is_bigendian:
-        raise BadMessage("encoding", "PointCloud2.fields: expected little-endian (name, offset, datatype, "
-                                     f"count) {expected}, got {fields}, bigendian {message.is_bigendian}")
+        raise BadMessage(
+            "encoding",
+            "PointCloud2.fields: expected little-endian (name, offset, datatype, "
+            f"count) {expected}, got {fields}, bigendian {message.is_bigendian}",
+        )
     size = _KEYPOINT_STEP * COUNT
     wanted = (1, COUNT, _KEYPOINT_STEP, size)
     layout = (message.height, message.width, message.point_step, len(message.data))
     if layout != wanted:
-        raise BadMessage("shape", f"PointCloud2: expected height, width, point_step, bytes {wanted}, "
-                                  f"got {layout}")
+        raise BadMessage("shape", f"PointCloud2: expected height, width, point_step, bytes {wanted}, got {layout}")
     keypoints = np.frombuffer(message.data, dtype="<f4").astype(np.float64).reshape(COUNT, 3)
     _finite(keypoints, "PointCloud2 keypoints")
     if (np.abs(keypoints[:, :2]) > FARTHEST_PIXEL).any():
-        raise BadMessage("range", f"PointCloud2 pixels: expected within {FARTHEST_PIXEL:g} px, got {keypoints[:, :2].tolist()}")
+        raise BadMessage(
+            "range", f"PointCloud2 pixels: expected within {FARTHEST_PIXEL:g} px, got {keypoints[:, :2].tolist()}"
+        )
     if not ((keypoints[:, 2] >= 0) & (keypoints[:, 2] <= 1)).all():
         raise BadMessage("range", f"PointCloud2 scores: expected 0 .. 1, got {keypoints[:, 2].tolist()}")
     return keypoints
@@ -252,8 +279,14 @@ def image_message(stamp: int, frame_id: str, pixels: np.ndarray) -> Image:
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
         raise ValueError(f"pixels: expected (height, width, 3) uint8, got {pixels.shape} {pixels.dtype}")
     height, width = pixels.shape[:2]
-    message = Image(header=header_message(stamp, frame_id), height=height, width=width, encoding="rgb8",
-                    is_bigendian=0, step=3 * width)
+    message = Image(
+        header=header_message(stamp, frame_id),
+        height=height,
+        width=width,
+        encoding="rgb8",
+        is_bigendian=0,
+        step=3 * width,
+    )
     message.data = array("B", np.ascontiguousarray(pixels).tobytes())
     return message
 
@@ -264,10 +297,13 @@ def image_array(message: Image) -> np.ndarray:
         raise BadMessage("encoding", f"Image.encoding: expected 'rgb8', got '{message.encoding}'")
     height, width, step = message.height, message.width, message.step
     if step < 3 * width or len(message.data) != step * height or not height * width:
-        raise BadMessage("shape", "Image: expected step >= 3 x width and step x height bytes, "
-                                  f"got {height} x {width}, step {step}, {len(message.data)} bytes")
+        raise BadMessage(
+            "shape",
+            "Image: expected step >= 3 x width and step x height bytes, "
+            f"got {height} x {width}, step {step}, {len(message.data)} bytes",
+        )
     rows = np.frombuffer(message.data, dtype=np.uint8).reshape(height, step)
-    pixels = rows[:, :3 * width].reshape(height, width, 3)
+    pixels = rows[:, : 3 * width].reshape(height, width, 3)
     pixels.setflags(write=False)
     return pixels
 
@@ -279,16 +315,22 @@ def camera_info_message(stamp: int, frame_id: str, camera: Camera, turn=None) ->
     """
     k = camera.matrix
     r = np.eye(3) if turn is None else _shaped(turn, (3, 3), "turn")
-    return CameraInfo(header=header_message(stamp, frame_id), height=camera.height, width=camera.width,
-                      distortion_model="plumb_bob", d=[0.0] * 5, k=k.ravel(), r=r.ravel(),
-                      p=np.hstack([k, np.zeros((3, 1))]).ravel())
+    return CameraInfo(
+        header=header_message(stamp, frame_id),
+        height=camera.height,
+        width=camera.width,
+        distortion_model="plumb_bob",
+        d=[0.0] * 5,
+        k=k.ravel(),
+        r=r.ravel(),
+        p=np.hstack([k, np.zeros((3, 1))]).ravel(),
+    )
 
 
 def camera_info_arrays(message: CameraInfo) -> tuple[int, int, np.ndarray]:
     """(width px, height px, K (3, 3)) of a CameraInfo without distortion."""
     if any(message.d):
-        raise BadMessage("range", "CameraInfo.d: expected no distortion (rectified images), "
-                                  f"got {list(message.d)}")
+        raise BadMessage("range", f"CameraInfo.d: expected no distortion (rectified images), got {list(message.d)}")
     return message.width, message.height, _finite(np.array(message.k).reshape(3, 3), "CameraInfo.k")
 
 
@@ -298,8 +340,10 @@ def camera_info_lens(message: CameraInfo) -> tuple[Lens, np.ndarray]:
     r = _finite(np.array(message.r, dtype=np.float64).reshape(3, 3), "CameraInfo.r")
     d = _finite(np.array(message.d, dtype=np.float64), "CameraInfo.d")
     if d.any() and (message.distortion_model != "plumb_bob" or len(d) != 5):
-        raise BadMessage("range", "CameraInfo: expected plumb_bob with 5 coefficients, "
-                                  f"got '{message.distortion_model}' with {len(d)}")
+        raise BadMessage(
+            "range",
+            f"CameraInfo: expected plumb_bob with 5 coefficients, got '{message.distortion_model}' with {len(d)}",
+        )
     if not np.allclose(r @ r.T, np.eye(3), rtol=0, atol=1e-6) or np.linalg.det(r) < 0:
         raise BadMessage("range", f"CameraInfo.r: expected a rotation, got {r.tolist()}")
     distortion = tuple(d.tolist()) if d.any() else (0.0,) * 5

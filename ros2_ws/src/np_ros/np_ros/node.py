@@ -1,13 +1,13 @@
 """The idiom every node of this project follows: described parameters, diagnostics once a second, one `main`.
 
-    class Detector(Node):
-        def __init__(self):
-            super().__init__("keypoint_detector")
-            self.rate = parameter(self, "rate", 30.0, "Images a second that are looked at.", 1.0, 60.0)
-            self.diagnostics = Diagnostics(self)
+class Detector(Node):
+    def __init__(self):
+        super().__init__("keypoint_detector")
+        self.rate = parameter(self, "rate", 30.0, "Images a second that are looked at.", 1.0, 60.0)
+        self.diagnostics = Diagnostics(self)
 
-    def main(args=None):
-        return run(Detector, args)
+def main(args=None):
+    return run(Detector, args)
 """
 
 from __future__ import annotations
@@ -30,8 +30,13 @@ from np_ros.spin import Spinner
 Value = TypeVar("Value", bool, int, float, str)
 
 
-def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fast: bool = True,
-        spin: Callable[[Node, Spinner], None] | None = None) -> int:
+def run(
+    make_node: Callable[[], Node],
+    args: Sequence[str] | None = None,
+    *,
+    fast: bool = True,
+    spin: Callable[[Node, Spinner], None] | None = None,
+) -> int:
     """Construct a node and spin it until SIGINT, SIGTERM or rclpy.shutdown(); the exit status of the process.
 
     A node that cannot start (ValueError, OSError or a refused parameter in its constructor) ends with one
@@ -78,8 +83,16 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None, *, fas
     return 0
 
 
-def parameter(node: Node, name: str, default: Value, description: str, minimum: Value | None = None,
-              maximum: Value | None = None, *, choices: Sequence[str] = ()) -> Value:
+def parameter(
+    node: Node,
+    name: str,
+    default: Value,
+    description: str,
+    minimum: Value | None = None,
+    maximum: Value | None = None,
+    *,
+    choices: Sequence[str] = (),
+) -> Value:
     """Declare a read-only parameter with a description and a range, and return its value.
 
     minimum and maximum are inclusive and of the default's type (give both or neither); `choices` lists the
@@ -162,8 +175,11 @@ class Diagnostics:
             level, message = DiagnosticStatus.WARN, self._problem
         pairs = {**self.values, **self.counts, SUBSCRIBERS: self._subscribers()}
         status = DiagnosticStatus(
-            level=level, name=self._node.get_fully_qualified_name(), message=message,
-            values=[KeyValue(key=key, value=str(value)) for key, value in pairs.items()])
+            level=level,
+            name=self._node.get_fully_qualified_name(),
+            message=message,
+            values=[KeyValue(key=key, value=str(value)) for key, value in pairs.items()],
+        )
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         return array

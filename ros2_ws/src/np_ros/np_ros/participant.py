@@ -10,11 +10,11 @@ import os
 from collections.abc import Callable
 
 import rclpy
-from np_ros.spin import Spinner
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from np_ros.links import Links
+from np_ros.spin import Spinner
 from np_ros.supervisor import Supervisor
 
 SERVICE_TIMEOUT = 60.0  # s of wall time

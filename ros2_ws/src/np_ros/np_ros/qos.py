@@ -15,7 +15,8 @@ def _keep_last(depth: int, reliable: bool = True, latched: bool = False) -> QoSP
         history=QoSHistoryPolicy.KEEP_LAST,
         depth=depth,
         reliability=QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT,
-        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if latched else QoSDurabilityPolicy.VOLATILE)
+        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if latched else QoSDurabilityPolicy.VOLATILE,
+    )
 
 
 LOCKSTEP = _keep_last(100)

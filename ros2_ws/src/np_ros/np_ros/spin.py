@@ -43,8 +43,9 @@ class Spinner:
                 self._build()
                 self.is_fast = True
             except (ImportError, AttributeError, TypeError) as error:
-                node.get_logger().warn(f"low-latency spinning is not available with this rclpy ({error}); "
-                                       "using SingleThreadedExecutor")
+                node.get_logger().warn(
+                    f"low-latency spinning is not available with this rclpy ({error}); using SingleThreadedExecutor"
+                )
 
     def spin(self) -> None:
         """Run callbacks until the context is shut down.
@@ -85,8 +86,13 @@ class Spinner:
 
     def _current(self) -> list[tuple]:
         node = self._node
-        return [tuple(node.subscriptions), tuple(node.timers), tuple(node.clients), tuple(node.services),
-                tuple(node.guards)]
+        return [
+            tuple(node.subscriptions),
+            tuple(node.timers),
+            tuple(node.clients),
+            tuple(node.services),
+            tuple(node.guards),
+        ]
 
     def _build(self) -> None:
         """Make the wait set anew; needed whenever the node has gained or lost an entity."""
@@ -100,7 +106,8 @@ class Spinner:
         context = self._node.context.handle
         with context:
             self._wait_set = implementation.WaitSet(
-                len(subscriptions), len(self._guards), len(timers), len(clients), len(services), 0, context)
+                len(subscriptions), len(self._guards), len(timers), len(clients), len(services), 0, context
+            )
 
     def _wait(self, timeout: float) -> None:
         if self._current() != self._entities:

@@ -50,9 +50,7 @@ def installed_command(package: str, executable: str) -> list[str]:
     prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
     for prefix in prefixes:
         path = prefix / "lib" / package / executable
-        if (prefix / "share/ament_index/resource_index/packages" / package).exists() and os.access(
-            path, os.X_OK
-        ):
+        if (prefix / "share/ament_index/resource_index/packages" / package).exists() and os.access(path, os.X_OK):
             return [str(path)]
     raise LookupError(
         f"expected an installed executable {package}/{executable} below AMENT_PREFIX_PATH, found none in "
@@ -125,9 +123,7 @@ class Supervisor:
         """The nodes started and not stopped, in order of start."""
         return list(self._processes)
 
-    def start(
-        self, specs: NodeSpec | Sequence[NodeSpec], environment: Mapping[str, str] | None = None
-    ) -> None:
+    def start(self, specs: NodeSpec | Sequence[NodeSpec], environment: Mapping[str, str] | None = None) -> None:
         """Start nodes. Raises LookupError if one is not installed (none is started then), ValueError for a
         name in use.
         """
@@ -219,9 +215,7 @@ class Supervisor:
             arguments += ["-r", f"{before}:={after}"]
         if spec.parameters:
             path = self.log_directory / f"{spec.name}.yaml"
-            path.write_text(
-                yaml.safe_dump({"/**": {"ros__parameters": dict(spec.parameters)}}, width=1 << 30)
-            )
+            path.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(spec.parameters)}}, width=1 << 30))
             arguments += ["--params-file", str(path)]
         return arguments
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from np_description.phases import ACTIVE, EXCITE, POST
-
 from np_sim_bridge.schedule import Schedule
 
 ACTIVE_PHASES = (*ACTIVE, EXCITE)

@@ -16,8 +16,14 @@ import numpy as np
 from np_description.panda import NOMINAL
 from np_description.patch import Patch
 
-IGNORED = ("stiffness_gain_error", "damping_gain_error", "controller_mismatch", "joint_elasticity", "backlash",
-           "transmission_hysteresis")
+IGNORED = (
+    "stiffness_gain_error",
+    "damping_gain_error",
+    "controller_mismatch",
+    "joint_elasticity",
+    "backlash",
+    "transmission_hysteresis",
+)
 STICTION_SPEED = 0.005  # rad/s at which a friction that is an explicit torque has its full level
 DRIFT_DURATION = 180.0  # s over which friction changes by the whole of `change`
 
@@ -52,10 +58,14 @@ class Gap:
         self._measured: deque[np.ndarray] = deque(maxlen=int(self.late.max()) + 2)
         self.bias, self._step = joint("encoder_bias", "bias"), joint("encoder_quantisation", "step")
         self._gain, self._zero = 1 + joint("torque_sensor_error", "gain"), joint("torque_sensor_error", "offset")
-        self._uneven_coulomb = 0.5 * (joint("asymmetric_coulomb_friction", "level_positive")
-                                      - joint("asymmetric_coulomb_friction", "level_negative"))
-        self._uneven_viscous = 0.5 * (joint("asymmetric_viscous_friction", "coefficient_positive")
-                                      - joint("asymmetric_viscous_friction", "coefficient_negative"))
+        self._uneven_coulomb = 0.5 * (
+            joint("asymmetric_coulomb_friction", "level_positive")
+            - joint("asymmetric_coulomb_friction", "level_negative")
+        )
+        self._uneven_viscous = 0.5 * (
+            joint("asymmetric_viscous_friction", "coefficient_positive")
+            - joint("asymmetric_viscous_friction", "coefficient_negative")
+        )
         self._breakaway = joint("stribeck_friction", "breakaway")
         self._stribeck = np.maximum(joint("stribeck_friction", "speed"), 1e-3)
         self._by_load = joint("load_dependent_friction", "coefficient")
@@ -143,8 +153,10 @@ class _Gravity:
             size = -self._real.opt.gravity[2]
             self._real.opt.gravity[:] = [size * pitch, -size * roll, -size]
         self._data = [mujoco.MjData(m) for m in (self._nominal, self._real)]
-        self._share = 1 + float(patch.per_joint("gravity_compensation_error", "scale").max(initial=0.0)
-                                + patch.per_joint("gravity_compensation_error", "scale").min(initial=0.0))
+        self._share = 1 + float(
+            patch.per_joint("gravity_compensation_error", "scale").max(initial=0.0)
+            + patch.per_joint("gravity_compensation_error", "scale").min(initial=0.0)
+        )
         self._bias = patch.per_joint("encoder_bias", "bias")
 
     def nominal(self, q: np.ndarray) -> np.ndarray:
@@ -171,5 +183,7 @@ def _unlimited(limit: np.ndarray) -> np.ndarray:
 
 
 def _touches_gravity(patch: Patch) -> bool:
-    return any(e.effect in ("payload", "link_com", "gravity_compensation_error", "base_tilt", "encoder_bias")
-               for e in patch.effects)
+    return any(
+        e.effect in ("payload", "link_com", "gravity_compensation_error", "base_tilt", "encoder_bias")
+        for e in patch.effects
+    )

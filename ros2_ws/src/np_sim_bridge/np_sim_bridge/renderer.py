@@ -45,8 +45,16 @@ def make_renderer(kind: str, model: mujoco.MjModel, *, shadows: bool = True) -> 
 def egl_works() -> bool:
     """Whether a child process can draw a red ball through EGL: a broken driver may abort its process."""
     try:
-        return subprocess.run([sys.executable, "-c", _PROBE], stdout=subprocess.DEVNULL,
-                              stderr=subprocess.DEVNULL, timeout=_PROBE_TIMEOUT, check=False).returncode == 0
+        return (
+            subprocess.run(
+                [sys.executable, "-c", _PROBE],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                timeout=_PROBE_TIMEOUT,
+                check=False,
+            ).returncode
+            == 0
+        )
     except (OSError, subprocess.TimeoutExpired):
         return False
 
@@ -106,8 +114,9 @@ class EglRenderer:
         pose = self._pose
         pose.update(configuration)
         self._gl.make_current()  # another renderer of this thread may have been
-        mujoco.mjv_updateScene(pose.model, pose.data, self._option, None, self._view,
-                               mujoco.mjtCatBit.mjCAT_ALL, self._scene)
+        mujoco.mjv_updateScene(
+            pose.model, pose.data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL, self._scene
+        )
         mujoco.mjr_render(self._rect, self._scene, self._context)
         mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
         return self._pixels[::-1].copy()  # OpenGL counts rows from below
@@ -142,8 +151,13 @@ class WarpRenderer:
             self._data = mujoco_warp.put_data(model, pose.data)
             # A shadowed point keeps nothing of the light, as in OpenGL.
             self._context = mujoco_warp.create_render_context(
-                model, cam_active=[CAMERA_NAME], render_rgb=True, use_shadows=shadows,
-                shadow_light_fraction=0.0, render_skybox=True)
+                model,
+                cam_active=[CAMERA_NAME],
+                render_rgb=True,
+                use_shadows=shadows,
+                shadow_light_fraction=0.0,
+                render_skybox=True,
+            )
             self._image = wp.zeros((1, pose.height, pose.width), dtype=wp.vec3f)
         self.render(model.qpos0)  # compiles
 

@@ -31,8 +31,13 @@ class RendererProcess:
         self._shape = height, width, 3
         # Mesa draws with as many threads as there are cores; one leaves the others to control.
         environment = {"LP_NUM_THREADS": "1", **os.environ}
-        self._child = subprocess.Popen([sys.executable, "-m", "np_sim_bridge.renderer_process"], env=environment,
-                                       stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        self._child = subprocess.Popen(
+            [sys.executable, "-m", "np_sim_bridge.renderer_process"],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
         self._send(pickle.dumps((kind, model, shadows)))
         self._receive(1)  # ready
 
@@ -67,7 +72,9 @@ class RendererProcess:
 
     def _failure(self) -> RuntimeError:
         words = self._child.stderr.read().decode(errors="replace").strip().splitlines()
-        return RuntimeError(f"renderer process: expected an image, it ended: {words[-1] if words else 'without a word'}")
+        return RuntimeError(
+            f"renderer process: expected an image, it ended: {words[-1] if words else 'without a word'}"
+        )
 
 
 def main() -> None:

@@ -25,8 +25,7 @@ class Schedule:
 
     def __post_init__(self):
         if self.policy_rate < 1 or SECOND % (self.policy_rate * PERIOD):
-            raise ValueError(f"policy_rate: expected a divisor of {SECOND // PERIOD} Hz, "
-                             f"got {self.policy_rate}")
+            raise ValueError(f"policy_rate: expected a divisor of {SECOND // PERIOD} Hz, got {self.policy_rate}")
         if not 1 <= self.image_rate <= SECOND // PERIOD:
             raise ValueError(f"image_rate: expected 1 .. {SECOND // PERIOD} Hz, got {self.image_rate}")
 

@@ -53,8 +53,16 @@ class Simulation:
     that the nominal arm lacks.
     """
 
-    def __init__(self, domain: Domain, *, seed: int = 0, first_episode: int = 0, substeps: int = 1,
-                 camera: Camera = CAMERA, patch: Patch = Patch()):
+    def __init__(
+        self,
+        domain: Domain,
+        *,
+        seed: int = 0,
+        first_episode: int = 0,
+        substeps: int = 1,
+        camera: Camera = CAMERA,
+        patch: Patch = Patch(),
+    ):
         self.domain = domain
         self.model = load_model(domain, timestep=PERIOD / SECOND / substeps, camera=camera, panda=patch.panda())
         self._patch = patch
@@ -64,7 +72,7 @@ class Simulation:
         self._position = np.array([joint.qposadr[0] for joint in joints])
         self._velocity = np.array([joint.dofadr[0] for joint in joints])
         self._motors = np.array([self.model.actuator(name).id for name in JOINT_NAMES])
-        self._fingers = np.array([self.model.actuator(name).id for name in STATE_NAMES[len(JOINT_NAMES):]])
+        self._fingers = np.array([self.model.actuator(name).id for name in STATE_NAMES[len(JOINT_NAMES) :]])
         self._object = int(self.model.joint(OBJECT).qposadr[0])
         self.stamp = 0
         self.reset(first_episode, 0)
@@ -78,7 +86,7 @@ class Simulation:
             raise ValueError(f"reset: time never runs backwards; it is {self.stamp} ns, got {stamp} ns")
         start, goal = sample_task(self.domain, np.random.default_rng([self._seed, episode]))
         mujoco.mj_resetDataKeyframe(self.model, self._data, self.model.key("ready").id)
-        self._data.qpos[self._object:self._object + 7] = [*start.position, *start.quaternion]
+        self._data.qpos[self._object : self._object + 7] = [*start.position, *start.quaternion]
         self._data.qfrc_applied[:] = 0.0
         self._opening = 0.0
         self._gap = Gap(self._patch, PERIOD / SECOND, self._seed) if self._patch.effects else None
@@ -91,11 +99,14 @@ class Simulation:
         """Joint positions, velocities and torques of the present state."""
         data = self._data
         if self._gap is None:
-            return Measurement(self.stamp, data.qpos[self._position], data.qvel[self._velocity],
-                               data.qfrc_actuator[self._velocity])
+            return Measurement(
+                self.stamp, data.qpos[self._position], data.qvel[self._velocity], data.qfrc_actuator[self._velocity]
+            )
         if self._measured is None or self._measured.stamp != self.stamp:  # sensors with a memory are read once
-            position, velocity, effort = (values.copy() for values in (
-                data.qpos[self._position], data.qvel[self._velocity], data.qfrc_actuator[self._velocity]))
+            position, velocity, effort = (
+                values.copy()
+                for values in (data.qpos[self._position], data.qvel[self._velocity], data.qfrc_actuator[self._velocity])
+            )
             position[:7], velocity[:7], effort[:7] = self._gap.sense(position[:7], velocity[:7], effort[:7])
             self._measured = Measurement(self.stamp, position, velocity, effort)
         return self._measured
@@ -107,7 +118,7 @@ class Simulation:
 
     def object_pose(self) -> Pose:
         """True pose of the object in the base frame."""
-        pose = self._data.qpos[self._object:self._object + 7].copy()
+        pose = self._data.qpos[self._object : self._object + 7].copy()
         return Pose(pose[:3], pose[3:])
 
     def configuration(self) -> np.ndarray:
@@ -127,15 +138,19 @@ class Simulation:
         """
         if self._gap is not None:
             torque = self._gap.drive(torque)
-            joints = self._velocity[:len(JOINT_NAMES)]
+            joints = self._velocity[: len(JOINT_NAMES)]
             self._data.qfrc_applied[joints] = self._gap.extra(
-                self._data.qpos[self._position[:len(JOINT_NAMES)]], self._data.qvel[joints])
+                self._data.qpos[self._position[: len(JOINT_NAMES)]], self._data.qvel[joints]
+            )
         self._data.ctrl[self._motors] = torque
         self._data.ctrl[self._fingers] += np.clip(self._opening - self._data.ctrl[self._fingers], -_TRAVEL, _TRAVEL)
         mujoco.mj_step(self.model, self._data, self._substeps)
         self.stamp += PERIOD
-        for warning in (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
-                        mujoco.mjtWarning.mjWARN_BADQACC):
+        for warning in (
+            mujoco.mjtWarning.mjWARN_BADQPOS,
+            mujoco.mjtWarning.mjWARN_BADQVEL,
+            mujoco.mjtWarning.mjWARN_BADQACC,
+        ):
             # MuJoCo answers these by resetting the scene to its default, which would pass for a measurement.
             if self._data.warning[warning].number:
                 raise FloatingPointError(f"simulation diverged at {self.stamp} ns: {warning.name}")

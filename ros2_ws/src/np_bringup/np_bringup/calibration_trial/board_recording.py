@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+
+from np_bringup.calibration_trial.board_scene import BoardScene
 from np_description.panda import STATE_NAMES
 from np_description.scene import CAMERA_NAME
 from np_perception.camera.rectify import Rectifier, view_camera
-from np_ros.messages import camera_info_message, image_message, joint_state_message, serialized
-
-from np_bringup.calibration_trial.board_scene import BoardScene
-from np_record.topics import BY_NAME
 from np_record.recorder import BagWriter
+from np_record.topics import BY_NAME
+from np_ros.messages import camera_info_message, image_message, joint_state_message, serialized
 
 PERIOD = 20_000_000  # ns between joint states
 REST, MOVE = 60, 5  # joint states of a rest, and of the way to the next

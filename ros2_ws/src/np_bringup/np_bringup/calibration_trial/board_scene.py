@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import mujoco
 import numpy as np
+
 from np_control.kinematics import forward_kinematics, pose_distance, solve_ik
 from np_description.calibration import Lens
 from np_description.camera import CAMERA, Camera
@@ -160,9 +161,7 @@ class BoardScene:
 
     def corner_pixels(self, joints: np.ndarray) -> np.ndarray:
         """Where the corners (n, 2) truly are in the image."""
-        at, turned = (
-            forward_kinematics(np.asarray(joints, float)) if self.in_hand else (np.zeros(3), np.eye(3))
-        )
+        at, turned = forward_kinematics(np.asarray(joints, float)) if self.in_hand else (np.zeros(3), np.eye(3))
         points = (self.board.corners @ self.mount.rotation.T + self.mount.position) @ turned.T + at
         return project_distorted((points - self.position) @ self.rotation, self.lens)
 
@@ -174,15 +173,10 @@ class BoardScene:
         """
         crop = 0.5 * CAMERA.width / CAMERA.fx
         depth = rng.uniform(0.55, 0.9, (_TRIES, 1))
-        at = (
-            np.concatenate([rng.uniform(-0.55, 0.55, (_TRIES, 2)) * crop, np.ones((_TRIES, 1))], axis=1)
-            * depth
-        )
+        at = np.concatenate([rng.uniform(-0.55, 0.55, (_TRIES, 2)) * crop, np.ones((_TRIES, 1))], axis=1) * depth
         turn = self.rotation @ matrix_from_vector(rng.uniform(-tilt, tilt, (_TRIES, 3)))
         hand = turn @ self.mount.rotation.T
-        position = (
-            at @ self.rotation.T + self.position - turn @ _middle(self.board) - hand @ self.mount.position
-        )
+        position = at @ self.rotation.T + self.position - turn @ _middle(self.board) - hand @ self.mount.position
         joints = solve_ik(NOMINAL.ready + rng.normal(0, 0.1, (_TRIES, 7)), position, hand, iterations=30)
         distance, angle = pose_distance(joints, position, hand)
         good = (distance < 1e-4) & (angle < 1e-3) & (position[:, 2] > 0.05)

@@ -11,14 +11,13 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from np_description.domains import find_domain
-
 from np_bringup import figures
-from np_bringup.task_graph import task_graph
-from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder
 from np_bringup.commands.common import running_graph
-from np_ros.graph import NodeSpec
 from np_bringup.nodes.conductor_node import Conductor
+from np_bringup.task_graph import task_graph
+from np_description.domains import find_domain
+from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder
+from np_ros.graph import NodeSpec
 from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied, Supervisor
 
@@ -107,9 +106,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the real-time measurement")
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
-    parser.add_argument(
-        "--out", type=Path, default=Path("runs/bench"), help="folder for logs; a number is appended"
-    )
+    parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder for logs; a number is appended")
     options = parser.parse_args(arguments)
     interrupt_on_sigterm()
     logs = new_folder(options.out)

@@ -9,11 +9,14 @@ import sys
 import tempfile
 from contextlib import closing
 from dataclasses import dataclass, replace
-from datetime import datetime, UTC
+from datetime import UTC, datetime
 from pathlib import Path
 
 import cv2
 import numpy as np
+
+from np_bringup.calibration_trial.board_recording import record_rests
+from np_bringup.calibration_trial.board_scene import D435, BoardScene, hand_mount, table_mount
 from np_control.kinematics import forward_kinematics, solve_ik
 from np_description.calibration import Calibration
 from np_description.camera import CAMERA, Camera
@@ -22,14 +25,11 @@ from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_vector, vector_from_matrix, yaw_quaternion
 from np_perception.calibration.board import Board
+from np_perception.calibration.evidence import CalibrationRefused, read_evidence
+from np_perception.calibration.fitting import calibrate
 from np_perception.camera.rectify import Rectifier
 from np_perception.pose_estimation import estimate_pose
-
-from np_bringup.calibration_trial.board_recording import record_rests
-from np_bringup.calibration_trial.board_scene import D435, BoardScene, hand_mount, table_mount
-from np_perception.calibration.fitting import calibrate
 from np_record.command import Progress, origin
-from np_perception.calibration.evidence import CalibrationRefused, read_evidence
 
 TOUCHED = (0, 5, 18, 23, 8, 15, 2, 21)
 # Of the cameras about CAMERA: m and rad, standard deviation of each axis.
@@ -166,9 +166,7 @@ def one(number: int, arm: Arm, seed: int, views: int, folder: Path) -> tuple[lis
                 "table_95_mm": 1e3 * table.height_95,
             }
         results.append(row)
-    uncalibrated = replace(
-        CAMERA, position=tuple(position.tolist()), rotation=tuple(map(tuple, rotation.tolist()))
-    )
+    uncalibrated = replace(CAMERA, position=tuple(position.tolist()), rotation=tuple(map(tuple, rotation.tolist())))
     results[0]["uncalibrated"] = card_errors(uncalibrated, CAMERA)
     return results, kept
 
@@ -226,9 +224,7 @@ def draw(rows: list[dict], file: Path) -> None:
         for shift, (group, colour) in enumerate(zip(groups, colours)):
             own = [row for row in rows if (row["arm"], row["method"]) == group and name in row]
             x = np.array([row["camera"] for row in own]) + 0.2 * (shift - 1.5)
-            axis.plot(
-                x, [row[name] for row in own], "o", color=colour, ms=4, label=f"{group[0]} arm, {group[1]}"
-            )
+            axis.plot(x, [row[name] for row in own], "o", color=colour, ms=4, label=f"{group[0]} arm, {group[1]}")
             axis.plot(x, [row[bound] for row in own], "_", color=colour, ms=7)
         axis.set(title=title, xlabel="camera", yscale="log")
         axis.grid(alpha=0.3)
@@ -258,9 +254,7 @@ def picture(calibration: Calibration, number: int, seed: int, file: Path) -> Non
     ):
         view = cv2.resize(Rectifier(D435, camera, turn)(raw), None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
         for u, v in camera.project(points)[0]:
-            cv2.drawMarker(
-                view, (round(3 * u + 1), round(3 * v + 1)), (255, 0, 255), cv2.MARKER_TILTED_CROSS, 14, 2
-            )
+            cv2.drawMarker(view, (round(3 * u + 1), round(3 * v + 1)), (255, 0, 255), cv2.MARKER_TILTED_CROSS, 14, 2)
         cv2.putText(
             view,
             f"{title}: crosses are projected corners",
@@ -277,9 +271,7 @@ def picture(calibration: Calibration, number: int, seed: int, file: Path) -> Non
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     parser = argparse.ArgumentParser(prog="calibration_trial", description=__doc__)
-    parser.add_argument(
-        "--out", type=Path, required=True, help="folder for calibration.json, .png and _view.png"
-    )
+    parser.add_argument("--out", type=Path, required=True, help="folder for calibration.json, .png and _view.png")
     parser.add_argument("--cameras", type=int, default=10, help="how many (default %(default)s)")
     parser.add_argument("--views", type=int, default=16, help="postures of the hand (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the cameras (default %(default)s)")

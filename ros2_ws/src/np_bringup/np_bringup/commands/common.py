@@ -6,12 +6,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from np_description.domains import find_domain
-from np_ros.supervisor import Supervisor
-
 from np_bringup.backends import SIMULATED
 from np_bringup.nodes.conductor_node import Conductor
 from np_bringup.task_graph import task_graph
+from np_description.domains import find_domain
+from np_ros.supervisor import Supervisor
 
 
 @contextmanager

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from np_bringup.commands.common import running_graph
 from np_bringup.task_graph import KEYPOINT_SOURCES
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
-from np_bringup.commands.common import running_graph
-from np_record.recorded_episode import Outcome
 from np_record.intervals import wilson_interval
-from np_ros.participant import GraphError
+from np_record.recorded_episode import Outcome
 from np_record.report.episodes import make_section, write_report
+from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied
 
 
@@ -24,15 +24,11 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
     parser.add_argument("--episodes", type=int, default=3)
-    parser.add_argument(
-        "--seed", type=int, default=0, help="names the tasks, together with the episode's number"
-    )
+    parser.add_argument("--seed", type=int, default=0, help="names the tasks, together with the episode's number")
     parser.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="camera")
     parser.add_argument("--image-rate", type=int, default=30, help="images a second of simulated time")
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
-    parser.add_argument(
-        "--out", type=Path, default=Path("runs/demo"), help="folder to make; a number is appended"
-    )
+    parser.add_argument("--out", type=Path, default=Path("runs/demo"), help="folder to make; a number is appended")
     options = parser.parse_args(arguments)
     if options.episodes < 1:
         parser.error(f"--episodes: expected at least 1, got {options.episodes}")

@@ -8,16 +8,15 @@ import sys
 import time
 from pathlib import Path
 
+from np_bringup.commands.common import running_graph
+from np_bringup.evaluation import Result, Results, breakdown, result_of, summary
+from np_bringup.results_plot import results_plot
+from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
 from np_description.patch import load_patch
 from np_description.phases import FAULT
-
-from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
-from np_bringup.commands.common import running_graph
-from np_bringup.evaluation import Result, Results, breakdown, result_of, summary
 from np_ros.participant import GraphError
-from np_bringup.results_plot import results_plot
 from np_ros.supervisor import NodeDied
 
 IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change nothing
@@ -28,9 +27,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--episodes", type=int, default=20)
-    parser.add_argument(
-        "--seed", type=int, default=0, help="names the tasks, together with the episode's number"
-    )
+    parser.add_argument("--seed", type=int, default=0, help="names the tasks, together with the episode's number")
     parser.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="camera")
     parser.add_argument("--controller", choices=list(CONTROLLERS), default="impedance")
     parser.add_argument("--object", choices=["default"], default="default")
@@ -39,9 +36,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
     parser.add_argument("--bags", action="store_true", help="record every episode (slower)")
-    parser.add_argument(
-        "--out", type=Path, default=Path("runs/evaluate"), help="folder for results, logs and bags"
-    )
+    parser.add_argument("--out", type=Path, default=Path("runs/evaluate"), help="folder for results, logs and bags")
     options = parser.parse_args(arguments)
     if options.episodes < 1:
         parser.error(f"--episodes: expected at least 1, got {options.episodes}")
@@ -138,9 +133,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         figures = evaluate(options)
     except KeyboardInterrupt:
-        print(
-            "interrupted; finished episodes are kept, the same command goes on with the next", file=sys.stderr
-        )
+        print("interrupted; finished episodes are kept, the same command goes on with the next", file=sys.stderr)
         return INTERRUPTED
     except (NodeDied, TimeoutError, LookupError, ValueError) as error:
         print(f"evaluate: {error}", file=sys.stderr)

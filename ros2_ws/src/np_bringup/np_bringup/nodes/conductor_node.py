@@ -9,15 +9,15 @@ import time
 from collections.abc import Callable, Sequence
 
 from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import Header, String
+
 from np_description.domains import Domain, Pose
 from np_description.panda import BASE_FRAME
 from np_description.phases import first_end, split_phase
-from np_ros import qos
-from np_ros.messages import pose_arrays, stamp_nanoseconds
-from std_msgs.msg import Header, String
-
 from np_record.recorded_episode import Outcome, score
+from np_ros import qos
 from np_ros.graph import NodeSpec
+from np_ros.messages import pose_arrays, stamp_nanoseconds
 from np_ros.participant import SERVICE_TIMEOUT, GraphError, Participant
 from np_ros.supervisor import Supervisor
 
@@ -58,9 +58,7 @@ class Conductor(Participant):
     def listen(self, seconds: float) -> None:
         """Let so much wall time pass. Raises NodeDied."""
         deadline = time.monotonic() + seconds
-        self._wait(
-            lambda: time.monotonic() > deadline, 2 * seconds + SERVICE_TIMEOUT, "the end of a measurement"
-        )
+        self._wait(lambda: time.monotonic() > deadline, 2 * seconds + SERVICE_TIMEOUT, "the end of a measurement")
 
     def wait_until_ready(
         self,
@@ -75,14 +73,10 @@ class Conductor(Participant):
         if services is None:
             services = (f"{self._backend}/reset", "episode/start")
         names = {spec.name for spec in specs}
-        self._wait(
-            lambda: not self._links.missing(names), timeout, f"diagnostics of {', '.join(sorted(names))}"
-        )
+        self._wait(lambda: not self._links.missing(names), timeout, f"diagnostics of {', '.join(sorted(names))}")
         for service in services:
             self._wait(self._client(service).service_is_ready, timeout, f"the service {service}")
-        self._wait(
-            lambda: self._links.are_complete(names), timeout, "every publisher to find its subscribers"
-        )
+        self._wait(lambda: self._links.are_complete(names), timeout, "every publisher to find its subscribers")
 
     def start_recording(self, timeout: float = SERVICE_TIMEOUT) -> str:
         """Open the next bag; its path. Raises GraphError with the recorder's reason."""

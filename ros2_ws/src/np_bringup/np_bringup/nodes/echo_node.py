@@ -7,11 +7,12 @@ adds or saves.
 
 from __future__ import annotations
 
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
 from np_description.panda import JOINT_NAMES
 from np_ros import qos
 from np_ros.node import Diagnostics, run
-from rclpy.node import Node
-from sensor_msgs.msg import JointState
 
 
 class Echo(Node):

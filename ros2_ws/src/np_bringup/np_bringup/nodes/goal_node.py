@@ -10,13 +10,14 @@ from math import pi
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
 from np_description.domains import DOMAINS, Domain, Pose, find_domain, resting_pose
 from np_description.panda import BASE_FRAME
 from np_ros import qos
 from np_ros.messages import BadMessage, pose_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run
-from rclpy.node import Node
-from sensor_msgs.msg import JointState
 
 MARGIN = 1e-6  # m or rad
 
@@ -31,8 +32,10 @@ def goal_pose(domain: Domain, x: float, y: float, yaw: float, roll_turns: int = 
         regions = "; ".join(f"x {r.x}, y {r.y} m, yaw {np.round(r.yaw, 2).tolist()} rad" for r in domain.goals)
         raise ValueError(f"goal: expected one of {domain.name}'s goals ({regions}), got x {x}, y {y}, yaw {yaw:.2f}")
     if (roll_turns or pitch_turns) and not region.quarter_turns:
-        raise ValueError(f"goal: expected no roll_turns and pitch_turns for {domain.name}, which has but one face to rest on, "
-                         f"got {roll_turns} and {pitch_turns}")
+        raise ValueError(
+            f"goal: expected no roll_turns and pitch_turns for {domain.name}, which has but one face to rest on, "
+            f"got {roll_turns} and {pitch_turns}"
+        )
     pitch = pitch_turns * pi / 2 if region.quarter_turns else region.pitch
     return resting_pose(domain, region, x, y, yaw, roll_turns * pi / 2, pitch)
 
@@ -47,11 +50,15 @@ class Goal(Node):
     def __init__(self):
         super().__init__("goal")
         domain = find_domain(parameter(self, "domain", "card", "Task family.", choices=tuple(DOMAINS)))
-        x = parameter(self, "x", np.mean(domain.goals[0].x).item(), "Of the object's centre in the base frame, m.", 0.0, 1.0)
+        x = parameter(
+            self, "x", np.mean(domain.goals[0].x).item(), "Of the object's centre in the base frame, m.", 0.0, 1.0
+        )
         y = parameter(self, "y", np.mean(domain.goals[0].y).item(), "The same.", -1.0, 1.0)
         yaw = parameter(self, "yaw", 0.0, "About the vertical, rad.", -pi, pi)
-        turns = [parameter(self, f"{name}_turns", 0, f"Quarter turns of {name} before it: on which face it rests.", 0, 3)
-                 for name in ("roll", "pitch")]
+        turns = [
+            parameter(self, f"{name}_turns", 0, f"Quarter turns of {name} before it: on which face it rests.", 0, 3)
+            for name in ("roll", "pitch")
+        ]
         pose = goal_pose(domain, x, y, yaw, *turns)
         self._pose = pose.position, pose.quaternion
         self._diagnostics = Diagnostics(self)

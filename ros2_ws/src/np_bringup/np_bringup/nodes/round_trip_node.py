@@ -11,13 +11,13 @@ import json
 from pathlib import Path
 
 import numpy as np
-from np_ros import qos
-from np_ros.node import Diagnostics, parameter, run
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
 from np_record.cdr import header_stamp
+from np_ros import qos
+from np_ros.node import Diagnostics, parameter, run
 
 
 class RoundTrip(Node):
@@ -32,9 +32,7 @@ class RoundTrip(Node):
     def __init__(self):
         super().__init__("round_trip")
         self._out = Path(parameter(self, "out", "round_trip.json", "File for the result."))
-        self._deadline = parameter(
-            self, "deadline", 0.002, "Time in which a state must be answered, s.", 1e-4, 1.0
-        )
+        self._deadline = parameter(self, "deadline", 0.002, "Time in which a state must be answered, s.", 1e-4, 1.0)
         self._diagnostics = Diagnostics(self)
         self._forget()
         self.create_service(Trigger, "~/start", self._on_start)
@@ -97,12 +95,8 @@ class RoundTrip(Node):
             return {"periods": len(stamps), "answered": 0}
         first = min(self._arrived)
         stamps = [s for s in stamps if s >= first]
-        milliseconds = np.array(
-            [(self._arrived[s] - self._sent[s]) * 1e-6 for s in stamps if s in self._arrived]
-        )
-        unheard = (
-            max(self._numbers) - min(self._numbers) + 1 - len(set(self._numbers))
-        )  # lost on the way to here only
+        milliseconds = np.array([(self._arrived[s] - self._sent[s]) * 1e-6 for s in stamps if s in self._arrived])
+        unheard = max(self._numbers) - min(self._numbers) + 1 - len(set(self._numbers))  # lost on the way to here only
         unanswered = max(0, len(stamps) - len(milliseconds) - unheard)
         late = int((milliseconds > 1e3 * self._deadline).sum())
         elapsed = (max(self._sent.values()) - min(self._sent.values())) * 1e-9

@@ -18,11 +18,11 @@ from sensor_msgs.msg import JointState
 from np_control.controller import Answer, Controller, ControllerConfig
 from np_control.following import Following
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN
-from np_control.tick_gate import TickGate
 from np_control.nodes import inputs
 from np_control.nodes.inputs import Pose
 from np_control.operational_space import CartesianGains
 from np_control.safety import LIMITS, Refusal
+from np_control.tick_gate import TickGate
 from np_control.trajectory import Trajectory
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import FAULT
@@ -43,26 +43,45 @@ class ControllerNode(Node):
 
     def __init__(self, name: str, *, is_cartesian: bool = False):
         super().__init__(name)
-        mode = parameter(self, "mode", "lockstep", "Whether time waits for the answers, or nobody does.",
-                         choices=("lockstep", "realtime"))
-        barrier = parameter(self, "tick_barrier", True,
-                            "Lockstep: wait for ticks, trajectories and targets, not for states only.")
+        mode = parameter(
+            self,
+            "mode",
+            "lockstep",
+            "Whether time waits for the answers, or nobody does.",
+            choices=("lockstep", "realtime"),
+        )
+        barrier = parameter(
+            self, "tick_barrier", True, "Lockstep: wait for ticks, trajectories and targets, not for states only."
+        )
         policy_rate = parameter(self, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500)
-        latency = parameter(self, "policy_latency", 0.02,
-                            "s from the state that a target answers until it takes effect.", 0.0, 1.0)
-        ratio = parameter(self, "damping_ratio", 1.0, "Damping ratio while holding and on trajectories.",
-                          DAMPING_RATIO_MIN, DAMPING_RATIO_MAX)
+        latency = parameter(
+            self, "policy_latency", 0.02, "s from the state that a target answers until it takes effect.", 0.0, 1.0
+        )
+        ratio = parameter(
+            self,
+            "damping_ratio",
+            1.0,
+            "Damping ratio while holding and on trajectories.",
+            DAMPING_RATIO_MIN,
+            DAMPING_RATIO_MAX,
+        )
         priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90)
         lockstep = mode == "lockstep"
         if SECOND % (policy_rate * LIMITS.period_ns):
-            raise ValueError(f"parameter policy_rate: expected a divisor of {SECOND // LIMITS.period_ns}, "
-                             f"got {policy_rate}")
+            raise ValueError(
+                f"parameter policy_rate: expected a divisor of {SECOND // LIMITS.period_ns}, got {policy_rate}"
+            )
         self._waits = lockstep and barrier
         # In lockstep no state is ever skipped: any gap is a reset.
         gap = LIMITS.period_ns if lockstep else ControllerConfig.largest_gap_ns
-        self._controller = Controller(ControllerConfig(
-            damping_ratio=ratio, policy_latency_ns=round(latency * SECOND), largest_gap_ns=gap,
-            cartesian=self._cartesian_gains() if is_cartesian else None))
+        self._controller = Controller(
+            ControllerConfig(
+                damping_ratio=ratio,
+                policy_latency_ns=round(latency * SECOND),
+                largest_gap_ns=gap,
+                cartesian=self._cartesian_gains() if is_cartesian else None,
+            )
+        )
         self._gate: TickGate[Trajectory, Pose, np.ndarray] = TickGate(SECOND // policy_rate)
         self._following = Following(self._controller)
         self._is_fault = False
@@ -85,14 +104,34 @@ class ControllerNode(Node):
     def _cartesian_gains(self) -> CartesianGains:
         default = CartesianGains()
         return CartesianGains(
-            position=parameter(self, "position_stiffness", default.position,
-                               "Stiffness of T_E's position per unit inertia, 1/s^2.", 10.0, 1000.0),
-            rotation=parameter(self, "rotation_stiffness", default.rotation,
-                               "Stiffness of T_E's rotation per unit inertia, 1/s^2.", 10.0, 1000.0),
-            posture=parameter(self, "posture_stiffness", default.posture,
-                              "Stiffness of the posture per unit inertia, 1/s^2.", 0.0, 200.0),
-            damping_ratio=parameter(self, "cartesian_damping_ratio", default.damping_ratio,
-                                    "Damping ratio of all three.", 0.3, 3.0))
+            position=parameter(
+                self,
+                "position_stiffness",
+                default.position,
+                "Stiffness of T_E's position per unit inertia, 1/s^2.",
+                10.0,
+                1000.0,
+            ),
+            rotation=parameter(
+                self,
+                "rotation_stiffness",
+                default.rotation,
+                "Stiffness of T_E's rotation per unit inertia, 1/s^2.",
+                10.0,
+                1000.0,
+            ),
+            posture=parameter(
+                self,
+                "posture_stiffness",
+                default.posture,
+                "Stiffness of the posture per unit inertia, 1/s^2.",
+                0.0,
+                200.0,
+            ),
+            damping_ratio=parameter(
+                self, "cartesian_damping_ratio", default.damping_ratio, "Damping ratio of all three.", 0.3, 3.0
+            ),
+        )
 
     # States in, commands out
 
@@ -137,8 +176,7 @@ class ControllerNode(Node):
             self._seconds.append(time.time() - self._sent * 1e-9)
 
     def _publish(self, answer: Answer) -> None:
-        self._command.publish(self._writer.fill(
-            answer.stamp, answer.position, answer.velocity, answer.torque))
+        self._command.publish(self._writer.fill(answer.stamp, answer.position, answer.velocity, answer.torque))
 
     # Trajectories and targets
 

@@ -77,11 +77,15 @@ def subscribe(node: Node, led: Led, limits: SafetyLimits, *, lockstep: bool) -> 
         return position, matrix_from_quaternion(quaternion)
 
     stream = qos.subscriber(lockstep)
-    node.create_subscription(JointTrajectory, "joint_trajectory",
-                             lambda m: read(m.header, lambda: trajectory(m), led.on_trajectory), qos.EVENT)
-    node.create_subscription(Float64MultiArray, "target_gains",
-                             lambda m: led.on_gains(checked(lambda: gains_array(m))), stream)
-    node.create_subscription(PoseStamped, "target_pose",
-                             lambda m: read(m.header, lambda: pose(m), led.on_pose), stream)
+    node.create_subscription(
+        JointTrajectory,
+        "joint_trajectory",
+        lambda m: read(m.header, lambda: trajectory(m), led.on_trajectory),
+        qos.EVENT,
+    )
+    node.create_subscription(
+        Float64MultiArray, "target_gains", lambda m: led.on_gains(checked(lambda: gains_array(m))), stream
+    )
+    node.create_subscription(PoseStamped, "target_pose", lambda m: read(m.header, lambda: pose(m), led.on_pose), stream)
     node.create_subscription(Header, "tick", lambda m: read(m, lambda: m.frame_id, led.on_tick), stream)
     node.create_subscription(String, "phase", lambda m: led.on_phase(split_phase(m.data)[0]), qos.LATCHED)

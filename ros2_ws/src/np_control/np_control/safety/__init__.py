@@ -6,12 +6,38 @@ the controller share one definition and one behaviour.
 
 from np_control.safety.commands import Command, check_command
 from np_control.safety.filter import Applied, SafetyFilter
-from np_control.safety.limits import LIMITS, SafetyLimits, clamp_torque, limit_gains, limit_target, \
-    limit_torque, slew_gains, torque_bounds, velocity_bounds
+from np_control.safety.limits import (
+    LIMITS,
+    SafetyLimits,
+    clamp_torque,
+    limit_gains,
+    limit_target,
+    limit_torque,
+    slew_gains,
+    torque_bounds,
+    velocity_bounds,
+)
 from np_control.safety.refusals import Reason, Refusal, Refusals, check_finite
 from np_control.safety.watchdog import State, Watchdog
 
 __all__ = [
-    "Applied", "Command", "LIMITS", "Reason", "Refusal", "Refusals", "SafetyFilter", "SafetyLimits", "State",
-    "Watchdog", "check_command", "check_finite", "clamp_torque", "limit_gains", "limit_target",
-    "limit_torque", "slew_gains", "torque_bounds", "velocity_bounds"]
+    "Applied",
+    "Command",
+    "LIMITS",
+    "Reason",
+    "Refusal",
+    "Refusals",
+    "SafetyFilter",
+    "SafetyLimits",
+    "State",
+    "Watchdog",
+    "check_command",
+    "check_finite",
+    "clamp_torque",
+    "limit_gains",
+    "limit_target",
+    "limit_torque",
+    "slew_gains",
+    "torque_bounds",
+    "velocity_bounds",
+]

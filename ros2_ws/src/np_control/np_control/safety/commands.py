@@ -24,9 +24,17 @@ class Command:
     effort: np.ndarray
 
 
-def check_command(limits: SafetyLimits, stamp: int, names: Sequence[str], position: Sequence[float],
-                  velocity: Sequence[float], effort: Sequence[float], *, now: int,
-                  last: int | None = None) -> Command:
+def check_command(
+    limits: SafetyLimits,
+    stamp: int,
+    names: Sequence[str],
+    position: Sequence[float],
+    velocity: Sequence[float],
+    effort: Sequence[float],
+    *,
+    now: int,
+    last: int | None = None,
+) -> Command:
     """The command with these fields of a JointState, or Refusal.
 
     stamp: ns, of the state answered; now: ns, stamp of the newest published state; last: ns, stamp of the
@@ -38,27 +46,28 @@ def check_command(limits: SafetyLimits, stamp: int, names: Sequence[str], positi
     for name, values in (("position", position), ("velocity", velocity), ("effort", effort)):
         arrays[name] = np.array(values, dtype=float)
         if arrays[name].shape != (len(limits.joints),):
-            raise Refusal(Reason.LENGTH, f"{name}: expected {len(limits.joints)} values, "
-                                         f"got {arrays[name].size}")
+            raise Refusal(Reason.LENGTH, f"{name}: expected {len(limits.joints)} values, got {arrays[name].size}")
     check_finite(**arrays)
     if stamp > now:
         raise Refusal(Reason.FUTURE, f"stamp {stamp} ns is after the newest state, {now} ns")
     if last is not None and stamp < last:
         raise Refusal(Reason.ORDER, f"stamp {stamp} ns is before the last command's, {last} ns")
     if now - stamp > limits.late_periods * limits.period_ns:
-        raise Refusal(Reason.LATE, f"stamp {stamp} ns is {(now - stamp) / limits.period_ns:.0f} periods old, "
-                                   f"allowed are {limits.late_periods}")
-    _check_range(limits, Reason.POSITION, "rad", arrays["position"], limits.position_lower,
-                 limits.position_upper)
+        raise Refusal(
+            Reason.LATE,
+            f"stamp {stamp} ns is {(now - stamp) / limits.period_ns:.0f} periods old, "
+            f"allowed are {limits.late_periods}",
+        )
+    _check_range(limits, Reason.POSITION, "rad", arrays["position"], limits.position_lower, limits.position_upper)
     _check_range(limits, Reason.VELOCITY, "rad/s", arrays["velocity"], -limits.velocity, limits.velocity)
     _check_range(limits, Reason.TORQUE, "Nm", arrays["effort"], -limits.torque, limits.torque)
     return Command(stamp, arrays["position"], arrays["velocity"], arrays["effort"])
 
 
-def _check_range(limits: SafetyLimits, reason: Reason, unit: str, values: np.ndarray, lower: np.ndarray,
-                 upper: np.ndarray) -> None:
+def _check_range(
+    limits: SafetyLimits, reason: Reason, unit: str, values: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> None:
     outside = (values < lower) | (values > upper)
     if outside.any():
         i = int(outside.argmax())
-        raise Refusal(reason, f"{limits.joints[i]}: expected {lower[i]} to {upper[i]} {unit}, "
-                              f"got {values[i]}")
+        raise Refusal(reason, f"{limits.joints[i]}: expected {lower[i]} to {upper[i]} {unit}, got {values[i]}")

@@ -8,7 +8,8 @@ from math import isfinite
 
 import numpy as np
 
-from np_control.impedance import STIFFNESS_MAX, torque as impedance_torque
+from np_control.impedance import STIFFNESS_MAX
+from np_control.impedance import torque as impedance_torque
 from np_control.safety.commands import Command, check_command
 from np_control.safety.limits import LIMITS, SafetyLimits, limit_torque
 from np_control.safety.refusals import Reason, Refusal, Refusals, check_finite
@@ -78,8 +79,15 @@ class SafetyFilter:
         self._torque = np.zeros(len(self.limits.joints))
         self._hold(q)
 
-    def offer(self, stamp: int, names: Sequence[str], position: Sequence[float], velocity: Sequence[float],
-              effort: Sequence[float], now: int) -> None:
+    def offer(
+        self,
+        stamp: int,
+        names: Sequence[str],
+        position: Sequence[float],
+        velocity: Sequence[float],
+        effort: Sequence[float],
+        now: int,
+    ) -> None:
         """Take a command, given as the fields of its JointState, to be applied from the next `apply` on.
 
         Raises Refusal, counted, and leaves everything as it was, where the command must not be carried out.
@@ -92,9 +100,12 @@ class SafetyFilter:
                 error = np.abs(command.position - self._target)
                 if (error > self.limits.start_tolerance).any():
                     i = int(error.argmax())
-                    raise Refusal(Reason.START, f"first target of {self.limits.joints[i]}: expected the "
-                                  f"measured position {self._target[i]:.3f} rad within "
-                                  f"{self.limits.start_tolerance}, got {command.position[i]:.3f}")
+                    raise Refusal(
+                        Reason.START,
+                        f"first target of {self.limits.joints[i]}: expected the "
+                        f"measured position {self._target[i]:.3f} rad within "
+                        f"{self.limits.start_tolerance}, got {command.position[i]:.3f}",
+                    )
             self.watchdog.command(now)
             self._command, self._target = command, command.position
 
@@ -169,14 +180,14 @@ class SafetyFilter:
         if not (too_fast | outside).any():
             return
         for i in np.flatnonzero(too_fast):
-            self.watchdog.fault(f"{limits.joints[i]}: {dq[i]:.2f} rad/s is over the limit of "
-                                f"{limits.velocity[i]:.2f}")
+            self.watchdog.fault(f"{limits.joints[i]}: {dq[i]:.2f} rad/s is over the limit of {limits.velocity[i]:.2f}")
         for i in np.flatnonzero(outside):
-            self.watchdog.fault(f"{limits.joints[i]}: {q[i]:.3f} rad is outside "
-                                f"{limits.position_lower[i]} to {limits.position_upper[i]}")
+            self.watchdog.fault(
+                f"{limits.joints[i]}: {q[i]:.3f} rad is outside "
+                f"{limits.position_lower[i]} to {limits.position_upper[i]}"
+            )
 
     @property
     def _step(self) -> float:
         """Nm, by which torque may change in a period."""
         return self.limits.torque_rate * self.limits.period
-

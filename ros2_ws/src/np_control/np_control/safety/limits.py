@@ -66,9 +66,15 @@ class SafetyLimits:
     @classmethod
     def of(cls, panda: PandaModel, **changes) -> SafetyLimits:
         """The limits of `panda`, with fields changed by keyword."""
-        return cls(joints=panda.joints, position_lower=panda.position_lower,
-                   position_upper=panda.position_upper, velocity=panda.velocity_limit,
-                   torque=panda.torque_limit, torque_rate=panda.torque_rate_limit, **changes)
+        return cls(
+            joints=panda.joints,
+            position_lower=panda.position_lower,
+            position_upper=panda.position_upper,
+            velocity=panda.velocity_limit,
+            torque=panda.torque_limit,
+            torque_rate=panda.torque_rate_limit,
+            **changes,
+        )
 
     # What the guards derive from the limits at every period is derived once.
 
@@ -153,8 +159,9 @@ def clamp_torque(limits: SafetyLimits, torque: np.ndarray) -> np.ndarray:
     return _bounded(torque, limits.torque)
 
 
-def limit_torque(limits: SafetyLimits, torque: np.ndarray, previous: np.ndarray, q: np.ndarray,
-                 dq: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def limit_torque(
+    limits: SafetyLimits, torque: np.ndarray, previous: np.ndarray, q: np.ndarray, dq: np.ndarray
+) -> tuple[np.ndarray, list[str]]:
     """Torque (..., 7) Nm that may be applied now, and the names of the guards that changed it, of one arm or
     many.
 
@@ -170,8 +177,7 @@ def limit_torque(limits: SafetyLimits, torque: np.ndarray, previous: np.ndarray,
     slewed = np.minimum(np.maximum(guarded, previous - step), previous + step)
     if (slewed == torque).all():
         return slewed, []
-    stages = (("torque", torque, lawful), ("wall_or_speed", lawful, guarded),
-              ("torque_rate", guarded, slewed))
+    stages = (("torque", torque, lawful), ("wall_or_speed", lawful, guarded), ("torque_rate", guarded, slewed))
     return slewed, [name for name, before, after in stages if (before != after).any()]
 
 
@@ -184,8 +190,11 @@ def limit_target(limits: SafetyLimits, position: np.ndarray) -> tuple[np.ndarray
     inside = np.clip(position, limits.workspace_lower, limits.workspace_upper)
     distance = np.linalg.norm(position - inside)
     if distance > limits.workspace_slack:
-        raise Refusal(Reason.WORKSPACE, f"target {np.round(position, 3)} m is {distance:.3f} m outside the "
-                                        f"workspace {limits.workspace_lower} to {limits.workspace_upper} m")
+        raise Refusal(
+            Reason.WORKSPACE,
+            f"target {np.round(position, 3)} m is {distance:.3f} m outside the "
+            f"workspace {limits.workspace_lower} to {limits.workspace_upper} m",
+        )
     return inside, bool(distance > 0)
 
 
@@ -196,8 +205,10 @@ def limit_gains(stiffness: np.ndarray, ratio: np.ndarray) -> tuple[np.ndarray, n
     """
     check_finite(stiffness=stiffness, damping_ratio=ratio)
     bounded = []
-    for name, gain, least, most in (("stiffness", stiffness, STIFFNESS_MIN, STIFFNESS_MAX),
-                                    ("damping ratio", ratio, DAMPING_RATIO_MIN, DAMPING_RATIO_MAX)):
+    for name, gain, least, most in (
+        ("stiffness", stiffness, STIFFNESS_MIN, STIFFNESS_MAX),
+        ("damping ratio", ratio, DAMPING_RATIO_MIN, DAMPING_RATIO_MAX),
+    ):
         inside = np.clip(gain, least, most)
         if (np.abs(inside - gain) > 1e-3 * (np.asarray(most) - least)).any():
             raise Refusal(Reason.GAINS, f"{name}: expected {least} to {most}, got {gain}")

@@ -88,9 +88,7 @@ def load_arm(path: str | Path, joints: Sequence[str] | None = None) -> Arm:
     except ValueError as error:
         raise ValueError(f"{path}: expected an MJCF or URDF file of an arm, got: {error}") from error
     if joints is None:
-        joints = [
-            model.joint(j).name for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
-        ]
+        joints = [model.joint(j).name for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
     return from_model(model, joints)
 
 

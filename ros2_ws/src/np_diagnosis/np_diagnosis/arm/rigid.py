@@ -96,8 +96,12 @@ def carried(arm: Arm, joint: int) -> list[int]:
 
 def own_sizes(arm: Arm) -> np.ndarray:
     """Each link's own inertia (k,) kg m^2 as a number: its trace; of the first link, that about its axis."""
-    return np.array([axis @ inertia @ axis if p < 0 else np.trace(inertia)
-                     for axis, inertia, p in zip(arm.axis, centred_inertia(arm), arm.parent)])
+    return np.array(
+        [
+            axis @ inertia @ axis if p < 0 else np.trace(inertia)
+            for axis, inertia, p in zip(arm.axis, centred_inertia(arm), arm.parent)
+        ]
+    )
 
 
 def felt_inertia(arm: Arm, q) -> np.ndarray:
@@ -160,8 +164,10 @@ def regressor(arm: Arm, motion: Motion, link: int) -> np.ndarray:
 def own_inertia(arm: Arm, motion: Motion) -> np.ndarray:
     """Torque (n, k, k) Nm of joint i that turns link j about its own centre of mass: what a share of that
     inertia would add."""
-    parts = [regressor(arm, motion, link)[:, :, 4:] @ np.array([about[pair] for pair in PAIRS])
-             for link, about in enumerate(centred_inertia(arm))]
+    parts = [
+        regressor(arm, motion, link)[:, :, 4:] @ np.array([about[pair] for pair in PAIRS])
+        for link, about in enumerate(centred_inertia(arm))
+    ]
     return np.stack(parts, axis=2)
 
 

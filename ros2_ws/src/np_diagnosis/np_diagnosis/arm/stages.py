@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_control.impedance import torque as impedance_torque
-
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import Arm
 from np_diagnosis.recordings.signals import Log, Samples

@@ -27,9 +27,7 @@ def read_drive_log(path: str | Path, joints: int, period: float) -> Stretch:
         time, *columns, stiffness, damping = (np.asarray(file[key], dtype=float) for key in KEYS)
     shapes = {column.shape for column in columns}
     if len(shapes) != 1 or (shape := shapes.pop())[:1] != time.shape or shape[1] < joints:
-        raise ValueError(
-            f"{path}: expected {time.size} rows of {joints} joints at least, got {shapes or shape}"
-        )
+        raise ValueError(f"{path}: expected {time.size} rows of {joints} joints at least, got {shapes or shape}")
     position, velocity, target, torque = (column[:, :joints] for column in columns)
     stiffness, damping = stiffness[:joints], damping[:joints]
     if not all(np.isfinite(column).all() for column in (time, position, velocity, target, torque)):
@@ -39,9 +37,7 @@ def read_drive_log(path: str | Path, joints: int, period: float) -> Stretch:
         raise ValueError(f"{path}: expected even steps of time, got {steps.min():.4f} to {steps.max():.4f} s")
     law = stiffness * (target - position) - damping * velocity
     if (miss := np.abs(law - torque).max()) > LAW_TOLERANCE * np.abs(torque).max():
-        raise ValueError(
-            f"{path}: expected the torque of the law, which is {miss:.2f} Nm away: other gains or signs?"
-        )
+        raise ValueError(f"{path}: expected the torque of the law, which is {miss:.2f} Nm away: other gains or signs?")
     logged = stretch(
         Path(path).stem,
         float((time[-1] - time[0]) / (time.size - 1)),

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from np_diagnosis.simulation.simulated_arm import Plant
 from np_diagnosis.simulation.closed_loop import Replay, Stretch
+from np_diagnosis.simulation.simulated_arm import Plant
 
 JOINT = ("frictionloss", "damping", "armature")
 EVERYTHING = (*JOINT, "gain", "mass", "com")
@@ -70,9 +70,7 @@ def active_windows(recorded: list[Stretch], budget: Budget) -> tuple[list[Stretc
         for step, window in enumerate(whole.windows(budget.window, budget.window / STEPS))
     ]
     if not places:
-        raise ValueError(
-            f"expected a stretch of {budget.window} s at least, got {[s.duration for s in recorded]} s"
-        )
+        raise ValueError(f"expected a stretch of {budget.window} s at least, got {[s.duration for s in recorded]} s")
     activity = np.array([window.activity for *_, window in places])
     shares = np.where(activity > STILL, activity / (activity.sum(axis=1, keepdims=True) + 1e-12), 0.0)
     pairs = []
@@ -89,9 +87,7 @@ def active_windows(recorded: list[Stretch], budget: Budget) -> tuple[list[Stretc
     if not pairs:
         raise ValueError("expected targets that move, found all joints holding still")
     chosen = sorted({window for window, _ in pairs})
-    return [places[i][2] for i in chosen], np.array(
-        [(chosen.index(window), joint) for window, joint in pairs]
-    )
+    return [places[i][2] for i in chosen], np.array([(chosen.index(window), joint) for window, joint in pairs])
 
 
 def paper_identification(
@@ -134,9 +130,7 @@ def paper_identification(
             for window, _ in pairs[pairs[:, 1] == joint]:
                 which += [window] * len(candidates)
                 trials.append(own)
-        square = mean_square(
-            replay.errors(np.array(which), dict(zip(JOINT, np.concatenate(trials).swapaxes(0, 1))))
-        )
+        square = mean_square(replay.errors(np.array(which), dict(zip(JOINT, np.concatenate(trials).swapaxes(0, 1)))))
         for joint, candidates in zip(running, asked):
             rows, square = np.split(square, [len(candidates) * np.count_nonzero(pairs[:, 1] == joint)])
             cost = rows[:, joint].reshape(-1, len(candidates)).mean(axis=0)

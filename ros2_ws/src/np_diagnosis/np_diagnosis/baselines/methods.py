@@ -12,7 +12,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from np_description.patch import Patch, PatchEffect
-
 from np_diagnosis.baselines.identification import (
     EVERYTHING,
     JOINT,
@@ -25,13 +24,11 @@ from np_diagnosis.baselines.identification import (
     paper_identification,
     root,
 )
-from np_diagnosis.simulation.simulated_arm import Plant
 from np_diagnosis.simulation.closed_loop import INERTIA, Replay, Stretch
+from np_diagnosis.simulation.simulated_arm import Plant
 
 
-def gap(
-    plant: Plant, recorded: list[Stretch], values: Mapping[str, np.ndarray], threads: int = 0
-) -> np.ndarray:
+def gap(plant: Plant, recorded: list[Stretch], values: Mapping[str, np.ndarray], threads: int = 0) -> np.ndarray:
     """RMS position error (k,) rad of the closed-loop replay along whole stretches; infinite where all
     diverge."""
     errors = Replay(plant, recorded, threads).errors(np.arange(len(recorded)), values)
@@ -107,9 +104,7 @@ def as_patch(plant: Plant, fit: Fit) -> Patch:
                 found.append(PatchEffect(effect, joint, {parameter: float(change)}))
     for joint, moment in zip(plant.joints, _moments(plant, fit)):
         if moment.any():
-            found.append(
-                PatchEffect("link_com", joint, {f"moment_{a}": float(m) for a, m in zip("xyz", moment)})
-            )
+            found.append(PatchEffect("link_com", joint, {f"moment_{a}": float(m) for a, m in zip("xyz", moment)}))
     return Patch(tuple(found))
 
 

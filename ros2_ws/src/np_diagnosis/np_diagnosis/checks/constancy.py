@@ -24,11 +24,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_diagnosis.inference.cells import Cell
+from np_diagnosis.checks.omnibus import Rest, predicted
 from np_diagnosis.effects.base import Context
+from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.fit import places
 from np_diagnosis.inference.nuisances import REVERSAL
-from np_diagnosis.checks.omnibus import Rest, predicted
 from np_diagnosis.inference.residuals import rung
 from np_diagnosis.inference.search import Search, fits_of, held_out
 
@@ -72,10 +72,25 @@ class Misfit:
 def shapes_left(search: Search, members: tuple[int, ...], rests: Iterable[Rest]) -> list[Misfit]:
     """All that stands out of what these candidates leave; rests: of `omnibus.examine`."""
     arm = search.design.context.arm
-    asked = (Misfit("any", r.stage, r.joint, r.gain, r.error, (r.structure - r.flexible) / r.rows,
-                    r.structure / r.rows, r.nothing / r.rows) for r in rests if rung(r.stage) == "r2")
-    return [m for m in (*misfits(search, members), *asked)
-            if m.stands_out(TWISTED if m.stage == "r3" else MATERIAL * arm.torque_limit[m.joint])]
+    asked = (
+        Misfit(
+            "any",
+            r.stage,
+            r.joint,
+            r.gain,
+            r.error,
+            (r.structure - r.flexible) / r.rows,
+            r.structure / r.rows,
+            r.nothing / r.rows,
+        )
+        for r in rests
+        if rung(r.stage) == "r2"
+    )
+    return [
+        m
+        for m in (*misfits(search, members), *asked)
+        if m.stands_out(TWISTED if m.stage == "r3" else MATERIAL * arm.torque_limit[m.joint])
+    ]
 
 
 def misfits(search: Search, members: tuple[int, ...]) -> Iterator[Misfit]:
@@ -94,8 +109,16 @@ def misfits(search: Search, members: tuple[int, ...]) -> Iterator[Misfit]:
         for question, columns in _questions(search, cell, members, values):
             gain, error, after = predicted(design, cell, left, columns)
             removed = float(np.mean(left[rows] ** 2) - np.mean(after[rows] ** 2))
-            yield Misfit(question, cell.stage, cell.joint, gain, error, removed,
-                         float(np.mean(left[rows] ** 2)), float(np.mean(base**2)))
+            yield Misfit(
+                question,
+                cell.stage,
+                cell.joint,
+                gain,
+                error,
+                removed,
+                float(np.mean(left[rows] ** 2)),
+                float(np.mean(base**2)),
+            )
 
 
 def slipped(search: Search, members: tuple[int, ...]) -> set[int]:
@@ -126,8 +149,9 @@ def _has_slipped(left: np.ndarray, time: np.ndarray, trajectory: np.ndarray) -> 
     return apart > max(TWISTED, LASTING * usual) and at_once > MOST_OF * apart
 
 
-def _questions(search: Search, cell: Cell, members: tuple[int, ...], values: np.ndarray
-               ) -> Iterator[tuple[str, np.ndarray]]:
+def _questions(
+    search: Search, cell: Cell, members: tuple[int, ...], values: np.ndarray
+) -> Iterator[tuple[str, np.ndarray]]:
     """(name, columns (n, count)) of what is asked of a cell."""
     context, j = search.design.context, cell.joint
     shown, names = [], []
@@ -146,8 +170,10 @@ def _questions(search: Search, cell: Cell, members: tuple[int, ...], values: np.
         if shown:
             speed = np.abs(s.velocity[:, j])
             angle = s.position - s.position.mean(axis=0)
-            yield "place", np.column_stack(
-                [c * factor for c, k in shown for factor in (angle[:, k], angle[:, k] ** 2, speed)])
+            yield (
+                "place",
+                np.column_stack([c * factor for c, k in shown for factor in (angle[:, k], angle[:, k] ** 2, speed)]),
+            )
         yield "memory", _past(s.acceleration[:, j], s.trajectory)
     if cell.stage == "r3":
         yield "twist", _twist(context, j)
@@ -175,8 +201,16 @@ def _twist(context: Context, joint: int) -> np.ndarray:
     """What a gear's twist may follow (n, count)."""
     s, load = context.samples, context.transmission.load[:, joint]
     angle, usual = s.position[:, joint], np.std(load) + 1e-12
-    return np.column_stack([
-        np.ones_like(load), context.prediction.direction[:, joint], s.velocity[:, joint],
-        load, load * np.abs(load), load**3, np.tanh(load / usual), context.transmission.load_rate[:, joint],
-        *(f(k * angle) for k in (1, 2) for f in (np.sin, np.cos)),
-    ])
+    return np.column_stack(
+        [
+            np.ones_like(load),
+            context.prediction.direction[:, joint],
+            s.velocity[:, joint],
+            load,
+            load * np.abs(load),
+            load**3,
+            np.tanh(load / usual),
+            context.transmission.load_rate[:, joint],
+            *(f(k * angle) for k in (1, 2) for f in (np.sin, np.cos)),
+        ]
+    )

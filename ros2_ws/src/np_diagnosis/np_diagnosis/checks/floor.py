@@ -26,9 +26,7 @@ def repeatability(samples: Samples, residual: np.ndarray) -> tuple[np.ndarray, n
     which
     is a lower bound.
     """
-    state = np.hstack(
-        [samples.position / NEAR[0], samples.velocity / NEAR[1], samples.acceleration / NEAR[2]]
-    )
+    state = np.hstack([samples.position / NEAR[0], samples.velocity / NEAR[1], samples.acceleration / NEAR[2]])
     state = state.astype(np.float32)
     square = (state**2).sum(axis=1)
     differences = []

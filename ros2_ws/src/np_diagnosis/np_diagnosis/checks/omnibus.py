@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from np_diagnosis.arm.rigid import felt_inertia
+from np_diagnosis.effects.base import Context, Parameter
 from np_diagnosis.inference.cells import Cell, make_cell
 from np_diagnosis.inference.design import Design
-from np_diagnosis.effects.base import Context, Parameter
 from np_diagnosis.inference.fit import score
 from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.inference.residuals import Stages, rung
-from np_diagnosis.arm.rigid import felt_inertia
 from np_diagnosis.inference.search import Search, fits_of, held_out
 
 HARMONICS = 6
@@ -85,8 +85,7 @@ def _rest(design: Design, cell: Cell, ids: np.ndarray, fit) -> Rest:
     )
 
 
-def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray
-              ) -> tuple[float, float, np.ndarray]:
+def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray) -> tuple[float, float, np.ndarray]:
     """(gain nats, its standard error over blocks, residual (n,) after it) of columns (n, count) that are fitted
     to what is `left` (n,) of a cell, each block predicted from the others."""
     scale = np.sqrt(np.mean(columns[cell.rows] ** 2, axis=0)) + 1e-12
@@ -97,8 +96,11 @@ def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray
     flexible = make_cell(own, cell.stage, cell.joint, ids, columns, design.blocks, parameters)
     nothing, full = (score([flexible], used, parameters) for used in (ids[:0], ids))
     difference = full.density - nothing.density
-    return (float(difference.sum()), float(np.sqrt(len(difference)) * difference.std(ddof=1)),
-            held_out(flexible, ids, full.fit))
+    return (
+        float(difference.sum()),
+        float(np.sqrt(len(difference)) * difference.std(ddof=1)),
+        held_out(flexible, ids, full.fit),
+    )
 
 
 def _outlying(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:

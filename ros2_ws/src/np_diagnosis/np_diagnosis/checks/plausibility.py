@@ -7,9 +7,9 @@ from itertools import combinations
 import numpy as np
 
 from np_diagnosis.arm.model import Arm, panda
+from np_diagnosis.arm.stages import STANDSTILL, expected_torque
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.recordings.signals import Log, Samples, sample
-from np_diagnosis.arm.stages import STANDSTILL, expected_torque
 
 RANGE_SLACK = 0.05  # rad beyond the joint limits
 SPEED_SLACK = 1.5  # times the speed limit
@@ -38,8 +38,7 @@ def _check_range(log: Log, arm: Arm) -> None:
         if low < lower - RANGE_SLACK or high > upper + RANGE_SLACK:
             hint = _hint(np.radians([low, high]), np.array([-high, -low]), lower, upper)
             raise ContractViolation(
-                f"{log.name}: position of {joint}: expected {lower} to {upper} rad, "
-                f"got {low:.3f} to {high:.3f}{hint}"
+                f"{log.name}: position of {joint}: expected {lower} to {upper} rad, got {low:.3f} to {high:.3f}{hint}"
             )
 
 
@@ -94,8 +93,9 @@ def _check_speed(log: Log, arm: Arm, samples: Samples, rows: np.ndarray) -> None
         left = []
         for unit in (1.0, np.radians(1.0)):
             factor = np.where(np.arange(len(arm)) == j, unit, 1.0)
-            moved = expected_torque(position * factor, velocity * factor, acceleration * factor, arm,
-                                    samples.with_gravity)
+            moved = expected_torque(
+                position * factor, velocity * factor, acceleration * factor, arm, samples.with_gravity
+            )
             error = (1e-3 * arm.torque_limit[j]) ** 2
             left.append(np.log((samples.torque[rows, j] - moved[:, j]).var() + error))
         if left[0] - left[1] > DECISIVE:

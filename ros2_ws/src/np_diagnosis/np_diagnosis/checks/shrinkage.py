@@ -130,8 +130,12 @@ def _squares(search: Search, members: tuple[int, ...]) -> np.ndarray:
 
 def _share(search: Search, fewer: tuple[int, ...], more: tuple[int, ...]) -> float:
     before, after = _squares(search, fewer), _squares(search, more)
-    shows = np.array([bool(np.isin(c.ids, np.concatenate([search.design.candidates[m].ids for m in more])).any())
-                      for c in search.design.cells])
+    shows = np.array(
+        [
+            bool(np.isin(c.ids, np.concatenate([search.design.candidates[m].ids for m in more])).any())
+            for c in search.design.cells
+        ]
+    )
     touched = {c.joint for c, s, b, a in zip(search.design.cells, shows, before, after) if s and a != b}
     mine = np.array([c.joint in touched for c in search.design.cells])
     if not mine.any() or before[mine].sum() <= 0:

@@ -12,20 +12,17 @@ import sys
 from pathlib import Path
 
 from np_description.patch import dump_patch
-
-from np_diagnosis.baselines.methods import as_patch, fits
 from np_diagnosis.baselines.identification import Budget
-from np_diagnosis.simulation.simulated_arm import panda_plant
+from np_diagnosis.baselines.methods import as_patch, fits
 from np_diagnosis.recordings.reading import ContractViolation, read
 from np_diagnosis.simulation.closed_loop import stretches
+from np_diagnosis.simulation.simulated_arm import panda_plant
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="baselines", description=__doc__.split("\n")[0])
-    parser.add_argument(
-        "bags", nargs="+", type=Path, metavar="BAG", help="rosbag2 folder with effort_command"
-    )
+    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="rosbag2 folder with effort_command")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seed", type=int, default=0)
     for name, default in vars(Budget()).items():
@@ -48,11 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
         folder = options.out / fit.name
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "patch.yaml").write_text(dump_patch(as_patch(plant, fit)), encoding="utf-8")
-    print(
-        json.dumps(
-            {f.name: {"rmse_rad": f.rmse, "steps": f.steps, "wall_s": round(f.wall_s, 2)} for f in found}
-        )
-    )
+    print(json.dumps({f.name: {"rmse_rad": f.rmse, "steps": f.steps, "wall_s": round(f.wall_s, 2)} for f in found}))
     return 0
 
 

@@ -15,8 +15,8 @@ from np_diagnosis.checks.plausibility import check
 from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.recordings.excerpt import excerpts
 from np_diagnosis.recordings.reading import ContractViolation, read
-from np_diagnosis.report.document import write
 from np_diagnosis.recordings.signals import Log
+from np_diagnosis.report.document import write
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -36,7 +36,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         "--rigid-body", action="store_true", help="nominal arm without joint friction, damping and rotors"
     )
     parser.add_argument("--model", type=Path, help="MJCF file of another arm: its hinges, in its order")
-    parser.add_argument("--quick", action="store_true", help="the one best effect, from parts of the recordings; no page")
+    parser.add_argument(
+        "--quick", action="store_true", help="the one best effect, from parts of the recordings; no page"
+    )
     return parser.parse_args(arguments)
 
 

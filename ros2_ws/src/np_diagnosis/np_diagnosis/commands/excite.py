@@ -8,29 +8,39 @@ import os
 import sys
 from pathlib import Path
 
+from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
+from np_diagnosis.nodes.excite_node import Exciter
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.graph import NodeSpec
 from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied, Supervisor
 
-from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
-from np_diagnosis.nodes.excite_node import Exciter
-
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="excite", description=__doc__)
-    parser.add_argument("--only", nargs="+", default=[], metavar="EXPERIMENT",
-                        help=f"instead of all: {', '.join(NAMES)}; beyond the suite {', '.join(FURTHER)}; "
-                        "or a family such as sinusoid")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="EXPERIMENT",
+        help=f"instead of all: {', '.join(NAMES)}; beyond the suite {', '.join(FURTHER)}; or a family such as sinusoid",
+    )
     parser.add_argument("--out", type=Path, required=True, help="path of the bag; a number is appended")
-    parser.add_argument("--backend", choices=["sim", "running"], default="sim",
-                        help="sim: start simulator and controller; running: use those of this ROS domain")
-    parser.add_argument("--mode", choices=["lockstep", "realtime"], default="lockstep",
-                        help="that of the backend; a real arm is realtime")
+    parser.add_argument(
+        "--backend",
+        choices=["sim", "running"],
+        default="sim",
+        help="sim: start simulator and controller; running: use those of this ROS domain",
+    )
+    parser.add_argument(
+        "--mode",
+        choices=["lockstep", "realtime"],
+        default="lockstep",
+        help="that of the backend; a real arm is realtime",
+    )
     parser.add_argument("--effects", default="", help="sim: file with effects that the simulator carries")
-    parser.add_argument("--logs", type=Path, default=Path("runs/excite"),
-                        help="folder for logs; a number is appended")
+    parser.add_argument("--logs", type=Path, default=Path("runs/excite"), help="folder for logs; a number is appended")
     options = parser.parse_args(arguments)
     try:
         suite(options.only)
@@ -41,24 +51,40 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return options
 
 
-def make_graph(bag: Path, mode: str, with_arm: bool = True, effects: str = "",
-               information: dict | None = None) -> list[NodeSpec]:
+def make_graph(
+    bag: Path, mode: str, with_arm: bool = True, effects: str = "", information: dict | None = None
+) -> list[NodeSpec]:
     """The recorder, and with_arm the simulated arm and its controller."""
-    nodes = [NodeSpec("np_record", "recorder", parameters={
-        "bag": str(bag), "record_images": False, "run_info": json.dumps(information or {}, sort_keys=True)})]
+    nodes = [
+        NodeSpec(
+            "np_record",
+            "recorder",
+            parameters={
+                "bag": str(bag),
+                "record_images": False,
+                "run_info": json.dumps(information or {}, sort_keys=True),
+            },
+        )
+    ]
     if with_arm:
         realtime = 20 if mode == "realtime" else 0
         arm = {"mode": mode, "camera": False, **({"effects": effects} if effects else {})}
-        nodes += [NodeSpec("np_sim_bridge", "sim_bridge", parameters=arm, realtime=realtime),
-                  NodeSpec("np_control", "joint_impedance", parameters={"mode": mode}, realtime=realtime)]
+        nodes += [
+            NodeSpec("np_sim_bridge", "sim_bridge", parameters=arm, realtime=realtime),
+            NodeSpec("np_control", "joint_impedance", parameters={"mode": mode}, realtime=realtime),
+        ]
     return nodes
 
 
 def excite(options: argparse.Namespace) -> dict:
     """Run the experiments; what was recorded."""
     is_sim = options.backend == "sim"
-    information = {"experiments": options.only or list(NAMES), "mode": options.mode,
-                   "effects": options.effects, "revision": origin()["revision"]}
+    information = {
+        "experiments": options.only or list(NAMES),
+        "mode": options.mode,
+        "effects": options.effects,
+        "revision": origin()["revision"],
+    }
     nodes = make_graph(options.out, options.mode, is_sim, options.effects, information)
     domain = None if is_sim else int(os.environ.get("ROS_DOMAIN_ID", "0"))
     bar: Progress | None = None

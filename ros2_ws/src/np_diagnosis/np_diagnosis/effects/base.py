@@ -16,8 +16,8 @@ import numpy as np
 import yaml
 
 from np_diagnosis.arm.model import Arm
-from np_diagnosis.recordings.signals import Log, Samples
 from np_diagnosis.arm.stages import Drive, Prediction
+from np_diagnosis.recordings.signals import Log, Samples
 
 
 @dataclass(frozen=True, eq=False)

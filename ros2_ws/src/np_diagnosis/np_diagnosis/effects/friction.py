@@ -9,8 +9,8 @@ import numpy as np
 
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import INERTIA_ERROR, SURE, Arm
-from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, recurrence, stack
 from np_diagnosis.arm.stages import sign
+from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, recurrence, stack
 
 GAZ = "Gaz et al., RA-L 2019"
 # So fine that the best one leaves nothing to other effects.

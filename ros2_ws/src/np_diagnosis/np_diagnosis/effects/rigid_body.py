@@ -10,8 +10,6 @@ from np_diagnosis.arm.model import INERTIA_ERROR, SURE
 from np_diagnosis.effects.base import Context, Effect, Parameter, stack
 
 
-
-
 def effects(context: Context) -> list[Effect]:
     """Effects that the joints show together."""
     arm = context.arm

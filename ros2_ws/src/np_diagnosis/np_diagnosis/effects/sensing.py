@@ -41,7 +41,9 @@ def effects(context: Context) -> list[Effect]:
                 "torque_sensor_error",
                 (gain, offset),
                 {
-                    "r1": lambda c, j: stack(c.drive.commanded[:, j] + c.drive.gravity[:, j], np.ones(len(c.drive.time))),
+                    "r1": lambda c, j: stack(
+                        c.drive.commanded[:, j] + c.drive.gravity[:, j], np.ones(len(c.drive.time))
+                    ),
                 },
                 "y = (1 + gain) tau + offset",
             )
@@ -51,9 +53,7 @@ def effects(context: Context) -> list[Effect]:
 
 def quantised(step: float) -> Effect:
     """The finding that an encoder reads in steps (rad): seen in the readings themselves, not in torque."""
-    return Effect(
-        "encoder_quantisation", (Parameter("step", "rad", 0.0, 0.01, 1e-3),), {}, "readings lie on a grid"
-    )
+    return Effect("encoder_quantisation", (Parameter("step", "rad", 0.0, 0.01, 1e-3),), {}, "readings lie on a grid")
 
 
 def find_quantum(position: np.ndarray) -> float:

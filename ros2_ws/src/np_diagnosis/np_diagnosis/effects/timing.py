@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_diagnosis.arm.stages import Drive
 from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, stack
 from np_diagnosis.effects.torque_loop import WHOLE
-from np_diagnosis.arm.stages import Drive
 
 USUAL = 4.5e-4  # s, up to which a delay of commands is what any loop has
-DELAYS = tuple(1e-4 * 1.35**n for n in range(18))  # s beyond it: so fine that the best one leaves nothing to other effects
+DELAYS = tuple(
+    1e-4 * 1.35**n for n in range(18)
+)  # s beyond it: so fine that the best one leaves nothing to other effects
 DELAY_LEAST = 3e-4  # s beyond what the loop has, up to which states may be older than they say
 STEP_KNOWN = 2e-5  # s, to which a delay is known where commands are held for a period
 STATE_KNOWN = 1e-4  # s, to which filtered motion tells one

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, recurrence, stack
 from np_diagnosis.arm.stages import Drive
+from np_diagnosis.effects.base import Context, Effect, Parameter, Shape, recurrence, stack
 
 LAGS = tuple(1e-3 * 1.4**n for n in range(10))  # s: so fine that the best one leaves nothing to other effects
 SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
@@ -120,11 +120,7 @@ def _saturation(limit: float, joint: int) -> Effect:
     return Effect(
         "torque_saturation",
         (WHOLE,),
-        {
-            "r1": lambda c, j: stack(
-                np.clip(c.drive.commanded[:, j], -limit, limit) - c.drive.commanded[:, j]
-            )
-        },
+        {"r1": lambda c, j: stack(np.clip(c.drive.commanded[:, j], -limit, limit) - c.drive.commanded[:, j])},
         "largest torque of the drive",
         f"{limit:.3g} Nm",
         Shape("limit", "Nm", limit, lambda value: _saturation(value, joint)),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
-from np_diagnosis.inference.design import Design
 from np_diagnosis.diagnosis import CERTAIN, Diagnosis, Finding
 from np_diagnosis.effects import equivalence_classes
+from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.ranking import larger
 from np_diagnosis.inference.search import TRIED, Search, Structure
 
@@ -50,17 +50,18 @@ def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
     return None
 
 
-def ambiguity(
-    search: Search, chosen: Structure, member: int, equivalent: Collection[str]
-) -> Ambiguity | None:
+def ambiguity(search: Search, chosen: Structure, member: int, equivalent: Collection[str]) -> Ambiguity | None:
     """The chosen structure with those in which something else stands in a member's place: those named in
     `equivalent`, or where none is, what comes near. None where nothing does."""
     design, joints = search.design, search.design.context.arm.joints
     place = design.candidates[member].at(joints)
     rest = tuple(m for m in chosen.members if m != member)
     inside = larger(search, member)  # they say the same, and no experiment can tell
-    near = [(n,) for n in search.promising(search.structure(rest), TRIED)
-            if _fits(design, member, n) and design.candidates[n].effect.id not in inside]
+    near = [
+        (n,)
+        for n in search.promising(search.structure(rest), TRIED)
+        if _fits(design, member, n) and design.candidates[n].effect.id not in inside
+    ]
     found: dict[tuple[str, ...], Structure] = {}
     for replaced, others in (((member,), near), *_sums(search, chosen, member)):
         kept = tuple(m for m in chosen.members if m not in replaced)
@@ -83,9 +84,7 @@ def ambiguity(
     if not ranked:
         return None
     structures = (chosen, *(s for _, s in ranked))
-    differing = {m for s in structures for m in s.members} - set.intersection(
-        *(set(s.members) for s in structures)
-    )
+    differing = {m for s in structures for m in s.members} - set.intersection(*(set(s.members) for s in structures))
     touched = sorted({j for m in differing for j in reach(search, m)})
     return Ambiguity(structures, (mine, *(names for names, _ in ranked)), tuple(touched), place)
 
@@ -123,9 +122,7 @@ def _sums(search: Search, chosen: Structure, member: int) -> Iterator[tuple[tupl
     """(members replaced, what stands for them) where a class of effects has a sum, as "a + b"."""
     design = search.design
     mine = design.candidates[member]
-    here = {
-        design.candidates[m].effect.id: m for m in chosen.members if design.candidates[m].joint == mine.joint
-    }
+    here = {design.candidates[m].effect.id: m for m in chosen.members if design.candidates[m].joint == mine.joint}
     by_id: dict[str, list[int]] = {}
     for n, c in enumerate(design.candidates):
         if c.joint == mine.joint:

@@ -16,7 +16,6 @@ from np_control.impedance import STIFFNESS_MAX
 from np_control.safety import LIMITS
 from np_control.trajectory import Trajectory, make_trajectory
 from np_description.panda import NOMINAL
-
 from np_diagnosis.experiments.motions import Motion, chirp, least_jerk, triangle, visits, waves
 
 TICK_NS = 100_000_000  # policy period: segments begin at multiples of it
@@ -195,8 +194,9 @@ def transfer(start: np.ndarray, end: np.ndarray) -> Segment:
     duration = max(SHORTEST_TRANSFER, 1.875 * float(np.abs(end - start).max()) / TRANSFER_SPEED)
     times = np.linspace(0.0, duration, int(np.ceil(duration * 25)) + 1)
     share, rate = least_jerk(times / duration)
-    return Segment("transfer", times, start + share[:, None] * (end - start),
-                   rate[:, None] / duration * (end - start), _gains(1.0))
+    return Segment(
+        "transfer", times, start + share[:, None] * (end - start), rate[:, None] / duration * (end - start), _gains(1.0)
+    )
 
 
 def schedule(plan: Sequence[Segment], begin: int = 0) -> list[int]:

@@ -15,19 +15,17 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from np_control.impedance import damping
 from np_control.safety import LIMITS
-
-from np_diagnosis.inference import nuisances
-
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import Arm
+from np_diagnosis.arm.stages import sign
+from np_diagnosis.effects import Context, Effect, all_effects
+from np_diagnosis.experiments.excitation import Segment, experiment
+from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, Cell, make_cell
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import Design
-from np_diagnosis.effects import Context, Effect, all_effects
-from np_diagnosis.experiments.excitation import Segment, experiment
 from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.recordings.signals import Commands, Log
-from np_diagnosis.arm.stages import sign
 
 PERIOD = LIMITS.period
 COARSE = 4  # periods
@@ -62,14 +60,16 @@ def planned_context(names: Sequence[str], context: Context) -> Context:
         # Packets that will be lost: as many as were.
         held = np.random.default_rng(0).random(len(planned.drive.time)) < context.held_share
     return replace(
-        planned, held=held, held_share=context.held_share, held_seen=context.held_seen, ripples=context.ripples,
-        quanta=context.quanta
+        planned,
+        held=held,
+        held_share=context.held_share,
+        held_seen=context.held_seen,
+        ripples=context.ripples,
+        quanta=context.quanta,
     )
 
 
-def planned_cells(
-    design: Design, names: Sequence[str], members: Sequence[int], joints: Sequence[int]
-) -> list[Cell]:
+def planned_cells(design: Design, names: Sequence[str], members: Sequence[int], joints: Sequence[int]) -> list[Cell]:
     """Sums of what these candidates and the nuisances would do in each experiment at each stage of some
     joints.
 

@@ -14,15 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_description.panda import NOMINAL
-
-from np_diagnosis.experiments.ambiguity import Ambiguity, reach
-from np_diagnosis.inference.cells import Cell
-from np_diagnosis.inference.design import Design
 from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.effects import equivalence_classes
+from np_diagnosis.experiments.ambiguity import Ambiguity, reach
 from np_diagnosis.experiments.excitation import experiment
-from np_diagnosis.inference.fit import fit, places
 from np_diagnosis.experiments.forecast import planned_cells
+from np_diagnosis.inference.cells import Cell
+from np_diagnosis.inference.design import Design
+from np_diagnosis.inference.fit import fit, places
 from np_diagnosis.inference.search import Search
 
 DECISIVE = 5.0  # nats by which the true structure must lead in the end: odds of 150 to 1
@@ -79,9 +78,7 @@ def candidates_for(joints: Sequence[int]) -> tuple[str, ...]:
     )
 
 
-def powers(
-    search: Search, open_question: Ambiguity, names: Sequence[str], seed: int = 0
-) -> list[list[Power]]:
+def powers(search: Search, open_question: Ambiguity, names: Sequence[str], seed: int = 0) -> list[list[Power]]:
     """For each rival, what each experiment is expected to say of it against the chosen structure."""
     design, structures = search.design, open_question.structures
     here = [
@@ -102,18 +99,14 @@ def powers(
         row = []
         for number, name in enumerate(names):
             normal = _normal(cells, planned, believed[0].variance, ids, number)
-            one, two = (
-                _factors(normal, ids, *pair, seed) for pair in ((believed[0], other), (other, believed[0]))
-            )
+            one, two = (_factors(normal, ids, *pair, seed) for pair in ((believed[0], other), (other, believed[0])))
             right = odds * np.mean(lead + one > DECISIVE) + (1 - odds) * np.mean(two - lead > DECISIVE)
             row.append(Power(name, duration[number], float(right), float(min(one.mean(), two.mean()))))
         table.append(row)
     return table
 
 
-def next_experiment(
-    diagnosis: Diagnosis, question: tuple[Finding, Ambiguity] | None, seed: int = 0
-) -> dict | None:
+def next_experiment(diagnosis: Diagnosis, question: tuple[Finding, Ambiguity] | None, seed: int = 0) -> dict | None:
     """What would settle a question, as the report says it; None where there is none.
 
     For another arm than the Panda, whose excitation this package does not plan: what the catalogue says.
@@ -205,9 +198,7 @@ class _Belief:
     variance: dict[tuple[str, int], float]
 
     @classmethod
-    def of(
-        cls, design: Design, cells: Sequence[Cell], nuisance: np.ndarray, members: Sequence[int]
-    ) -> _Belief:
+    def of(cls, design: Design, cells: Sequence[Cell], nuisance: np.ndarray, members: Sequence[int]) -> _Belief:
         ids = np.concatenate([nuisance, *(design.candidates[m].ids for m in members)])
         whole = fit(
             cells,
@@ -253,7 +244,5 @@ def _evidence(normal: np.ndarray, moments: np.ndarray, ids: np.ndarray, belief: 
     pull = n + precision @ belief.mean
     shrunk = np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(precision)[1]
     return 0.5 * (
-        (pull * np.linalg.solve(posterior, pull.T).T).sum(axis=1)
-        - belief.mean @ precision @ belief.mean
-        - shrunk
+        (pull * np.linalg.solve(posterior, pull.T).T).sum(axis=1) - belief.mean @ precision @ belief.mean - shrunk
     )

@@ -59,16 +59,13 @@ def _is_same(one: Candidate, other: Candidate) -> bool:
     return names[0] == names[1]
 
 
-def _meaning(
-    search: Search, joints: tuple[int, ...], inside: tuple[int, ...], member: int
-) -> dict[str, float]:
+def _meaning(search: Search, joints: tuple[int, ...], inside: tuple[int, ...], member: int) -> dict[str, float]:
     """What a group says of a member's parameters, by the names that a report gives them."""
     candidate = search.design.candidates[member]
     ids = search.ids(joints, inside)
     values = search.group(joints, inside)[0].fit.parameters.mean(axis=0)
     found = {
-        p.name: float(values[np.flatnonzero(ids == i)[0]])
-        for p, i in zip(candidate.effect.parameters, candidate.ids)
+        p.name: float(values[np.flatnonzero(ids == i)[0]]) for p, i in zip(candidate.effect.parameters, candidate.ids)
     }
     shape = candidate.effect.shape
     if shape is None:

@@ -104,8 +104,7 @@ def make_blocks(context: Context, gap: float = GAP) -> tuple[Block, ...]:
     for (number, start, end), n in zip(spans, pieces):
         if (end - start) / n < 3 * gap:
             raise ValueError(
-                f"expected blocks of at least {3 * gap} s, {count} in all; got {(end - start) / n:.2f} s: "
-                "record more"
+                f"expected blocks of at least {3 * gap} s, {count} in all; got {(end - start) / n:.2f} s: record more"
             )
         edges = np.linspace(start, end, n + 1)
         blocks += [Block(number, a, b) for a, b in zip(edges[:-1], edges[1:])]
@@ -132,7 +131,9 @@ def make_cell(
     pieces = _pieces(trajectory, time, blocks)
     plain = _sums(matrix, residual, kept, np.zeros(0), pieces).sum(axis=0)
     if whiten is None:
-        whiten = _autoregression(matrix, residual, kept, plain.sum(axis=0), np.array([parameters[i].prior for i in ids]))
+        whiten = _autoregression(
+            matrix, residual, kept, plain.sum(axis=0), np.array([parameters[i].prior for i in ids])
+        )
     sums = _sums(matrix, residual, kept, whiten, pieces)
     test = sums.sum(axis=0)
     held = test + _beside(sums[0], sums[2], pieces)
@@ -144,8 +145,9 @@ def make_cell(
     for b, (start, _, _, end) in enumerate(pieces):
         block[start:end] = b
     outside = float(np.square(residual[kept & (block < 0)]).sum())
-    return Cell(stage, joint, ids, test, held, test_rows, held_rows, plain, outside, matrix, residual, kept, block,
-                whiten)
+    return Cell(
+        stage, joint, ids, test, held, test_rows, held_rows, plain, outside, matrix, residual, kept, block, whiten
+    )
 
 
 def _kept(rows: np.ndarray, trajectory: np.ndarray) -> np.ndarray:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_diagnosis.arm.model import Arm
+from np_diagnosis.arm.stages import Prediction, drive, predict
 from np_diagnosis.effects.base import Context
 from np_diagnosis.effects.sensing import find_quantum
 from np_diagnosis.effects.timing import find_held
 from np_diagnosis.recordings.signals import Log, Samples, sample
-from np_diagnosis.arm.stages import Prediction, drive, predict
 
 RIPPLES = 2  # orders tried a joint
 ORDERS = (20, 400)  # per radian of the joint

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from np_diagnosis.effects import Context, Effect, Parameter, all_effects
 from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, Cell, make_blocks, make_cell
-from np_diagnosis.effects import Context, Effect, Parameter, all_effects
 from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.inference.residuals import Stages
 
@@ -59,8 +59,7 @@ def make_design(context: Context) -> Design:
 
     stages = Stages(context)
     nuisance = [
-        {stage: new(nuisances.parameters(context, stage, joint))
-         for stage in stages.names if stage != REVERSAL}
+        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.names if stage != REVERSAL}
         for joint in range(len(context.arm))
     ]
     candidates = []

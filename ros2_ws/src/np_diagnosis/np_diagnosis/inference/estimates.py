@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from np_diagnosis.effects import Effect
 from np_diagnosis.inference.averaging import spread
 from np_diagnosis.inference.cells import Cell, make_cell
 from np_diagnosis.inference.design import Candidate, Design
-from np_diagnosis.effects import Effect
 from np_diagnosis.inference.fit import fit, places
 from np_diagnosis.inference.search import Search, Structure, absorbed
 
@@ -70,8 +70,9 @@ def estimate(
         found[shape.name] = Estimate(value, value - width, value + width, shape.unit)
     if effect.absorbs:
         extra = absorbed(design, ids, whole, effect)
-        found = {name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra)
-                 for name, e in found.items()}
+        found = {
+            name: replace(e, value=e.value + extra, low=e.low + extra, high=e.high + extra) for name, e in found.items()
+        }
     if refined:
         unsure = spread(search, joints, inside, member, seed)
         found = {name: _widened(e, T95 * unsure.get(name, 0.0)) for name, e in found.items()}
@@ -101,8 +102,13 @@ def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> 
     rng = np.random.default_rng(seed)
     weights = rng.multinomial(blocks, np.full(blocks, 1 / blocks), BOOTSTRAPS).astype(float)
     whole = _whole(cells, ids, design)
-    drawn = fit(cells, [np.tensordot(weights, c.test, 1) for c in cells], [weights @ c.test_rows for c in cells],
-                ids, design.parameters)
+    drawn = fit(
+        cells,
+        [np.tensordot(weights, c.test, 1) for c in cells],
+        [weights @ c.test_rows for c in cells],
+        ids,
+        design.parameters,
+    )
     posterior = np.sqrt(np.diagonal(whole.covariance[0]))
     return whole.parameters[0], T95 * np.maximum(drawn.parameters.std(axis=0), posterior)
 
@@ -156,7 +162,8 @@ def _shift(
     value = effect.shape.value
     ends = max(value - width, 0.2 * value), value + width
     low, high = (
-        _whole(with_effect(design, cells, candidate, effect.shape.rebuild(end)), ids, design).parameters[0] for end in ends
+        _whole(with_effect(design, cells, candidate, effect.shape.rebuild(end)), ids, design).parameters[0]
+        for end in ends
     )
     return (high - low) * width / (ends[1] - ends[0])
 
@@ -176,8 +183,7 @@ def _value(cells: list[Cell], ids: np.ndarray, design: Design, candidate: Candid
 
 
 def _whole(cells: list[Cell], ids: np.ndarray, design: Design):
-    return fit(cells, [c.total[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids,
-               design.parameters)
+    return fit(cells, [c.total[None] for c in cells], [c.test_rows.sum()[None] for c in cells], ids, design.parameters)
 
 
 def _likelihood(cells: list[Cell], ids: np.ndarray, design: Design) -> float:

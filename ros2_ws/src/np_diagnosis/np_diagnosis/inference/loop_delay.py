@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from np_diagnosis.inference.design import Design
 from np_diagnosis.effects.timing import USUAL
+from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.fit import fit
 
 UNKNOWN = 3e-3  # s, prior of the delay before the recording is asked
@@ -41,8 +41,11 @@ def loop_delay(design: Design) -> float:
     for joint in range(len(design.context.arm)):
         cell = next(c for c in design.of(joint) if c.stage == "r1")
         delay = next(i for i in design.nuisances[joint] if design.parameters[i].name == "command_delay")
-        beside = [c.ids for c in design.candidates if c.effect.id in BESIDE and c.joint in (None, joint)
-                  and np.isin(c.ids, cell.ids).all()]
+        beside = [
+            c.ids
+            for c in design.candidates
+            if c.effect.id in BESIDE and c.joint in (None, joint) and np.isin(c.ids, cell.ids).all()
+        ]
         wide = list(design.parameters)
         wide[delay] = replace(wide[delay], lower=-UNKNOWN, upper=30 * UNKNOWN, prior=UNKNOWN, centre=0.0)
         ids = np.concatenate([[delay], *beside])

@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis.arm.model import INERTIA_ERROR
-from np_diagnosis.effects import Context, Parameter
-from np_diagnosis.effects.friction import SMOOTH
 from np_diagnosis.arm.rigid import carried, felt_inertia
 from np_diagnosis.arm.stages import sign, slides
+from np_diagnosis.effects import Context, Parameter
+from np_diagnosis.effects.friction import SMOOTH
 
 REVERSAL = "r2 at reversal"
 
@@ -66,8 +66,10 @@ def columns(context: Context, stage: str, joint: int) -> np.ndarray:
         # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
         links = c.prediction.inertia[:, joint, carried(c.arm, joint)]
         # After a reversal friction is late, and resists the acceleration less: it looks like less inertia.
-        late = (c.arm.frictionloss[joint] * c.samples.filtered(joint, lambda q, v, x=reach: bent(q, x) - sign(v))
-                for reach in BREAKAWAYS)
+        late = (
+            c.arm.frictionloss[joint] * c.samples.filtered(joint, lambda q, v, x=reach: bent(q, x) - sign(v))
+            for reach in BREAKAWAYS
+        )
         motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]
         return np.column_stack([*motion, *late, links])
     if stage == "r3":

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_diagnosis.arm.stages import slides
 from np_diagnosis.effects import Context, Effect
 from np_diagnosis.inference.nuisances import REVERSAL
-from np_diagnosis.arm.stages import slides
 
 KINK = 0.02  # rad/s^2 by which the target's acceleration may jump for what was fed forward to be known
 SLOWEST = 0.002  # rad/s, below which a joint may be standing

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from np_diagnosis.effects import Effect
 from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.design import Candidate, Design
-from np_diagnosis.effects import Effect
 from np_diagnosis.inference.fit import Fit, Score, part, places, remaining, score
 
 WIDTH = 6  # structures that are grown further
@@ -110,9 +110,7 @@ class Search:
     def ids(self, joints: tuple[int, ...], inside: tuple[int, ...]) -> np.ndarray:
         """Parameters of a group: nuisances of its joints, then those of its candidates in order."""
         design = self.design
-        return np.concatenate(
-            [*(design.nuisances[j] for j in joints), *(design.candidates[m].ids for m in inside)]
-        )
+        return np.concatenate([*(design.nuisances[j] for j in joints), *(design.candidates[m].ids for m in inside)])
 
     def reach(self, candidate: Candidate) -> tuple[int, ...]:
         """Joints in which an effect of the arm shows at all."""
@@ -244,8 +242,11 @@ class Search:
         mine = self.design.candidates[number]
         for m in parent.members:
             other = self.design.candidates[m]
-            if m == number or (other.effect.id == mine.effect.id and other.joint == mine.joint
-                               and other.effect.component == mine.effect.component):
+            if m == number or (
+                other.effect.id == mine.effect.id
+                and other.joint == mine.joint
+                and other.effect.component == mine.effect.component
+            ):
                 return False
         here = [self.design.candidates[m] for m in (*parent.members, number)]
         crowds = [sum(c.place == j for c in here) for j in range(len(self.design.context.arm))]
@@ -290,8 +291,11 @@ def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:
 
 def fits_of(search: Search, members: tuple[int, ...]) -> dict[int, tuple[np.ndarray, Fit]]:
     """Parameters, and their fit, of the group that each joint is in."""
-    return {j: (search.ids(joints, inside), search.group(joints, inside)[0].fit)
-            for joints, inside in search.groups(members) for j in joints}
+    return {
+        j: (search.ids(joints, inside), search.group(joints, inside)[0].fit)
+        for joints, inside in search.groups(members)
+        for j in joints
+    }
 
 
 def held_out(cell: Cell, ids: np.ndarray, fit: Fit) -> np.ndarray:
@@ -306,8 +310,10 @@ def _distinct(ranked: list[Structure], design: Design, width: int) -> list[Struc
     kept, seen = [], set()
     for structure in ranked:
         name = tuple(
-            sorted((design.candidates[m].effect.id, str(design.candidates[m].joint), design.candidates[m].effect.component)
-                   for m in structure.members)
+            sorted(
+                (design.candidates[m].effect.id, str(design.candidates[m].joint), design.candidates[m].effect.component)
+                for m in structure.members
+            )
         )
         if name not in seen:
             seen.add(name)

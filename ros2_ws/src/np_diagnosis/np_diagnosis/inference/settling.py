@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from np_diagnosis.inference.design import Design
 from np_diagnosis.effects import Effect
+from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.estimates import settled, with_effect
 from np_diagnosis.inference.search import Search, Structure
 

@@ -16,15 +16,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
 from trajectory_msgs.msg import JointTrajectory
 
-from np_ros.participant import GraphError, Participant
-from np_ros.supervisor import Supervisor
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE
-from np_ros import qos
-from np_ros.messages import gains_message, header_message, joint_state_arrays, stamp_nanoseconds, \
-    trajectory_message
 from np_diagnosis.experiments.excitation import TICK_NS, Segment, end_of, schedule, suite
+from np_ros import qos
+from np_ros.messages import gains_message, header_message, joint_state_arrays, stamp_nanoseconds, trajectory_message
+from np_ros.participant import GraphError, Participant
+from np_ros.supervisor import Supervisor
 
 _READY_TIMEOUT = 120.0  # s of wall time
 GAINS_AHEAD = TICK_NS  # ns by which gains go before their trajectory in real time
@@ -40,8 +39,9 @@ class Exciter(Participant):
     lockstep: whether time waits for our ticks. on_segment(name, number, count) is told each start.
     """
 
-    def __init__(self, supervisor: Supervisor, *, lockstep: bool,
-                 on_segment: Callable[[str, int, int], None] = lambda *_: None):
+    def __init__(
+        self, supervisor: Supervisor, *, lockstep: bool, on_segment: Callable[[str, int, int], None] = lambda *_: None
+    ):
         super().__init__(supervisor, "excite")
         self._lockstep, self._on_segment = lockstep, on_segment
         node = self._node
@@ -66,11 +66,17 @@ class Exciter(Participant):
 
     def wait_until_ready(self, names: set[str]) -> None:
         """Until the named nodes are up and everyone is matched. Raises NodeDied or TimeoutError."""
-        self._wait(lambda: self._links.are_complete(names) and self._state is not None, _READY_TIMEOUT,
-                   f"joint_states, and {', '.join(sorted(names))} matched with everyone")
+        self._wait(
+            lambda: self._links.are_complete(names) and self._state is not None,
+            _READY_TIMEOUT,
+            f"joint_states, and {', '.join(sorted(names))} matched with everyone",
+        )
         for publisher in (self._trajectory, self._gains):
-            self._wait(lambda: publisher.get_subscription_count() > 0, _READY_TIMEOUT,
-                       f"a controller that listens to {publisher.topic_name}")
+            self._wait(
+                lambda: publisher.get_subscription_count() > 0,
+                _READY_TIMEOUT,
+                f"a controller that listens to {publisher.topic_name}",
+            )
         # Lockstep repeats its first state until we tick. What went with the one we have may have been sent before the
         # recorder listened; the one after the next was certainly sent after.
         heard = self._states
@@ -96,7 +102,7 @@ class Exciter(Participant):
 
     def _receive_state(self, message: JointState) -> None:
         position, _, _ = joint_state_arrays(message, STATE_NAMES)
-        self._state = stamp_nanoseconds(message.header.stamp), position[:len(JOINT_NAMES)]
+        self._state = stamp_nanoseconds(message.header.stamp), position[: len(JOINT_NAMES)]
         self._states += 1
         self._heard = time.monotonic()
         self._advance()
@@ -127,8 +133,10 @@ class Exciter(Participant):
         error = np.abs(position - segment.positions[0])
         if (error > LIMITS.start_tolerance).any():
             i = int(error.argmax())
-            raise GraphError(f"{segment.name}: expected {JOINT_NAMES[i]} at "
-                             f"{segment.positions[0][i]:.3f} rad, found it {error[i]:.3f} rad from there")
+            raise GraphError(
+                f"{segment.name}: expected {JOINT_NAMES[i]} at "
+                f"{segment.positions[0][i]:.3f} rad, found it {error[i]:.3f} rad from there"
+            )
         self._say_phase(f"{EXCITE}: {segment.name}")
         if self._lockstep:
             self._gains.publish(gains_message(segment.gains))

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from np_record.bag import BagError, Recording
 from np_control.impedance import STIFFNESS_MAX, damping
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-
 from np_diagnosis.recordings.bulk import BulkError, decoded, joint_states
 from np_diagnosis.recordings.signals import Commands, Log
+from np_record.bag import BagError, Recording
 
 PERIOD = 0.002  # s between joint states
 PERIOD_TOLERANCE = 0.05
@@ -93,9 +92,7 @@ def _commands(name, stamp, time, commanded, answers, gains) -> Commands | None:
     for at, table in gains:
         after = common >= at
         stiffness[after], ratio[after] = table
-    return Commands(
-        rows, target, velocity, torque, time[rows] + PERIOD / 2, stiffness, damping(stiffness, ratio)
-    )
+    return Commands(rows, target, velocity, torque, time[rows] + PERIOD / 2, stiffness, damping(stiffness, ratio))
 
 
 def _motor(name, stamp, motor_stamp, motor) -> np.ndarray | None:
@@ -128,8 +125,7 @@ def read_npz(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
     missing = [key for key in keys if key not in content]
     if missing:
         raise ContractViolation(
-            f"{name}: expected {', '.join(keys)}; {', '.join(missing)} missing, "
-            f"found {', '.join(content) or 'nothing'}"
+            f"{name}: expected {', '.join(keys)}; {', '.join(missing)} missing, found {', '.join(content) or 'nothing'}"
         )
     time = content[next(iter(keys))]
     for key, dimensions in keys.items():
@@ -164,17 +160,13 @@ def _check_times(name: str, time: np.ndarray, period: float | None) -> None:
     if period is None:
         if not 1e-4 < median < 1e-2:
             raise ContractViolation(
-                f"{name}: expected 100 to 10000 rows a second, got {1 / median:.4g}: "
-                "times must be in seconds"
+                f"{name}: expected 100 to 10000 rows a second, got {1 / median:.4g}: times must be in seconds"
             )
         return
     if abs(median / period - 1) > PERIOD_TOLERANCE:
-        raise ContractViolation(
-            f"{name}: joint_states: expected {1 / period:.0f} Hz, got {1 / median:.4g} Hz"
-        )
+        raise ContractViolation(f"{name}: joint_states: expected {1 / period:.0f} Hz, got {1 / median:.4g} Hz")
     lost = int(np.round(steps / period - 1).clip(0).sum())
     if lost > LARGEST_LOSS * (len(time) + lost):
         raise ContractViolation(
-            f"{name}: joint_states: expected at most {LARGEST_LOSS:.0%} missing, got "
-            f"{lost} of {len(time) + lost}"
+            f"{name}: joint_states: expected at most {LARGEST_LOSS:.0%} missing, got {lost} of {len(time) + lost}"
         )

@@ -10,22 +10,25 @@ from pathlib import Path
 import numpy as np
 
 from np_description.patch import dump_patch
-
-from np_diagnosis.experiments.ambiguity import open_question
-from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.checks.shrinkage import REGIMES, regimes
+from np_diagnosis.diagnosis import Diagnosis, Finding
+from np_diagnosis.experiments.ambiguity import open_question
 from np_diagnosis.inference.nuisances import REVERSAL
-from np_diagnosis.simulation.patching import make_patch, tried_patch
-from np_diagnosis.report.schema import validate
 from np_diagnosis.recordings.signals import Log
-
+from np_diagnosis.report.schema import validate
+from np_diagnosis.simulation.patching import make_patch, tried_patch
 
 REFITTED = 3  # structures at most: the chosen one and its nearest rivals
 
 
 def make_report(
-    diagnosis: Diagnosis, logs: Sequence[Log], runtime: float, shots: dict | None = None,
-    experiment: dict | None = None, forward: dict | None = None, left_out: Sequence[str] = (),
+    diagnosis: Diagnosis,
+    logs: Sequence[Log],
+    runtime: float,
+    shots: dict | None = None,
+    experiment: dict | None = None,
+    forward: dict | None = None,
+    left_out: Sequence[str] = (),
 ) -> dict:
     """The report as a JSON object; shots, left_out: of `patching.tried_patch`; experiment: of
     `power.next_experiment`; forward: of `refit.second_opinion`.
@@ -132,8 +135,7 @@ def _effect(finding: Finding) -> dict:
         "probability": min(1.0, finding.probability),
         "equivalent_to": list(finding.equivalent_to),
         "parameters": {
-            name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit}
-            for name, e in finding.parameters.items()
+            name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit} for name, e in finding.parameters.items()
         },
         "gap_shrink": finding.shrink,
         "variant": finding.effect.variant,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from np_record.report.pages import page
-from np_diagnosis.report import plots
-from np_diagnosis.diagnosis import Diagnosis
 from np_diagnosis.checks.shrinkage import REGIMES
+from np_diagnosis.diagnosis import Diagnosis
+from np_diagnosis.report import plots
+from np_record.report.pages import page
 
 
 def render(report: dict, diagnosis: Diagnosis) -> str:

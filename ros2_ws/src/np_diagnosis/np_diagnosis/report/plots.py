@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from np_record.report.pages import style, svg
 from np_diagnosis.diagnosis import Diagnosis
 from np_diagnosis.recordings.signals import DECIMATION, GRID
+from np_record.report.pages import style, svg
 
 WIDTH = 9.6
 RATE = 1 / (GRID * DECIMATION)  # samples a second

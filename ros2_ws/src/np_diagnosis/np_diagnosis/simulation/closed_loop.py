@@ -17,9 +17,8 @@ from mujoco.batch import Batch
 
 from np_control.impedance import damping
 from np_control.impedance import torque as impedance_torque
-
-from np_diagnosis.simulation.simulated_arm import Plant
 from np_diagnosis.recordings.signals import Log
+from np_diagnosis.simulation.simulated_arm import Plant
 
 GAP = 1.5  # periods between two rows after which a recording is cut
 SHORTEST = 1.0  # s
@@ -77,9 +76,7 @@ class Stretch:
         rows = np.arange(0.0, (len(self) - 1) * self.period, period) / self.period
         held = self.cut(np.floor(rows + 1e-9).astype(int))
         below, share = np.floor(rows + 1e-9).astype(int), (rows % 1.0)[:, None]
-        between = {
-            n: (1 - share) * getattr(self, n)[below] + share * getattr(self, n)[below + 1] for n in MEASURED
-        }
+        between = {n: (1 - share) * getattr(self, n)[below] + share * getattr(self, n)[below + 1] for n in MEASURED}
         return replace(held, period=period, **between)
 
     def delayed(self, seconds: float) -> Stretch:
@@ -129,9 +126,7 @@ def stretches(log: Log) -> list[Stretch]:
         commands.damping / np.sqrt(stiffness),
     )
     edges = [0, *(np.flatnonzero(np.diff(time) > GAP * whole.period) + 1), len(time)]
-    parts = [
-        whole.cut(slice(a, b)) for a, b in zip(edges[:-1], edges[1:]) if (b - a) * whole.period >= SHORTEST
-    ]
+    parts = [whole.cut(slice(a, b)) for a, b in zip(edges[:-1], edges[1:]) if (b - a) * whole.period >= SHORTEST]
     if not parts:
         raise ValueError(f"{log.name}: expected {SHORTEST} s of commands without gap, found none")
     return parts
@@ -199,8 +194,7 @@ class Replay:
         """Simulations at the start of their stretches, with their parameters."""
         nominal = self.plant.nominal()
         is_free = any(
-            values[name].shape != nominal[name].shape or (values[name] != nominal[name]).any()
-            for name in INERTIA
+            values[name].shape != nominal[name].shape or (values[name] != nominal[name]).any() for name in INERTIA
         )
         if (self._batch.nsim, self._is_free) != (len(which), is_free):
             model = self.plant.free_model if is_free else self.plant.model

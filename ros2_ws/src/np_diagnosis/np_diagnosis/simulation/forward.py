@@ -20,10 +20,9 @@ from mujoco.batch import Batch
 
 from np_description.panda import JOINT_NAMES
 from np_description.patch import Patch
-from np_sim_bridge.effects import Gap
-
-from np_diagnosis.simulation.simulated_arm import panda_plant
 from np_diagnosis.recordings.signals import Log
+from np_diagnosis.simulation.simulated_arm import panda_plant
+from np_sim_bridge.effects import Gap
 
 WINDOW = 0.6  # s that each shot goes on
 EVERY = 1.5  # s from one shot to the next
@@ -137,9 +136,7 @@ def departures(recorded: Windows, patches: Sequence[Patch]) -> np.ndarray:
         seen, seen_speed, _ = gap.sense(q, dq, np.zeros_like(q))
         if k in compared:
             found.append(seen - w["position"][:, k])
-        torque = (
-            w["stiffness"][:, k] * (w["lead"][:, k] - seen) - w["damping"][:, k] * seen_speed + w["fed"][:, k]
-        )
+        torque = w["stiffness"][:, k] * (w["lead"][:, k] - seen) - w["damping"][:, k] * seen_speed + w["fed"][:, k]
         batch.ctrl[:] = gap.drive(torque)
         batch.qfrc_applied[:] = gap.extra(q, dq)
         batch.step()
@@ -162,9 +159,7 @@ def _true(position: np.ndarray, velocity: np.ndarray, late: np.ndarray) -> tuple
     are held. Speeds are averaged: an encoder's noise at the start is no motion."""
     kernel = np.ones(SMOOTH) / SMOOTH
     padded = np.pad(velocity, ((0, 0), (SMOOTH // 2, SMOOTH // 2), (0, 0)), mode="edge")
-    smooth = (
-        np.stack([padded[:, k : k + velocity.shape[1]] for k in range(SMOOTH)]).transpose(1, 2, 3, 0) @ kernel
-    )
+    smooth = np.stack([padded[:, k : k + velocity.shape[1]] for k in range(SMOOTH)]).transpose(1, 2, 3, 0) @ kernel
     rows = np.arange(position.shape[1])[None, :, None] + late[:, None]
     below = np.minimum(np.floor(rows).astype(int), position.shape[1] - 1)
     above = np.minimum(below + 1, position.shape[1] - 1)

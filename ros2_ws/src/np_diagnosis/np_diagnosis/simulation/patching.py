@@ -12,7 +12,6 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from np_description.patch import Patch, PatchEffect
-
 from np_diagnosis.diagnosis import Diagnosis
 
 WORSE = 1.0005  # times the nominal departure, beyond which a patch does harm: below, it moves nothing
@@ -41,7 +40,9 @@ def tried_patch(diagnosis: Diagnosis) -> tuple[Patch, list[str], dict[str, dict[
 
     r4 is None, and the patch not tried, for another arm, or recordings without commands.
     """
-    from np_diagnosis.simulation.forward import windows  # the simulator takes a second to import, which a quick look has not
+    from np_diagnosis.simulation.forward import (
+        windows,  # the simulator takes a second to import, which a quick look has not
+    )
 
     patch, left_out = make_patch(diagnosis), []
     joints = diagnosis.context.arm.joints

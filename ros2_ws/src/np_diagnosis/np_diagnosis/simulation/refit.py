@@ -20,13 +20,12 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from np_description.patch import ARM, Patch, PatchEffect
-from np_sim_bridge.effects import IGNORED
-
 from np_diagnosis.diagnosis import Diagnosis
 from np_diagnosis.inference.estimates import Estimate, estimate
-from np_diagnosis.simulation.forward import Windows, departures, rms, windows
 from np_diagnosis.inference.nuisances import DELAY
 from np_diagnosis.inference.search import Structure
+from np_diagnosis.simulation.forward import Windows, departures, rms, windows
+from np_sim_bridge.effects import IGNORED
 
 ROUNDS = 3  # of Gauss-Newton: the torque domain's answer is a good start
 MOST = 48  # windows fitted to
@@ -103,9 +102,7 @@ def refit(recorded: Windows, parts: Sequence[Part], delay: float = DELAY) -> Ref
         rest = rest[np.linspace(0, len(rest) - 1, MOST).astype(int)]
     names = [(n, name) for n, part in enumerate(parts) for name in part.parameters]
     x = np.array([parts[n].parameters[name].value for n, name in names])
-    half = np.array(
-        [0.5 * (parts[n].parameters[name].high - parts[n].parameters[name].low) for n, name in names]
-    )
+    half = np.array([0.5 * (parts[n].parameters[name].high - parts[n].parameters[name].low) for n, name in names])
     scale = np.maximum(half, LEAST_STEP * np.abs(x))
     has_delay = any(part.effect == "command_delay" for part in parts)
     if not has_delay:
@@ -209,8 +206,7 @@ def _row(done: Refit, left_out: Sequence[Part]) -> dict:
                 }
             )
     overall = [
-        float(np.sqrt(np.mean(np.square(values))))
-        for values in (done.nominal, done.torque_domain, done.forward)
+        float(np.sqrt(np.mean(np.square(values)))) for values in (done.nominal, done.torque_domain, done.forward)
     ]
     return {
         "effects": _titles(done.parts),

@@ -67,9 +67,7 @@ def load_plant(path: str | Path) -> Plant:
     unless its bodies have `gravcomp`.
     """
     try:
-        return make_plant(
-            mujoco.MjSpec.from_file(str(path)), {"frictionloss": 12.0, "damping": 15.0, "armature": 0.6}
-        )
+        return make_plant(mujoco.MjSpec.from_file(str(path)), {"frictionloss": 12.0, "damping": 15.0, "armature": 0.6})
     except ValueError as error:
         raise ValueError(f"{path}: expected an MJCF file of an arm, got: {error}") from error
 

@@ -23,6 +23,7 @@ def condition(state: State, cause: str, hand: str = "", clock_lag: float = 0.0) 
         found.append((WARN, f"hand: {hand}"))
     if abs(clock_lag) > CLOCK_WARN:
         where = "behind" if clock_lag > 0 else "ahead of"
-        found.append((ERROR if abs(clock_lag) > CLOCK_ERROR else WARN,
-                      f"clock: {abs(clock_lag):.0f} ms {where} the host's"))
+        found.append(
+            (ERROR if abs(clock_lag) > CLOCK_ERROR else WARN, f"clock: {abs(clock_lag):.0f} ms {where} the host's")
+        )
     return max(level for level, _ in found), "; ".join(words for _, words in found)

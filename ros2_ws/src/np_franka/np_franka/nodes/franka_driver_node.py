@@ -2,7 +2,7 @@
 
 The robot paces everything, at 1 kHz: its state is read, the newest command goes out, and what is left of the
 cycle is ROS's. Every second state is published. Commands are effort_command, or, with `control:=onboard`,
-what the controller on board makes of trajectories and targets. """
+what the controller on board makes of trajectories and targets."""
 
 from __future__ import annotations
 
@@ -51,8 +51,12 @@ class FrankaDriver(Node):
         self._telling = Telling()
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(
-            mode="realtime", robot=settings.robot, hostname=settings.hostname, control=settings.control,
-            calibration=settings.calibration)
+            mode="realtime",
+            robot=settings.robot,
+            hostname=settings.hostname,
+            control=settings.control,
+            calibration=settings.calibration,
+        )
         stream = qos.publisher(lockstep=False)
         self._joint_states = self.create_publisher(JointState, "joint_states", stream)
         self._motor_states = self.create_publisher(JointState, "motor_states", stream)
@@ -60,8 +64,7 @@ class FrankaDriver(Node):
         self._whole, self._arm = JointStateWriter(STATE_NAMES), JointStateWriter(JOINT_NAMES)
         self._effort = None
         if self._driver.onboard is None:
-            self.create_subscription(JointState, "effort_command", self._on_command,
-                                     qos.subscriber(lockstep=False))
+            self.create_subscription(JointState, "effort_command", self._on_command, qos.subscriber(lockstep=False))
         else:  # what the controller on board answers is published where another's would be, for recordings
             self._effort = self.create_publisher(JointState, "effort_command", stream)
             inputs.subscribe(self, self, self._driver.filter.limits, lockstep=False)
@@ -101,12 +104,13 @@ class FrankaDriver(Node):
         reading, applied = cycle.reading, cycle.applied
         fingers = np.full(2, 0.0 if self._gripper is None else self._gripper.opening)
         unknown = np.zeros(2)  # the hand tells neither speed nor force
-        self._joint_states.publish(self._whole.fill(
-            stamp, np.append(reading.q, fingers), np.append(reading.dq, unknown),
-            np.append(reading.torque, unknown)))
+        self._joint_states.publish(
+            self._whole.fill(
+                stamp, np.append(reading.q, fingers), np.append(reading.dq, unknown), np.append(reading.torque, unknown)
+            )
+        )
         if reading.theta is not None:
-            self._motor_states.publish(self._arm.fill(
-                stamp, reading.theta, reading.dtheta, reading.commanded))
+            self._motor_states.publish(self._arm.fill(stamp, reading.theta, reading.dtheta, reading.commanded))
         if self._effort is not None and cycle.answer is not None:
             answer = cycle.answer
             self._effort.publish(self._arm.fill(stamp, answer.position, answer.velocity, answer.torque))
@@ -116,15 +120,23 @@ class FrankaDriver(Node):
                 self._gripper.poll()
                 self.diagnostics.values["gripper_error"] = self._gripper.error
         self.diagnostics.values.update(
-            stamp=stamp, robot_mode=reading.mode, robot_errors=reading.errors,
-            command_success_rate=round(reading.success_rate, 3))
+            stamp=stamp,
+            robot_mode=reading.mode,
+            robot_errors=reading.errors,
+            command_success_rate=round(reading.success_rate, 3),
+        )
 
     # Commands
 
     def _on_command(self, message: JointState) -> None:
         try:
-            self._driver.offer(stamp_nanoseconds(message.header.stamp), message.name, message.position,
-                               message.velocity, message.effort)
+            self._driver.offer(
+                stamp_nanoseconds(message.header.stamp),
+                message.name,
+                message.position,
+                message.velocity,
+                message.effort,
+            )
         except (BadMessage, Refusal) as error:
             self.refuse(error)
 
@@ -174,6 +186,7 @@ class FrankaDriver(Node):
             except (ValueError, OSError) as error:  # Refusal, ArmError
                 response.message, response.success = str(error), False
             return response
+
         return handle
 
     def _stop(self) -> str:
@@ -208,8 +221,9 @@ class FrankaDriver(Node):
     def _on_statistics(self) -> None:
         values = self.diagnostics.values
         # What breaks after a stop leaves the state as it is.
-        values.update(lost_cycles=self._driver.lost_cycles, commands=self._driver.commands,
-                      last_error=self._driver.error)
+        values.update(
+            lost_cycles=self._driver.lost_cycles, commands=self._driver.commands, last_error=self._driver.error
+        )
         values["clock_lag_ms"] = round(self._driver.clock.lag * 1e-6, 1)
         times = self._driver.times  # since the arm was taken under control
         values.update(cycles=times.count, cycle_rate_hz=round(times.rate, 1))

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from np_franka.realsense import RealSense, Settings, find_device
 from np_perception.nodes.camera import CameraNode
 from np_ros.node import parameter, run
-
-from np_franka.realsense import RealSense, Settings, find_device
 
 
 class RealSenseCamera(CameraNode):
@@ -24,9 +23,7 @@ class RealSenseCamera(CameraNode):
             parameter(self, "rate", default.rate, "Images a second.", 1, 90),
             parameter(self, "exposure", default.exposure, "Of every image, s.", 1e-4, 0.165),
             parameter(self, "gain", default.gain, "Of the colour sensor, in the camera's units.", 0.0, 248.0),
-            parameter(
-                self, "white_balance", default.white_balance, "Temperature of the light, K.", 2000.0, 10000.0
-            ),
+            parameter(self, "white_balance", default.white_balance, "Temperature of the light, K.", 2000.0, 10000.0),
             parameter(
                 self,
                 "latency",

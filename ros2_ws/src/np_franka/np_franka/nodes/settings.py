@@ -49,8 +49,11 @@ def declare(node: Node) -> tuple[Settings, Driver]:
     checklist = _checklist(node, settings, stiffness, ratio, robot.limits)
     onboard = _onboard(node, stiffness, ratio, robot.limits)
     collision = _collision(node)
-    arm = Arm(partial(robot.open, settings.hostname, enforce_realtime=settings.realtime == "enforce"),
-              collision.torques(robot.limits), collision.wrench())
+    arm = Arm(
+        partial(robot.open, settings.hostname, enforce_realtime=settings.realtime == "enforce"),
+        collision.torques(robot.limits),
+        collision.wrench(),
+    )
     return settings, Driver(arm, robot.limits, checklist, onboard if settings.control == "onboard" else None)
 
 
@@ -58,41 +61,69 @@ def _settings(node: Node) -> Settings:
     return Settings(
         parameter(node, "robot", "fr3", "fr3, or panda for the original one.", choices=tuple(ROBOTS)),
         parameter(node, "hostname", "", "Address of the robot."),
-        parameter(node, "control", "topic", "topic: torques come as effort_command, 500 times a second; "
-                  "onboard: the impedance law runs here in every cycle of the robot.", choices=CONTROLS),
+        parameter(
+            node,
+            "control",
+            "topic",
+            "topic: torques come as effort_command, 500 times a second; "
+            "onboard: the impedance law runs here in every cycle of the robot.",
+            choices=CONTROLS,
+        ),
         parameter(node, "calibration", "", "The camera's calibration file; none: a run without a camera."),
         parameter(
-            node, "realtime", "enforce", "enforce: refuse to start without a real-time kernel and priority; "
-            "ignore: only for a simulated robot.", choices=("enforce", "ignore")),
+            node,
+            "realtime",
+            "enforce",
+            "enforce: refuse to start without a real-time kernel and priority; ignore: only for a simulated robot.",
+            choices=("enforce", "ignore"),
+        ),
         parameter(node, "gripper", True, "Whether the robot has a Franka Hand."),
-        parameter(node, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90))
+        parameter(node, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90),
+    )
 
 
 def _gains(node: Node) -> tuple[np.ndarray, float]:
     """Stiffness (7,) Nm/rad and damping ratio of the controller on board."""
-    stiffness = np.array(parameter(
-        node, "stiffness", STIFFNESS_MAX.tolist(),
-        "On board: stiffness of each joint while holding and on trajectories, Nm/rad."))
+    stiffness = np.array(
+        parameter(
+            node,
+            "stiffness",
+            STIFFNESS_MAX.tolist(),
+            "On board: stiffness of each joint while holding and on trajectories, Nm/rad.",
+        )
+    )
     if stiffness.shape != (7,):
         raise ValueError(f"parameter stiffness: expected 7 numbers, got {stiffness.size}")
     ratio = parameter(
-        node, "damping_ratio", 1.0, "On board: damping ratio while holding and on trajectories.",
-        DAMPING_RATIO_MIN, DAMPING_RATIO_MAX)
+        node,
+        "damping_ratio",
+        1.0,
+        "On board: damping ratio while holding and on trajectories.",
+        DAMPING_RATIO_MIN,
+        DAMPING_RATIO_MAX,
+    )
     return stiffness, ratio
 
 
-def _checklist(node: Node, settings: Settings, stiffness: np.ndarray, ratio: float,
-               limits: SafetyLimits) -> Checklist:
-    days = parameter(node, "calibration_max_age", MAX_AGE / timedelta(days=1),
-                     "Days that a calibration is good for.", 0.0, 3650.0)
+def _checklist(node: Node, settings: Settings, stiffness: np.ndarray, ratio: float, limits: SafetyLimits) -> Checklist:
+    days = parameter(
+        node, "calibration_max_age", MAX_AGE / timedelta(days=1), "Days that a calibration is good for.", 0.0, 3650.0
+    )
     return Checklist(settings.calibration, timedelta(days=days), stiffness, np.full(7, ratio), limits)
 
 
 def _onboard(node: Node, stiffness: np.ndarray, ratio: float, limits: SafetyLimits) -> Onboard:
-    latency = parameter(node, "policy_latency", 0.02,
-                        "On board: s from the state that a target answers until it takes effect.", 0.0, 1.0)
-    timeout = parameter(node, "target_timeout", 0.3,
-                        "On board: s within which a target must be followed by the next.", 0.05, 10.0)
+    latency = parameter(
+        node,
+        "policy_latency",
+        0.02,
+        "On board: s from the state that a target answers until it takes effect.",
+        0.0,
+        1.0,
+    )
+    timeout = parameter(
+        node, "target_timeout", 0.3, "On board: s within which a target must be followed by the next.", 0.05, 10.0
+    )
     config = ControllerConfig(stiffness, ratio, policy_latency_ns=round(latency * SECOND))
     return Onboard(config, limits, round(timeout * SECOND))
 
@@ -100,7 +131,14 @@ def _onboard(node: Node, stiffness: np.ndarray, ratio: float, limits: SafetyLimi
 def _collision(node: Node) -> Collision:
     default = Collision()
     return Collision(
-        parameter(node, "collision_torque", default.torque, "External torque of a joint, as a share of its "
-                  "torque limit, at which the robot stops itself.", 0.05, 1.0),
+        parameter(
+            node,
+            "collision_torque",
+            default.torque,
+            "External torque of a joint, as a share of its torque limit, at which the robot stops itself.",
+            0.05,
+            1.0,
+        ),
         parameter(node, "collision_force", default.force, "The same for the hand's force, N.", 5.0, 100.0),
-        parameter(node, "collision_moment", default.moment, "The same for its moment, Nm.", 1.0, 50.0))
+        parameter(node, "collision_moment", default.moment, "The same for its moment, Nm.", 1.0, 50.0),
+    )

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+
 from np_description.calibration import Lens
 
 MIN_CORNERS = 8
@@ -38,13 +39,9 @@ class Board:
 
     def __post_init__(self) -> None:
         if not hasattr(cv2.aruco, self.dictionary) or not self.dictionary.startswith("DICT_"):
-            raise BoardError(
-                f"board: expected one of OpenCV's dictionaries, as DICT_4X4_50, got {self.dictionary!r}"
-            )
+            raise BoardError(f"board: expected one of OpenCV's dictionaries, as DICT_4X4_50, got {self.dictionary!r}")
         if min(self.columns, self.rows) < 3 or not 0 < self.marker < self.square:
-            raise BoardError(
-                f"board: expected 3 x 3 squares or more and markers smaller than squares, got {self}"
-            )
+            raise BoardError(f"board: expected 3 x 3 squares or more and markers smaller than squares, got {self}")
         if self.columns * self.rows // 2 > len(self._dictionary.bytesList):
             raise BoardError(
                 f"board: {self.dictionary} has {len(self._dictionary.bytesList)} markers, "
@@ -77,9 +74,7 @@ class Board:
         """The board to print or to draw, (height, width) uint8, with its margin: `size` times
         `pixels_per_metre`."""
         width, height = (round(side * pixels_per_metre) for side in self.size)
-        return self._board.generateImage(
-            (width, height), marginSize=round(_MARGIN * pixels_per_metre), borderBits=1
-        )
+        return self._board.generateImage((width, height), marginSize=round(_MARGIN * pixels_per_metre), borderBits=1)
 
     def detect(self, image: np.ndarray) -> Detection:
         """The corners in an image (height, width, 3) uint8 RGB."""
@@ -143,14 +138,10 @@ def pose_in_camera(points: np.ndarray, pixels: np.ndarray, lens: Lens) -> tuple[
     BoardError.
     """
     points, pixels = np.asarray(points, float), np.asarray(pixels, float)
-    count, turns, shifts, errors = cv2.solvePnPGeneric(
-        points, pixels, lens.matrix, None, flags=cv2.SOLVEPNP_IPPE
-    )
+    count, turns, shifts, errors = cv2.solvePnPGeneric(points, pixels, lens.matrix, None, flags=cv2.SOLVEPNP_IPPE)
     finite = [i for i in range(count) if np.isfinite(turns[i]).all() and np.isfinite(shifts[i]).all()]
     if not finite:
         raise BoardError("board: no pose explains its corners")
     best = min(finite, key=lambda i: errors[i].item())
-    turn, shift = cv2.solvePnPRefineLM(
-        points, pixels, lens.matrix, None, turns[best].copy(), shifts[best].copy()
-    )
+    turn, shift = cv2.solvePnPRefineLM(points, pixels, lens.matrix, None, turns[best].copy(), shifts[best].copy())
     return shift.ravel(), cv2.Rodrigues(turn)[0]

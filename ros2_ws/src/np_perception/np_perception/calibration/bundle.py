@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+
 from np_description.calibration import Lens, norm_bound
 from np_description.rotations import cross, matrix_from_vector
 
@@ -36,9 +37,7 @@ class View:
     def __post_init__(self) -> None:
         for name in ("position", "rotation", "points", "pixels"):
             if not np.isfinite(getattr(self, name)).all():
-                raise DegenerateError(
-                    f"view: expected finite {name}, got {np.asarray(getattr(self, name)).tolist()}"
-                )
+                raise DegenerateError(f"view: expected finite {name}, got {np.asarray(getattr(self, name)).tolist()}")
 
 
 @dataclass(frozen=True)
@@ -160,9 +159,7 @@ def refine(fit: Fit, views: Sequence[View], touches: Sequence[Touch], free=POSES
         normal = matrix.T @ (weights[:, None] * matrix)
         normal += 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(free))
         step = np.zeros(16)
-        step[list(free)] = np.linalg.solve(
-            normal, matrix.T @ (weights * np.concatenate([residual.ravel(), touched]))
-        )
+        step[list(free)] = np.linalg.solve(normal, matrix.T @ (weights * np.concatenate([residual.ravel(), touched])))
         fit = moved(fit, step)
         if np.abs(step[:12]).max() < _SMALL:
             break
@@ -172,9 +169,7 @@ def refine(fit: Fit, views: Sequence[View], touches: Sequence[Touch], free=POSES
 def measured(fit: Fit, views: Sequence[View]) -> Fit:
     """The fit with the errors that these views have with it."""
     squared = (residuals(fit, views) ** 2).sum(axis=1)
-    by_view = np.sqrt(
-        [part.mean() for part in np.split(squared, np.cumsum([len(view.points) for view in views])[:-1])]
-    )
+    by_view = np.sqrt([part.mean() for part in np.split(squared, np.cumsum([len(view.points) for view in views])[:-1])])
     return replace(fit, rms=float(np.median(by_view)), view_rms=by_view)
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
 from np_control.kinematics import forward_kinematics
 from np_description.calibration import Lens
 from np_description.panda import STATE_NAMES
 from np_perception.calibration.board import Board, Detection, undistort
 from np_perception.calibration.bundle import View
-from np_ros.messages import BadMessage, camera_info_lens, image_array, joint_state_arrays
-
 from np_record.bag import Recording
+from np_ros.messages import BadMessage, camera_info_lens, image_array, joint_state_arrays
 
 RESTING = 0.01  # rad/s, of every joint
 REST_BEFORE = 0.3  # s without movement before a posture counts: the mount stops swinging
@@ -86,9 +86,7 @@ def read_evidence(
                 (message.stamp, *joint_state_arrays(message.decode(), STATE_NAMES)[:2])
                 for message in recording.messages("joint_states")
             ]
-            lenses = [
-                camera_info_lens(message.decode()) for message in recording.messages("camera/camera_info")
-            ]
+            lenses = [camera_info_lens(message.decode()) for message in recording.messages("camera/camera_info")]
         except BadMessage as error:
             raise CalibrationRefused(f"bag {path}: {error}") from error
         lens, turn = lenses[0]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
+
 from np_control.kinematics import forward_kinematics
 from np_description.calibration import Calibration, Errors, Table, norm_bound
 from np_description.camera import CAMERA
@@ -14,9 +15,8 @@ from np_description.domains import CARD
 from np_description.rotations import cross, quaternion_from_matrix
 from np_perception.calibration.board import Board, pose_in_camera
 from np_perception.calibration.bundle import BOARD, DegenerateError, Fit, Touch, linearise, refine
-from np_perception.calibration.hand_eye import CORNER_SIGMA, Check, check, solve
-
 from np_perception.calibration.evidence import REST_BEFORE, SHORTEST, CalibrationRefused, Evidence, views_of
+from np_perception.calibration.hand_eye import CORNER_SIGMA, Check, check, solve
 
 
 @dataclass(frozen=True)
@@ -162,9 +162,7 @@ def find_table(evidence: Evidence, board: Board, fit: Fit) -> Table:
     at, turned = lying[0]
     # The board's frame is moved to its middle, so that an error of its tilt does not move it.
     centred = [replace(view, points=view.points - board.corners.mean(axis=0)) for view in views]
-    seen = refine(
-        replace(fit, board_position=middles[0], board_rotation=fit.rotation @ turned), centred, (), BOARD
-    )
+    seen = refine(replace(fit, board_position=middles[0], board_rotation=fit.rotation @ turned), centred, (), BOARD)
     rows = linearise(seen, centred[:1])[1].reshape(-1, 16)[:, BOARD]  # further views of the same see no more
     of_board = max(seen.rms, CORNER_SIGMA) ** 2 * np.linalg.inv(rows.T @ rows)
     # An error of the camera moves and tilts what it sees with it; one of the corners found comes on top.

@@ -16,9 +16,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+
 from np_description.calibration import Lens, norm_bound
 from np_description.rotations import vector_from_matrix
-
 from np_perception.calibration.board import pose_in_camera
 from np_perception.calibration.bundle import (
     LENS,
@@ -67,13 +67,10 @@ class Check:
         found = []
         if abs(self.scale - 1) > max(2 * self.scale_95, 0.003):
             found.append(
-                f"the board looks {self.scale:.4f} +- {self.scale_95:.4f} times its size: is it printed to"
-                " scale?"
+                f"the board looks {self.scale:.4f} +- {self.scale_95:.4f} times its size: is it printed to scale?"
             )
         if abs(self.focal - 1) > max(2 * self.focal_95, 0.01):
-            found.append(
-                f"the focal length looks {self.focal:.4f} +- {self.focal_95:.4f} times what camera_info says"
-            )
+            found.append(f"the focal length looks {self.focal:.4f} +- {self.focal_95:.4f} times what camera_info says")
         if (np.abs(self.centre) > np.maximum(2 * self.centre_95, 4.0)).any():
             found.append(
                 f"the principal point looks shifted by {np.round(self.centre, 1).tolist()} +- "
@@ -119,9 +116,7 @@ def check(fit: Fit, views: Sequence[View], touches: Sequence[Touch] = ()) -> Che
     kept = [views[i] for i in fit.used]
 
     def lens_values(other: Fit) -> np.ndarray:
-        return np.array(
-            [other.lens.fx / fit.lens.fx, other.lens.cx - fit.lens.cx, other.lens.cy - fit.lens.cy]
-        )
+        return np.array([other.lens.fx / fit.lens.fx, other.lens.cx - fit.lens.cx, other.lens.cy - fit.lens.cy])
 
     def scale_value(other: Fit) -> np.ndarray:
         return np.array([other.scale])
@@ -178,8 +173,7 @@ def _hint(fit: Fit, views: list[View], touches: list[Touch]) -> str:
         scaled = refine(_start(other, fit.lens), other, (), SCALE)
         if scaled.rms < min(fit.rms / 3, MAX_RMS):
             return (
-                f"; a board of {factor * scaled.scale:.3f} times the size would explain them: is it this one,"
-                " to scale?"
+                f"; a board of {factor * scaled.scale:.3f} times the size would explain them: is it this one, to scale?"
             )
     return ""
 
@@ -249,10 +243,7 @@ def _left_out(fit: Fit, views, touches, value, free=POSES) -> np.ndarray:
     """`value` of the fit without each piece of evidence: a view of a moving board, or a touch; (n, ...)."""
     if touches:  # the views of a board that lies still are one
         return np.array(
-            [
-                value(refine(fit, views, [t for j, t in enumerate(touches) if j != i], free))
-                for i in range(len(touches))
-            ]
+            [value(refine(fit, views, [t for j, t in enumerate(touches) if j != i], free)) for i in range(len(touches))]
         )
     return np.array(
         [value(refine(fit, [v for j, v in enumerate(views) if j != i], (), free)) for i in range(len(views))]
@@ -269,9 +260,7 @@ def _jackknife(fit: Fit, views, touches) -> tuple[np.ndarray, float]:
         fit,
         views,
         touches,
-        lambda f: np.concatenate(
-            [f.position - fit.position, vector_from_matrix(f.rotation @ fit.rotation.T)]
-        ),
+        lambda f: np.concatenate([f.position - fit.position, vector_from_matrix(f.rotation @ fit.rotation.T)]),
     )
     covariance = _jackknife_covariance(values)
     if touches:  # what all images of a board that lies still have in common shows in none of the fits

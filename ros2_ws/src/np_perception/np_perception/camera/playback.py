@@ -9,12 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import yaml
+
 from np_description.calibration import Lens
 from np_description.camera import CAMERA
 from np_perception.camera.source import CameraError, EndOfImages, Frame
-from np_ros.messages import BadMessage, camera_info_lens, image_array
-
 from np_record.bag import BagError, Recording
+from np_ros.messages import BadMessage, camera_info_lens, image_array
 
 LENS_FILE = "camera.yaml"
 STAMPS = ("now", "recorded")
@@ -29,9 +29,7 @@ class BagImages:
         try:
             with Recording(path, required=("camera/image_raw",)) as recording:
                 first = next(recording.messages("camera/camera_info"), None)
-                self.lens, self.turn = (
-                    (POLICY_LENS, np.eye(3)) if first is None else camera_info_lens(first.decode())
-                )
+                self.lens, self.turn = (POLICY_LENS, np.eye(3)) if first is None else camera_info_lens(first.decode())
                 stamps = [message.stamp for message in recording.messages("camera/image_raw")]
         except (BagError, BadMessage) as error:
             raise CameraError(str(error)) from error
@@ -109,9 +107,7 @@ def _read_lens(file: Path, width: int, height: int) -> tuple[float, Lens]:
             raise ValueError(f"rate: expected 0 .. 1000 Hz, got {rate}")
         return rate, Lens(width, height, **content)
     except (OSError, TypeError, ValueError, yaml.YAMLError) as error:  # a CalibrationError is a ValueError
-        raise CameraError(
-            f"{file}: expected fx, fy, cx, cy and optionally distortion and rate: {error}"
-        ) from error
+        raise CameraError(f"{file}: expected fx, fy, cx, cy and optionally distortion and rate: {error}") from error
 
 
 class Playback:
@@ -121,13 +117,9 @@ class Playback:
     the end, for stamps of now only. Raises CameraError if there is nothing to play.
     """
 
-    def __init__(
-        self, path: str | Path, *, rate: float = 1.0, stamps: str = "now", repeat: bool = False
-    ) -> None:
+    def __init__(self, path: str | Path, *, rate: float = 1.0, stamps: str = "now", repeat: bool = False) -> None:
         if repeat and stamps != "now":
-            raise CameraError(
-                "playback: expected stamps of now where images are repeated: time cannot run backwards"
-            )
+            raise CameraError("playback: expected stamps of now where images are repeated: time cannot run backwards")
         path = Path(path)
         if not path.exists():
             raise CameraError(f"playback: expected a bag or a folder with pictures, {path} does not exist")
@@ -139,9 +131,7 @@ class Playback:
         self.values: dict[str, object] = {"source": str(path), "images there": len(self._images)}
         self._frames = iter(self._images)
         self._next: Frame | None = None
-        self._began: tuple[int, int, int] | None = (
-            None  # stamp of the first image; when it was played, two clocks
-        )
+        self._began: tuple[int, int, int] | None = None  # stamp of the first image; when it was played, two clocks
 
     def read(self, timeout: float) -> Frame | None:
         """See Source."""

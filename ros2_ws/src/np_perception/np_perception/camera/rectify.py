@@ -12,13 +12,12 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+
 from np_description.calibration import Calibration, CalibrationError, Lens
 from np_description.camera import CAMERA, Camera
 
 VIEWS = ("policy", "calibration")
-CALIBRATION_SIZE = (
-    400  # px: the largest image that stays in shared memory; the same field of view as the policies'
-)
+CALIBRATION_SIZE = 400  # px: the largest image that stays in shared memory; the same field of view as the policies'
 _MAX_OUTSIDE = 0.0  # share of the view that may lie outside the camera's image
 
 
@@ -66,9 +65,7 @@ class Rectifier:
         u, v = np.meshgrid(np.arange(dense.width), np.arange(dense.height))
         pixels = self.source_pixels(np.stack([u, v], axis=-1).astype(float), dense)
         inside = (
-            (pixels > -0.5).all(axis=-1)
-            & (pixels[..., 0] < lens.width - 0.5)
-            & (pixels[..., 1] < lens.height - 0.5)
+            (pixels > -0.5).all(axis=-1) & (pixels[..., 0] < lens.width - 0.5) & (pixels[..., 1] < lens.height - 0.5)
         )
         if (outside := 1 - inside.mean()) > _MAX_OUTSIDE:
             degrees = np.degrees(np.arccos(np.clip((np.trace(self.turn) - 1) / 2, -1, 1)))
@@ -78,9 +75,7 @@ class Rectifier:
                 f" turned by {degrees:.1f} degrees): a larger image, or a camera that looks closer to where"
                 " it should"
             )
-        self._map = cv2.convertMaps(
-            pixels[..., 0].astype(np.float32), pixels[..., 1].astype(np.float32), cv2.CV_16SC2
-        )
+        self._map = cv2.convertMaps(pixels[..., 0].astype(np.float32), pixels[..., 1].astype(np.float32), cv2.CV_16SC2)
 
     def source_pixels(self, pixels: np.ndarray, camera: Camera | None = None) -> np.ndarray:
         """Where the view's pixels (..., 2) lie in the lens's image."""
@@ -106,8 +101,7 @@ class Rectifier:
         another shape."""
         if image.shape != (self.lens.height, self.lens.width, 3) or image.dtype != np.uint8:
             raise ValueError(
-                f"image: expected ({self.lens.height}, {self.lens.width}, 3) uint8, "
-                f"got {image.shape} {image.dtype}"
+                f"image: expected ({self.lens.height}, {self.lens.width}, 3) uint8, got {image.shape} {image.dtype}"
             )
         if self._is_identity:
             return image

@@ -7,16 +7,16 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
-from datetime import datetime, UTC
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from np_perception.calibration.board import Board, BoardError
 
-from np_record.bag import BagError
-from np_perception.calibration.fitting import Result, calibrate
-from np_record.command import Progress
+from np_perception.calibration.board import Board, BoardError
 from np_perception.calibration.evidence import CalibrationRefused, read_evidence
+from np_perception.calibration.fitting import Result, calibrate
+from np_record.bag import BagError
+from np_record.command import Progress
 
 
 def add_board(parser: argparse.ArgumentParser) -> None:
@@ -24,15 +24,9 @@ def add_board(parser: argparse.ArgumentParser) -> None:
     default = Board()
     parser.add_argument("--columns", type=int, default=default.columns, help="squares (default %(default)s)")
     parser.add_argument("--rows", type=int, default=default.rows, help="squares (default %(default)s)")
-    parser.add_argument(
-        "--square", type=float, default=default.square, help="measured side, m (default %(default)s)"
-    )
-    parser.add_argument(
-        "--marker", type=float, default=default.marker, help="measured side, m (default %(default)s)"
-    )
-    parser.add_argument(
-        "--dictionary", default=default.dictionary, help="OpenCV's name (default %(default)s)"
-    )
+    parser.add_argument("--square", type=float, default=default.square, help="measured side, m (default %(default)s)")
+    parser.add_argument("--marker", type=float, default=default.marker, help="measured side, m (default %(default)s)")
+    parser.add_argument("--dictionary", default=default.dictionary, help="OpenCV's name (default %(default)s)")
 
 
 def board_of(options: argparse.Namespace) -> Board:
@@ -43,12 +37,8 @@ def board_of(options: argparse.Namespace) -> Board:
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="calibrate", description=__doc__)
-    parser.add_argument(
-        "bag", type=Path, help="recording of joint_states, camera/image_raw and camera/camera_info"
-    )
-    parser.add_argument(
-        "--out", type=Path, required=True, help="file to write, for the parameter `calibration`"
-    )
+    parser.add_argument("bag", type=Path, help="recording of joint_states, camera/image_raw and camera/camera_info")
+    parser.add_argument("--out", type=Path, required=True, help="file to write, for the parameter `calibration`")
     parser.add_argument(
         "--touched",
         default="",
@@ -57,9 +47,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
             "its corners in this order, as 0,5,18,23,8,15; without it the hand holds the board"
         ),
     )
-    parser.add_argument(
-        "--table", type=Path, help="recording of the board lying on the table, to see where that is"
-    )
+    parser.add_argument("--table", type=Path, help="recording of the board lying on the table, to see where that is")
     parser.add_argument(
         "--accept",
         action="store_true",

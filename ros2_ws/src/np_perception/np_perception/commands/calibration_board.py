@@ -9,8 +9,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from np_perception.calibration.board import Board, BoardError
 
+from np_perception.calibration.board import Board, BoardError
 from np_perception.commands.calibrate import add_board, board_of
 
 DPI = 600
@@ -35,9 +35,7 @@ def page(board: Board, dpi: int = DPI) -> np.ndarray:
         f" mm, {board.dictionary}. Print at 100 %, measure, and say what you measured: --square --marker"
     )
     if top > 60:
-        cv2.putText(
-            sheet, text, (left, height - top // 3), cv2.FONT_HERSHEY_SIMPLEX, dpi / 450, 0, max(1, dpi // 300)
-        )
+        cv2.putText(sheet, text, (left, height - top // 3), cv2.FONT_HERSHEY_SIMPLEX, dpi / 450, 0, max(1, dpi // 300))
     return sheet
 
 

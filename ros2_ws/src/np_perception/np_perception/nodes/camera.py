@@ -13,16 +13,16 @@ from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from np_description.calibration import CalibrationError, load
-from np_description.scene import CAMERA_NAME
-from np_ros import qos
-from np_ros.messages import camera_info_message, image_message
-from np_ros.node import Diagnostics, parameter
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 
-from np_perception.camera.source import CameraError, EndOfImages, Source
+from np_description.calibration import CalibrationError, load
+from np_description.scene import CAMERA_NAME
 from np_perception.camera.rectify import VIEWS, Rectifier, view_camera
+from np_perception.camera.source import CameraError, EndOfImages, Source
+from np_ros import qos
+from np_ros.messages import camera_info_message, image_message
+from np_ros.node import Diagnostics, parameter
 
 _RETRY = 1.0  # s between attempts to find a camera that has gone
 _READ = 0.1  # s
@@ -49,9 +49,7 @@ class CameraNode(Node):
             "view in more pixels, for the command `calibrate`.",
             choices=VIEWS,
         )
-        file = parameter(
-            self, "calibration", "", "File written by `calibrate`; empty: images are not turned."
-        )
+        file = parameter(self, "calibration", "", "File written by `calibrate`; empty: images are not turned.")
         self._timeout = parameter(
             self,
             "image_timeout",
@@ -70,8 +68,7 @@ class CameraNode(Node):
                 {
                     "calibration age days": f"{self._calibration.age().total_seconds() / 86400:.1f}",
                     "camera displaced": (
-                        f"{1e3 * distance:.1f} mm, {np.degrees(angle):.2f} degrees from where the policies"
-                        " learned"
+                        f"{1e3 * distance:.1f} mm, {np.degrees(angle):.2f} degrees from where the policies learned"
                     ),
                 }
             )

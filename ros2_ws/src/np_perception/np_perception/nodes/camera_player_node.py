@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from np_perception.camera.playback import STAMPS, Playback
 from np_perception.nodes.camera import CameraNode
 from np_ros.node import parameter, run
-
-from np_perception.camera.playback import STAMPS, Playback
 
 
 class CameraPlayer(CameraNode):
@@ -18,17 +17,11 @@ class CameraPlayer(CameraNode):
         stamps = parameter(
             self, "stamps", "now", "now: as if taken when played; recorded: as they were.", choices=STAMPS
         )
-        repeat = parameter(
-            self, "repeat", False, "Whether to begin anew at the end; with stamps of now only."
-        )
-        subscribers = parameter(
-            self, "subscribers", 1, "Subscribers to the images that are waited for first.", 0, 100
-        )
+        repeat = parameter(self, "repeat", False, "Whether to begin anew at the end; with stamps of now only.")
+        subscribers = parameter(self, "subscribers", 1, "Subscribers to the images that are waited for first.", 0, 100)
         if not source:
             raise ValueError("parameter source: expected a bag or a folder with pictures, got none")
-        self.begin(
-            lambda: Playback(source, rate=rate, stamps=stamps, repeat=repeat), subscribers, retry=False
-        )
+        self.begin(lambda: Playback(source, rate=rate, stamps=stamps, repeat=repeat), subscribers, retry=False)
 
 
 def main(args=None):

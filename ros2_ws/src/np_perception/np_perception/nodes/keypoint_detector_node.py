@@ -10,15 +10,15 @@ import time
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from np_description.camera import CAMERA
-from np_description.domains import find_domain
-from np_ros import qos
-from np_ros.messages import BadMessage, camera_info_arrays, image_array, keypoints_message, stamp_nanoseconds
-from np_ros.node import Diagnostics, parameter, run
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
+from np_description.camera import CAMERA
+from np_description.domains import find_domain
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
+from np_ros import qos
+from np_ros.messages import BadMessage, camera_info_arrays, image_array, keypoints_message, stamp_nanoseconds
+from np_ros.node import Diagnostics, parameter, run
 
 _SAME = 0.01  # px, within which a camera's parameters are those of training
 _COLLAPSED = 15  # images in a row without enough sure keypoints: half a second at 30 Hz
@@ -30,8 +30,13 @@ class KeypointDetectorNode(Node):
 
     def __init__(self):
         super().__init__("keypoint_detector")
-        mode = parameter(self, "mode", "lockstep", "Whether every image is answered, or the newest.",
-                         choices=("lockstep", "realtime"))
+        mode = parameter(
+            self,
+            "mode",
+            "lockstep",
+            "Whether every image is answered, or the newest.",
+            choices=("lockstep", "realtime"),
+        )
         domain = parameter(self, "domain", "card", "Domain whose object is looked for: card, bump or wall.")
         weights = parameter(
             self,
@@ -48,9 +53,7 @@ class KeypointDetectorNode(Node):
             0.1,
             3600.0,
         )
-        self._sure = parameter(
-            self, "sure_score", 0.5, "Score from which a keypoint counts as sure.", 0.0, 1.0
-        )
+        self._sure = parameter(self, "sure_score", 0.5, "Score from which a keypoint counts as sure.", 0.0, 1.0)
         self._least = parameter(
             self,
             "least_sure",
@@ -66,13 +69,9 @@ class KeypointDetectorNode(Node):
         self._images = 0
         self._last_image = time.monotonic()
         self._publisher = self.create_publisher(PointCloud2, "keypoints", qos.publisher(not self._realtime))
-        self.create_subscription(
-            Image, "camera/image_raw", self._on_image, qos.subscriber(not self._realtime)
-        )
+        self.create_subscription(Image, "camera/image_raw", self._on_image, qos.subscriber(not self._realtime))
         self._misfit = ""  # why the images are not those of the camera that policies were trained with
-        self.create_subscription(
-            CameraInfo, "camera/camera_info", self._on_info, qos.subscriber(not self._realtime)
-        )
+        self.create_subscription(CameraInfo, "camera/camera_info", self._on_info, qos.subscriber(not self._realtime))
         self.create_timer(min(self._timeout, 0.5), self._watch)
 
     def _on_info(self, message: CameraInfo) -> None:
@@ -81,10 +80,17 @@ class KeypointDetectorNode(Node):
         except BadMessage as error:
             self._misfit = str(error)
             return
-        fits = (width, height) == (CAMERA.width, CAMERA.height) and np.allclose(matrix, CAMERA.matrix, rtol=0, atol=_SAME)
-        self._misfit = "" if fits else (
-            f"camera_info: expected {CAMERA.width} x {CAMERA.height} px, k {CAMERA.matrix.ravel().round(2).tolist()}, got "
-            f"{width} x {height} px, k {matrix.ravel().round(2).tolist()}: rectify as realsense_camera does")
+        fits = (width, height) == (CAMERA.width, CAMERA.height) and np.allclose(
+            matrix, CAMERA.matrix, rtol=0, atol=_SAME
+        )
+        self._misfit = (
+            ""
+            if fits
+            else (
+                f"camera_info: expected {CAMERA.width} x {CAMERA.height} px, k {CAMERA.matrix.ravel().round(2).tolist()}, got "
+                f"{width} x {height} px, k {matrix.ravel().round(2).tolist()}: rectify as realsense_camera does"
+            )
+        )
 
     def _on_image(self, message: Image) -> None:
         began = self._last_image = time.monotonic()
@@ -92,8 +98,11 @@ class KeypointDetectorNode(Node):
             stamp = stamp_nanoseconds(message.header.stamp)
             image = image_array(message)
             if image.shape != IMAGE_SHAPE:
-                raise BadMessage("shape", f"Image: expected {IMAGE_SHAPE[0]} x {IMAGE_SHAPE[1]} pixels, "
-                                          f"got {image.shape[0]} x {image.shape[1]}")
+                raise BadMessage(
+                    "shape",
+                    f"Image: expected {IMAGE_SHAPE[0]} x {IMAGE_SHAPE[1]} pixels, "
+                    f"got {image.shape[0]} x {image.shape[1]}",
+                )
             if self._misfit:
                 raise BadMessage("camera", self._misfit)
         except BadMessage as error:
@@ -105,9 +114,14 @@ class KeypointDetectorNode(Node):
         self._images += 1
         sure = int((detection.scores >= self._sure).sum())
         self._unsure = self._unsure + 1 if sure < self._least else 0
-        self._diagnostics.values.update({
-            "images": self._images, "detection ms": f"{1e3 * (time.monotonic() - began):.1f}",
-            "scores": np.array2string(detection.scores, precision=2), "sure keypoints": sure})
+        self._diagnostics.values.update(
+            {
+                "images": self._images,
+                "detection ms": f"{1e3 * (time.monotonic() - began):.1f}",
+                "scores": np.array2string(detection.scores, precision=2),
+                "sure keypoints": sure,
+            }
+        )
         if self._unsure >= _COLLAPSED:
             self._diagnostics.report(
                 DiagnosticStatus.WARN,

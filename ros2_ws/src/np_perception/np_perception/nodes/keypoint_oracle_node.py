@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+
 from np_description.calibration import calibrated_camera
 from np_description.camera import CAMERA
 from np_description.domains import DOMAINS, find_domain
@@ -17,8 +20,6 @@ from np_description.scene import CAMERA_NAME
 from np_ros import qos
 from np_ros.messages import BadMessage, keypoints_message, pose_arrays, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run
-from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
 
 
 class KeypointOracle(Node):
@@ -54,13 +55,9 @@ class KeypointOracle(Node):
             return
         pixels, _ = self._camera.project(box_keypoints(self._half_size, position, quaternion))
         if self._noise:
-            pixels = pixels + self._noise * np.random.default_rng((self._seed, stamp)).standard_normal(
-                (COUNT, 2)
-            )
+            pixels = pixels + self._noise * np.random.default_rng((self._seed, stamp)).standard_normal((COUNT, 2))
         seen = ((pixels > -0.5) & (pixels < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=1)
-        self._keypoints.publish(
-            keypoints_message(stamp, CAMERA_NAME, np.column_stack([pixels, seen.astype(float)]))
-        )
+        self._keypoints.publish(keypoints_message(stamp, CAMERA_NAME, np.column_stack([pixels, seen.astype(float)])))
 
 
 def main(args=None):

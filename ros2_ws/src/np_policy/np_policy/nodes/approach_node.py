@@ -13,11 +13,11 @@ from trajectory_msgs.msg import JointTrajectory
 
 from np_description.domains import Pose
 from np_description.panda import BASE_FRAME, FINGER_MAX, JOINT_NAMES
+from np_perception.pose_estimation import PoseError, estimate_pose
 from np_policy.approach import Approach, ApproachConfig, plan_approach
 from np_policy.collision import CollisionModel
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_policy.planning import Budget, PlanningError
-from np_perception.pose_estimation import PoseError, estimate_pose
 from np_ros import qos
 from np_ros.messages import BadMessage, pose_arrays, stamp_nanoseconds, trajectory_message
 from np_ros.node import Diagnostics, parameter, run
@@ -34,17 +34,23 @@ class ApproachNode(Node):
     def __init__(self) -> None:
         super().__init__("approach")
         self._settings = declare_settings(self)
-        self._seed = parameter(self, "seed", 0, "Of the planner: equal seeds and inputs give equal plans.", 0, 2**31 - 1)
-        first = parameter(self, "first_checks", 60_000, "Collision checks until a first path must be found.", 100, 10**7)
+        self._seed = parameter(
+            self, "seed", 0, "Of the planner: equal seeds and inputs give equal plans.", 0, 2**31 - 1
+        )
+        first = parameter(
+            self, "first_checks", 60_000, "Collision checks until a first path must be found.", 100, 10**7
+        )
         improve = parameter(self, "improve_checks", 20_000, "Further checks for shorter paths.", 0, 10**7)
         seconds = parameter(self, "planning_time", 2.0, "Real time only: s of wall time for planning.", 0.05, 60.0)
         defaults = ApproachConfig()
         clearance = parameter(self, "clearance", 0.005, "Distance to everything on the way, m.", 0.0, 0.05)
         self._config = ApproachConfig(
             velocity=parameter(self, "velocity", defaults.velocity, "Share of the velocity limits.", 0.01, 1.0),
-            acceleration=parameter(self, "acceleration", defaults.acceleration, "Share of the acceleration limits.",
-                                   0.01, 0.7),
-            budget=Budget(first, improve, None if self._settings.lockstep else seconds))
+            acceleration=parameter(
+                self, "acceleration", defaults.acceleration, "Share of the acceleration limits.", 0.01, 0.7
+            ),
+            budget=Budget(first, improve, None if self._settings.lockstep else seconds),
+        )
         self._collision = CollisionModel(self._settings.domain, clearance=clearance)
         self.diagnostics = Diagnostics(self)
         self._wanted: tuple[int, Pose] | None = None
@@ -62,7 +68,8 @@ class ApproachNode(Node):
     def _on_gripper(self, message: Float64) -> None:
         if not 0.0 <= message.data <= FINGER_MAX:
             return self.diagnostics.refuse(
-                "range", f"gripper_command: expected 0 .. {FINGER_MAX} m, got {message.data}")
+                "range", f"gripper_command: expected 0 .. {FINGER_MAX} m, got {message.data}"
+            )
         self._opening = message.data
         self._act()
 
@@ -107,8 +114,9 @@ class ApproachNode(Node):
         began = time.monotonic()
         try:
             joints = self._state.arrays()[0][:7]
-            objekt = estimate_pose(keypoints, self._settings.domain, min_score=self._settings.min_score,
-                                   camera=self._settings.camera).pose
+            objekt = estimate_pose(
+                keypoints, self._settings.domain, min_score=self._settings.min_score, camera=self._settings.camera
+            ).pose
             plan = plan_approach(self._collision, joints, pose, opening, objekt, seed=self._seed, config=self._config)
         except BadMessage as error:
             self.diagnostics.refuse(error.kind, error)
@@ -123,8 +131,9 @@ class ApproachNode(Node):
         message = trajectory_message(stamp, JOINT_NAMES, motion.times, motion.positions, motion.velocities)
         message.header.frame_id = BASE_FRAME
         self._publish(stamp, message)
-        self.diagnostics.values.update(planning_time=round(seconds, 3), duration=round(motion.duration, 3),
-                                       lift=round(plan.lift, 4))
+        self.diagnostics.values.update(
+            planning_time=round(seconds, 3), duration=round(motion.duration, 3), lift=round(plan.lift, 4)
+        )
         self.diagnostics.report(DiagnosticStatus.OK, "planned")
 
     def _publish_failure(self, stamp: int, reason: str) -> None:

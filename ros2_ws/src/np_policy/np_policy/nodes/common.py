@@ -19,7 +19,6 @@ from np_ros import qos
 from np_ros.messages import NANOSECONDS, BadMessage, joint_state_arrays, keypoints_array, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter
 
-
 OLDEST_STATE = 200_000_000  # ns before the image; the clocks of a robot and a camera may be apart too
 
 
@@ -41,11 +40,14 @@ class Settings:
 def declare_settings(node: Node) -> Settings:
     """Declare and read the parameters that every node of this package has. Raises CalibrationError for a bad file."""
     domain = parameter(node, "domain", "card", "Task family.", choices=tuple(DOMAINS))
-    mode = parameter(node, "mode", "lockstep", "Who waits: time for the answers, or nobody.",
-                     choices=("lockstep", "realtime"))
+    mode = parameter(
+        node, "mode", "lockstep", "Who waits: time for the answers, or nobody.", choices=("lockstep", "realtime")
+    )
     rate = parameter(node, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500)
     score = parameter(node, "min_score", 0.3, "Score from which a keypoint is used.", 0.0, 1.0)
-    calibration = parameter(node, "calibration", "", "File written by `calibrate`: where the camera is; empty: as trained.")
+    calibration = parameter(
+        node, "calibration", "", "File written by `calibrate`: where the camera is; empty: as trained."
+    )
     return Settings(find_domain(domain), mode == "lockstep", NANOSECONDS // rate, score, calibrated_camera(calibration))
 
 
@@ -54,8 +56,9 @@ def declare_weights(node: Node) -> str:
     return parameter(node, "weights", "", "Folder with released weights; empty: $NP_WEIGHTS, or the project's own.")
 
 
-def subscribe_keypoints(node: Node, diagnostics: Diagnostics, lockstep: bool,
-                        callback: Callable[[int, np.ndarray | None], None]) -> None:
+def subscribe_keypoints(
+    node: Node, diagnostics: Diagnostics, lockstep: bool, callback: Callable[[int, np.ndarray | None], None]
+) -> None:
     """Call `callback` with stamp ns and keypoints (8, 3), or with None for keypoints that had to be refused."""
 
     def receive(message: PointCloud2) -> None:
@@ -80,8 +83,9 @@ class GoalStream:
     restarted alone, and its time begins anew.
     """
 
-    def __init__(self, node: Node, diagnostics: Diagnostics, callback: Callable[[], None],
-                 restart: Callable[[], None]) -> None:
+    def __init__(
+        self, node: Node, diagnostics: Diagnostics, callback: Callable[[], None], restart: Callable[[], None]
+    ) -> None:
         self._diagnostics, self._callback, self._restart = diagnostics, callback, restart
         self.stamp = -1
         self.keypoints: np.ndarray | None = None

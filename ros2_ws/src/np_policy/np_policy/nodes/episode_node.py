@@ -19,11 +19,26 @@ from np_description.scene import CAMERA_NAME
 from np_policy.episode import Episode, EpisodeConfig, Event, Goal, PhaseChange, Refused, Tick
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_ros import qos
-from np_ros.messages import BadMessage, header_message, keypoints_message, pose_arrays, stamp_nanoseconds, \
-    trajectory_arrays
+from np_ros.messages import (
+    BadMessage,
+    header_message,
+    keypoints_message,
+    pose_arrays,
+    stamp_nanoseconds,
+    trajectory_arrays,
+)
 from np_ros.node import Diagnostics, parameter, run
 
-_FIELDS = ("settle", "pre_timeout", "post_timeout", "post_blind", "success_frames", "success_share", "planning", "arrival")
+_FIELDS = (
+    "settle",
+    "pre_timeout",
+    "post_timeout",
+    "post_blind",
+    "success_frames",
+    "success_share",
+    "planning",
+    "arrival",
+)
 BACKEND_SILENCE = 3.0  # s of wall time; it reports every second
 _HELP = {
     "settle": ("Rest between approach and post, s.", 0.0, 10.0),
@@ -45,16 +60,29 @@ class EpisodeNode(Node):
         settings = declare_settings(self)
         defaults = EpisodeConfig(settings.domain, success_share=settings.domain.aim)
         values = {name: parameter(self, name, getattr(defaults, name), *_HELP[name]) for name in _FIELDS}
-        values["silence"] = parameter(self, "silence", 0.0, "Wall time s in which keypoints must come; 0: 2 s in real "
-                                      "time, 30 s in lockstep, where slow is no fault.", 0.0, 3600.0) \
-            or (30.0 if settings.lockstep else 2.0)
+        values["silence"] = parameter(
+            self,
+            "silence",
+            0.0,
+            "Wall time s in which keypoints must come; 0: 2 s in real time, 30 s in lockstep, where slow is no fault.",
+            0.0,
+            3600.0,
+        ) or (30.0 if settings.lockstep else 2.0)
         self._backend = parameter(self, "backend", "sim_bridge", "Name of the node whose diagnostics tell of a hold.")
         self.diagnostics = Diagnostics(self)
         # In lockstep time stands still for a plan, and its first state is the one it was made for.
         self._state = None if settings.lockstep else StateStream(self, self.diagnostics, settings, lambda: None)
-        self._episode = Episode(EpisodeConfig(
-            settings.domain, lockstep=settings.lockstep, policy_period=settings.policy_period,
-            min_score=settings.min_score, camera=settings.camera, **values), self._joints)
+        self._episode = Episode(
+            EpisodeConfig(
+                settings.domain,
+                lockstep=settings.lockstep,
+                policy_period=settings.policy_period,
+                min_score=settings.min_score,
+                camera=settings.camera,
+                **values,
+            ),
+            self._joints,
+        )
         self._waits_for, self._waits_since = "", time.monotonic()
         self._backend_heard: float | None = None
         self._phase = self.create_publisher(String, "phase", qos.LATCHED)
@@ -88,8 +116,11 @@ class EpisodeNode(Node):
         try:
             times, positions, _ = trajectory_arrays(message, JOINT_NAMES)
             stamp = stamp_nanoseconds(message.header.stamp)
-            events = self._episode.trajectory(stamp, float(times[-1]), end=positions[-1]) if len(times) else \
-                self._episode.trajectory(stamp, None, message.header.frame_id)
+            events = (
+                self._episode.trajectory(stamp, float(times[-1]), end=positions[-1])
+                if len(times)
+                else self._episode.trajectory(stamp, None, message.header.frame_id)
+            )
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
         except Refused as error:
@@ -113,7 +144,7 @@ class EpisodeNode(Node):
         if self._state is None or self._state.stamp < 0:
             return None
         try:
-            return self._state.arrays()[0][:len(JOINT_NAMES)]
+            return self._state.arrays()[0][: len(JOINT_NAMES)]
         except BadMessage as error:
             self.diagnostics.refuse(error.kind, error)
             return None
@@ -138,8 +169,12 @@ class EpisodeNode(Node):
                     self._goal.publish(keypoints_message(event.stamp, CAMERA_NAME, event.keypoints))
         if self._episode.awaits != self._waits_for:
             self._waits_for, self._waits_since = self._episode.awaits, time.monotonic()
-        self.diagnostics.values.update(phase=self._episode.phase, waits_for=self._waits_for,
-                                       distance=f"{self._episode.distance:.4f}", angle=f"{self._episode.angle:.4f}")
+        self.diagnostics.values.update(
+            phase=self._episode.phase,
+            waits_for=self._waits_for,
+            distance=f"{self._episode.distance:.4f}",
+            angle=f"{self._episode.angle:.4f}",
+        )
 
 
 def main(args: list[str] | None = None) -> int:

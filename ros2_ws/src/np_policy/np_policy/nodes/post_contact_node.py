@@ -30,8 +30,9 @@ class PostContactNode(Node):
         torch.set_num_threads(1)
         self._settings = declare_settings(self)
         file = weights_file("post_contact", self._settings.domain, declare_weights(self))
-        self._policy = PostContactController(file, self._settings.domain, min_score=self._settings.min_score,
-                                             camera=self._settings.camera)
+        self._policy = PostContactController(
+            file, self._settings.domain, min_score=self._settings.min_score, camera=self._settings.camera
+        )
         self.diagnostics = Diagnostics(self)
         self._keypoints: OrderedDict[int, np.ndarray | None] = OrderedDict()
         self._phase = ""

@@ -12,13 +12,12 @@ from std_msgs.msg import Float64, String
 
 from np_description.panda import BASE_FRAME
 from np_description.phases import PRE, split_phase
+from np_perception.pose_estimation import MIN_POINTS, usable
 from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, subscribe_keypoints
 from np_policy.policy import PolicyError, PreContactPlanner, weights_file
-from np_perception.pose_estimation import MIN_POINTS, usable
 from np_ros import qos
 from np_ros.messages import pose_message
 from np_ros.node import Diagnostics, run
-
 
 OLDEST_KEYPOINTS = 0.5  # s since they came, in real time
 
@@ -48,7 +47,10 @@ class PreContactNode(Node):
     def _on_phase(self, message: String) -> None:
         before, self._in_phase = self._in_phase, split_phase(message.data)[0] == PRE
         if self._in_phase and not before and not self._settings.lockstep:
-            self._keypoints, self._answered = None, -1  # another episode, maybe with the same goal: what it is to see is to come
+            self._keypoints, self._answered = (
+                None,
+                -1,
+            )  # another episode, maybe with the same goal: what it is to see is to come
         self._act()
 
     def _forget(self) -> None:
@@ -90,8 +92,10 @@ class PreContactNode(Node):
 
     def _is_heard(self) -> bool:
         """Whether everybody that listens would get what is published now: it is not sent twice without being asked."""
-        return all(0 < self.count_subscribers(publisher.topic_name) <= publisher.get_subscription_count()
-                   for publisher in (self._gripper, self._pose))
+        return all(
+            0 < self.count_subscribers(publisher.topic_name) <= publisher.get_subscription_count()
+            for publisher in (self._gripper, self._pose)
+        )
 
 
 def main(args: list[str] | None = None) -> int:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 
-from np_ros import qos
-
 from np_record.bag import Message
 from np_record.cdr import padding_filter
-from np_record.topics import BY_NAME
-from np_ros.participant import Participant
 from np_record.nodes.recorder_node import message_class
 from np_record.replay import Comparison, Script, Step
+from np_record.topics import BY_NAME
+from np_ros import qos
+from np_ros.participant import Participant
 from np_ros.supervisor import Supervisor
 
 _EVENTS = ("gripper_command", "pre_contact_pose", "joint_trajectory")

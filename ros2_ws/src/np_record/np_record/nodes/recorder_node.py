@@ -8,13 +8,13 @@ import time
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from np_ros import qos
-from np_ros.node import Diagnostics, parameter, run
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from np_record.topics import BY_NAME, TOPICS, Topic
 from np_record.recorder import BagWriter, Sequencer
+from np_record.topics import BY_NAME, TOPICS, Topic
+from np_ros import qos
+from np_ros.node import Diagnostics, parameter, run
 
 _QUIET = 0.05  # s without a message sent before a stop after which all of these are taken to be here
 _PATIENCE = 1.0  # s after which a stop waits no longer, whatever another host's clock says of its messages
@@ -31,15 +31,11 @@ class Recorder(Node):
     def __init__(self):
         super().__init__("recorder")
         self._path = parameter(self, "bag", "recording", "Path of the bags, without the number.")
-        self._information = parameter(
-            self, "run_info", "{}", "JSON object kept in the bag's metadata under run_info."
-        )
+        self._information = parameter(self, "run_info", "{}", "JSON object kept in the bag's metadata under run_info.")
         required = parameter(
             self, "required", "", "Topics, separated by commas, without a publisher of which ~/start fails."
         )
-        at_once = parameter(
-            self, "record_at_start", True, "Record from the start of the node, without ~/start."
-        )
+        at_once = parameter(self, "record_at_start", True, "Record from the start of the node, without ~/start.")
         images = parameter(self, "record_images", True, "Whether camera/image_raw is recorded.")
         self._required = [name for name in required.split(",") if name]
         self._writer: BagWriter | None = None
@@ -58,9 +54,7 @@ class Recorder(Node):
         }
         unknown = sorted(set(self._required) - set(self._subscriptions_by_topic))
         if unknown:
-            raise ValueError(
-                f"parameter required: expected topics that are recorded, got {', '.join(unknown)}"
-            )
+            raise ValueError(f"parameter required: expected topics that are recorded, got {', '.join(unknown)}")
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/stop", self._on_stop)
         if at_once:
@@ -116,18 +110,14 @@ class Recorder(Node):
         heard = begun
         while min(time.monotonic() - heard - _QUIET, time.monotonic() - begun - _PATIENCE) < 0:
             for subscription in self._subscriptions_by_topic.values():
-                while (
-                    taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)
-                ) is not None:
+                while (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
                     subscription.callback(*taken)
                     if taken[1]["source_timestamp"] <= asked:
                         heard = time.monotonic()
             time.sleep(_QUIET / 10)
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        missing = [
-            name for name in self._required if not self._subscriptions_by_topic[name].get_publisher_count()
-        ]
+        missing = [name for name in self._required if not self._subscriptions_by_topic[name].get_publisher_count()]
         if self._writer is not None:
             response.message = f"expected no open bag, {self._writer.path} is being recorded"
         elif missing:

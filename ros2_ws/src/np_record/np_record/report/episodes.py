@@ -11,11 +11,10 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from np_description.phases import split_phase
-
-from np_record.report import plots
 from np_record.bag import Recording
-from np_record.recorded_episode import EpisodeData, images, load_episode
 from np_record.intervals import wilson_interval
+from np_record.recorded_episode import EpisodeData, images, load_episode
+from np_record.report import plots
 from np_record.report.pages import page
 from np_record.report.video import write_video
 

@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_description.phases import APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED, split_phase
-
 from np_record.recorded_episode import EpisodeData, Series
 from np_record.report.pages import style, svg
 
@@ -82,9 +81,7 @@ def keypoint_plot(episode: EpisodeData) -> str:
             top.fill_between(error.time, 0, worst, color="#7a4fa3", alpha=0.25, lw=0, label="worst of 8")
             _line(top, error, 1, "#7a4fa3", label="median of 8")
             top.legend(fontsize=7, frameon=False, loc="upper left")
-            bottom.plot(
-                episode.keypoints.time, episode.keypoints.values[:, :, 2].min(axis=1), lw=1, color="#444444"
-            )
+            bottom.plot(episode.keypoints.time, episode.keypoints.values[:, :, 2].min(axis=1), lw=1, color="#444444")
         top.set_ylabel("error (px)")
         top.set_ylim(0, max(5.0, min(40.0, top.get_ylim()[1])))
         bottom.set_ylabel("least score")

@@ -17,7 +17,6 @@ from np_description.camera import CAMERA
 from np_description.domains import Pose
 from np_description.keypoints import box_keypoints
 from np_description.scene import CORNER_COLOURS
-
 from np_record.recorded_episode import EpisodeData, Series
 
 SCALE = 2  # pixels of the video for one of the camera
@@ -25,9 +24,7 @@ _EDGES = [(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit]
 _GREEN, _WHITE = (90, 230, 90), (255, 255, 255)
 
 
-def write_video(
-    path: str | Path, episode: EpisodeData, images: Iterable[tuple[float, np.ndarray]], rate: float
-) -> int:
+def write_video(path: str | Path, episode: EpisodeData, images: Iterable[tuple[float, np.ndarray]], rate: float) -> int:
     """Write images (time s, pixels) at `rate` frames a second; the number of frames written.
 
     Raises OSError where OpenCV cannot encode. With no images no file is made.
@@ -43,9 +40,7 @@ def encode(path: str | Path, frames: Iterable[np.ndarray], rate: float) -> int:
             if writer is None:
                 size = (frame.shape[1], frame.shape[0])
                 with _quiet():
-                    writer = cv2.VideoWriter(
-                        str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"VP80"), rate, size
-                    )
+                    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"VP80"), rate, size)
                 if not writer.isOpened():
                     raise OSError(f"video {path}: expected OpenCV with a VP8 encoder, it cannot open one")
             writer.write(np.ascontiguousarray(frame[..., ::-1]))

@@ -29,12 +29,19 @@ from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.patch import Patch, load_patch
 from np_description.scene import CAMERA_NAME
 from np_ros import qos
-from np_ros.messages import BadMessage, camera_info_message, image_message, joint_state_message, \
-    pose_message, stamp_message, stamp_nanoseconds
+from np_ros.messages import (
+    BadMessage,
+    camera_info_message,
+    image_message,
+    joint_state_message,
+    pose_message,
+    stamp_message,
+    stamp_nanoseconds,
+)
 from np_ros.node import Diagnostics, parameter, run
 from np_ros.spin import request_realtime
-from np_sim_bridge.imaging import CameraThread
 from np_sim_bridge.barrier import ACTIVE_PHASES, Barrier
+from np_sim_bridge.imaging import CameraThread
 from np_sim_bridge.renderer import RENDERERS, make_renderer
 from np_sim_bridge.renderer_process import RendererProcess
 from np_sim_bridge.schedule import PERIOD, SECOND, Schedule
@@ -42,8 +49,11 @@ from np_sim_bridge.simulation import Simulation
 
 REPEAT_AFTER = 1.0  # s of wall time without an answer, after which a state is published again
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
-LEVELS = {State.HOLDING: DiagnosticStatus.WARN, State.STOPPED: DiagnosticStatus.ERROR,
-          State.FAULT: DiagnosticStatus.ERROR}
+LEVELS = {
+    State.HOLDING: DiagnosticStatus.WARN,
+    State.STOPPED: DiagnosticStatus.ERROR,
+    State.FAULT: DiagnosticStatus.ERROR,
+}
 
 
 class SimBridge(Node):
@@ -53,32 +63,50 @@ class SimBridge(Node):
         super().__init__("sim_bridge")
         domain = parameter(self, "domain", "card", "Task family.", choices=tuple(DOMAINS))
         seed = parameter(self, "seed", 0, "With the episode's number it names the task.", 0, 2**31 - 1)
-        first = parameter(self, "first_episode", 0, "Number of the episode that the first reset draws.",
-                          0, 2**31 - 1)
+        first = parameter(self, "first_episode", 0, "Number of the episode that the first reset draws.", 0, 2**31 - 1)
         substeps = parameter(self, "substeps", 1, "Physics steps in a control period of 2 ms.", 1, 20)
-        mode = parameter(self, "mode", "lockstep", "Who waits: time for the answers, or nobody.",
-                         choices=("lockstep", "realtime"))
+        mode = parameter(
+            self, "mode", "lockstep", "Who waits: time for the answers, or nobody.", choices=("lockstep", "realtime")
+        )
         policy_rate = parameter(self, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500)
-        image_rate = parameter(self, "image_rate", 30, "Images a second; policy ticks have one in any case.",
-                               1, 500)
+        image_rate = parameter(self, "image_rate", 30, "Images a second; policy ticks have one in any case.", 1, 500)
         camera = parameter(self, "camera", True, "Whether images are drawn.")
-        calibration = parameter(self, "calibration", "", "File written by `calibrate`: where the camera is; empty: "
-                                "as trained.")
-        renderer = parameter(self, "renderer", "auto", "What draws them: OpenGL (egl), a ray caster on the "
-                             "CPU (warp), or whichever works (auto).", choices=RENDERERS)
+        calibration = parameter(
+            self, "calibration", "", "File written by `calibrate`: where the camera is; empty: as trained."
+        )
+        renderer = parameter(
+            self,
+            "renderer",
+            "auto",
+            "What draws them: OpenGL (egl), a ray caster on the CPU (warp), or whichever works (auto).",
+            choices=RENDERERS,
+        )
         shadows = parameter(self, "shadows", True, "Whether the arm casts a shadow in the images.")
-        self._tick_barrier = parameter(self, "tick_barrier", True,
-                                       "Lockstep: whether time waits for ticks and targets too.")
-        self._timeout = parameter(self, "lockstep_timeout", 120.0, "Lockstep: s of wall time that an answer "
-                                  "may be missing before the arm is stopped.", 1.0, 3600.0)
+        self._tick_barrier = parameter(
+            self, "tick_barrier", True, "Lockstep: whether time waits for ticks and targets too."
+        )
+        self._timeout = parameter(
+            self,
+            "lockstep_timeout",
+            120.0,
+            "Lockstep: s of wall time that an answer may be missing before the arm is stopped.",
+            1.0,
+            3600.0,
+        )
         priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90)
         effects = parameter(self, "effects", "", "Patch file of effects that the nominal arm lacks.")
         self._lockstep = mode == "lockstep"
         self._schedule = Schedule(policy_rate, image_rate)
         self._barrier = Barrier(self._schedule, tick_barrier=self._tick_barrier)
         self._view = calibrated_camera(calibration)
-        self._simulation = Simulation(find_domain(domain), seed=seed, first_episode=first, substeps=substeps,
-                                      camera=self._view, patch=load_patch(effects) if effects else Patch())
+        self._simulation = Simulation(
+            find_domain(domain),
+            seed=seed,
+            first_episode=first,
+            substeps=substeps,
+            camera=self._view,
+            patch=load_patch(effects) if effects else Patch(),
+        )
         self._filter = SafetyFilter()
         self._next_episode = first
         self._paused = False
@@ -91,14 +119,16 @@ class SimBridge(Node):
         self._create_publishers()
         self._camera = None
         if camera:
-            make = partial(make_renderer if self._lockstep else RendererProcess, renderer,
-                           self._simulation.model, shadows=shadows)
+            make = partial(
+                make_renderer if self._lockstep else RendererProcess, renderer, self._simulation.model, shadows=shadows
+            )
             self._camera = CameraThread(make, self._publish_image)
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(mode=mode, domain=domain, seed=seed, effects=effects or "none")
         if self._simulation.ignored_effects:
-            self.get_logger().warn("effects that a backend cannot carry: "
-                                   f"{', '.join(self._simulation.ignored_effects)}")
+            self.get_logger().warn(
+                f"effects that a backend cannot carry: {', '.join(self._simulation.ignored_effects)}"
+            )
         if priority and not request_realtime(priority):  # for this thread: the camera's has been started
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
         self._create_inputs()
@@ -148,8 +178,9 @@ class SimBridge(Node):
         if self._lockstep and stamp < self._simulation.stamp and stamp == self._answered:
             return  # the second answer to a state that was published twice
         try:
-            self._filter.offer(stamp, message.name, message.position, message.velocity, message.effort,
-                               now=self._simulation.stamp)
+            self._filter.offer(
+                stamp, message.name, message.position, message.velocity, message.effort, now=self._simulation.stamp
+            )
         except Refusal as refusal:
             self.diagnostics.refuse(refusal.reason, refusal)
         else:
@@ -230,8 +261,7 @@ class SimBridge(Node):
             self._repeat()
         if self._armed and now - self._waiting_since > self._timeout:
             self._armed = False
-            cause = (f"lockstep: no {topic} for the state of {self._simulation.stamp} ns "
-                     f"within {self._timeout:g} s")
+            cause = f"lockstep: no {topic} for the state of {self._simulation.stamp} ns within {self._timeout:g} s"
             self.get_logger().error(cause)
             self._stop(cause)
 
@@ -245,12 +275,12 @@ class SimBridge(Node):
             except ValueError as error:  # a Refusal is one
                 response.message, response.success = str(error), False
             return response
+
         return handle
 
     def _reset(self) -> str:
         if not self._filter.watchdog.may_move:
-            raise ValueError(f"cannot reset: {self._filter.state} ({self._filter.watchdog.cause}); "
-                             "recover first")
+            raise ValueError(f"cannot reset: {self._filter.state} ({self._filter.watchdog.cause}); recover first")
         stamp = self._schedule.next_policy_tick(self._simulation.stamp)
         self._simulation.reset(self._next_episode, stamp)
         self._next_episode += 1
@@ -263,8 +293,7 @@ class SimBridge(Node):
         self.diagnostics.values["episode"] = task.episode
         self._answered = -1
         self._filter.start(self._simulation.measure().position[:7])
-        self._goal_pose.publish(
-            pose_message(self._simulation.stamp, BASE_FRAME, goal.position, goal.quaternion))
+        self._goal_pose.publish(pose_message(self._simulation.stamp, BASE_FRAME, goal.position, goal.quaternion))
         self._publish_state()
         self._report()
 
@@ -303,8 +332,7 @@ class SimBridge(Node):
         self._measured = measured = simulation.measure()
         stamp = measured.stamp
         self._barrier.begin(stamp)
-        joints = joint_state_message(
-            stamp, STATE_NAMES, measured.position, measured.velocity, measured.effort)
+        joints = joint_state_message(stamp, STATE_NAMES, measured.position, measured.velocity, measured.effort)
         self._joint_states.publish(joints)  # first, so that the controller thinks while the rest is sent
         clock = ClockMessage(clock=stamp_message(stamp))
         self._clock_topic.publish(clock)
@@ -322,8 +350,10 @@ class SimBridge(Node):
 
     def _publish_image(self, stamp: int, pixels: np.ndarray) -> None:
         """Called in the camera's thread."""
-        messages = [(self._camera_info, camera_info_message(stamp, CAMERA_NAME, self._view)),
-                    (self._image, image_message(stamp, CAMERA_NAME, pixels))]
+        messages = [
+            (self._camera_info, camera_info_message(stamp, CAMERA_NAME, self._view)),
+            (self._image, image_message(stamp, CAMERA_NAME, pixels)),
+        ]
         for publisher, message in messages:
             publisher.publish(message)
         self._last_image = stamp, messages
@@ -338,7 +368,8 @@ class SimBridge(Node):
 
     def _publish_applied(self, stamp: int, applied: Applied) -> None:
         self._applied.publish(
-            joint_state_message(stamp, JOINT_NAMES, applied.position, applied.velocity, applied.torque))
+            joint_state_message(stamp, JOINT_NAMES, applied.position, applied.velocity, applied.torque)
+        )
 
     def _report(self) -> None:
         """Tell the state, and what it means: published at once when it changes."""
