@@ -1,0 +1,1 @@
+"""What an arm may have that its nominal simulator has not: one record an effect."""
