@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_blind.faults import EFFECTS, Fault, Parameters, apply, limit_of, limits
+from np_blind.faults import EFFECTS, Fault, Parameters, apply, limit_of, visible
 from np_blind.physics import Physics, nominal_physics
 from np_blind.strangers import STRANGERS, apply_stranger, strangers_of
 
@@ -101,7 +101,7 @@ def make_physics(cases: list[Case], background: bool = True) -> tuple[Physics, l
 
 def magnitude(fault: Fault) -> float | None:
     """Of a fault of the catalogue, in the unit of its limit."""
-    return fault.size * limit_of(fault.effect, fault.joint) if fault.effect in limits() else None
+    return fault.size * limit_of(fault.effect, fault.joint) if fault.effect in EFFECTS else None
 
 
 def _deck(names: tuple[str, ...], rng: np.random.Generator):
@@ -115,9 +115,9 @@ def _size(rng: np.random.Generator, least: float, most: float) -> float:
 
 
 def _fault(effect: str, rng: np.random.Generator) -> Fault:
-    entry = limits()[effect]
-    joint = int(rng.choice(entry["joints"])) - 1 if "joints" in entry else None
-    return Fault(effect, joint, _size(rng, 1.0, entry.get("largest", 10.0)))
+    seen = visible(effect)
+    joint = int(rng.choice(seen.joints)) - 1 if seen.joints else None
+    return Fault(effect, joint, _size(rng, 1.0, seen.largest))
 
 
 def _pair(first: str, rng: np.random.Generator) -> tuple[Fault, Fault]:

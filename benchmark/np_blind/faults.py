@@ -1,6 +1,6 @@
 """The faults an arm of the blind test may have: the arm-side effects of the catalogue, and strangers to it.
 
-A fault has a size in multiples of its declared detection limit (data/limits.yaml). Parameters that the
+A fault has a size in multiples of its declared detection limit (`np_effects.record.Visible`). Parameters that the
 key names are changes against the nominal arm; torques are those that resist the motion.
 """
 
@@ -8,16 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
 
 import numpy as np
-import yaml
 
 from np_blind.physics import Physics
 from np_blind.rigid_arm import nominal_inertials, tcp_in_link7
 from np_control.impedance import STIFFNESS_MAX
 from np_description.panda import JOINT_NAMES, NOMINAL
+from np_effects import RECORDS
+from np_effects.record import Visible
 
 ARM = "arm"
 ROTOR_FIXED = 1e5  # Nm/rad, of a gear in which nothing but play or hysteresis is of interest
@@ -42,16 +41,14 @@ class Fault:
         return ARM if self.joint is None else JOINT_NAMES[self.joint]
 
 
-@cache
-def limits() -> dict[str, dict]:
-    """The declared detection limits by effect."""
-    text = (files("np_blind") / "data" / "limits.yaml").read_text(encoding="utf-8")
-    return yaml.safe_load(text)
+def visible(effect: str) -> Visible:
+    """The declared limit of an effect: what counts as size 1."""
+    return RECORDS[effect].visible
 
 
 def limit_of(effect: str, joint: int | None) -> float:
     """Magnitude of size 1."""
-    limit = limits()[effect]["limit"]
+    limit = visible(effect).limit
     return float(limit if joint is None else limit[joint])
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from np_blind.cases import Case
-from np_blind.faults import limit_of, limits
+from np_blind.faults import EFFECTS, limit_of
 from np_blind.heldout import heldout_gaps
 from np_blind.patched import PatchError, patched_physics, read_patch
 from np_blind.processes import end_with_parent
@@ -74,7 +74,7 @@ def as_report(patch: Sequence[Mapping]) -> dict:
     named = []
     for entry in patch:
         joint = JOINT_NAMES.index(entry["component"]) if entry["component"] in JOINT_NAMES else None
-        if entry["effect"] in limits():
+        if entry["effect"] in EFFECTS:
             size = np.linalg.norm(list(entry["parameters"].values())) / limit_of(entry["effect"], joint)
             named.append((float(size), entry))
     named = sorted((item for item in named if item[0] >= 1.0), key=lambda item: -item[0])

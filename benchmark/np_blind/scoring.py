@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
-from importlib.resources import files
 
 import numpy as np
-import yaml
 
+from np_effects.catalogue import catalogue, equivalence_classes
 from np_record.intervals import wilson_interval
 
 CLEAR = 3.0  # times its detection limit, from which on an effect must be named
@@ -49,21 +47,14 @@ class Score:
         return bool(self.error) or any(x is False for x in wrong) or bool(self.false_alarm) or bool(self.harm)
 
 
-@cache
-def _catalogue() -> dict:
-    return yaml.safe_load((files("np_diagnosis") / "data" / "gap_effects.yaml").read_text(encoding="utf-8"))
-
-
-@cache
 def modules() -> dict[str, str]:
     """Module of each effect."""
-    return {entry["id"]: entry["module"] for entry in _catalogue()["effects"]}
+    return {name: entry["module"] for name, entry in catalogue().items()}
 
 
-@cache
 def classes() -> tuple[frozenset[str], ...]:
     """The pre-registered equivalence classes; a member may be a sum, "a + b"."""
-    return tuple(frozenset(entry["members"]) for entry in _catalogue()["equivalence_classes"])
+    return tuple(members for members, _ in equivalence_classes())
 
 
 def score_case(entry: Mapping, report: Mapping | None, error: str = "") -> Score:

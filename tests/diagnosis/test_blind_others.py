@@ -13,7 +13,7 @@ from np_blind.scoring import score_case, summary
 from np_blind.sealed import make_key
 from np_blind.tables import figures_table
 from np_description.panda import JOINT_NAMES
-from np_description.patch import Patch, PatchEffect, dump_patch
+from np_effects.patch import Patch, PatchEffect, dump_patch
 
 FAKE = (
     "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); "

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from np_blind.blind_arm import PERIOD, Plant
 from np_blind.cases import Case, draw_cases, make_physics
-from np_blind.faults import EFFECTS, Fault, limits, soften
+from np_blind.faults import EFFECTS, Fault, soften, visible
 from np_blind.heldout import LOST, gaps, motions
 from np_blind.hysteresis import bouc_wen, lugre, prandtl
 from np_blind.loop import Diverged, make_targets, run
@@ -24,10 +24,10 @@ from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
-from np_description.patch import Patch, PatchEffect
 from np_description.scene import load_model
 from np_diagnosis.experiments.excitation import READY, SECOND, THIRD, suite
-from np_sim_bridge.effects import Gap
+from np_effects.arm_effects import ArmEffects
+from np_effects.patch import Patch, PatchEffect
 
 postures = arrays(float, 7, elements=st.floats(-2.5, 2.5))
 speeds = arrays(float, 7, elements=st.floats(-2, 2))
@@ -175,10 +175,10 @@ def short_run(cases, names=("sinusoid_4",), seeds=True, background=True):
 
 def all_faults(size):
     def joint(effect):
-        places = limits()[effect].get("joints")
-        return None if places is None else (4 if 4 in places else places[0]) - 1
+        places = visible(effect).joints
+        return None if not places else (4 if 4 in places else places[0]) - 1
 
-    faults = [Fault(e, joint(e), min(size, limits()[e].get("largest", 10.0))) for e in EFFECTS]
+    faults = [Fault(e, joint(e), min(size, visible(e).largest)) for e in EFFECTS]
     faults += [Fault(s, 3 if 3 in places else places[0], size) for s, (_, places) in STRANGERS.items()]
     cases = [Case(0, "null", (), (5, 5))]
     return cases + [
@@ -218,7 +218,7 @@ def test_an_offset_pushes_the_way_that_patch_and_sim_bridge_say():
     for _ in range(100):
         plant.begin(plant.q, plant.dq)
         plant.step(np.zeros((1, 7)))
-    bridge = Gap(Patch((PatchEffect("torque_offset", NOMINAL.joints[3], {"offset": offset}),)), PERIOD)
+    bridge = ArmEffects(Patch((PatchEffect("torque_offset", NOMINAL.joints[3], {"offset": offset}),)), PERIOD)
     assert bridge.drive(np.zeros(7))[3] == offset
     assert np.sign((plant.q - READY)[0, 3]) == np.sign(offset)
     entry = {"effect": "torque_offset", "component": NOMINAL.joints[3], "parameters": {"offset": offset}}
@@ -232,7 +232,7 @@ SOFT = ("backlash", "transmission_hysteresis", "joint_elasticity")
 def test_a_gear_at_any_joint_is_stable_in_every_posture(posture):
     """The link of the wrist alone is 5e-3 kg m^2: on a gear of 1e5 Nm/rad it swings at 700 Hz."""
     cases = [
-        Case(0, "single", (Fault(effect, joint, limits()[effect].get("largest", 10.0)),), (5, 5))
+        Case(0, "single", (Fault(effect, joint, visible(effect).largest),), (5, 5))
         for effect in SOFT
         for joint in range(7)
     ]
@@ -332,4 +332,4 @@ def test_sets_from_some_seed_on_have_strangers_that_the_doctor_was_not_developed
 def test_every_arm_side_effect_of_the_catalogue_has_a_generator_and_a_limit():
     object_side = {"contact", "object", "camera", "keypoints"}
     assert set(EFFECTS) == {e for e, module in modules().items() if module not in object_side}
-    assert set(limits()) == set(EFFECTS) and not set(STRANGERS) & set(modules())
+    assert all(visible(effect) for effect in EFFECTS) and not set(STRANGERS) & set(modules())

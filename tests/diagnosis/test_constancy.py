@@ -11,11 +11,11 @@ from np_diagnosis.arm.model import panda
 from np_diagnosis.arm.stages import expected_torque
 from np_diagnosis.checks.constancy import _has_slipped, misfits, shapes_left
 from np_diagnosis.checks.omnibus import examine
-from np_diagnosis.effects import transmission
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.search import Search
 from np_diagnosis.recordings.signals import Log
+from np_effects.transmission import transmission_hysteresis as transmission
 
 JOINT = 2  # counted from 0: the third
 

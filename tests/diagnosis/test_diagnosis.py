@@ -10,10 +10,11 @@ from arm_generator import Truth, at, record
 from np_diagnosis.arm.model import load_arm, panda
 from np_diagnosis.checks.plausibility import check
 from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.effects.friction import PRESLIDING_MOST, PRESLIDING_STROKES
 from np_diagnosis.recordings.reading import read
 from np_diagnosis.report.document import make_report
 from np_diagnosis.simulation.simulated_arm import Z1
+from np_effects.joint_dynamics.presliding_friction import MOST as PRESLIDING_MOST
+from np_effects.joint_dynamics.presliding_friction import STROKES as PRESLIDING_STROKES
 
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 

@@ -13,12 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from np_control.dynamics import build_model
-from np_description.patch import PARAMETERS
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import panda
-from np_diagnosis.effects import Parameter, all_effects, catalogue
-from np_diagnosis.effects.sensing import find_quantum
-from np_diagnosis.effects.timing import USUAL
 from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, make_blocks, make_cell
 from np_diagnosis.inference.context import make_context
@@ -28,6 +24,12 @@ from np_diagnosis.inference.loop_delay import loop_delay, settle_delay
 from np_diagnosis.inference.residuals import rung
 from np_diagnosis.recordings.signals import Log, sample
 from np_diagnosis.report.schema import validate
+from np_effects import RECORDS
+from np_effects.catalogue import catalogue
+from np_effects.registry import all_signatures as all_effects
+from np_effects.sensing.encoder_quantisation import find_quantum
+from np_effects.signature import Parameter
+from np_effects.timing.command_delay import USUAL
 
 ARM = panda()
 SCHEMA = json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text())
@@ -238,7 +240,9 @@ def test_reversals_share_the_nuisances_of_sliding(design):
 def test_a_patch_may_hold_whatever_an_effect_is_given_by(clean):
     for effect in all_effects(clean):
         named = {p.name for p in effect.parameters} | set(effect.constants) | {s.name for s in [effect.shape] if s}
-        assert named - ({"share"} if effect.shape else set()) <= set(PARAMETERS[effect.id]), effect.key
+        assert named - ({"share"} if effect.shape else set()) <= {q.name for q in RECORDS[effect.id].quantities}, (
+            effect.key
+        )
 
 
 def nuisances_of(design, joint):

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from own_simulator import record
 
-from np_description.patch import Patch, PatchEffect
 from np_diagnosis.arm.model import panda
 from np_diagnosis.inference.estimates import Estimate
 from np_diagnosis.simulation import refit as refitting
 from np_diagnosis.simulation.forward import SAMPLE, WARM, WINDOW, departures, rms, windows
 from np_diagnosis.simulation.refit import Part, disagree, refit
+from np_effects.patch import Patch, PatchEffect
 
 TRUTH = Patch(
     (

@@ -8,7 +8,6 @@ import pytest
 from np_description.panda import NOMINAL
 from np_diagnosis.checks.omnibus import _outlying
 from np_diagnosis.checks.standstill import FADE, _memory, ageing
-from np_diagnosis.effects.base import Effect, Parameter
 from np_diagnosis.inference.averaging import spread
 from np_diagnosis.inference.design import Candidate
 from np_diagnosis.inference.fit import Fit, Score
@@ -17,6 +16,8 @@ from np_diagnosis.inference.ranking import larger
 from np_diagnosis.recordings.signals import GRID
 from np_diagnosis.simulation import patching
 from np_diagnosis.simulation.patching import tried_patch
+from np_effects.signature import Parameter
+from np_effects.signature import Signature as Effect
 
 RNG = np.random.default_rng(3)
 

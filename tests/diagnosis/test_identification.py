@@ -19,7 +19,6 @@ from np_blind.cases import Case, make_physics
 from np_blind.faults import Fault
 from np_blind.patched import patched_physics, read_patch
 from np_control.impedance import torque
-from np_description.patch import Patch, PatchEffect, dump_patch, load_patch
 from np_diagnosis.baselines import methods as baselines
 from np_diagnosis.baselines.drive_log import read_drive_log
 from np_diagnosis.baselines.identification import (
@@ -35,6 +34,7 @@ from np_diagnosis.commands import baselines as command
 from np_diagnosis.recordings.signals import Commands, Log
 from np_diagnosis.simulation.closed_loop import Replay, stretch, stretches
 from np_diagnosis.simulation.simulated_arm import Z1, Plant, load_plant, panda_plant
+from np_effects.patch import Patch, PatchEffect, dump_patch, load_patch
 
 pytestmark = pytest.mark.timeout(900)  # on a machine with nothing else to do all of it takes one minute
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))

@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from np_diagnosis.effects import Parameter
-from np_diagnosis.effects.base import recurrence
-from np_diagnosis.effects.timing import delayed, find_held
-from np_diagnosis.effects.torque_loop import first_order, rate_limited
 from np_diagnosis.inference.cells import GAP, Block, Cell, make_cell
 from np_diagnosis.recordings.signals import Log, sample
+from np_effects.signature import Parameter
+from np_effects.sums import first_order, recurrence
+from np_effects.timing.command_delay import delayed
+from np_effects.timing.packet_loss import find_held
+from np_effects.torque_loop.torque_rate_limit import rate_limited
 
 PERIOD = 0.002
 

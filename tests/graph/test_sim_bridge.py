@@ -6,7 +6,7 @@ from sensor_msgs.msg import Image, JointState
 
 from np_description.domains import BUMP
 from np_description.panda import NOMINAL, STATE_NAMES
-from np_description.patch import Patch, PatchEffect, dump_patch
+from np_effects.patch import Patch, PatchEffect, dump_patch
 from np_ros.messages import image_array, joint_state_arrays
 from np_ros.supervisor import NodeDied
 from np_sim_bridge.renderer import WarpRenderer

@@ -10,7 +10,8 @@ import torch
 
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
-from np_description.patch import PARAMETERS, Patch, PatchEffect, dump_patch
+from np_effects import RECORDS
+from np_effects.patch import Patch, PatchEffect, dump_patch
 from np_training import evaluate, train
 from np_training.environment.environment import EnvironmentConfig
 from np_training.physics.batched import ARM, BatchedPhysics, PhysicsConfig
@@ -71,10 +72,10 @@ def test_link_inertia_reaches_the_model():
     assert np.allclose(bodies[1], 1.5 * bodies[0])
 
 
-@pytest.mark.parametrize("effect", sorted(set(PARAMETERS) - set(CARRIED)))
+@pytest.mark.parametrize("effect", sorted(set(RECORDS) - set(CARRIED)))
 def test_everything_else_is_refused_by_name(effect):
     component = "arm" if effect in ("payload", "base_tilt", "command_delay") else "panda_joint3"
-    patch = Patch((*PATCH.effects, PatchEffect(effect, component, {PARAMETERS[effect][0]: 0.01})))
+    patch = Patch((*PATCH.effects, PatchEffect(effect, component, {RECORDS[effect].quantities[0].name: 0.01})))
     with pytest.raises(ValueError, match=f"got {effect} at {component}"):
         check_carried(patch)
     with pytest.raises(ValueError, match="training carries coulomb_friction"):

@@ -8,8 +8,10 @@ from hypothesis.extra.numpy import arrays
 
 from np_control.dynamics import Dynamics
 from np_description.panda import NOMINAL
-from np_description.patch import PARAMETERS, Patch, PatchEffect
-from np_sim_bridge.effects import IGNORED, STICTION_SPEED, Gap
+from np_effects import RECORDS
+from np_effects.arm_effects import ArmEffects
+from np_effects.behaviour import STICTION_SPEED
+from np_effects.patch import Patch, PatchEffect
 
 PERIOD = 0.002
 JOINT = "panda_joint3"
@@ -20,7 +22,7 @@ angles = arrays(float, 7, elements=st.floats(-1.0, 1.0)).map(lambda a: NOMINAL.r
 
 
 def gap(effect, component=JOINT, **parameters):
-    return Gap(Patch((PatchEffect(effect, component, parameters),)), PERIOD)
+    return ArmEffects(Patch((PatchEffect(effect, component, parameters),)), PERIOD)
 
 
 def driven(model, commands):
@@ -29,7 +31,7 @@ def driven(model, commands):
 
 @given(torques, angles, speeds)
 def test_without_effects_nothing_is_touched(commands, q, dq):
-    nothing = Gap(Patch(), PERIOD)
+    nothing = ArmEffects(Patch(), PERIOD)
     assert np.array_equal(driven(nothing, commands), commands)
     assert not nothing.extra(q, dq).any()
     for seen, true in zip(nothing.sense(q, dq, commands[0]), (q, dq, commands[0])):
@@ -79,7 +81,7 @@ def test_scale_and_offset_come_last(commands, scale, offset):
             PatchEffect("torque_offset", JOINT, {"offset": offset}),
         )
     )
-    given_ = driven(Gap(patch, PERIOD), commands)
+    given_ = driven(ArmEffects(patch, PERIOD), commands)
     assert np.allclose(given_[:, at], (1 + scale) * commands[:, at] + offset)
 
 
@@ -87,7 +89,7 @@ def test_scale_and_offset_come_last(commands, scale, offset):
 @given(st.floats(0.02, 0.5), st.integers(0, 1000))
 def test_a_lost_packet_leaves_the_command_before_it_to_all_joints(share, seed):
     commands = np.arange(3000.0)[:, None] + np.zeros(7)
-    model = Gap(Patch((PatchEffect("packet_loss", "arm", {"share": share}),)), PERIOD, seed)
+    model = ArmEffects(Patch((PatchEffect("packet_loss", "arm", {"share": share}),)), PERIOD, seed)
     given_ = driven(model, commands)
     lost = given_[:, 0] != commands[:, 0]
     assert (given_ == given_[:, :1]).all() and (given_[1:][lost[1:]] == given_[:-1][lost[1:]]).all()
@@ -103,7 +105,7 @@ def test_what_is_uneven_about_friction_is_half_the_difference(q, dq, positive, n
     dq[at] = np.copysign(max(abs(dq[at]), 0.1), dq[at])
     mean = 0.5 * (positive + negative)
     direction = np.sign(dq[at])
-    resisting = mean * direction - Gap(patch, PERIOD).extra(q, dq)[at]
+    resisting = mean * direction - ArmEffects(patch, PERIOD).extra(q, dq)[at]
     assert resisting == pytest.approx((positive if direction > 0 else negative) * direction, abs=1e-9)
 
 
@@ -165,12 +167,14 @@ def test_friction_of_the_load_is_a_share_of_what_the_joint_holds(q, dq, coeffici
 
 
 def test_friction_drifts_over_its_duration_and_then_stays():
-    model = Gap(Patch((PatchEffect("thermal_drift", JOINT, {"change": -0.3, "duration": 1.0}),)), PERIOD)
+    model = ArmEffects(Patch((PatchEffect("thermal_drift", JOINT, {"change": -0.3, "duration": 1.0}),)), PERIOD)
     dq = np.full(7, 0.4)
     nominal = NOMINAL.frictionloss[at] * np.tanh(0.4 / STICTION_SPEED) + NOMINAL.damping[at] * 0.4
     course = np.array([model.extra(NOMINAL.ready, dq)[at] for _ in range(1000)]) / nominal
     assert np.allclose(course[:500], 0.3 * np.arange(1, 501) / 500) and np.allclose(course[500:], 0.3)
-    begun = Gap(Patch((PatchEffect("thermal_drift", JOINT, {"change": -0.3, "duration": 1.0}),)), PERIOD, begin=0.5)
+    begun = ArmEffects(
+        Patch((PatchEffect("thermal_drift", JOINT, {"change": -0.3, "duration": 1.0}),)), PERIOD, begin=0.5
+    )
     assert begun.extra(NOMINAL.ready, dq)[at] == pytest.approx(course[250] * nominal)
 
 
@@ -223,9 +227,9 @@ def test_encoders_read_in_steps_and_torque_sensors_are_off(q, dq, step, gain, of
     assert torque[at] == pytest.approx(3 * (1 + gain) + offset) and (np.delete(torque, at) == 3).all()
 
 
-@pytest.mark.parametrize("effect", IGNORED)
+@pytest.mark.parametrize("effect", [r.id for r in RECORDS.values() if not r.is_simulated])
 def test_what_a_backend_cannot_carry_is_named_and_does_nothing(effect):
-    model = gap(effect, **{PARAMETERS[effect][0]: 0.01})
+    model = gap(effect, **{RECORDS[effect].quantities[0].name: 0.01})
     assert model.ignored == (effect,)
     assert np.array_equal(model.drive(np.ones(7)), np.ones(7)) and not model.extra(NOMINAL.ready, np.ones(7)).any()
 
@@ -253,7 +257,7 @@ def test_what_a_backend_cannot_carry_is_named_and_does_nothing(effect):
 def test_side_by_side_is_one_by_one(effects, seed):
     rng = np.random.default_rng(seed)
     patches = [Patch((effect,)) for effect in effects]
-    together, alone = Gap(patches, PERIOD), [Gap(patch, PERIOD) for patch in patches]
+    together, alone = ArmEffects(patches, PERIOD), [ArmEffects(patch, PERIOD) for patch in patches]
     for _ in range(12):
         command, q, dq = (scale * rng.normal(size=(len(patches), 7)) for scale in (5.0, 0.2, 0.5))
         lost = [e for e in effects if e.effect == "packet_loss"]

@@ -9,18 +9,19 @@ from hypothesis import strategies as st
 
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
-from np_description.patch import PARAMETERS, Patch, PatchEffect, dump_patch, load_patch
 from np_description.scene import load_model
+from np_effects import RECORDS
+from np_effects.patch import Patch, PatchEffect, dump_patch, load_patch
+from np_effects.record import Place
 
 joints = st.sampled_from(NOMINAL.joints)
-numbers = st.floats(-1e3, 1e3)
 
 
 @st.composite
 def effects(draw):
-    name = draw(st.sampled_from(sorted(PARAMETERS)))
-    values = {parameter: draw(numbers) for parameter in PARAMETERS[name] if draw(st.booleans())}
-    return PatchEffect(name, draw(joints | st.just("arm")), values)
+    record = RECORDS[draw(st.sampled_from(sorted(RECORDS)))]
+    values = {q.name: draw(st.floats(q.lower, q.upper)) for q in record.quantities if draw(st.booleans())}
+    return PatchEffect(record.id, draw(joints if record.place is Place.LINK else joints | st.just("arm")), values)
 
 
 @settings(deadline=None, max_examples=60)
@@ -51,6 +52,11 @@ ENTRY = {"effect": "coulomb_friction", "component": "panda_joint1", "parameters"
             "expected finite numbers for level; got level: nan",
         ),
         ([{**ENTRY, "parameters": {"level": "much"}}], "got level: 'much'"),
+        ([{**ENTRY, "parameters": {"level": 400.0}}], "expected level of coulomb_friction from -4 to 4 Nm, got 400.0"),
+        (
+            [{"effect": "link_com", "component": "arm", "parameters": {}}],
+            "expected the joint that moves the link as component of link_com, got 'arm'",
+        ),
         ([{"effect": "payload"}], "entry 0: expected effect, component and parameters"),
     ],
 )

@@ -18,9 +18,9 @@ import warp as wp
 from np_control.operational_space import CartesianGains
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
-from np_description.patch import Patch
 from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
 from np_description.scene import OBJECT, load_model
+from np_effects.patch import Patch
 from np_policy.action import Target
 from np_training.physics.batched_kinematics import forward_kinematics
 from np_training.physics.batched_operational_space import count_excess, make_gains, operational_space_kernel

@@ -11,8 +11,6 @@ from np_diagnosis.checks.constancy import shapes_left, slipped
 from np_diagnosis.checks.omnibus import Rest, examine
 from np_diagnosis.checks.shrinkage import Gap, measure
 from np_diagnosis.checks.standstill import ageing
-from np_diagnosis.effects import Context, Effect
-from np_diagnosis.effects.sensing import quantised
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import Design, make_design
 from np_diagnosis.inference.estimates import Estimate, estimate
@@ -21,6 +19,9 @@ from np_diagnosis.inference.ranking import alternatives, larger, probabilities
 from np_diagnosis.inference.search import Search, Structure
 from np_diagnosis.inference.settling import settle_shapes
 from np_diagnosis.recordings.signals import Log
+from np_effects.evidence import Context
+from np_effects.sensing.encoder_quantisation import quantised
+from np_effects.signature import Signature as Effect
 
 CERTAIN = 0.8  # probability of an effect from which on it counts as identified
 EXPLAINED = 0.8  # of what is predictable at all: a structure that explains less is no explanation

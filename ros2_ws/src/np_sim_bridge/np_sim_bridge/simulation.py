@@ -14,9 +14,9 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, sample_task
 from np_description.panda import FINGER_MAX, FINGER_SPEED, JOINT_NAMES, STATE_NAMES
-from np_description.patch import Patch
 from np_description.scene import OBJECT, load_model
-from np_sim_bridge.effects import Gap
+from np_effects.arm_effects import ArmEffects
+from np_effects.patch import Patch
 from np_sim_bridge.schedule import PERIOD, SECOND
 
 _TRAVEL = FINGER_SPEED * PERIOD / SECOND  # m of a finger in a period, at most
@@ -89,7 +89,7 @@ class Simulation:
         self._data.qpos[self._object : self._object + 7] = [*start.position, *start.quaternion]
         self._data.qfrc_applied[:] = 0.0
         self._opening = 0.0
-        self._gap = Gap(self._patch, PERIOD / SECOND, self._seed) if self._patch.effects else None
+        self._effects = ArmEffects(self._patch, PERIOD / SECOND, self._seed) if self._patch.effects else None
         self._measured: Measurement | None = None
         self.stamp = stamp
         self.task = Task(episode, start, goal)
@@ -98,7 +98,7 @@ class Simulation:
     def measure(self) -> Measurement:
         """Joint positions, velocities and torques of the present state."""
         data = self._data
-        if self._gap is None:
+        if self._effects is None:
             return Measurement(
                 self.stamp, data.qpos[self._position], data.qvel[self._velocity], data.qfrc_actuator[self._velocity]
             )
@@ -107,14 +107,14 @@ class Simulation:
                 values.copy()
                 for values in (data.qpos[self._position], data.qvel[self._velocity], data.qfrc_actuator[self._velocity])
             )
-            position[:7], velocity[:7], effort[:7] = self._gap.sense(position[:7], velocity[:7], effort[:7])
+            position[:7], velocity[:7], effort[:7] = self._effects.sense(position[:7], velocity[:7], effort[:7])
             self._measured = Measurement(self.stamp, position, velocity, effort)
         return self._measured
 
     @property
     def ignored_effects(self) -> tuple[str, ...]:
         """Effects of the patch that a backend cannot carry."""
-        return self._gap.ignored if self._gap else ()
+        return self._effects.ignored if self._effects else ()
 
     def object_pose(self) -> Pose:
         """True pose of the object in the base frame."""
@@ -136,10 +136,10 @@ class Simulation:
 
         Raises FloatingPointError if the physics diverged, naming MuJoCo's warning.
         """
-        if self._gap is not None:
-            torque = self._gap.drive(torque)
+        if self._effects is not None:
+            torque = self._effects.drive(torque)
             joints = self._velocity[: len(JOINT_NAMES)]
-            self._data.qfrc_applied[joints] = self._gap.extra(
+            self._data.qfrc_applied[joints] = self._effects.extra(
                 self._data.qpos[self._position[: len(JOINT_NAMES)]], self._data.qvel[joints]
             )
         self._data.ctrl[self._motors] = torque

@@ -13,8 +13,8 @@ from np_bringup.evaluation import Result, Results, breakdown, result_of, summary
 from np_bringup.results_plot import results_plot
 from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
-from np_description.patch import load_patch
 from np_description.phases import FAULT
+from np_effects.patch import load_patch
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied

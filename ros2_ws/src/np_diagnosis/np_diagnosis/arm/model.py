@@ -14,8 +14,6 @@ from np_description.domains import CARD
 from np_description.panda import NOMINAL, TCP_FRAME
 from np_description.scene import load_model
 
-INERTIA_ERROR = 0.03  # standard deviation of a link's inertia about its centre of mass: CAD without cables and glue
-SURE = 2.0  # standard deviations of what any arm's links are off by together, up to which it is no effect
 UNLIMITED_TORQUE = 100.0  # Nm, the scale of a joint whose model states no limit
 UNLIMITED_SPEED = 10.0  # rad/s, likewise
 

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from np_description.patch import Patch, PatchEffect
 from np_diagnosis.baselines.identification import (
     EVERYTHING,
     JOINT,
@@ -26,6 +25,7 @@ from np_diagnosis.baselines.identification import (
 )
 from np_diagnosis.simulation.closed_loop import INERTIA, Replay, Stretch
 from np_diagnosis.simulation.simulated_arm import Plant
+from np_effects.patch import Patch, PatchEffect
 
 
 def gap(plant: Plant, recorded: list[Stretch], values: Mapping[str, np.ndarray], threads: int = 0) -> np.ndarray:

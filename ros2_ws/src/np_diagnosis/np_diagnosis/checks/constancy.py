@@ -25,12 +25,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_diagnosis.checks.omnibus import Rest, predicted
-from np_diagnosis.effects.base import Context
 from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.fit import places
 from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.inference.residuals import rung
 from np_diagnosis.inference.search import Search, fits_of, held_out
+from np_effects.evidence import Context
 
 SURE = 60.0  # nats by which the columns must predict better
 ERRORS = 1.5  # standard errors over blocks that these must be: what changes with time is in some blocks only

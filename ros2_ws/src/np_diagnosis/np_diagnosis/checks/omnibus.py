@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_diagnosis.arm.rigid import felt_inertia
-from np_diagnosis.effects.base import Context, Parameter
 from np_diagnosis.inference.cells import Cell, make_cell
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.fit import score
 from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.inference.residuals import Stages, rung
 from np_diagnosis.inference.search import Search, fits_of, held_out
+from np_effects.evidence import Context
+from np_effects.signature import Parameter
 
 HARMONICS = 6
 FAR = 5.0  # standard deviations, which one value in two million of normal noise passes

@@ -11,12 +11,12 @@ import json
 import sys
 from pathlib import Path
 
-from np_description.patch import dump_patch
 from np_diagnosis.baselines.identification import Budget
 from np_diagnosis.baselines.methods import as_patch, fits
 from np_diagnosis.recordings.reading import ContractViolation, read
 from np_diagnosis.simulation.closed_loop import stretches
 from np_diagnosis.simulation.simulated_arm import panda_plant
+from np_effects.patch import dump_patch
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

@@ -6,10 +6,10 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from np_diagnosis.diagnosis import CERTAIN, Diagnosis, Finding
-from np_diagnosis.effects import equivalence_classes
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.ranking import larger
 from np_diagnosis.inference.search import TRIED, Search, Structure
+from np_effects.catalogue import equivalence_classes
 
 RIVALS = 3  # at most
 NEAR = 8.0  # nats behind, up to which a structure is a rival

@@ -18,7 +18,6 @@ from np_control.safety import LIMITS
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import Arm
 from np_diagnosis.arm.stages import sign
-from np_diagnosis.effects import Context, Effect, all_effects
 from np_diagnosis.experiments.excitation import Segment, experiment
 from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, Cell, make_cell
@@ -26,6 +25,10 @@ from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.recordings.signals import Commands, Log
+from np_effects import RECORDS
+from np_effects.evidence import Context
+from np_effects.registry import all_signatures as all_effects
+from np_effects.signature import Signature as Effect
 
 PERIOD = LIMITS.period
 COARSE = 4  # periods
@@ -124,6 +127,6 @@ def _rigid(arm: Arm, segment: Segment, time: np.ndarray) -> np.ndarray:
 
 def _in(context: Context, effect: Effect) -> Effect:
     """The same effect with columns for another context: those of rigid bodies are tied to their motion."""
-    if effect.module != "rigid_body":
+    if RECORDS[effect.id].module != "rigid_body":
         return effect
     return next(e for e in all_effects(context) if e.key == effect.key and e.component == effect.component)

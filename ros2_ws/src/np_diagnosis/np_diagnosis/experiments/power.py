@@ -15,7 +15,6 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from np_diagnosis.diagnosis import Diagnosis, Finding
-from np_diagnosis.effects import equivalence_classes
 from np_diagnosis.experiments.ambiguity import Ambiguity, reach
 from np_diagnosis.experiments.excitation import experiment
 from np_diagnosis.experiments.forecast import planned_cells
@@ -23,6 +22,8 @@ from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.fit import fit, places
 from np_diagnosis.inference.search import Search
+from np_effects import RECORDS
+from np_effects.catalogue import equivalence_classes
 
 DECISIVE = 5.0  # nats by which the true structure must lead in the end: odds of 150 to 1
 DRAWS = 200
@@ -122,7 +123,7 @@ def _known(finding: Finding) -> dict:
     ids = {finding.effect.id, *finding.equivalent_to}
     split = next((text for members, text in equivalence_classes() if len(members & ids) > 1), None)
     return {
-        "name": split or finding.effect.entry["exciting_experiment"],
+        "name": split or RECORDS[finding.effect.id].entry["exciting_experiment"],
         "separates": sorted(ids),
         "component": finding.component,
     }

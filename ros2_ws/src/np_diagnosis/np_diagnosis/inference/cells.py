@@ -13,8 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from np_diagnosis.effects import Context, Parameter
 from np_diagnosis.inference.residuals import Stages
+from np_effects.evidence import Context
+from np_effects.signature import Parameter
 
 BLOCKS = 10  # at least
 BLOCK_DURATION = 3.0  # s, where there are more

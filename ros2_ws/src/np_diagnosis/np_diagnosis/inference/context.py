@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from np_diagnosis.arm.at_samples import RigidAtSamples
 from np_diagnosis.arm.model import Arm
 from np_diagnosis.arm.stages import Prediction, drive, predict
-from np_diagnosis.effects.base import Context
-from np_diagnosis.effects.sensing import find_quantum
-from np_diagnosis.effects.timing import find_held
 from np_diagnosis.recordings.signals import Log, Samples, sample
+from np_effects.evidence import Context
+from np_effects.sensing.encoder_quantisation import find_quantum
+from np_effects.timing.packet_loss import find_held
 
 RIPPLES = 2  # orders tried a joint
 ORDERS = (20, 400)  # per radian of the joint
@@ -47,6 +48,7 @@ def make_context(logs: list[Log], arm: Arm) -> Context:
         logs,
         samples,
         prediction,
+        RigidAtSamples(arm, samples, prediction),
         driven,
         _transmission(logs, samples, prediction),
         _ripples(samples, prediction),

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_diagnosis.effects import Context, Effect, Parameter, all_effects
 from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, Cell, make_blocks, make_cell
 from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.inference.residuals import Stages
+from np_effects.evidence import Context
+from np_effects.registry import all_signatures as all_effects
+from np_effects.signature import Parameter
+from np_effects.signature import Signature as Effect
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from np_diagnosis.effects import Effect
 from np_diagnosis.inference.averaging import spread
 from np_diagnosis.inference.cells import Cell, make_cell
 from np_diagnosis.inference.design import Candidate, Design
 from np_diagnosis.inference.fit import fit, places
 from np_diagnosis.inference.search import Search, Structure, absorbed
+from np_effects.signature import Signature as Effect
 
 T95 = 2.0
 BOOTSTRAPS = 200

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_diagnosis.effects import Parameter
 from np_diagnosis.inference.cells import Cell
+from np_effects.signature import Parameter
 
 PASSES = 3  # noise and parameters determine each other; three rounds settle
 LEAST_VARIANCE = 1e-16

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from np_diagnosis.effects.timing import USUAL
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.fit import fit
+from np_effects.timing.command_delay import USUAL
 
 UNKNOWN = 3e-3  # s, prior of the delay before the recording is asked
 # s by which joints differ: drives hardly; motion by what the noise of velocity feigns, for it is in the command

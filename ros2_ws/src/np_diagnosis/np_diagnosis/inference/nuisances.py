@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_diagnosis.arm.model import INERTIA_ERROR
 from np_diagnosis.arm.rigid import carried, felt_inertia
 from np_diagnosis.arm.stages import sign, slides
-from np_diagnosis.effects import Context, Parameter
-from np_diagnosis.effects.friction import SMOOTH
+from np_effects.background import INERTIA_ERROR
+from np_effects.evidence import Context
+from np_effects.signature import Parameter
+from np_effects.sums import SMOOTH
 
 REVERSAL = "r2 at reversal"
 

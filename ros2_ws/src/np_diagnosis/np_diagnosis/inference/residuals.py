@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis.arm.stages import slides
-from np_diagnosis.effects import Context, Effect
 from np_diagnosis.inference.nuisances import REVERSAL
+from np_effects import RECORDS
+from np_effects.evidence import Context
+from np_effects.signature import Signature as Effect
 
 KINK = 0.02  # rad/s^2 by which the target's acceleration may jump for what was fed forward to be known
 SLOWEST = 0.002  # rad/s, below which a joint may be standing
@@ -58,7 +60,7 @@ class Stages:
             return self._of_drive(effect, joint)
         if rung(stage) != "r2" or c.drive is None or "r1" not in effect.columns:
             return None if own is None else own(c, joint)
-        if effect.module == "sensing":
+        if RECORDS[effect.id].module == "sensing":
             return None
         key = (id(effect), joint)
         if key not in self._projected:

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from np_diagnosis.effects import Effect
 from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.design import Candidate, Design
 from np_diagnosis.inference.fit import Fit, Score, part, places, remaining, score
+from np_effects.signature import Signature as Effect
 
 WIDTH = 6  # structures that are grown further
 BROAD = 3  # effects up to which several structures are grown

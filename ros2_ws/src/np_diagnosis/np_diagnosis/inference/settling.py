@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from np_diagnosis.effects import Effect
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.estimates import settled, with_effect
 from np_diagnosis.inference.search import Search, Structure
+from np_effects.signature import Signature as Effect
 
 
 def settle_shapes(search: Search, chosen: Structure) -> tuple[Search, Structure]:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from np_description.patch import dump_patch
 from np_diagnosis.checks.shrinkage import REGIMES, regimes
 from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.experiments.ambiguity import open_question
@@ -17,6 +16,8 @@ from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.report.schema import validate
 from np_diagnosis.simulation.patching import make_patch, tried_patch
+from np_effects import RECORDS
+from np_effects.patch import dump_patch
 
 REFITTED = 3  # structures at most: the chosen one and its nearest rivals
 
@@ -88,7 +89,7 @@ def where(diagnosis: Diagnosis) -> list[dict]:
     energy: dict[tuple[str, str], float] = {}
     for f in diagnosis.findings:
         if f.is_chosen and f.energy > 0:
-            key = (f.effect.module, f.component)
+            key = (RECORDS[f.effect.id].module, f.component)
             energy[key] = energy.get(key, 0.0) + f.energy
     for j in diagnosis.unexplained:
         left = sum((r.structure - r.flexible) / r.rows for r in diagnosis.rests if r.joint == j)

@@ -19,10 +19,10 @@ import numpy as np
 from mujoco.batch import Batch
 
 from np_description.panda import JOINT_NAMES
-from np_description.patch import Patch
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.simulation.simulated_arm import panda_plant
-from np_sim_bridge.effects import Gap
+from np_effects.arm_effects import ArmEffects
+from np_effects.patch import Patch
 
 WINDOW = 0.6  # s that each shot goes on
 EVERY = 1.5  # s from one shot to the next
@@ -123,22 +123,25 @@ def departures(recorded: Windows, patches: Sequence[Patch]) -> np.ndarray:
         for name in ("position", "velocity", "lead", "stiffness", "damping", "fed", "commanded")
     }
     spread = [patch for patch in patches for _ in range(count)]
-    gap = Gap(spread, recorded.period, begin=np.tile(recorded.start, number))
-    true, speed = _true(w["position"] - gap.bias[:, None], w["velocity"], gap.late)
+    effects = ArmEffects(spread, recorded.period, begin=np.tile(recorded.start, number))
+    bias = np.array([patch.per_joint("encoder_bias", "bias") for patch in spread])
+    late = np.array([patch.per_joint("measurement_delay", "delay") for patch in spread])
+    late = np.maximum(late, 0.0) / recorded.period
+    true, speed = _true(w["position"] - bias[:, None], w["velocity"], late)
     for k in range(recorded.warm):
-        gap.sense(true[:, k], speed[:, k], w["commanded"][:, k])
-        gap.drive(w["commanded"][:, k])
-        gap.extra(true[:, k], speed[:, k])
+        effects.sense(true[:, k], speed[:, k], w["commanded"][:, k])
+        effects.drive(w["commanded"][:, k])
+        effects.extra(true[:, k], speed[:, k])
     batch.qpos[:], batch.qvel[:] = true[:, recorded.warm], speed[:, recorded.warm]
     compared, found = set(recorded.sampled.tolist()), []
     for k in range(recorded.warm, true.shape[1]):
         q, dq = batch.qpos, batch.qvel
-        seen, seen_speed, _ = gap.sense(q, dq, np.zeros_like(q))
+        seen, seen_speed, _ = effects.sense(q, dq, np.zeros_like(q))
         if k in compared:
             found.append(seen - w["position"][:, k])
         torque = w["stiffness"][:, k] * (w["lead"][:, k] - seen) - w["damping"][:, k] * seen_speed + w["fed"][:, k]
-        batch.ctrl[:] = gap.drive(torque)
-        batch.qfrc_applied[:] = gap.extra(q, dq)
+        batch.ctrl[:] = effects.drive(torque)
+        batch.qfrc_applied[:] = effects.extra(q, dq)
         batch.step()
     errors = np.array(found).swapaxes(0, 1)
     diverged = batch.warning[:, _BAD, 1].any(axis=1) | ~np.isfinite(errors).all(axis=(1, 2))

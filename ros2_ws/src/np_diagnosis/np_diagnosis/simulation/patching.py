@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from np_description.panda import NOMINAL
-from np_description.patch import Patch, PatchEffect
 from np_diagnosis.diagnosis import Diagnosis
+from np_effects.patch import Patch, PatchEffect
 
 WORSE = 1.0005  # times the nominal departure, beyond which a patch does harm: below, it moves nothing
 

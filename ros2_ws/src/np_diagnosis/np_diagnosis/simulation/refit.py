@@ -19,13 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_description.panda import NOMINAL
-from np_description.patch import ARM, Patch, PatchEffect
 from np_diagnosis.diagnosis import Diagnosis
 from np_diagnosis.inference.estimates import Estimate, estimate
 from np_diagnosis.inference.nuisances import DELAY
 from np_diagnosis.inference.search import Structure
 from np_diagnosis.simulation.forward import Windows, departures, rms, windows
-from np_sim_bridge.effects import IGNORED
+from np_effects import RECORDS
+from np_effects.patch import Patch, PatchEffect
+from np_effects.record import ARM
 
 ROUNDS = 3  # of Gauss-Newton: the torque domain's answer is a good start
 MOST = 48  # windows fitted to
@@ -49,7 +50,7 @@ class Part:
     @property
     def is_carried(self) -> bool:
         """Whether the simulator has this effect at all, and motion shows it."""
-        return self.effect not in (*IGNORED, "torque_sensor_error", "encoder_quantisation", "packet_loss")
+        return RECORDS[self.effect].is_refitted
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,8 +26,8 @@ from np_control.safety import Applied, Refusal, SafetyFilter, State
 from np_description.calibration import calibrated_camera
 from np_description.domains import DOMAINS, find_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
-from np_description.patch import Patch, load_patch
 from np_description.scene import CAMERA_NAME
+from np_effects.patch import Patch, load_patch
 from np_ros import qos
 from np_ros.messages import (
     BadMessage,

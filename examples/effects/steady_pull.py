@@ -1,0 +1,63 @@
+"""An effect of one's own: something pulls at the hand with the same force wherever it goes, a hose from the ceiling say.
+
+    NP_EFFECTS_PATH=examples/effects ros2 run np_diagnosis diagnose runs/suite_000 --out runs/report
+
+This file is all that it takes: what a patch says, what the simulated arm feels, how it shows in a recording.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_control.kinematics import jacobian
+from np_effects.behaviour import Resistance, Values
+from np_effects.evidence import Context
+from np_effects.record import EffectRecord, Place, Quantity
+from np_effects.signature import Parameter, Signature
+from np_effects.stage import Stage
+
+FORCES = tuple(Quantity(f"force_{axis}", "N", -30.0, 30.0) for axis in "xyz")  # in the base frame
+
+
+def _levers(q: np.ndarray) -> np.ndarray:
+    """Torque (n, 7, 3) Nm on the joints by a force of 1 N at the tool point, along each axis of the base, at q (n, 7)."""
+    return np.swapaxes(jacobian(q)[..., :3, :], -1, -2)
+
+
+def _signatures(context: Context) -> list[Signature]:
+    levers = _levers(context.samples.position)
+    return [
+        Signature(
+            "steady_pull",
+            tuple(Parameter(f.name, f.unit, f.lower, f.upper, 2.0) for f in FORCES),
+            {Stage.DYNAMICS: lambda c, j: -levers[:, j]},  # the drives give what the pull does not
+            "virtual work: torque = J^T force",
+            is_arm=True,
+        )
+    ]
+
+
+def _pull(values: Values) -> Resistance:
+    force = np.stack([values(f.name)[..., 0] for f in FORCES], axis=-1)  # of the arm: the same at every joint
+
+    def resist(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        torque = np.einsum("njx,nx->nj", _levers(q.reshape(-1, 7)), np.atleast_2d(force))
+        return -torque.reshape(q.shape)
+
+    return resist
+
+
+RECORD = EffectRecord(
+    "steady_pull",
+    Place.ARM,
+    FORCES,
+    _signatures,
+    joints=_pull,
+    text={
+        "module": "rigid_body",
+        "model": "tau = J(q)^T F, F constant in the base frame",
+        "panda_magnitude": "1-10 N: hoses, a balancer (prior)",
+        "signature": "torque in all joints that turns with the hand's place, not with its speed",
+        "exciting_experiment": "dwell in several postures",
+    },
+)

@@ -1,0 +1,101 @@
+"""The hooks by which an effect acts in a simulated arm, once a control period, on one arm or on S side by side."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+STICTION_SPEED = 0.005  # rad/s at which a friction that is an explicit torque has its full level
+
+Drive = Callable[[np.ndarray], np.ndarray]
+"""Torque (..., 7) Nm to torque (..., 7) Nm, called once a period."""
+Resistance = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Angles, speeds (..., 7) to the torque (..., 7) Nm that resists, called once a period."""
+
+
+@dataclass(frozen=True)
+class Values:
+    """An effect's quantities in the patches of all arms. lead: () for one arm, (S,) for S; period s; seed of what is random;
+    begin (*lead) s for which the arms had been moving."""
+
+    of: Callable[[str], np.ndarray]
+    lead: tuple[int, ...]
+    period: float
+    seed: int
+    begin: np.ndarray
+
+    def __call__(self, name: str) -> np.ndarray:
+        """A quantity (*lead, 7) by joint, 0 where the effect is not."""
+        return self.of(name)
+
+
+class DriveSlot(IntEnum):
+    """The order in which a drive treats a command."""
+
+    ARRIVAL = 0
+    TRANSPORT = 1
+    RATE = 2
+    LIMIT = 3
+    LAG = 4
+    GAIN = 5
+    OFFSET = 6
+
+
+class SensorSlot(IntEnum):
+    """The order in which a measurement goes wrong."""
+
+    AGE = 0
+    ZERO = 1
+    STEP = 2
+    TORQUE = 3
+
+
+@dataclass(frozen=True)
+class OnDrive:
+    """What a drive makes of the commanded torque."""
+
+    slot: DriveSlot
+    make: Callable[[Values], Drive]
+
+
+@dataclass(frozen=True)
+class OnSensors:
+    """What sensors make of angle, speed and torque (..., 7) each."""
+
+    slot: SensorSlot
+    make: Callable[[Values], Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]]
+
+
+class Delay:
+    """A delay by a number of periods (..., 7), fractions interpolated; before the beginning, the first value."""
+
+    def __init__(self, periods: np.ndarray):
+        self._periods = periods
+        self._past: deque[np.ndarray] = deque(maxlen=int(periods.max()) + 2)
+
+    def __call__(self, value: np.ndarray) -> np.ndarray:
+        """What is there after the delay while `value` comes in."""
+        self._past.append(value)
+        return _before(self._past, np.broadcast_to(self._periods, value.shape))
+
+
+def _before(past: Sequence[np.ndarray], periods: np.ndarray) -> np.ndarray:
+    rows, last = np.array(past), len(past) - 1
+    whole = np.floor(periods).astype(int)
+    share = periods - whole
+    newer, older = (np.take_along_axis(rows, np.maximum(last - whole - k, 0)[None], axis=0)[0] for k in (0, 1))
+    return (1 - share) * newer + share * older
+
+
+def direction(speed: np.ndarray) -> np.ndarray:
+    """Direction of motion -1..1, smooth through standstill."""
+    return np.tanh(speed / STICTION_SPEED)
+
+
+def unlimited(limit: np.ndarray) -> np.ndarray:
+    """A limit, infinite where none (0) is given."""
+    return np.where(limit > 0, limit, np.inf)

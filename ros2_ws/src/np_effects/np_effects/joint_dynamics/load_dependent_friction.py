@@ -1,0 +1,45 @@
+"""Friction proportional to the load through the gear."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_effects.behaviour import Resistance, Values, direction
+from np_effects.evidence import Context
+from np_effects.record import EffectRecord, Place, Quantity, Visible
+from np_effects.signature import Parameter, Signature, stack
+from np_effects.stage import Stage
+from np_effects.weight import Hold
+
+COEFFICIENT = Quantity("coefficient", "1", 0.0, 0.5)
+
+
+def _signatures(context: Context) -> list[Signature]:
+    return [
+        Signature(
+            "load_dependent_friction",
+            (Parameter("coefficient", "1", COEFFICIENT.lower, COEFFICIENT.upper, 0.05),),
+            {Stage.DYNAMICS: lambda c, j: stack(np.abs(c.prediction.load[:, j]) * c.prediction.direction[:, j])},
+            "friction proportional to the load through the gear",
+        )
+    ]
+
+
+def _by_load(values: Values) -> Resistance:
+    coefficient, hold = values("coefficient"), Hold()
+
+    def resist(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        held = np.array([hold(row) for row in q.reshape(-1, 7)]).reshape(q.shape)
+        return coefficient * np.abs(held) * direction(dq)
+
+    return resist
+
+
+RECORD = EffectRecord(
+    "load_dependent_friction",
+    Place.JOINT,
+    (COEFFICIENT,),
+    _signatures,
+    Visible("1", (0.02, 0.004, 0.008, 0.004, 0.02, 0.015, 0.03), (2, 3, 4, 6), largest=8),
+    joints=_by_load,
+)

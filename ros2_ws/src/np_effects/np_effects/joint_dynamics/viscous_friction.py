@@ -1,0 +1,32 @@
+"""Viscous friction: proportional to speed."""
+
+from __future__ import annotations
+
+from np_effects.evidence import Context
+from np_effects.panda_changes import added
+from np_effects.record import EffectRecord, Place, Quantity, Visible
+from np_effects.signature import Parameter, Signature, stack
+from np_effects.stage import Stage
+
+COEFFICIENT = Quantity("coefficient", "Nms/rad", -8.0, 8.0)
+
+
+def _signatures(context: Context) -> list[Signature]:
+    return [
+        Signature(
+            "viscous_friction",
+            (Parameter("coefficient", "Nms/rad", -float(context.arm.damping.max()), COEFFICIENT.upper, 0.3),),
+            {Stage.DYNAMICS: lambda c, j: stack(c.samples.velocity[:, j])},
+            "Gaz et al., RA-L 2019",
+        )
+    ]
+
+
+RECORD = EffectRecord(
+    "viscous_friction",
+    Place.JOINT,
+    (COEFFICIENT,),
+    _signatures,
+    Visible("Nms/rad", (0.08, 0.08, 0.07, 0.07, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
+    panda=lambda panda, component, v: added(panda, "damping", component, v["coefficient"]),
+)

@@ -1,0 +1,119 @@
+"""The gap as data: `patch.yaml`, which the doctor writes and simulators load.
+
+A patch is a list of effects (ids of `RECORDS`), each at a component with its quantities, mostly changes against the nominal
+arm. What a rigid-body simulator has a number for becomes a `PandaModel`; `arm_effects.ArmEffects` gives the rest as a model
+of drive, joints and sensors that is stepped with the physics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from np_description.panda import NOMINAL, PandaModel
+from np_effects.record import ARM, EffectRecord, Place
+from np_effects.registry import RECORDS
+
+LEAST_ARMATURE = 1e-3  # kg m^2, below which a simulator's steps would have to be shorter
+
+
+@dataclass(frozen=True)
+class PatchEffect:
+    """One effect: id, component (a joint's name or "arm"), parameters in SI units."""
+
+    effect: str
+    component: str
+    parameters: Mapping[str, float]
+
+    @property
+    def record(self) -> EffectRecord:
+        """What it is."""
+        return RECORDS[self.effect]
+
+    def get(self, name: str, default: float = 0.0) -> float:
+        """A parameter, or its default."""
+        return float(self.parameters.get(name, default))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Every quantity of the effect by name, 0 where the patch does not say."""
+        return {quantity.name: self.get(quantity.name) for quantity in self.record.quantities}
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Effects that are in force together."""
+
+    effects: tuple[PatchEffect, ...] = field(default=())
+
+    def of(self, effect: str) -> list[PatchEffect]:
+        """The effects of this id."""
+        return [e for e in self.effects if e.effect == effect]
+
+    def per_joint(self, effect: str, parameter: str, joints: Sequence[str] = NOMINAL.joints) -> np.ndarray:
+        """A parameter by joint (k,), 0 where the effect is not; what sits at the arm is at every joint."""
+        values = np.zeros(len(joints))
+        for e in self.of(effect):
+            rows = slice(None) if e.component == ARM else joints.index(e.component)
+            values[rows] += e.get(parameter)
+        return values
+
+    def panda(self, nominal: PandaModel = NOMINAL) -> PandaModel:
+        """The arm with all that a rigid-body simulator has a number for."""
+        arm = nominal
+        for e in self.effects:
+            if e.record.panda is not None:
+                arm = e.record.panda(arm, e.component, e.values)
+        return replace(
+            arm,
+            frictionloss=np.maximum(arm.frictionloss, 0.0),
+            damping=np.maximum(arm.damping, 0.0),
+            armature=np.maximum(arm.armature, LEAST_ARMATURE),
+        )
+
+
+def load_patch(path: str | Path) -> Patch:
+    """A patch from its YAML file. Raises ValueError naming the entry that is wrong."""
+    try:
+        raw = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise ValueError(f"effects {path}: expected a patch.yaml, got: {error}") from error
+    if not isinstance(raw, Mapping) or not isinstance(raw.get("effects"), list):
+        raise ValueError(f"effects {path}: expected a mapping with the list 'effects', got {raw!r:.80}")
+    return Patch(tuple(_read(entry, f"effects {path}, entry {number}") for number, entry in enumerate(raw["effects"])))
+
+
+def _read(entry: object, place: str) -> PatchEffect:
+    if not isinstance(entry, Mapping) or not {"effect", "component", "parameters"} <= set(entry):
+        raise ValueError(f"{place}: expected effect, component and parameters, got {entry!r:.80}")
+    record = RECORDS.get(entry["effect"])
+    if record is None:
+        raise ValueError(f"{place}: expected an effect of the arm ({', '.join(RECORDS)}), got {entry['effect']!r}")
+    if entry["component"] not in (ARM, *NOMINAL.joints):
+        raise ValueError(f"{place}: expected 'arm' or a joint as component, got {entry['component']!r}")
+    if record.place is Place.LINK and entry["component"] == ARM:
+        raise ValueError(f"{place}: expected the joint that moves the link as component of {record.id}, got 'arm'")
+    known, values = {quantity.name: quantity for quantity in record.quantities}, {}
+    for name, value in dict(entry["parameters"]).items():
+        if name not in known or not isinstance(value, (int, float)) or not np.isfinite(value):
+            raise ValueError(f"{place}: expected finite numbers for {', '.join(known)}; got {name}: {value!r}")
+        q = known[name]
+        if not q.lower <= value <= q.upper:
+            raise ValueError(
+                f"{place}: expected {name} of {record.id} from {q.lower:g} to {q.upper:g} {q.unit}, got {value!r}"
+            )
+        values[name] = float(value)
+    return PatchEffect(record.id, entry["component"], values)
+
+
+def dump_patch(patch: Patch) -> str:
+    """The YAML text that `load_patch` reads."""
+    entries = [
+        {"effect": e.effect, "component": e.component, "parameters": {k: float(v) for k, v in e.parameters.items()}}
+        for e in patch.effects
+    ]
+    return yaml.safe_dump({"arm": "panda", "effects": entries}, sort_keys=False)

@@ -1,0 +1,78 @@
+"""All records, found by where they lie: np_effects/MODULE/ID.py with `RECORD` in it. A new file is a new effect.
+
+Effects of one's own lie in folders named by the environment variable NP_EFFECTS_PATH (several with ":" between), one file an
+effect likewise; such a record brings its row of the catalogue along (`EffectRecord.text`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from importlib.resources import files
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import MappingProxyType
+
+from np_effects.catalogue import ROW, catalogue
+from np_effects.evidence import Context
+from np_effects.record import EffectRecord
+from np_effects.signature import Signature
+
+FOLDERS = "NP_EFFECTS_PATH"
+# In the order in which the doctor tries them.
+MODULES = ("joint_dynamics", "transmission", "torque_loop", "software", "timing", "rigid_body", "sensing")
+
+
+def find_records(folders: str = "") -> Mapping[str, EffectRecord]:
+    """The project's own records by id, then those in `folders` (paths with ":" between).
+
+    Raises ImportError for a file that holds no record, or another one than its name and place say.
+    """
+    found = {}
+    for place, module, record in (*_own(), *_of(folders)):
+        row = record.text or catalogue().get(record.id)
+        if (
+            row is None
+            or set(row) - {"id"} != set(ROW)
+            or row["module"] not in MODULES
+            or module not in ("", row["module"])
+        ):
+            raise ImportError(
+                f"{place}: expected a row of the catalogue with {', '.join(ROW)} and the module "
+                f"{module or ' or '.join(MODULES)}, in data/gap_effects.yaml or as the record's text; got {row}"
+            )
+        if record.id != Path(place).stem or record.id in found:
+            raise ImportError(f"{place}: expected the record of {Path(place).stem!r}, once; got {record.id!r}")
+        found[record.id] = record
+    return MappingProxyType(found)
+
+
+def _own() -> Iterator[tuple[str, str, EffectRecord]]:
+    for module in MODULES:
+        for file in sorted(entry.name for entry in (files("np_effects") / module).iterdir()):
+            if file.endswith(".py") and not file.startswith("_"):
+                name = f"np_effects.{module}.{file.removesuffix('.py')}"
+                yield f"np_effects/{module}/{file}", module, import_module(name).RECORD
+
+
+def _of(folders: str) -> Iterator[tuple[str, str, EffectRecord]]:
+    for folder in filter(None, folders.split(":")):
+        if not Path(folder).is_dir():
+            raise ImportError(f"{FOLDERS}: expected folders with a file an effect, got {folder!r}, which is none")
+        for path in sorted(Path(folder).glob("*.py")):
+            spec = spec_from_file_location(f"np_effects_path.{path.stem}", path)
+            module = module_from_spec(spec)
+            spec.loader.exec_module(module)
+            if not isinstance(getattr(module, "RECORD", None), EffectRecord):
+                raise ImportError(f"{path}: expected an np_effects.record.EffectRecord called RECORD")
+            yield str(path), "", module.RECORD
+
+
+RECORDS = find_records(os.environ.get(FOLDERS, ""))
+"""Every effect that the simulators or the doctor know, by id."""
+
+
+def all_signatures(context: Context) -> list[Signature]:
+    """Every way in which an effect could show in this recording, variants included."""
+    return [signature for record in RECORDS.values() for signature in record.signatures(context)]

@@ -1,0 +1,1 @@
+"""Masses, their places, their inertia, gravity: effects that every joint at and before a link shows."""

@@ -1,0 +1,51 @@
+"""Centre of mass of a link: its mass lies elsewhere than the simulator has it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from np_description.panda import PandaModel
+from np_effects.evidence import Context
+from np_effects.panda_changes import link_name
+from np_effects.record import EffectRecord, Place, Quantity, Visible
+from np_effects.signature import Parameter, Signature
+from np_effects.stage import Stage
+
+MOMENTS = tuple(Quantity(f"moment_{axis}", "kg m", -0.15, 0.15) for axis in "xyz")
+
+
+def _signatures(context: Context) -> list[Signature]:
+    moments = tuple(Parameter(q.name, q.unit, q.lower, q.upper, 0.05) for q in MOMENTS)
+    return [
+        Signature(
+            "link_com",
+            moments,
+            {Stage.DYNAMICS: lambda c, j, table=context.rigid.regressor(i): table[:, j, 1:4]},
+            "inverse dynamics are linear in m c",
+            f"link {i + 1}",
+            is_arm=True,
+            component=context.arm.joints[i],
+        )
+        for i in range(len(context.arm))
+    ]
+
+
+def _shift(panda: PandaModel, component: str, values: Mapping[str, float]) -> PandaModel:
+    name = link_name(panda, component)
+    body = panda.inertials[name]
+    shift = np.array([values[q.name] for q in MOMENTS]) / body.mass
+    return replace(panda, inertials={**panda.inertials, name: replace(body, com=body.com + shift)})
+
+
+RECORD = EffectRecord(
+    "link_com",
+    Place.LINK,
+    MOMENTS,
+    _signatures,
+    Visible("kg m", (0.01, 0.01, 0.01, 0.01, 0.006, 0.005, 0.004), (2, 3, 4, 5, 6, 7)),
+    panda=_shift,
+    weight=lambda weight, component, values: weight,
+)

@@ -1,0 +1,1 @@
+"""Encoders and torque sensors that are off."""

@@ -1,0 +1,1 @@
+"""Commands that come late or not at all, measurements that are old."""

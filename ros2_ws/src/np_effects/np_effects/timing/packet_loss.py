@@ -1,0 +1,90 @@
+"""Packet loss: a lost command leaves the last one in force."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_effects import evidence
+from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values
+from np_effects.evidence import Context
+from np_effects.record import EffectRecord, Place, Quantity, Visible
+from np_effects.signature import Parameter, Signature, stack
+from np_effects.stage import Stage
+
+SHARE = Quantity("share", "1", 0.0, 1.0)
+LEAST_HELD = 20  # periods
+SURE = 10.0  # nats by which holding must fit a period better than not holding
+
+
+def hold(d: evidence.Drive, held: np.ndarray) -> np.ndarray:
+    """Commands (n, k) in force when those of the periods `held` (n,) never arrived."""
+    row = np.where(held, 0, np.arange(len(held)))
+    return d.commanded[np.maximum.accumulate(row)]
+
+
+def find_held(d: evidence.Drive) -> tuple[np.ndarray, float, int]:
+    """(periods (n,) in which all joints show the command before instead of their own, their share of those in which the two
+    differ enough to tell, the number of those)."""
+    residual = d.measured - d.commanded
+    spread = 1.4826 * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0)
+    spread = np.maximum(spread, 1e-6)
+    mean = np.median(residual, axis=0)
+    scaled, command = (residual - mean) / spread, d.commanded / spread
+    free = 0.5 * np.square(scaled).sum(axis=1)
+    held = np.zeros(len(residual), bool)
+    step = np.vstack([np.zeros(command.shape[1]), np.diff(command, axis=0)])
+    excess = free - 0.5 * np.square(scaled + step).sum(axis=1)
+    tellable = 0.5 * np.square(step).sum(axis=1) > 2 * SURE
+    begins = np.zeros(len(residual), bool)
+    begins[d.starts] = True
+    # Only periods that holding could explain at all are looked at one by one, and those after a held one.
+    for first in np.flatnonzero((excess > SURE) & ~begins).tolist():
+        if held[first] or held[first - 1]:
+            continue
+        for i in range(first, len(residual)):
+            change = command[first - 1] - command[i]
+            if (begins[i] and i > first) or free[i] - 0.5 * np.square(scaled[i] - change).sum() <= SURE:
+                break
+            held[i] = True
+    seen = int(tellable.sum())
+    return (held, float(held[tellable].mean()), seen) if seen > 100 else (held, float(held.mean()), len(held))
+
+
+def _signatures(context: Context) -> list[Signature]:
+    # Of periods too alike to tell, none is lost for certain: there is no share of those to go by.
+    if context.drive is None or context.held is None or context.held.sum() <= LEAST_HELD or context.held_share <= 0:
+        return []
+    share = context.held_share
+    known = float(np.sqrt(share * (1.0 - share) / max(context.held_seen, 1)))  # losses come by chance
+    return [
+        Signature(
+            "packet_loss",
+            (Parameter("share", "1", 0.7 * share, 1.3 * share, 0.05 * share, share, background=known),),
+            {Stage.DRIVE: lambda c, j: stack(hold(c.drive, c.held)[:, j] - c.drive.commanded[:, j]) / share},
+            "a lost command leaves the last one in force",
+            is_arm=True,
+        )
+    ]
+
+
+def _lose(values: Values) -> Drive:
+    share = values("share").max(axis=-1, keepdims=True)
+    rng, last = np.random.default_rng(values.seed), None  # the same packets in all arms
+
+    def drive(torque: np.ndarray) -> np.ndarray:
+        nonlocal last
+        last = torque if last is None else np.where(rng.random() < share, last, torque)
+        return last
+
+    return drive
+
+
+RECORD = EffectRecord(
+    "packet_loss",
+    Place.ARM,
+    (SHARE,),
+    _signatures,
+    Visible("1", 0.01),
+    drive=OnDrive(DriveSlot.ARRIVAL, _lose),
+    shows_in_motion=False,
+)

@@ -1,0 +1,54 @@
+"""Actuator lag: a torque loop of first order."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values
+from np_effects.evidence import Context
+from np_effects.record import EffectRecord, Place, Quantity, Visible
+from np_effects.signature import Parameter, Shape, Signature, stack
+from np_effects.stage import Stage
+from np_effects.sums import first_order
+
+TIME_CONSTANT = Quantity("time_constant", "s", 0.0, 0.2)
+LAGS = tuple(1e-3 * 1.4**n for n in range(10))  # s: so fine that the best one leaves nothing to other effects
+SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
+AVERAGE_KNOWN = 4e-4  # s: whether a period's measured torque is its mean or its end makes .4 of a period
+
+
+def _signature(lag: float) -> Signature:
+    return Signature(
+        "actuator_lag",
+        (SHARE,),
+        {Stage.DRIVE: lambda c, j: stack(first_order(c.drive, c.drive.commanded[:, j], lag) - c.drive.commanded[:, j])},
+        "first-order torque loop",
+        f"{1e3 * lag:.3g} ms",
+        Shape("time_constant", "s", lag, _signature, linear=True, background=AVERAGE_KNOWN, least=4e-4),
+    )
+
+
+def _signatures(context: Context) -> list[Signature]:
+    return [] if context.drive is None else [_signature(lag) for lag in LAGS]
+
+
+def _follow(values: Values) -> Drive:
+    lag, through = values("time_constant"), None
+    decay = np.where(lag > 0, np.exp(-values.period / np.maximum(lag, 1e-9)), 0.0)
+
+    def drive(torque: np.ndarray) -> np.ndarray:
+        nonlocal through
+        through = torque if through is None else torque + (through - torque) * decay
+        return through
+
+    return drive
+
+
+RECORD = EffectRecord(
+    "actuator_lag",
+    Place.JOINT,
+    (TIME_CONSTANT,),
+    _signatures,
+    Visible("s", (1e-3,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
+    drive=OnDrive(DriveSlot.LAG, _follow),
+)

@@ -1,0 +1,39 @@
+"""Offset of the torque loop: what a drive gives when nothing is asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values
+from np_effects.evidence import Context
+from np_effects.record import EffectRecord, Place, Quantity, Visible
+from np_effects.signature import Parameter, Signature
+from np_effects.stage import Stage
+
+OFFSET = Quantity("offset", "Nm", -5.0, 5.0)
+SOURCE = "Gaz et al., RA-L 2019"
+
+
+def _signatures(context: Context) -> list[Signature]:
+    offset = (Parameter("offset", "Nm", OFFSET.lower, OFFSET.upper, 0.5),)
+    unseen = {Stage.DYNAMICS: lambda c, j: -np.ones((len(c.samples), 1))}
+    found = [Signature("torque_offset", offset, unseen, SOURCE, "unseen by the sensor")]
+    if context.drive is not None:
+        seen = {Stage.DRIVE: lambda c, j: np.ones((len(c.drive.time), 1))}
+        found.append(Signature("torque_offset", offset, seen, SOURCE))
+    return found
+
+
+def _add(values: Values) -> Drive:
+    offset = values("offset")
+    return lambda torque: torque + offset
+
+
+RECORD = EffectRecord(
+    "torque_offset",
+    Place.JOINT,
+    (OFFSET,),
+    _signatures,
+    Visible("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
+    drive=OnDrive(DriveSlot.OFFSET, _add),
+)

@@ -1,0 +1,40 @@
+"""Gain of the torque loop: the drive gives more or less than it was asked for."""
+
+from __future__ import annotations
+
+from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values
+from np_effects.evidence import Context
+from np_effects.record import EffectRecord, Place, Quantity, Visible
+from np_effects.signature import Parameter, Signature, stack
+from np_effects.stage import Stage
+
+SCALE = Quantity("scale", "1", -0.5, 0.5)
+KNOWN = 0.005  # to which the torque constant of any drive is known
+SOURCE = "gain of the torque loop"
+
+
+def _signatures(context: Context) -> list[Signature]:
+    scale = (Parameter("scale", "1", SCALE.lower, SCALE.upper, 0.03, least=KNOWN),)
+    unseen = {Stage.DYNAMICS: lambda c, j: stack(-c.prediction.load[:, j])}
+    found = [Signature("torque_scale", scale, unseen, SOURCE, "unseen by the sensor")]
+    if context.drive is not None:
+        whole = {Stage.DRIVE: lambda c, j: stack(c.drive.commanded[:, j] + c.drive.gravity[:, j])}
+        apart = {Stage.DRIVE: lambda c, j: stack(c.drive.commanded[:, j])}
+        found.append(Signature("torque_scale", scale, whole, SOURCE))
+        found.append(Signature("torque_scale", scale, apart, SOURCE, "gravity apart"))
+    return found
+
+
+def _gain(values: Values) -> Drive:
+    gain = 1 + values("scale")
+    return lambda torque: gain * torque
+
+
+RECORD = EffectRecord(
+    "torque_scale",
+    Place.JOINT,
+    (SCALE,),
+    _signatures,
+    Visible("1", (0.02, 0.01, 0.01, 0.01, 0.02, 0.02, 0.03), (1, 2, 3, 4, 5, 6, 7), largest=8),
+    drive=OnDrive(DriveSlot.GAIN, _gain),
+)

@@ -1,0 +1,1 @@
+"""What lies between motor and joint. Shows where the backend has the motor's angle."""

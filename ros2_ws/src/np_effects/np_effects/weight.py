@@ -1,0 +1,55 @@
+"""What gravity leaves on the joints: the weight of the arm as it is, against what the nominal arm's controller compensates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from np_description.domains import CARD
+from np_description.panda import NOMINAL, PandaModel
+from np_description.scene import load_model
+
+
+@dataclass(frozen=True, eq=False)
+class Weight:
+    """share: of the nominal gravity torque that is compensated; bias (7,) rad: by which the angles are read wrong that it is
+    compensated at; tilt: (roll, pitch) rad of the base."""
+
+    share: float = 1.0
+    bias: np.ndarray = field(default_factory=lambda: np.zeros(7))
+    tilt: tuple[float, float] = (0.0, 0.0)
+
+
+class Hold:
+    """Torque that holds an arm of MuJoCo's."""
+
+    def __init__(self, panda: PandaModel = NOMINAL, tilt: tuple[float, float] = (0.0, 0.0)):
+        self._model = load_model(CARD, panda=panda)
+        size = -self._model.opt.gravity[2]
+        if any(tilt):
+            self._model.opt.gravity[:] = [size * tilt[1], -size * tilt[0], -size]
+        self._data = mujoco.MjData(self._model)
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """Torque (7,) Nm at angles (7,) rad."""
+        model, data = self._model, self._data
+        data.qpos[:7], data.qvel[:] = q, 0.0
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        result = np.empty(model.nv)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, result)
+        return result[:7]
+
+
+class LeftOver:
+    """What is left on the joints: compensation minus weight."""
+
+    def __init__(self, weight: Weight, panda: PandaModel):
+        self._weight, self._nominal, self._real = weight, Hold(), Hold(panda, weight.tilt)
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """Torque (7,) Nm at angles (7,) rad."""
+        return self._weight.share * self._nominal(q + self._weight.bias) - self._real(q)

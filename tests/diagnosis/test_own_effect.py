@@ -1,0 +1,37 @@
+"""An effect of one's own, in a folder of one's own, from the file to its name in a report."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve()
+SCRIPT = """
+import json, sys
+sys.path.insert(0, sys.argv[1])
+from own_simulator import record
+from np_diagnosis.diagnosis import diagnose
+from np_effects.patch import Patch, PatchEffect
+pull = PatchEffect("steady_pull", "arm", {"force_x": 3.0, "force_z": 4.0})
+found = diagnose([record(["sinusoid_2", "sinusoid_4", "dwell"], Patch((pull,)))])
+print(json.dumps([[f.effect.id, f.component, {k: [v.low, v.high] for k, v in f.parameters.items()}]
+                  for f in found.findings if f.is_chosen]))
+"""
+
+
+@pytest.mark.slow
+def test_a_steady_pull_is_found_by_its_own_name_and_size():
+    run = subprocess.run(
+        [sys.executable, "-c", SCRIPT, str(HERE.parent)],
+        env={**os.environ, "NP_EFFECTS_PATH": str(HERE.parents[2] / "examples" / "effects")},
+        capture_output=True,
+        text=True,
+        timeout=280,
+    )
+    assert run.returncode == 0, run.stderr[-2000:]
+    ((effect, component, forces),) = json.loads(run.stdout.splitlines()[-1])
+    assert (effect, component) == ("steady_pull", "arm")
+    assert forces["force_x"][0] < 3.0 < forces["force_x"][1] and forces["force_z"][0] < 4.0 < forces["force_z"][1]
