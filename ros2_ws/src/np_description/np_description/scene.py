@@ -10,16 +10,14 @@ import mujoco
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
+from np_description.contact import OBJECT_FRICTION, ROLLING, SOFT, TORSION, Compliance, ContactModel
 from np_description.domains import Domain
 from np_description.keypoints import CORNERS
 from np_description.panda import BASE_FRAME, FINGER_FORCE, FINGER_MAX, NOMINAL, TCP_FRAME, PandaModel
 
 OBJECT = "object"
 CAMERA_NAME = "camera"
-TABLE_FRICTION = 0.4  # Coulomb coefficient, table against object (MuJoCo takes the larger of the two geoms')
-FINGER_FRICTION = 1.0  # fingertip rubber against object
 FINGER_STIFFNESS, FINGER_DAMPING = 20000.0, 200.0  # N/m, N s/m: a finger is geared to its motor and hardly gives way
-OBJECT_FRICTION = 0.1  # lower than both partners, so that each partner decides
 
 # Collision bits: a pair collides where one's type meets the other's affinity.
 ENVIRONMENT_BIT, OBJECT_BIT, ROBOT_BIT = 1, 2, 4
@@ -62,12 +60,13 @@ def build_scene(
     arm_collision: bool = True,
     panda: PandaModel = NOMINAL,
     camera: Camera = CAMERA,
+    contact: ContactModel = SOFT,
 ) -> mujoco.MjSpec:
     """The scene of a domain as an MjSpec, robot at its ready posture in keyframe "ready".
 
     timestep s. With `arm_collision` false only the last link, hand and fingers touch things (training: the other links never
     reach anything, and their pairs cost time). Joint torques act through seven motors, fingers through position servos;
-    gravity is compensated for the robot, as the real one does by itself.
+    gravity is compensated for the robot, as the real one does by itself. contact: how rough and how hard everything is.
     """
     spec = mujoco.MjSpec()
     spec.modelname = f"panda_{domain.name}"
@@ -77,12 +76,14 @@ def build_scene(
     option.timestep = timestep
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    option.iterations, option.ls_iterations = 20, 20
+    option.iterations, option.ls_iterations = contact.iterations, contact.line_search
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC if contact.elliptic else mujoco.mjtCone.mjCONE_PYRAMIDAL
+    option.impratio = contact.impratio
     # As the ray caster draws: one sample a pixel; a shadow map of 4096 would take five times as long as the rest.
     spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 1024
-    _add_surroundings(spec, domain, camera)
-    _add_robot(spec, panda, arm_collision)
-    _add_object(spec, domain)
+    _add_surroundings(spec, domain, camera, contact)
+    _add_robot(spec, panda, arm_collision, contact)
+    _add_object(spec, domain, contact)
     key = spec.add_key(name="ready")
     home = domain.start
     key.qpos = [
@@ -106,7 +107,12 @@ def load_model(domain: Domain, **options) -> mujoco.MjModel:
     return build_scene(domain, **options).compile()
 
 
-def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera) -> None:
+def _surface(friction: float, compliance: Compliance) -> dict:
+    """What a geom's surface is like, as MuJoCo names it."""
+    return dict(friction=[friction, TORSION, ROLLING], solref=compliance.solref, solimp=compliance.solimp)
+
+
+def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, contact: ContactModel) -> None:
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -119,7 +125,7 @@ def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera) -> No
     world = spec.worldbody
     world.add_light(name="key", pos=[0.9, -0.6, 1.6], dir=[-0.35, 0.4, -1.2], diffuse=[0.7] * 3, castshadow=True)
     world.add_light(name="fill", pos=[0.6, 0.9, 1.4], dir=[-0.1, -0.6, -1.0], diffuse=[0.3] * 3, castshadow=False)
-    fixed = dict(contype=ENVIRONMENT_BIT, conaffinity=OBJECT_BIT | ROBOT_BIT, friction=[TABLE_FRICTION, 0.005, 1e-4])
+    fixed = dict(contype=ENVIRONMENT_BIT, conaffinity=OBJECT_BIT | ROBOT_BIT, **_surface(contact.table, contact.hard))
     world.add_geom(
         name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.05], rgba=[0.62, 0.58, 0.52, 1], **fixed
     )
@@ -145,9 +151,10 @@ def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera) -> No
     )
 
 
-def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> None:
+def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, contact: ContactModel) -> None:
     touching = dict(contype=ROBOT_BIT, conaffinity=ENVIRONMENT_BIT | OBJECT_BIT)
     silent = dict(contype=0, conaffinity=0)
+    painted = _surface(contact.links, contact.hard)
     # The first two links cannot leave the space above the base. The last one stands beside the hand: a policy that is
     # trained without it reaches through the object with it.
     first_touching = 2 if arm_collision else len(panda.joints) - 1
@@ -189,7 +196,7 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> N
             armature=panda.armature[i],
         )
         for capsule in _LINK_CAPSULES[i + 1]:
-            add_capsule(body, *capsule, white, **(touching if i >= first_touching else silent))
+            add_capsule(body, *capsule, white, **painted, **(touching if i >= first_touching else silent))
         actuator = spec.add_actuator(
             name=joint,
             target=joint,
@@ -198,7 +205,7 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> N
         )
         actuator.set_to_motor()
     hand = add_body(body, "panda_hand", panda.inertials["hand"], panda.frames["link7_hand"])
-    add_capsule(hand, *HAND_CAPSULE, white, **touching)
+    add_capsule(hand, *HAND_CAPSULE, white, **_surface(contact.housing, contact.hard), **touching)
     tcp = panda.frames["hand_tcp"]
     hand.add_site(name=TCP_FRAME, pos=tcp.position, quat=tcp.quaternion, size=[0.003, 0, 0], group=4)
     for i, finger in enumerate(panda.fingers):
@@ -213,7 +220,8 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> N
             damping=np.array([10.0, 0, 0]),
             armature=0.1,
         )
-        rubber = dict(friction=[FINGER_FRICTION, 0.005, 1e-4], **touching)
+        # What rubber touches, it decides about: MuJoCo would average its compliance with the other's.
+        rubber = dict(priority=1, **_surface(contact.finger, contact.rubber), **touching)
         for capsule in FINGER_CAPSULES:
             add_capsule(body, *capsule, dark, **rubber)
         actuator = spec.add_actuator(
@@ -226,7 +234,7 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool) -> N
         actuator.set_to_position(kp=FINGER_STIFFNESS, kv=FINGER_DAMPING)
 
 
-def _add_object(spec: mujoco.MjSpec, domain: Domain) -> None:
+def _add_object(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> None:
     half = np.asarray(domain.half_size)
     body = spec.worldbody.add_body(name=OBJECT, pos=[0.5, 0, half[2]])
     body.add_freejoint(name=OBJECT)
@@ -238,7 +246,7 @@ def _add_object(spec: mujoco.MjSpec, domain: Domain) -> None:
         group=3,
         contype=OBJECT_BIT,
         conaffinity=ENVIRONMENT_BIT | ROBOT_BIT,
-        friction=[OBJECT_FRICTION, 0.005, 1e-4],
+        **_surface(OBJECT_FRICTION, contact.hard),
     )
     for corner, colour in zip(CORNERS, CORNER_COLOURS):
         body.add_geom(

@@ -1,0 +1,95 @@
+"""Contact: how rough, how hard, by which friction law. One definition for every engine, for training and for the bench.
+
+Two definitions stand side by side. `SOFT` is MuJoCo's default, in which the released weights were trained: a fingertip sinks
+millimetres into wood. `HARD` is as hard as a simulator steps at the same rate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """How a contact gives way: a spring and damper of `time_constant` s and `damping_ratio` for the masses that meet, of which
+    the share impedance[0] acts at the first touch, impedance[1] from a depth of `width` m on (MuJoCo's solref and solimp)."""
+
+    time_constant: float
+    damping_ratio: float
+    impedance: tuple[float, float]
+    width: float
+
+    @property
+    def solref(self) -> tuple[float, float]:
+        """MuJoCo's reference: time constant s, damping ratio."""
+        return self.time_constant, self.damping_ratio
+
+    @property
+    def solimp(self) -> tuple[float, float, float, float, float]:
+        """MuJoCo's impedance: from, to, width m, midpoint and power of the transition."""
+        return *self.impedance, self.width, 0.5, 2.0
+
+
+@dataclass(frozen=True)
+class ContactModel:
+    """Coulomb coefficients of the object's partners, compliance of what is hard and of fingertip rubber, and the friction law.
+
+    table: table and obstacles; finger: fingertips; housing: hand; links: arm. elliptic: a cone, else a pyramid that has less
+    friction along its diagonals; impratio: how much stiffer friction is than the normal direction, against creep.
+    iterations, line_search: at most, of the solver.
+    """
+
+    name: str
+    table: float
+    finger: float
+    housing: float
+    links: float
+    hard: Compliance
+    rubber: Compliance
+    elliptic: bool
+    impratio: float
+    iterations: int = 20
+    line_search: int = 20
+
+    def as_dict(self) -> dict:
+        """Its numbers, for what is to be compared or written down."""
+        return asdict(self)
+
+
+OBJECT_FRICTION = 0.1  # lower than every partner's, so that each partner decides: MuJoCo takes the larger of two
+TORSION, ROLLING = 0.005, 1e-4  # m: MuJoCo's defaults; boxes have several points of contact, which do without
+
+MUJOCO_DEFAULT = Compliance(0.02, 1.0, (0.9, 0.95), 0.001)
+
+SOFT = ContactModel(
+    "soft",
+    table=0.4,  # plastic or paper on wood
+    finger=1.0,  # rubber
+    housing=1.0,  # MuJoCo's default, and too much for painted metal
+    links=1.0,
+    hard=MUJOCO_DEFAULT,
+    rubber=MUJOCO_DEFAULT,
+    elliptic=False,
+    impratio=1.0,
+)
+
+HARD = ContactModel(
+    "hard",
+    table=0.4,
+    finger=1.0,
+    housing=0.25,  # painted metal on paper or plastic (handbook values .2 to .3)
+    links=0.25,
+    hard=Compliance(0.006, 1.0, (0.95, 0.99), 0.0005),
+    rubber=Compliance(0.008, 1.0, (0.9, 0.98), 0.001),
+    elliptic=True,
+    impratio=10.0,
+)
+
+CONTACTS = {model.name: model for model in (SOFT, HARD)}
+
+
+def find_contact(name: str) -> ContactModel:
+    """The definition called `name`. Raises ValueError with the known names."""
+    if name not in CONTACTS:
+        raise ValueError(f"contact: expected one of {', '.join(CONTACTS)}, got {name!r}")
+    return CONTACTS[name]
