@@ -1,0 +1,157 @@
+"""A box on a table and one finger, in MuJoCo: the smallest world in which contact can be held against rigid theory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from np_description.contact import OBJECT_FRICTION, ROLLING, TORSION, Compliance, ContactModel
+from np_description.domains import Pose
+
+GRAVITY = 9.81
+TIP_RADIUS = 0.008  # m, of the fingertip's capsule
+STEP = 0.002  # s, the bridge's
+
+
+@dataclass(frozen=True)
+class BoxOnTable:
+    """half_size (3,) m and mass kg of the box; tip: where the finger starts, (3,) m, or None for no finger; pressing: the finger
+    is pushed down by a force instead of being led in height."""
+
+    half_size: tuple[float, float, float]
+    mass: float
+    tip: tuple[float, float, float] | None = None
+    pressing: bool = False
+
+
+class BoxWorld(Protocol):
+    """What an engine has to offer for the static bench. The box begins at rest at the origin of the table."""
+
+    def tilt(self, angle: float, heading: float) -> None:
+        """Turn gravity by `angle` rad, downhill towards `heading` rad in the table's plane."""
+
+    def pull(self, force: np.ndarray, height: float = 0.0) -> None:
+        """Pull the box from now on with a force (3,) N, `height` m above its centre."""
+
+    def lead(self, position: np.ndarray, press: float = 0.0) -> None:
+        """Lead the finger to (3,) m; where it presses, with `press` N downwards instead of to a height."""
+
+    def step(self, seconds: float) -> None:
+        """Let time go on."""
+
+    def pose(self) -> Pose:
+        """Of the box."""
+
+    def velocity(self) -> np.ndarray:
+        """Of the box's centre (3,) m/s."""
+
+    def depths(self) -> dict[str, float]:
+        """How deep the deepest points of contact are now, m: "finger", "table"; 0 where nothing touches."""
+
+
+class MujocoBoxWorld:
+    """A BoxWorld of MuJoCo."""
+
+    def __init__(self, world: BoxOnTable, contact: ContactModel, timestep: float = STEP):
+        self._model = _spec(world, contact, timestep).compile()
+        self._data = mujoco.MjData(self._model)
+        self._pressing = world.pressing
+        self._height, self._force = 0.0, np.zeros(3)
+        if world.tip is not None:
+            self.lead(np.asarray(world.tip))
+        mujoco.mj_forward(self._model, self._data)
+
+    def tilt(self, angle: float, heading: float) -> None:
+        """As in BoxWorld."""
+        downhill = np.sin(angle) * np.array([np.cos(heading), np.sin(heading)])
+        self._model.opt.gravity[:] = GRAVITY * np.array([*downhill, -np.cos(angle)])
+
+    def pull(self, force: np.ndarray, height: float = 0.0) -> None:
+        """As in BoxWorld."""
+        self._force, self._height = np.asarray(force, float), height
+
+    def lead(self, position: np.ndarray, press: float = 0.0) -> None:
+        """As in BoxWorld."""
+        start = self._model.body("finger").pos
+        self._data.ctrl[:2] = (np.asarray(position) - start)[:2]
+        self._data.ctrl[2] = -press if self._pressing else position[2] - start[2]
+
+    def step(self, seconds: float) -> None:
+        """As in BoxWorld."""
+        body = self._model.body("box").id
+        for _ in range(round(seconds / self._model.opt.timestep)):
+            lever = self._data.xmat[body].reshape(3, 3) @ [0.0, 0.0, self._height]
+            self._data.xfrc_applied[body] = [*self._force, *np.cross(lever, self._force)]
+            mujoco.mj_step(self._model, self._data)
+        mujoco.mj_forward(self._model, self._data)
+
+    def pose(self) -> Pose:
+        """As in BoxWorld."""
+        return Pose(self._data.qpos[:3].copy(), self._data.qpos[3:7].copy())
+
+    def velocity(self) -> np.ndarray:
+        """As in BoxWorld."""
+        return self._data.qvel[:3].copy()
+
+    def depths(self) -> dict[str, float]:
+        """As in BoxWorld."""
+        found = {"finger": 0.0, "table": 0.0}
+        for contact in self._data.contact:
+            names = {self._model.geom(g).name for g in contact.geom}
+            pair = "finger" if names == {"finger", "box"} else "table" if names == {"table", "box"} else None
+            if pair:
+                found[pair] = max(found[pair], -float(contact.dist))
+        return found
+
+
+def _spec(world: BoxOnTable, contact: ContactModel, timestep: float) -> mujoco.MjSpec:
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    spec.option.timestep = timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.iterations, spec.option.ls_iterations = contact.iterations, contact.line_search
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC if contact.elliptic else mujoco.mjtCone.mjCONE_PYRAMIDAL
+    spec.option.impratio = contact.impratio
+
+    def surface(friction: float, compliance: Compliance) -> dict:
+        return dict(friction=[friction, TORSION, ROLLING], solref=compliance.solref, solimp=compliance.solimp)
+
+    spec.worldbody.add_geom(
+        name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1], **surface(contact.table, contact.hard)
+    )
+    box = spec.worldbody.add_body(name="box", pos=[0, 0, world.half_size[2]])
+    box.add_freejoint()
+    box.add_geom(
+        name="box",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=world.half_size,
+        mass=world.mass,
+        **surface(OBJECT_FRICTION, contact.hard),
+    )
+    if world.tip is None:
+        return spec
+    finger = spec.worldbody.add_body(name="finger", pos=world.tip, gravcomp=1.0)
+    finger.add_geom(
+        name="finger",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[TIP_RADIUS, 0, 0],
+        mass=0.1,
+        priority=1,
+        contype=2,
+        conaffinity=1,
+        **surface(contact.finger, contact.rubber),
+    )
+    spec.geom("box").conaffinity = 3  # the finger touches the box only
+    for axis, name in zip(np.eye(3), "xyz"):
+        joint = finger.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        joint.armature = 1.0  # of the arm behind it
+        actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        if name == "z" and world.pressing:
+            joint.damping = np.array([50.0, 0, 0])
+            actuator.set_to_motor()
+        else:
+            actuator.set_to_position(kp=1e5, kv=6e2)
+    return spec

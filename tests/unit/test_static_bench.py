@@ -1,0 +1,54 @@
+"""Contact as hard as a real one is held against rigid theory; the released one is known not to hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from np_description.contact import HARD, SOFT, find_contact
+from np_sim_bridge import static_bench as bench
+
+MAKE = bench.mujoco(HARD)
+
+
+def test_pressed_hard_nothing_sinks_in():
+    rows = {row["force"]: row for row in bench.press(MAKE)["rows"]}
+    assert max(rows[20.0]["finger_mm"], rows[20.0]["table_mm"]) < 0.5
+    assert rows[5.0]["finger_mm"] < 0.4
+    deeper = [rows[force]["finger_mm"] for force in bench.FORCES]
+    assert deeper == sorted(deeper)
+
+
+def test_a_card_under_a_pressed_fingertip_comes_along():
+    assert bench.drag(MAKE)["followed_mm"] > 0.9 * 30.0
+    assert bench.drag(bench.mujoco(SOFT))["followed_mm"] < 0.5 * 30.0
+
+
+def test_friction_is_that_of_coulomb_in_every_direction():
+    found = np.array([bench.slide(MAKE, HARD.table, np.radians(h))["of_true"] for h in bench.HEADINGS])
+    assert np.abs(found - 1).max() < 0.045 and abs(found.mean() - 1) < 0.015
+    soft = bench.slide(bench.mujoco(SOFT), SOFT.table, np.radians(45.0))["of_true"]
+    assert soft < 0.8  # a pyramid has less along its diagonals
+
+
+@pytest.mark.parametrize("timestep", [0.002, 0.0025])
+def test_what_is_pulled_at_less_than_its_friction_stays(timestep):
+    assert abs(bench.creep(bench.mujoco(HARD, timestep), HARD.table)["mm_per_s"]) < 0.1
+
+
+def test_a_solver_that_ends_too_early_loses_friction():
+    """Why `line_search` is what it is: with 20 the same box slides away."""
+    assert bench.creep(bench.mujoco(replace(HARD, line_search=20)), HARD.table)["mm_per_s"] > 5.0
+
+
+def test_a_tall_box_tips_where_theory_says():
+    assert bench.tip_over(MAKE)["of_theory"] == pytest.approx(1.0, abs=0.03)
+
+
+def test_an_off_centre_push_turns_the_box_between_its_corners_and_a_patch():
+    assert 12.0 < bench.push_off_centre(MAKE)["turned_deg"] < 31.0
+
+
+def test_another_contact_is_refused_by_name():
+    with pytest.raises(ValueError, match="expected one of soft, hard, got 'rigid'"):
+        find_contact("rigid")
