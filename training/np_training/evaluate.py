@@ -34,7 +34,7 @@ from np_training.physics.batched import CONTROLLERS, PhysicsConfig
 from np_training.physics.carried_effects import load_effects
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
-from np_training.train import LIMITS
+from np_training.tasks.registry import find_task
 
 SETTING = {
     "domain": "card",
@@ -143,7 +143,7 @@ def released_networks(domain: str) -> tuple[ActorCritic, dict, None]:
     released, are untrained. Raises WeightsError where the weights are missing."""
     networks = ActorCritic()
     load(networks.post, weights_file("post_contact", find_domain(domain)))
-    return networks, SETTING | {"domain": domain, "limit": LIMITS[domain]}, None
+    return networks, SETTING | {"domain": domain, "limit": find_task(domain).limit}, None
 
 
 def main() -> None:
