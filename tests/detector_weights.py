@@ -12,6 +12,9 @@ from tempfile import TemporaryDirectory
 import torch
 from safetensors.torch import save_file
 
+from np_description.contract import KEY
+from np_description.domains import find_domain
+from np_perception.contract import DetectorContract
 from np_training.detector.export import export
 from np_training.detector.network import KeypointNetwork, NetworkConfig
 
@@ -38,6 +41,8 @@ def _files(score: float, domain: str, seed: int) -> dict[str, bytes]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"keypoint_detector_{domain}.safetensors"
         record = {"network": asdict(TINY), "training": {"domain": domain, "seed": seed}}
-        save_file(network.state_dict(), path, metadata={key: json.dumps(value) for key, value in record.items()})
+        metadata = {key: json.dumps(value) for key, value in record.items()}
+        metadata[KEY] = DetectorContract.of(find_domain(domain)).text()
+        save_file(network.state_dict(), path, metadata=metadata)
         export(path)
         return {file.name: file.read_bytes() for file in Path(folder).iterdir()}

@@ -7,13 +7,21 @@ import torch
 
 from np_description.domains import Domain
 from np_policy import hand_pose
+from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PostContactPolicy, PreContactStudent
-from np_policy.policy import weights_file
 from np_policy.weights import save
 
 
-def write_policies(folder: Path, domain: Domain, *, position=(0.5, 0.0, 0.06), opening: float = 0.01) -> Path:
-    """A student that always wants the hand at `position`, pointing down, and a random post-contact policy; the folder."""
+def write_policies(
+    folder: Path,
+    domain: Domain,
+    *,
+    position=(0.5, 0.0, 0.06),
+    opening: float = 0.01,
+    controller: str = "impedance",
+) -> Path:
+    """A student that always wants the hand at `position`, pointing down, and a random post-contact policy; the folder.
+    controller: what their contracts say that they were trained with."""
     torch.manual_seed(0)
     student, policy = PreContactStudent(), PostContactPolicy()
     wanted = hand_pose.encode(np.array(position), np.diag([1.0, -1.0, -1.0]), np.array(opening))
@@ -22,6 +30,6 @@ def write_policies(folder: Path, domain: Domain, *, position=(0.5, 0.0, 0.06), o
         student.net[-1].bias.copy_(torch.from_numpy(wanted))
         policy.net[-1].weight.normal_(std=0.1)
     folder.mkdir(parents=True, exist_ok=True)
-    save(student, weights_file("pre_contact", domain, folder))
-    save(policy, weights_file("post_contact", domain, folder))
+    for kind, network in ((PRE_CONTACT, student), (POST_CONTACT, policy)):
+        save(network, weights_file(kind, domain, folder), PolicyContract.of(kind, domain, controller))
     return folder

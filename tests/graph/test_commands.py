@@ -94,7 +94,7 @@ def test_an_evaluation_counts_and_goes_on_where_it_stopped(tmp_path, untrained):
     options = ("--keypoints", "camera", "--seed", 3, "--out", tmp_path / "eval")
     status, first, _, err = finish(start("evaluate", untrained, "--episodes", 1, *options))
     assert status == 0, err
-    assert first["episodes"] == 1
+    assert first["episodes"] == 1 and first["warnings"] == []
     status, second, _, err = finish(start("evaluate", untrained, "--episodes", 2, *options))
     assert status == 0, err
     lines = [json.loads(line) for line in open(second["results"])]

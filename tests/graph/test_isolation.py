@@ -3,6 +3,7 @@
 import pytest
 from geometry_msgs.msg import PoseStamped
 from graph_tools import Graph, card_specs
+from random_weights import write_weights
 from std_msgs.msg import String
 
 from np_ros import qos
@@ -33,10 +34,10 @@ def graph(tmp_path_factory):
 
 
 @pytest.mark.parametrize("controller", ["impedance", "osc"])
-def test_the_policy_path_does_not_hear_the_truth(controller, graph, probe, untrained):
+def test_the_policy_path_does_not_hear_the_truth(controller, graph, probe, tmp_path):
     phases = probe.collect("phase", String, qos.LATCHED)
     poses = probe.collect("object_pose", PoseStamped)
-    names = graph.bring_to(card_specs(controller=controller, weights=str(untrained)))
+    names = graph.bring_to(card_specs(controller=controller, weights=str(write_weights(tmp_path, controller))))
     probe.wait_until_ready(names)
     policy_path = names - {"sim_bridge"}
     assert len(policy_path) == 6

@@ -28,9 +28,11 @@ from np_training.ppo import learner as ppo
 from np_training.ppo.networks import ActorCritic, PreContactPolicy, sample
 from np_training.ppo.trainer import TrainConfig, Trainer
 from np_training.release import without_optimisers
-from np_training.tasks import practice
+from np_training.tasks import kinds, practice
+from np_training.tasks.bump import YAWS
 from np_training.tasks.poses import quarter_tips, sample_tasks
 from np_training.tasks.randomisation import PAPER
+from np_training.tasks.registry import find_task
 from np_training.tasks.rewards import Measures, RewardConfig, reward_terms
 
 WORLDS = 16
@@ -134,7 +136,7 @@ def top_of(domain):
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)
 def test_tasks_of_every_kind_rest_beside_or_on_obstacles_and_come_in_their_shares(domain):
-    names = practice.kinds(domain)
+    names = find_task(domain.name).kinds
     shares = tuple(torch.softmax(torch.arange(float(len(names))), 0).tolist())
     tasks = practice.draw_tasks(domain, shares, 4000, torch.Generator().manual_seed(7))
     counts = torch.bincount(tasks.kind, minlength=len(names)) / 4000
@@ -157,7 +159,7 @@ def test_tasks_of_every_kind_rest_beside_or_on_obstacles_and_come_in_their_share
 
 def test_a_kind_says_how_far_obstacles_are_lowered():
     for domain in (BUMP, WALL):
-        names = practice.kinds(domain)
+        names = find_task(domain.name).kinds
         tasks = practice.draw_tasks(domain, (1 / len(names),) * len(names), 3000, torch.Generator().manual_seed(8))
         for number, kind in enumerate(names):
             share = tasks.sunk[tasks.kind == number] / top_of(domain)
@@ -172,8 +174,8 @@ def test_a_kind_says_how_far_obstacles_are_lowered():
 
 def test_practice_on_the_bump_turns_little_and_its_own_tasks_turn_much():
     generator = torch.Generator().manual_seed(7)
-    for number, kind in enumerate(practice.kinds(BUMP)):
-        shares = tuple(float(k == number) for k in range(len(practice.kinds(BUMP))))
+    for number, kind in enumerate(find_task("bump").kinds):
+        shares = tuple(float(k == number) for k in range(len(find_task("bump").kinds)))
         tasks = practice.draw_tasks(BUMP, shares, 3000, generator)
         tips = torch.bincount(quarter_tips(tasks.starts, tasks.goals), minlength=3) / 3000
         if kind.name == "own":
@@ -186,16 +188,16 @@ def test_practice_on_the_bump_turns_little_and_its_own_tasks_turn_much():
 
 @pytest.mark.parametrize("name", ["slide", "cross"])
 def test_the_grades_of_practice_turn_the_cube_further_and_further(name):
-    for grade, yaw in enumerate(practice.YAWS, 1):
-        shares = tuple(float(kind.name == f"{name}{grade}") for kind in practice.kinds(BUMP))
+    for grade, yaw in enumerate(YAWS, 1):
+        shares = tuple(float(kind.name == f"{name}{grade}") for kind in find_task("bump").kinds)
         tasks = practice.draw_tasks(BUMP, shares, 1000, torch.Generator().manual_seed(9))
         angle = rotation_angle(tasks.starts.quaternion, tasks.goals.quaternion)
         assert 0.9 * yaw < angle.max() <= yaw + 1e-3
 
 
 def test_a_cube_rolls_the_way_it_moves(monkeypatch):
-    monkeypatch.setattr(practice, "SQUARE", 0.0)
-    starts, goals = practice._rolls(BUMP, 500, torch.Generator().manual_seed(8), yaw=0.0)
+    monkeypatch.setattr(kinds, "SQUARE", 0.0)
+    starts, goals = kinds.rolls(BUMP, 500, torch.Generator().manual_seed(8), yaw=0.0)
     towards = (goals.position - starts.position)[:, 1].sign()
     top = matrix_from_quaternion(starts.quaternion)[:, 2]  # the upward direction, in the object's frame
     now = (matrix_from_quaternion(goals.quaternion) @ top[..., None])[..., 0]

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 import torch
 
+from np_description.domains import BUMP, CARD
+from np_description.weights_header import tensors_sha256
+from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactPolicy, PreContactStudent
-from np_policy.weights import load, save, sha256
+from np_policy.weights import WeightsError, load, save, sha256
 from np_training import compare
 from np_training.evaluate import rate, read_checkpoint
 from np_training.ppo.learner import Learner, PPOConfig
@@ -151,7 +154,7 @@ def test_runs_are_compared_by_when_they_reach_a_success(folder, tmp_path, monkey
 
 def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
     student = PreContactStudent()
-    save(student, tmp_path / "student.safetensors", {"domain": "bump"})
+    save(student, tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, BUMP), {"domain": "bump"})
     state = torch.load(folder / "checkpoint.pt", weights_only=True)
     files = release(
         read_run(folder),
@@ -163,11 +166,12 @@ def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
         "python -m np_training.train --domain bump",
     )
     assert [file.name for file in files] == ["post_contact_bump.safetensors", "pre_contact_bump.safetensors"]
-    post = load(PostContactPolicy(), files[0]).state_dict()
+    post = load(PostContactPolicy(), files[0], PolicyContract.of(POST_CONTACT, BUMP)).state_dict()
     assert all(torch.equal(post[name], state["networks"][f"post.{name}"]) for name in post)
     card = files[0].with_suffix(".md").read_text()
     for part in (
         sha256(files[0]),
+        tensors_sha256(files[0]),
         "seed 7",
         "0.910",
         "What breaks first: mass",
@@ -183,6 +187,17 @@ def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
     assert (tmp_path / "results" / "training_bump.png").exists() and (
         tmp_path / "results" / "training_bump.csv"
     ).exists()
+
+
+def test_a_student_of_another_task_is_not_released(folder, tmp_path):
+    save(PreContactStudent(), tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, CARD))
+    state, folders = (
+        torch.load(folder / "checkpoint.pt", weights_only=True),
+        (tmp_path / "weights", tmp_path / "results"),
+    )
+    with pytest.raises(WeightsError, match="domain: expected bump, got card"):
+        release(read_run(folder), state, tmp_path / "student.safetensors", *folders, "GPU", "train")
+    assert not any(path.exists() for path in folders)
 
 
 def test_what_the_nodes_cannot_deploy_is_not_released():

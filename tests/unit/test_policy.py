@@ -11,9 +11,10 @@ from np_description.panda import FINGER_MAX, NOMINAL
 from np_description.rotations import matrix_from_quaternion, six_from_matrix
 from np_perception.pose_estimation import project_keypoints
 from np_policy.action import TIGHT
+from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.hand_pose import POSITION_CENTRE, POSITION_RANGE
 from np_policy.networks import PostContactPolicy, PreContactStudent
-from np_policy.policy import PolicyError, PostContactController, PreContactPlanner, student_output, weights_file
+from np_policy.policy import PolicyError, PostContactController, PreContactPlanner, student_output
 from np_policy.weights import WeightsError, save
 
 START, GOAL = (project_keypoints(CARD, pose) for pose in sample_task(CARD, np.random.default_rng(0)))
@@ -23,10 +24,10 @@ Q = np.concatenate([NOMINAL.ready, [0.01, 0.01]])
 @pytest.fixture
 def folder(tmp_path):
     torch.manual_seed(0)
-    for kind, network in (("pre_contact", PreContactStudent()), ("post_contact", PostContactPolicy())):
+    for kind, network in ((PRE_CONTACT, PreContactStudent()), (POST_CONTACT, PostContactPolicy())):
         for parameter in network.parameters():
             torch.nn.init.normal_(parameter, std=0.1)
-        save(network, weights_file(kind, CARD, tmp_path))
+        save(network, weights_file(kind, CARD, tmp_path), PolicyContract.of(kind, CARD))
     return tmp_path
 
 
@@ -108,7 +109,7 @@ def test_without_keypoints_the_last_ones_are_used_and_without_any_the_hand_stays
 def test_a_network_that_gives_nan_is_refused(tmp_path):
     network = PostContactPolicy()
     torch.nn.init.constant_(network.net[-1].bias, float("nan"))
-    save(network, tmp_path / "broken.safetensors")
+    save(network, tmp_path / "broken.safetensors", PolicyContract.of(POST_CONTACT, CARD))
     with pytest.raises(PolicyError, match="20 finite numbers"):
         PostContactController(tmp_path / "broken.safetensors", CARD).act(Q, np.zeros(9), START, GOAL)
 
@@ -117,7 +118,10 @@ def test_missing_and_foreign_weights_are_named(folder):
     with pytest.raises(WeightsError, match="post_contact_card.safetensors, which does not exist"):
         (folder / "post_contact_card.safetensors").unlink()
         PostContactController(weights_file("post_contact", CARD, folder), CARD)
-    with pytest.raises(WeightsError, match="does not fit PostContactPolicy"):
+    with pytest.raises(WeightsError, match="kind: expected post_contact, got pre_contact"):
         PostContactController(weights_file("pre_contact", CARD, folder), CARD)
+    save(PreContactStudent(), weights_file("post_contact", CARD, folder), PolicyContract.of(POST_CONTACT, CARD))
+    with pytest.raises(WeightsError, match="does not fit PostContactPolicy"):
+        PostContactController(weights_file("post_contact", CARD, folder), CARD)
     with pytest.raises(WeightsError, match="expected a folder"):
         weights_file("pre_contact", CARD, folder / "nowhere")

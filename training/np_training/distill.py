@@ -17,9 +17,11 @@ import torch
 
 from np_description.domains import DOMAINS, Domain, find_domain
 from np_policy import hand_pose
+from np_policy.contract import PRE_CONTACT
 from np_policy.networks import PreContactStudent
 from np_policy.observation import normalised_keypoints, student_observation
 from np_policy.weights import save
+from np_training.contracts import trained_contract
 from np_training.environment import contact
 from np_training.environment.environment import as_seen, corners, pre_contact_state
 from np_training.ppo.networks import PreContactPolicy
@@ -116,11 +118,12 @@ def main() -> None:
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     arguments = parser.parse_args()
     state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
-    domain = arguments.domain or state.get("setting", {}).get("domain", "card")  # the first version did not say
+    setting = {"domain": "card", "controller": "impedance"} | state.get("setting", {})  # the first version did not say
+    domain = find_domain(arguments.domain or setting["domain"])
     teacher = PreContactPolicy().to(arguments.device)
     teacher.load_state_dict({name[4:]: tensor for name, tensor in state["networks"].items() if name.startswith("pre.")})
     student, figures = distil(
-        find_domain(domain),
+        domain,
         teacher,
         arguments.device,
         arguments.minutes,
@@ -129,8 +132,8 @@ def main() -> None:
         arguments.steps,
     )
     arguments.out.mkdir(parents=True, exist_ok=True)
-    path = arguments.out / f"pre_contact_student_{domain}.safetensors"
-    save(student, path, {"domain": domain})
+    path = arguments.out / f"pre_contact_student_{domain.name}.safetensors"
+    save(student, path, trained_contract(PRE_CONTACT, domain, setting["controller"]), {"domain": domain.name})
     print(json.dumps({"file": str(path), **figures}))
 
 

@@ -22,8 +22,8 @@ import torch
 
 from np_control.operational_space import CartesianGains, uniform_gains
 from np_description.domains import DOMAINS, find_domain
+from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PreContactStudent
-from np_policy.policy import weights_file
 from np_policy.weights import load
 from np_record.intervals import wilson_interval
 from np_training.environment.environment import Environment, EnvironmentConfig
@@ -34,7 +34,7 @@ from np_training.physics.batched import CONTROLLERS, PhysicsConfig
 from np_training.physics.carried_effects import load_effects
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
-from np_training.train import LIMITS
+from np_training.tasks.registry import find_task
 
 SETTING = {
     "domain": "card",
@@ -140,10 +140,11 @@ def read_checkpoint(path: Path) -> tuple[ActorCritic, dict, int]:
 
 def released_networks(domain: str) -> tuple[ActorCritic, dict, None]:
     """Networks whose post-contact policy is the released one of a domain, and its setting; the others, which are not
-    released, are untrained. Raises WeightsError where the weights are missing."""
-    networks = ActorCritic()
-    load(networks.post, weights_file("post_contact", find_domain(domain)))
-    return networks, SETTING | {"domain": domain, "limit": LIMITS[domain]}, None
+    released, are untrained. Raises WeightsError where the weights are missing or were trained for something else."""
+    networks, task = ActorCritic(), find_task(domain)
+    contract = PolicyContract.of(POST_CONTACT, task.domain, SETTING["controller"])
+    load(networks.post, weights_file(POST_CONTACT, task.domain), contract)
+    return networks, SETTING | {"domain": domain, "limit": task.limit}, None
 
 
 def main() -> None:
@@ -193,9 +194,10 @@ def main() -> None:
     )
     networks.to(arguments.device)
     if arguments.released and not arguments.student:
-        arguments.student = weights_file("pre_contact", find_domain(arguments.released))
+        arguments.student = weights_file(PRE_CONTACT, find_domain(arguments.released))
     setting |= {name: value for name in setting if (value := getattr(arguments, name)) is not None}
-    student = load(PreContactStudent(), arguments.student).to(arguments.device) if arguments.student else None
+    contract = PolicyContract.of(PRE_CONTACT, find_domain(setting["domain"]), setting["controller"])
+    student = load(PreContactStudent(), arguments.student, contract).to(arguments.device) if arguments.student else None
     environment = Environment(
         find_domain(setting["domain"]),
         arguments.device,

@@ -17,8 +17,12 @@ from pathlib import Path
 
 import torch
 
+from np_description.domains import find_domain
+from np_description.weights_header import tensors_sha256
+from np_policy.contract import KINDS, POST_CONTACT, PRE_CONTACT
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256
+from np_training.contracts import trained_contract
 from np_training.report import PHYSICS_STEPS, Run, read_run
 from np_training.reports.curves import draw_curves
 from np_training.reports.curves import save as save_figure
@@ -29,7 +33,7 @@ _CARD = """# {title}
 
 | | |
 |---|---|
-| file | `{file}`, sha256 `{digest}` |
+| file | `{file}`, sha256 `{digest}`, of its tensors alone `{tensors}` |
 | domain | {domain} |
 | data | simulated episodes only (MuJoCo Warp, `np_training.environment.environment`); no real data |
 | training | {steps:.0f} M policy steps ({physics:.1f} G physics steps), seed {seed}, {machine} |
@@ -40,13 +44,13 @@ _CARD = """# {title}
 """
 _FILES = (
     (
-        "post_contact",
+        POST_CONTACT,
         "Post-contact policy",
         "Observation (79) to pose residual and joint gains (20), 10 Hz; see "
         "np_policy.observation and np_policy.action. Mean action; residual limits 0.02 m, 0.03 rad a step.",
     ),
     (
-        "pre_contact",
+        PRE_CONTACT,
         "Pre-contact student",
         "Keypoints and goal keypoints (32) to the hand pose before contact and finger "
         "width (10); distilled from the teacher that sees poses.",
@@ -122,20 +126,24 @@ def release(
     domain, seed = setting["domain"], run.config.get("environment", {}).get("seed", 0)
     post = PostContactPolicy()
     post.load_state_dict({name[5:]: tensor for name, tensor in state["networks"].items() if name.startswith("post.")})
-    modules = {"post_contact": post, "pre_contact": load(PreContactStudent(), student)}
+    contracts = {
+        kind: trained_contract(kind, find_domain(domain), setting.get("controller", "impedance")) for kind in KINDS
+    }
+    modules = {POST_CONTACT: post, PRE_CONTACT: load(PreContactStudent(), student, contracts[PRE_CONTACT])}
     today = datetime.date.today().isoformat()
     weights.mkdir(parents=True, exist_ok=True)
     results.mkdir(parents=True, exist_ok=True)
     files = []
     for name, title, what in _FILES:
         file = weights / f"{name}_{domain}.safetensors"
-        save(modules[name], file, {"domain": domain, "date": today})
+        save(modules[name], file, contracts[name], {"domain": domain, "date": today})
         file.with_suffix(".md").write_text(
             _CARD.format(
                 title=f"{title}, {domain}",
                 what=what,
                 file=file.name,
                 digest=sha256(file),
+                tensors=tensors_sha256(file),
                 domain=domain,
                 steps=state["steps"] / 1e6,
                 physics=state["steps"] * PHYSICS_STEPS / 1e9,

@@ -20,7 +20,6 @@ from pathlib import Path
 import torch
 
 from np_control.operational_space import CartesianGains, uniform_gains
-from np_description.domains import DOMAINS, find_domain
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.environment.fixed_contact import STARTS
 from np_training.physics.batched import CONTROLLERS, PhysicsConfig
@@ -32,19 +31,16 @@ from np_training.ppo.log import Log
 from np_training.ppo.progress import Progress
 from np_training.ppo.trainer import TrainConfig, Trainer
 from np_training.tasks.randomisation import PAPER
+from np_training.tasks.registry import TASKS, find_task
 from np_training.tasks.rewards import RewardConfig
 
 CHECKPOINT = "checkpoint.pt"
-LIMITS = {"card": 100, "bump": 200, "wall": 100}  # steps an episode
-PRACTICE = {"card": 0.0, "bump": 0.75, "wall": 0.75}  # share of practice at the beginning
-FAR = {"card": 0.0, "bump": 500.0, "wall": 1000.0}  # weight of the distance's own potential, for 1 m
-EXPLORE = {"card": 0.0, "bump": 0.3, "wall": 0.3}  # share of contacts chosen at random at the beginning
 
 
 def parse() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--domain", choices=list(DOMAINS), default="card")
+    parser.add_argument("--domain", choices=list(TASKS), default="card")
     parser.add_argument("--out", type=Path, help="default: runs/DOMAIN")
     parser.add_argument("--resume", type=Path, help="checkpoint to start from; default: OUT/checkpoint.pt, if any")
     parser.add_argument("--minutes", type=float, default=20.0)
@@ -93,10 +89,10 @@ def parse() -> argparse.Namespace:
     parser.add_argument(
         "--target-kl", type=float, default=PPOConfig.target_kl, help="divergence that steers the learning rate"
     )
-    parser.add_argument("--limit", type=int, help=f"steps an episode; default: {LIMITS}")
-    parser.add_argument("--explore", type=float, help=f"share of random contacts at the beginning; default: {EXPLORE}")
-    parser.add_argument("--practice", type=float, help=f"share of easier tasks at the beginning; default: {PRACTICE}")
-    parser.add_argument("--far", type=float, help=f"weight of the distance's own potential; default: {FAR}")
+    parser.add_argument("--limit", type=int, help="steps an episode; default: the task's")
+    parser.add_argument("--explore", type=float, help="share of random contacts at the beginning; default: the task's")
+    parser.add_argument("--practice", type=float, help="share of easier tasks at the beginning; default: the task's")
+    parser.add_argument("--far", type=float, help="weight of the distance's own potential; default: the task's")
     parser.add_argument(
         "--stiffness",
         type=float,
@@ -125,19 +121,20 @@ def parse() -> argparse.Namespace:
         arguments.effects = load_effects(arguments.effects)
     except ValueError as error:
         parser.error(str(error))
+    task = find_task(arguments.domain)
     if arguments.tolerance is None:
-        arguments.tolerance = find_domain(arguments.domain).aim
+        arguments.tolerance = task.domain.aim
     arguments.out = arguments.out or Path("runs") / arguments.domain
-    for name, defaults in (("limit", LIMITS), ("practice", PRACTICE), ("explore", EXPLORE), ("far", FAR)):
+    for name in ("limit", "practice", "explore", "far"):
         if getattr(arguments, name) is None:
-            setattr(arguments, name, defaults[arguments.domain])
+            setattr(arguments, name, getattr(task, name))
     return arguments
 
 
 def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
     """The trainer that the command line asks for, from its checkpoint where there is one."""
     environment = Environment(
-        find_domain(arguments.domain),
+        find_task(arguments.domain).domain,
         device,
         EnvironmentConfig(
             worlds=arguments.worlds,

@@ -31,7 +31,6 @@ from unittest.mock import patch
 import torch
 import warp as wp
 
-from np_description.domains import DOMAINS, find_domain
 from np_description.panda import NOMINAL
 from np_training.environment import environment as environment_module
 from np_training.environment.environment import Environment, EnvironmentConfig
@@ -39,7 +38,7 @@ from np_training.physics.batched import ARM, OBJECT_POSITION, BatchedPhysics, Ph
 from np_training.ppo.curriculum import CurriculumConfig
 from np_training.ppo.networks import sample
 from np_training.ppo.trainer import TrainConfig, Trainer
-from np_training.train import EXPLORE, LIMITS, PRACTICE
+from np_training.tasks.registry import TASKS, find_task
 
 LEAST_ROUNDS = 2
 SETTLE = 5  # policy periods until an object that was put down rests
@@ -194,9 +193,10 @@ def make_trainer(
     domain: str, device: str, worlds: int, rollout_steps: int, seed: int, checkpoint: Path | None
 ) -> Trainer:
     """The trainer that `np_training.train` makes without options, from a checkpoint if there is one."""
-    config = EnvironmentConfig(worlds=worlds, seed=seed, limit=LIMITS[domain], physics=PhysicsConfig())
-    curriculum = CurriculumConfig(practice=PRACTICE[domain], explore=EXPLORE[domain])
-    environment = Environment(find_domain(domain), device, config)
+    task = find_task(domain)
+    config = EnvironmentConfig(worlds=worlds, seed=seed, limit=task.limit, physics=PhysicsConfig())
+    curriculum = CurriculumConfig(practice=task.practice, explore=task.explore)
+    environment = Environment(task.domain, device, config)
     trainer = Trainer(environment, TrainConfig(rollout=rollout_steps, curriculum=curriculum))
     if checkpoint:
         trainer.load_state_dict(torch.load(checkpoint, map_location=device, weights_only=True))
@@ -212,7 +212,7 @@ def _wait(physics: BatchedPhysics) -> None:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--domain", choices=list(DOMAINS), default="card")
+    parser.add_argument("--domain", choices=list(TASKS), default="card")
     parser.add_argument("--checkpoint", type=Path, help="policies to measure with; default: untrained ones")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--worlds", type=int, default=EnvironmentConfig.worlds)

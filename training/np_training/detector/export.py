@@ -2,7 +2,7 @@
 
     python -m np_training.detector.export weights/keypoint_detector_card.safetensors
 
-Writes the .onnx beside the weights, with their sha256, and checks that both give the same answer. Needs onnx,
+Writes the .onnx beside the weights, with their contract and sha256, and checks that both give the same answer. Needs onnx,
 onnxscript.
 """
 
@@ -20,8 +20,10 @@ from safetensors import safe_open
 from torch import Tensor, nn
 
 from np_description.camera import CAMERA
+from np_description.contract import KEY
 from np_description.domains import find_domain
 from np_description.released import WeightsError, sha256
+from np_perception.contract import DetectorContract
 from np_perception.detector import KeypointDetector
 from np_training.detector.network import KeypointNetwork, NetworkConfig
 
@@ -44,7 +46,8 @@ class Deployed(nn.Module):
 def load_weights(path: Path) -> tuple[KeypointNetwork, dict]:
     """The trained network in evaluation mode, and its training record.
 
-    Raises WeightsError if the file is missing or is not one that np_training.detector.train wrote.
+    Raises WeightsError if the file is missing, is not one that np_training.detector.train wrote, or was trained for
+    something else (DetectorContract).
     """
     if not path.is_file():
         raise WeightsError(f"detector: expected the weights {path}, which do not exist")
@@ -56,7 +59,9 @@ def load_weights(path: Path) -> tuple[KeypointNetwork, dict]:
     config = {key: tuple(v) if isinstance(v, list) else v for key, v in json.loads(metadata["network"]).items()}
     network = KeypointNetwork(NetworkConfig(**config))
     network.load_state_dict(state)
-    return network.eval(), json.loads(metadata["training"])
+    record = json.loads(metadata["training"])
+    DetectorContract.of(find_domain(record["domain"])).compare(metadata.get(KEY), path)
+    return network.eval(), record
 
 
 def export(weights: Path) -> Path:
@@ -75,13 +80,8 @@ def export(weights: Path) -> Path:
             module, (example,), dynamo=True, input_names=["image"], output_names=["pixels", "scores"], verbose=False
         )
     model = program.model_proto
-    information = {
-        "domain": record["domain"],
-        "width": CAMERA.width,
-        "height": CAMERA.height,
-        "weights_sha256": sha256(weights),
-    }
-    onnx.helper.set_model_props(model, {key: str(value) for key, value in information.items()})
+    contract = DetectorContract.of(find_domain(record["domain"]))
+    onnx.helper.set_model_props(model, {KEY: contract.text(), "weights_sha256": sha256(weights)})
     for node in model.graph.node:  # the exporter notes source lines there
         del node.metadata_props[:]
         node.doc_string = ""

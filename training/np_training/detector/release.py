@@ -16,6 +16,7 @@ from pathlib import Path
 import torch
 
 from np_description.domains import DOMAINS, find_domain
+from np_description.weights_header import tensors_sha256
 from np_perception.detector import network_name
 from np_training.detector.evaluate import draw_reliability, evaluate
 from np_training.detector.export import export, load_weights
@@ -33,7 +34,7 @@ scores: the probability that a corner is within {reliable:.0f} px of the truth. 
 | data | {images:,} images of this project's scene, rendered during training by MuJoCo Warp; no real images |
 | randomised | camera within 1 cm and 1 degree, lights, colours, background colour and texture, edges, contrast, gamma, blur, noise (`np_training.detector.render`, `augment`) |
 | training | seed {seed}, {steps:,} steps in {minutes} min on {device}: `python -m np_training.detector.train {command}` |
-| sha256 | `{name}.safetensors` {sha256} |
+| sha256 | `{name}.safetensors` {sha256}, of its tensors alone `{tensors}` |
 
 Errors in px on {count} held-out images a set
 (`python -m np_training.detector.evaluate --domain {domain} --images {count} --seed {evaluation_seed}{episodes}`):
@@ -83,6 +84,7 @@ def model_card(weights: Path, figures: dict, episodes: Path | None = None) -> st
         window=2 * network.config.window + 1,
         rows="\n".join(rows),
         sha256=figures["weights_sha256"],
+        tensors=tensors_sha256(weights),
         count=max(result["images"] for result in figures["sets"].values()),
         evaluation_seed=figures["seed"],
         episodes=f" --episodes {episodes.name}" if episodes else "",

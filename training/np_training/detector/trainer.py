@@ -8,11 +8,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
-from safetensors.torch import save_file
+from safetensors.torch import save as serialise
 from torch import Tensor
 from torch.nn import functional
 
+from np_description.contract import KEY
 from np_description.domains import Domain
+from np_description.weights_header import with_metadata
+from np_perception.contract import DetectorContract
 from np_training.detector.contrast import ContrastConfig, MomentumContrast
 from np_training.detector.metrics import summarise
 from np_training.detector.network import RELIABLE, KeypointNetwork, NetworkConfig, heatmap_loss
@@ -189,11 +192,12 @@ class Trainer:
         }
 
     def write_weights(self, path: Path, **more) -> None:
-        """The averaged weights as safetensors, with the network's form and the training record in the
-        metadata."""
+        """The averaged weights as safetensors, with the network's form, the contract and the training record in
+        the metadata."""
         tensors = {name: t.contiguous().cpu() for name, t in self.average.state_dict().items()}
-        save_file(
-            tensors,
-            path,
-            metadata={"network": json.dumps(asdict(self.network.config)), "training": json.dumps(self.record(**more))},
-        )
+        metadata = {
+            KEY: DetectorContract.of(self.domain).text(),
+            "network": json.dumps(asdict(self.network.config)),
+            "training": json.dumps(self.record(**more)),
+        }
+        path.write_bytes(with_metadata(serialise(tensors), metadata))

@@ -35,7 +35,7 @@ PRIVILEGED_SIZE = 18 + 6 + 3 + 2
 @dataclass(frozen=True)
 class EnvironmentConfig:
     """worlds; limit: steps an episode; hold: steps within tolerance, a share of the domain's, that count as success; seed;
-    shares: of each kind of task (`practice.kinds`), the domain's own first; explore: share of contacts at any point of the object,
+    shares: of each kind of task (`TaskConfig.kinds`), the domain's own first; explore: share of contacts at any point of the object,
     which the pre-contact policy did not choose; reflex: whether a joint beyond its limits of speed or position ends the episode, as
     the robot's own reflex does (`np_sim_bridge` reports a fault there)."""
 
@@ -93,7 +93,7 @@ class Environment:
         self.age = torch.zeros(n, dtype=torch.long, device=device)
         self.held = torch.zeros(n, dtype=torch.long, device=device)
         self.total = torch.zeros(n, device=device)
-        self.kind = torch.zeros(n, dtype=torch.long, device=device)  # of task: index into practice.kinds
+        self.kind = torch.zeros(n, dtype=torch.long, device=device)  # of task: index into the task's kinds
         self.tips = torch.zeros(
             n, dtype=torch.long, device=device
         )  # quarter turns from the start's upper face to the goal's

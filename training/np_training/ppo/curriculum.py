@@ -1,6 +1,6 @@
 """The curriculum: residual limits tighten as success rises, then domain randomisation begins (paper).
 
-Ours beside it: a share of the episodes is practice (`practice.kinds`), until the domain's own tasks succeed.
+Ours beside it: a share of the episodes is practice (`np_training.tasks.practice`), until the domain's own tasks succeed.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from np_training.ppo.learner import Batch, Learner, PPOConfig, advantages
 from np_training.ppo.networks import ActorCritic, sample
 from np_training.tasks.breakdown import groups
 from np_training.tasks.joint_range import JointRange
-from np_training.tasks.practice import kinds
 from np_training.tasks.randomisation import NOMINAL_CONDITIONS, PAPER
+from np_training.tasks.registry import find_task
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Trainer:
         self.chooser = self.networks.pre if config.start == "contact" else FixedContact(config.start)
         if config.adaptive_joint_range:
             environment.joint_range = JointRange(environment.device)
-        self.kinds = [kind.name for kind in kinds(environment.domain)]
+        self.kinds = [kind.name for kind in find_task(environment.domain.name).kinds]
         window = distributed.size() * environment.config.worlds
         self.curriculum = Curriculum(window, config.curriculum, len(self.kinds) - 1)
         self._seed()

@@ -78,19 +78,20 @@ def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str
     import torch
 
     from np_perception.pose_estimation import project_keypoints
+    from np_policy.contract import POST_CONTACT, PolicyContract, weights_file
     from np_policy.networks import PostContactPolicy
     from np_policy.observation import POST_SIZE
-    from np_policy.policy import PostContactController, weights_file
+    from np_policy.policy import PostContactController
     from np_policy.weights import load
 
     torch.set_num_threads(1)
-    file = weights_file("post_contact", domain, weights)
+    file = weights_file(POST_CONTACT, domain, weights)
     controller = PostContactController(file, domain)
     start, goal = sample_task(domain, np.random.default_rng(0))
     here, there = project_keypoints(domain, start), project_keypoints(domain, goal)
     q, dq = np.concatenate([NOMINAL.ready, np.zeros(2)]), np.zeros(9)
     figures = milliseconds(lambda: controller.act(q, dq, here, there), repeats)
-    network, state = load(PostContactPolicy(), file), torch.zeros(POST_SIZE)
+    network, state = load(PostContactPolicy(), file, PolicyContract.of(POST_CONTACT, domain)), torch.zeros(POST_SIZE)
 
     def plain():
         with torch.inference_mode():

@@ -22,7 +22,11 @@ ARGUMENTS = (
         "camera",
         "camera: detected in images; truth: projected from the simulated object, to show what perception costs.",
     ),
-    LaunchArgument("controller", "impedance", "impedance: joint impedance; osc: the operational-space baseline."),
+    LaunchArgument(
+        "controller",
+        "impedance",
+        "impedance: joint impedance; osc: the operational-space baseline, with weights that were trained with it.",
+    ),
     LaunchArgument("image_rate", "30", "Images a second of simulated time."),
     LaunchArgument(
         "calibration",
@@ -54,7 +58,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     common = {"mode": given["mode"]}
     task = {**common, "domain": given["domain"]}
     seeing = {**task, "calibration": given["calibration"]}
-    learned = {**seeing, "weights": given["weights"]}
+    learned = {**seeing, "weights": given["weights"], "controller": given["controller"]}
     seed, image_rate = _integer(given, "seed"), _integer(given, "image_rate")
     from_camera = given["keypoints"] == "camera"
     simulated = [

@@ -13,9 +13,11 @@ import numpy as np
 import onnxruntime
 
 from np_description.camera import CAMERA
+from np_description.contract import KEY
 from np_description.domains import Domain
 from np_description.keypoints import COUNT
 from np_description.released import WeightsError, sha256, weights_folder
+from np_perception.contract import DetectorContract
 
 IMAGE_SHAPE = (CAMERA.height, CAMERA.width, 3)
 
@@ -42,7 +44,7 @@ def network_name(domain: Domain) -> str:
 class KeypointDetector:
     """The detector of one domain, loaded from a folder of released weights.
 
-    Raises WeightsError if the network is missing, cannot be read, belongs to another domain or camera, or was
+    Raises WeightsError if the network is missing, cannot be read, was trained for something else (DetectorContract), or was
     exported from other weights than those beside it.
     """
 
@@ -74,10 +76,7 @@ class KeypointDetector:
 
 
 def _check(path: Path, information: dict[str, str], domain: Domain) -> None:
-    expected = {"domain": domain.name, "width": str(CAMERA.width), "height": str(CAMERA.height)}
-    got = {key: information.get(key) for key in expected}
-    if got != expected:
-        raise WeightsError(f"keypoint detector: {path}: expected a network of {expected}, got {got}")
+    DetectorContract.of(domain).compare(information.get(KEY), path)
     source = path.with_suffix(".safetensors")
     if source.is_file() and sha256(source) != information.get("weights_sha256"):
         raise WeightsError(

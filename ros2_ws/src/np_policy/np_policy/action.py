@@ -12,6 +12,10 @@ from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS
 from np_description.rotations import matrix_from_vector, namespace
 
 SIZE = 20
+# Weights are refused that were trained with another version. Raise it whenever `decode` makes another target of the same
+# action, at the same gain ranges and residual limits, which the weights' contract names itself; a test holds it to that.
+VERSION = 1
+RATE = 10  # Hz: what the residual limits of one step are meant for
 STIFFNESS = slice(6, 13)  # of the action
 
 

@@ -10,6 +10,9 @@ from np_description.panda import FINGER_MAX
 from np_description.rotations import matrix_from_six, namespace, six_from_matrix
 
 SIZE = 10
+# Weights are refused that were trained with another version. Raise it whenever `decode` makes something else of the same ten
+# numbers; a test holds it to that.
+VERSION = 1
 POSITION_CENTRE, POSITION_RANGE = (0.5, 0.0, 0.1), 0.2  # m
 
 

@@ -16,6 +16,10 @@ from np_description.rotations import namespace, six_from_matrix
 
 POST_SIZE = 9 + 9 + 16 + 16 + 9 + 20
 STUDENT_SIZE = 16 + 16
+# Weights are refused that were trained with another version. Raise one whenever the numbers that its function returns for
+# equal inputs change: order, scale, centre or meaning of an entry; a test holds the version to those numbers.
+POST_VERSION = 1
+STUDENT_VERSION = 1
 GOAL_GAIN = 5.0
 
 _CENTRE = np.concatenate([(NOMINAL.position_upper + NOMINAL.position_lower) / 2, [FINGER_MAX / 2] * 2])

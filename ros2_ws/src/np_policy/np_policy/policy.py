@@ -18,6 +18,7 @@ from np_description.rotations import quaternion_from_matrix
 from np_description.symmetry import renamed
 from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints, usable
 from np_policy import action, hand_pose, weights
+from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import post_contact_observation, student_observation
 
@@ -34,14 +35,6 @@ class PreContact:
     opening: float
 
 
-def weights_file(kind: str, domain: Domain, folder: str | Path = "") -> Path:
-    """The file with the weights of `kind` ("pre_contact" or "post_contact") for a domain.
-
-    folder: as for `weights.weights_folder`. Raises WeightsError if there is no folder.
-    """
-    return weights.weights_folder(folder) / f"{kind}_{domain.name}.safetensors"
-
-
 def student_output(output) -> PreContact:
     """What the student's output (10,) means. Raises PolicyError if it is not finite or gives no rotation."""
     output = np.asarray(output, float)
@@ -54,10 +47,24 @@ def student_output(output) -> PreContact:
 
 
 class PreContactPlanner:
-    """The pre-contact student. Raises WeightsError if its weights are missing or do not fit."""
+    """The pre-contact student.
 
-    def __init__(self, file: str | Path, domain: Domain, camera: Camera = CAMERA) -> None:
-        self._network, self._domain, self._camera = weights.load(PreContactStudent(), file), domain, camera
+    controller, policy_rate Hz: of the graph that it is to run in. `warnings`: how its weights' contract differs from that
+    graph without being refused. Raises WeightsError if the weights are missing or do not fit.
+    """
+
+    def __init__(
+        self,
+        file: str | Path,
+        domain: Domain,
+        *,
+        camera: Camera = CAMERA,
+        controller: str = "impedance",
+        policy_rate: float = action.RATE,
+    ) -> None:
+        contract = PolicyContract.of(PRE_CONTACT, domain, controller, policy_rate)
+        self._network, self.warnings = weights.load(PreContactStudent(), file, contract), contract.check(file)
+        self._domain, self._camera = domain, camera
 
     def propose(self, keypoints, goal) -> PreContact:
         """From keypoints and goal keypoints (8, 3): u px, v px, score. Raises PolicyError."""
@@ -68,12 +75,22 @@ class PreContactPlanner:
 class PostContactController:
     """The post-contact policy with its memory: the last action and the last good keypoints.
 
-    Raises WeightsError if its weights are missing or do not fit.
+    controller, policy_rate, `warnings`: as for PreContactPlanner. Raises WeightsError if its weights are missing or do not fit.
     """
 
-    def __init__(self, file: str | Path, domain: Domain, *, min_score: float = 0.3, camera: Camera = CAMERA) -> None:
-        self._network, self._camera = weights.load(PostContactPolicy(), file), camera
-        self._domain, self._min_score = domain, min_score
+    def __init__(
+        self,
+        file: str | Path,
+        domain: Domain,
+        *,
+        min_score: float = 0.3,
+        camera: Camera = CAMERA,
+        controller: str = "impedance",
+        policy_rate: float = action.RATE,
+    ) -> None:
+        contract = PolicyContract.of(POST_CONTACT, domain, controller, policy_rate)
+        self._network, self.warnings = weights.load(PostContactPolicy(), file, contract), contract.check(file)
+        self._domain, self._camera, self._min_score = domain, camera, min_score
         self.reset()
 
     def reset(self) -> None:

@@ -15,6 +15,7 @@ from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
 from np_description.phases import FAULT
 from np_effects.patch import load_patch
+from np_policy.contract import check_weights
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied
@@ -52,8 +53,13 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def evaluate(options: argparse.Namespace) -> dict[str, object]:
     """Run what is missing of the episodes asked for; the summary of all of them.
 
-    A graph that breaks down costs its episode and is started anew; one that does not come up at all raises.
+    A graph that breaks down costs its episode and is started anew; one that does not come up at all raises, and weights that
+    were trained for something else raise WeightsError before anything is started. The summary's `warnings` say how the
+    weights differ from what runs here without being refused.
     """
+    warnings = check_weights(find_domain(options.domain), options.controller, options.weights)
+    for warning in warnings:
+        print(f"evaluate: {warning}", file=sys.stderr)
     settings = {
         "domain": options.domain,
         "seed": options.seed,
@@ -103,7 +109,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     figures["this_run_s"] = round(time.monotonic() - started, 1)
     picture = results.path.with_suffix(".svg")
     picture.write_text(results_plot(results.results[: options.episodes], find_domain(options.domain)))
-    return {**figures, "results": str(results.path), "plot": str(picture)}
+    return {**figures, "warnings": warnings, "results": str(results.path), "plot": str(picture)}
 
 
 def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:

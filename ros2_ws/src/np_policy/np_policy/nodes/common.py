@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
@@ -15,6 +16,8 @@ from np_description.calibration import calibrated_camera
 from np_description.camera import Camera
 from np_description.domains import DOMAINS, Domain, find_domain
 from np_description.panda import STATE_NAMES
+from np_policy import action
+from np_policy.contract import CONTROLLERS
 from np_ros import qos
 from np_ros.messages import NANOSECONDS, BadMessage, joint_state_arrays, keypoints_array, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter
@@ -32,6 +35,11 @@ class Settings:
     min_score: float
     camera: Camera
 
+    @property
+    def policy_rate(self) -> float:
+        """Policy ticks a second."""
+        return NANOSECONDS / self.policy_period
+
     def is_policy_tick(self, stamp: int) -> bool:
         """Whether something may be decided at stamp ns: always in real time, at policy ticks in lockstep."""
         return not self.lockstep or stamp % self.policy_period == 0
@@ -43,7 +51,7 @@ def declare_settings(node: Node) -> Settings:
     mode = parameter(
         node, "mode", "lockstep", "Who waits: time for the answers, or nobody.", choices=("lockstep", "realtime")
     )
-    rate = parameter(node, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500)
+    rate = parameter(node, "policy_rate", action.RATE, "Policy ticks a second; a divisor of 500.", 1, 500)
     score = parameter(node, "min_score", 0.3, "Score from which a keypoint is used.", 0.0, 1.0)
     calibration = parameter(
         node, "calibration", "", "File written by `calibrate`: where the camera is; empty: as trained."
@@ -51,9 +59,19 @@ def declare_settings(node: Node) -> Settings:
     return Settings(find_domain(domain), mode == "lockstep", NANOSECONDS // rate, score, calibrated_camera(calibration))
 
 
-def declare_weights(node: Node) -> str:
-    """Declare and read the parameter `weights`."""
-    return parameter(node, "weights", "", "Folder with released weights; empty: $NP_WEIGHTS, or the project's own.")
+def declare_weights(node: Node) -> tuple[str, str]:
+    """Declare and read the parameters `weights`, a folder, and `controller`, by which weights may be refused."""
+    return (
+        parameter(node, "weights", "", "Folder with released weights; empty: $NP_WEIGHTS, or the project's own."),
+        parameter(node, "controller", "impedance", "Law that follows the policy's targets.", choices=CONTROLLERS),
+    )
+
+
+def report_weights(node: Node, diagnostics: Diagnostics, warnings: Sequence[str]) -> None:
+    """Say in log and diagnostics how the weights differ from what runs here, where that is no refusal."""
+    if warnings:
+        node.get_logger().warn("; ".join(warnings))
+        diagnostics.report(DiagnosticStatus.WARN, "; ".join(warnings))
 
 
 def subscribe_keypoints(

@@ -13,8 +13,16 @@ from std_msgs.msg import Float64MultiArray, Header
 from np_description.panda import BASE_FRAME
 from np_description.phases import POST
 from np_description.rotations import quaternion_from_matrix
-from np_policy.nodes.common import GoalStream, StateStream, declare_settings, declare_weights, subscribe_keypoints
-from np_policy.policy import PolicyError, PostContactController, weights_file
+from np_policy.contract import POST_CONTACT, weights_file
+from np_policy.nodes.common import (
+    GoalStream,
+    StateStream,
+    declare_settings,
+    declare_weights,
+    report_weights,
+    subscribe_keypoints,
+)
+from np_policy.policy import PolicyError, PostContactController
 from np_ros import qos
 from np_ros.messages import BadMessage, gains_message, pose_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, run
@@ -29,11 +37,18 @@ class PostContactNode(Node):
         super().__init__("post_contact")
         torch.set_num_threads(1)
         self._settings = declare_settings(self)
-        file = weights_file("post_contact", self._settings.domain, declare_weights(self))
+        folder, controller = declare_weights(self)
+        file = weights_file(POST_CONTACT, self._settings.domain, folder)
         self._policy = PostContactController(
-            file, self._settings.domain, min_score=self._settings.min_score, camera=self._settings.camera
+            file,
+            self._settings.domain,
+            min_score=self._settings.min_score,
+            camera=self._settings.camera,
+            controller=controller,
+            policy_rate=self._settings.policy_rate,
         )
         self.diagnostics = Diagnostics(self)
+        report_weights(self, self.diagnostics, self._policy.warnings)
         self._keypoints: OrderedDict[int, np.ndarray | None] = OrderedDict()
         self._phase = ""
         self._pending: int | None = None  # stamp of the tick that is to be answered

@@ -13,8 +13,9 @@ from std_msgs.msg import Float64, String
 from np_description.panda import BASE_FRAME
 from np_description.phases import PRE, split_phase
 from np_perception.pose_estimation import MIN_POINTS, usable
-from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, subscribe_keypoints
-from np_policy.policy import PolicyError, PreContactPlanner, weights_file
+from np_policy.contract import PRE_CONTACT, weights_file
+from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, report_weights, subscribe_keypoints
+from np_policy.policy import PolicyError, PreContactPlanner
 from np_ros import qos
 from np_ros.messages import pose_message
 from np_ros.node import Diagnostics, run
@@ -29,9 +30,17 @@ class PreContactNode(Node):
         super().__init__("pre_contact")
         torch.set_num_threads(1)
         self._settings = declare_settings(self)
-        file = weights_file("pre_contact", self._settings.domain, declare_weights(self))
-        self._planner = PreContactPlanner(file, self._settings.domain, self._settings.camera)
+        folder, controller = declare_weights(self)
+        file = weights_file(PRE_CONTACT, self._settings.domain, folder)
+        self._planner = PreContactPlanner(
+            file,
+            self._settings.domain,
+            camera=self._settings.camera,
+            controller=controller,
+            policy_rate=self._settings.policy_rate,
+        )
         self.diagnostics = Diagnostics(self)
+        report_weights(self, self.diagnostics, self._planner.warnings)
         self._answered = -1  # stamp of the last goal that was answered
         self._answer: tuple[int, Float64, PoseStamped] | None = None  # stamp of its keypoints, and the messages
         self._keypoints: tuple[int, np.ndarray] | None = None

@@ -1,0 +1,22 @@
+"""The contract of a keypoint detector's weights. No ONNX Runtime: training writes it too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from np_description.contract import Contract, camera_intrinsics, keypoint_order
+from np_description.domains import Domain
+
+
+@dataclass(frozen=True)
+class DetectorContract(Contract):
+    """What a detector was trained for: domain, order of its keypoints, size and intrinsics, px, of the camera."""
+
+    domain: str
+    keypoint_order: tuple[str, ...]
+    camera: dict[str, float]
+
+    @classmethod
+    def of(cls, domain: Domain) -> DetectorContract:
+        """The contract of a detector that fits the code as it is."""
+        return cls(domain.name, keypoint_order(), camera_intrinsics())

@@ -1,0 +1,100 @@
+"""The contract of the policies' weights: what they see, what they do, and the arm, law and contacts that they know.
+
+No PyTorch: a command checks weights before it starts the nodes that load them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
+from np_description.contact_definition import contact_definition
+from np_description.contract import Contract, camera_intrinsics, keypoint_order, noted, warned
+from np_description.domains import Domain
+from np_description.panda import NOMINAL
+from np_description.released import weights_folder
+from np_policy import action, hand_pose, observation
+
+PRE_CONTACT, POST_CONTACT = KINDS = ("pre_contact", "post_contact")
+CONTROLLERS = ("impedance", "osc")
+_INTERFACES = {  # observation's version and size, action's version and size
+    PRE_CONTACT: (observation.STUDENT_VERSION, observation.STUDENT_SIZE, hand_pose.VERSION, hand_pose.SIZE),
+    POST_CONTACT: (observation.POST_VERSION, observation.POST_SIZE, action.VERSION, action.SIZE),
+}
+
+
+@dataclass(frozen=True)
+class PolicyContract(Contract):
+    """What a policy was trained for. All of it is a refusal where it differs, but for the last three.
+
+    kind: of KINDS; observation_*, action_*: see np_policy.observation, action and hand_pose; interchangeable_faces: whether
+    keypoints come under other names (np_description.symmetry); camera: size and intrinsics, px; controller: of CONTROLLERS,
+    the law that follows the targets; policy_rate Hz; residual_limits m, rad a step; stiffness_range (2, 7) Nm/rad;
+    damping_ratio_range; joint_limits: rad, rad/s, beyond which the reflex ended a training's episode.
+    contact: see np_description.contact_definition; other contacts are a warning. For the record: control_rate Hz of the law
+    in training, and target_delay s, the range of the time after which a target took effect there.
+    """
+
+    kind: str
+    domain: str
+    observation_version: int
+    observation_size: int
+    action_version: int
+    action_size: int
+    keypoint_order: tuple[str, ...]
+    interchangeable_faces: bool
+    camera: dict[str, float]
+    controller: str
+    policy_rate: float
+    residual_limits: dict[str, float]
+    stiffness_range: tuple[list[float], list[float]]
+    damping_ratio_range: tuple[float, float]
+    joint_limits: dict[str, list[float]]
+    contact: dict[str, object] = warned("was trained under other contacts than those of this scene")
+    control_rate: float | None = noted(default=None)
+    target_delay: tuple[float, float] | None = noted(default=None)
+
+    @classmethod
+    def of(
+        cls, kind: str, domain: Domain, controller: str = "impedance", policy_rate: float = action.RATE, **notes
+    ) -> PolicyContract:
+        """The contract of weights that fit the code as it is. Raises ValueError for an unknown kind or controller."""
+        for name, value, allowed in (("kind", kind, KINDS), ("controller", controller, CONTROLLERS)):
+            if value not in allowed:
+                raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {value!r}")
+        return cls(
+            kind,
+            domain.name,
+            *_INTERFACES[kind],
+            keypoint_order=keypoint_order(),
+            interchangeable_faces=domain.interchangeable,
+            camera=camera_intrinsics(),
+            controller=controller,
+            policy_rate=float(policy_rate),
+            residual_limits={"position": action.TIGHT.position, "rotation": action.TIGHT.rotation},
+            stiffness_range=(STIFFNESS_MIN.tolist(), STIFFNESS_MAX.tolist()),
+            damping_ratio_range=(DAMPING_RATIO_MIN, DAMPING_RATIO_MAX),
+            joint_limits={
+                name: getattr(NOMINAL, name).tolist() for name in ("position_lower", "position_upper", "velocity_limit")
+            },
+            contact=contact_definition(domain),
+            **notes,
+        )
+
+
+def weights_file(kind: str, domain: Domain, folder: str | Path = "") -> Path:
+    """The file with the weights of a kind for a domain.
+
+    folder: as for `np_description.released.weights_folder`. Raises WeightsError if there is no folder.
+    """
+    return weights_folder(folder) / f"{kind}_{domain.name}.safetensors"
+
+
+def check_weights(domain: Domain, controller: str, folder: str | Path = "") -> list[str]:
+    """Hold the contracts of a domain's two policies against what this graph would be; the warnings. Raises WeightsError."""
+    return [
+        warning
+        for kind in KINDS
+        for warning in PolicyContract.of(kind, domain, controller).check(weights_file(kind, domain, folder))
+    ]

@@ -1,0 +1,71 @@
+"""The command that adds contracts to weights of before, and what the training writes into them."""
+
+import onnx
+import pytest
+import torch
+from detector_weights import write_detector
+from safetensors.torch import save_file
+
+from np_description.contract import KEY
+from np_description.domains import BUMP, CARD
+from np_description.released import WeightsError, sha256
+from np_description.weights_header import read_metadata, tensors_sha256, with_metadata
+from np_perception.detector import KeypointDetector
+from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
+from np_policy.networks import PostContactPolicy
+from np_policy.policy import PostContactController
+from np_training import contracts
+from np_training.contracts import add_contract, trained_contract
+from np_training.physics.batched import PhysicsConfig
+
+
+def test_a_contract_is_added_once_beside_the_tensors_as_they_were(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "post_contact_bump.safetensors"
+    torch.manual_seed(0)
+    save_file(PostContactPolicy().state_dict(), path, metadata={"domain": "bump", "date": "before"})
+    before, tensors = sha256(path), tensors_sha256(path)
+    path.with_suffix(".md").write_text(f"# Card\n\nfile, sha256 `{before}`\n")
+    for said in ("contract added", "has a contract, left alone"):
+        monkeypatch.setattr("sys.argv", ["contracts", str(path)])
+        contracts.main()
+        assert said in capsys.readouterr().out
+    assert tensors_sha256(path) == tensors and sha256(path) != before
+    assert read_metadata(path).keys() == {"domain", "date", KEY}
+    assert PostContactController(path, BUMP).warnings == []
+    card = path.with_suffix(".md").read_text()
+    assert f"file, sha256 `{sha256(path)}`" in card and card.count(before) == 1 and card.count(tensors) == 1
+
+
+def test_an_exported_detector_goes_with_its_weights(tmp_path):
+    network = write_detector(tmp_path)
+    path = network.with_suffix(".safetensors")
+    path.write_bytes(with_metadata(path.read_bytes(), {k: v for k, v in read_metadata(path).items() if k != KEY}))
+    model = onnx.load(network)
+    graph = model.graph.SerializeToString(deterministic=True)
+    onnx.helper.set_model_props(model, {"domain": "card", "weights_sha256": sha256(path)})
+    onnx.save(model, network)
+    with pytest.raises(WeightsError, match="got none.*keypoint_detector_card.safetensors` adds one"):
+        KeypointDetector(CARD, tmp_path)
+    assert add_contract(path, "impedance")
+    assert KeypointDetector(CARD, tmp_path).information["weights_sha256"] == sha256(path)
+    assert onnx.load(network).graph.SerializeToString(deterministic=True) == graph
+
+
+def test_weights_that_do_not_say_what_they_are_get_none(tmp_path):
+    path = tmp_path / "student.safetensors"
+    save_file({"x": torch.zeros(2)}, path)
+    content = path.read_bytes()
+    with pytest.raises(
+        WeightsError, match="a name that begins with pre_contact or post_contact and metadata with the domain"
+    ):
+        add_contract(path, "impedance")
+    assert path.read_bytes() == content
+
+
+def test_the_training_writes_contracts_that_the_nodes_accept_and_what_only_it_knows():
+    trained = trained_contract(PRE_CONTACT, BUMP, "osc")
+    assert PolicyContract.of(PRE_CONTACT, BUMP, "osc").compare(trained.text(), "x.safetensors") == []
+    assert trained.control_rate == 200.0 and trained.target_delay == (0.005, 0.04)
+    other = trained_contract(POST_CONTACT, BUMP, "impedance", PhysicsConfig(substeps=10))
+    with pytest.raises(WeightsError, match="policy_rate: expected 10.0, got 20.0"):
+        PolicyContract.of(POST_CONTACT, BUMP).compare(other.text(), "x.safetensors")
