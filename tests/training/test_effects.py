@@ -78,7 +78,7 @@ def test_everything_else_is_refused_by_name(effect):
     patch = Patch((*PATCH.effects, PatchEffect(effect, component, {RECORDS[effect].quantities[0].name: 0.01})))
     with pytest.raises(ValueError, match=f"got {effect} at {component}"):
         check_carried(patch)
-    with pytest.raises(ValueError, match="training carries coulomb_friction"):
+    with pytest.raises(ValueError, match=f"training carries {', '.join(CARRIED)}"):
         PhysicsConfig(effects=patch)
 
 

@@ -52,7 +52,10 @@ ENTRY = {"effect": "coulomb_friction", "component": "panda_joint1", "parameters"
             "expected finite numbers for level; got level: nan",
         ),
         ([{**ENTRY, "parameters": {"level": "much"}}], "got level: 'much'"),
-        ([{**ENTRY, "parameters": {"level": 400.0}}], "expected level of coulomb_friction from -4 to 4 Nm, got 400.0"),
+        (
+            [{**ENTRY, "parameters": {"level": 400.0}}],
+            "expected level of coulomb_friction from -20 to 20 Nm, got 400.0",
+        ),
         (
             [{"effect": "link_com", "component": "arm", "parameters": {}}],
             "expected the joint that moves the link as component of link_com, got 'arm'",

@@ -220,8 +220,9 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
             damping=np.array([10.0, 0, 0]),
             armature=0.1,
         )
-        # What rubber touches, it decides about: MuJoCo would average its compliance with the other's.
-        rubber = dict(priority=1, **_surface(contact.finger, contact.rubber), **touching)
+        # Where rubber is another matter than the rest, it decides: MuJoCo would average its compliance with the other's.
+        decides = int(contact.rubber != contact.hard)
+        rubber = dict(priority=decides, **_surface(contact.finger, contact.rubber), **touching)
         for capsule in FINGER_CAPSULES:
             add_capsule(body, *capsule, dark, **rubber)
         actuator = spec.add_actuator(

@@ -27,7 +27,8 @@ class Place(StrEnum):
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number that a patch gives for an effect, with the range in which it is physical."""
+    """A number that a patch gives for an effect, with the range in which it may lie: wider than what the doctor looks for, since
+    the fits of others put much into it."""
 
     name: str
     unit: str

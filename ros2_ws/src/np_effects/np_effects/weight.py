@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import mujoco
 import numpy as np
 
-from np_description.domains import CARD
 from np_description.panda import NOMINAL, PandaModel
-from np_description.scene import load_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +23,12 @@ class Hold:
     """Torque that holds an arm of MuJoCo's."""
 
     def __init__(self, panda: PandaModel = NOMINAL, tilt: tuple[float, float] = (0.0, 0.0)):
+        import mujoco  # whoever only reads records does without
+
+        from np_description.domains import CARD
+        from np_description.scene import load_model
+
+        self._engine = mujoco
         self._model = load_model(CARD, panda=panda)
         size = -self._model.opt.gravity[2]
         if any(tilt):
@@ -34,7 +37,7 @@ class Hold:
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Torque (7,) Nm at angles (7,) rad."""
-        model, data = self._model, self._data
+        mujoco, model, data = self._engine, self._model, self._data
         data.qpos[:7], data.qvel[:] = q, 0.0
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)

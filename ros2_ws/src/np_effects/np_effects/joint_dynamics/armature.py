@@ -11,7 +11,8 @@ from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import Parameter, Signature, stack
 from np_effects.stage import Stage
 
-INERTIA = Quantity("inertia", "kg m^2", -1.0, 1.0)
+INERTIA = Quantity("inertia", "kg m^2", -5.0, 5.0)
+MOST = 1.0  # kg m^2 that is looked for
 
 
 def _signature(context: Context, joint: int) -> Signature:
@@ -20,7 +21,7 @@ def _signature(context: Context, joint: int) -> Signature:
     least = SURE * INERTIA_ERROR * float(np.linalg.norm(links))
     return Signature(
         "armature",
-        (Parameter("inertia", "kg m^2", -float(context.arm.armature.max()), INERTIA.upper, 0.15, least=least),),
+        (Parameter("inertia", "kg m^2", -float(context.arm.armature.max()), MOST, 0.15, least=least),),
         {Stage.DYNAMICS: lambda c, j: stack(c.samples.acceleration[:, j])},
         "inertia of the rotor, reflected",
         only_joint=joint,

@@ -8,7 +8,8 @@ from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import Parameter, Signature, stack
 from np_effects.stage import Stage
 
-LEVEL = Quantity("level", "Nm", -4.0, 4.0)
+LEVEL = Quantity("level", "Nm", -20.0, 20.0)
+MOST = 4.0  # Nm that is looked for
 
 
 def _signatures(context: Context) -> list[Signature]:
@@ -16,7 +17,7 @@ def _signatures(context: Context) -> list[Signature]:
         Signature(
             "coulomb_friction",
             # No joint has less than none of what resists its motion.
-            (Parameter("level", "Nm", -float(context.arm.frictionloss.max()), LEVEL.upper, 0.3),),
+            (Parameter("level", "Nm", -float(context.arm.frictionloss.max()), MOST, 0.3),),
             {Stage.DYNAMICS: lambda c, j: stack(c.prediction.direction[:, j])},
             "Gaz et al., RA-L 2019",
         )

@@ -8,14 +8,15 @@ from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import Parameter, Signature, stack
 from np_effects.stage import Stage
 
-COEFFICIENT = Quantity("coefficient", "Nms/rad", -8.0, 8.0)
+COEFFICIENT = Quantity("coefficient", "Nms/rad", -50.0, 50.0)
+MOST = 8.0  # Nms/rad that is looked for
 
 
 def _signatures(context: Context) -> list[Signature]:
     return [
         Signature(
             "viscous_friction",
-            (Parameter("coefficient", "Nms/rad", -float(context.arm.damping.max()), COEFFICIENT.upper, 0.3),),
+            (Parameter("coefficient", "Nms/rad", -float(context.arm.damping.max()), MOST, 0.3),),
             {Stage.DYNAMICS: lambda c, j: stack(c.samples.velocity[:, j])},
             "Gaz et al., RA-L 2019",
         )

@@ -14,11 +14,12 @@ from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import Parameter, Signature
 from np_effects.stage import Stage
 
-MOMENTS = tuple(Quantity(f"moment_{axis}", "kg m", -0.15, 0.15) for axis in "xyz")
+MOMENTS = tuple(Quantity(f"moment_{axis}", "kg m", -5.0, 5.0) for axis in "xyz")
+MOST = 0.15  # kg m that is looked for
 
 
 def _signatures(context: Context) -> list[Signature]:
-    moments = tuple(Parameter(q.name, q.unit, q.lower, q.upper, 0.05) for q in MOMENTS)
+    moments = tuple(Parameter(q.name, q.unit, -MOST, MOST, 0.05) for q in MOMENTS)
     return [
         Signature(
             "link_com",

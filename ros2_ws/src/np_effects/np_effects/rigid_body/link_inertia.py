@@ -15,7 +15,8 @@ from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import Parameter, Signature, stack
 from np_effects.stage import Stage
 
-SCALE = Quantity("scale", "1", -0.9, 5.0)
+SCALE = Quantity("scale", "1", -1.0, 50.0)
+LEAST, MOST = -0.9, 5.0  # that is looked for
 
 
 def _signatures(context: Context) -> list[Signature]:
@@ -26,7 +27,7 @@ def _signatures(context: Context) -> list[Signature]:
     return [
         Signature(
             "link_inertia",
-            (Parameter("scale", "1", SCALE.lower, SCALE.upper, 0.5, least=min(known[i], 2.0)),),
+            (Parameter("scale", "1", LEAST, MOST, 0.5, least=min(known[i], 2.0)),),
             {Stage.DYNAMICS: lambda c, j, i=i: stack(c.prediction.inertia[:, j, i])},
             "inverse dynamics are linear in the inertia about the centre of mass",
             f"link {i + 1}",

@@ -10,12 +10,13 @@ from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import Parameter, Signature
 from np_effects.stage import Stage
 
-OFFSET = Quantity("offset", "Nm", -5.0, 5.0)
+OFFSET = Quantity("offset", "Nm", -50.0, 50.0)
+MOST = 5.0  # Nm that is looked for
 SOURCE = "Gaz et al., RA-L 2019"
 
 
 def _signatures(context: Context) -> list[Signature]:
-    offset = (Parameter("offset", "Nm", OFFSET.lower, OFFSET.upper, 0.5),)
+    offset = (Parameter("offset", "Nm", -MOST, MOST, 0.5),)
     unseen = {Stage.DYNAMICS: lambda c, j: -np.ones((len(c.samples), 1))}
     found = [Signature("torque_offset", offset, unseen, SOURCE, "unseen by the sensor")]
     if context.drive is not None:

@@ -8,13 +8,14 @@ from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import Parameter, Signature, stack
 from np_effects.stage import Stage
 
-SCALE = Quantity("scale", "1", -0.5, 0.5)
+SCALE = Quantity("scale", "1", -1.0, 2.0)
+MOST = 0.5  # that is looked for
 KNOWN = 0.005  # to which the torque constant of any drive is known
 SOURCE = "gain of the torque loop"
 
 
 def _signatures(context: Context) -> list[Signature]:
-    scale = (Parameter("scale", "1", SCALE.lower, SCALE.upper, 0.03, least=KNOWN),)
+    scale = (Parameter("scale", "1", -MOST, MOST, 0.03, least=KNOWN),)
     unseen = {Stage.DYNAMICS: lambda c, j: stack(-c.prediction.load[:, j])}
     found = [Signature("torque_scale", scale, unseen, SOURCE, "unseen by the sensor")]
     if context.drive is not None:
