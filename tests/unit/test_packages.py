@@ -1,32 +1,29 @@
 """Who imports whom: what package.xml says, the floors of the house, and no circles. Read from the sources, lazy imports too."""
 
 import ast
+import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from graphlib import CycleError, TopologicalSorter
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = {path.parent.name: path.parent for path in sorted((ROOT / "ros2_ws/src").glob("*/package.xml"))}
-ABOVE = {"np_training": ROOT / "training", "np_blind": ROOT / "benchmark"}
-
-FLOORS = (
-    {"np_description"},
-    {"np_ros"},
-    {"np_record"},
-    {"np_effects"},
-    {"np_control"},
-    {"np_perception"},
-    {"np_policy"},
-    {"np_sim_bridge"},
-    {"np_franka", "np_diagnosis"},
-    {"np_bringup"},
-    {"np_training", "np_blind"},
+from packages import (
+    ABOVE,
+    FLOOR,
+    FLOORS,
+    PACKAGES,
+    ROOT,
+    WITHOUT_GRAPH,
+    imports,
+    modules,
+    own_tests,
+    packages_of,
+    sources,
+    tree,
 )
-FLOOR = {name: level for level, names in enumerate(FLOORS) for name in names}
+
+MODULES = modules()
 DOWN_THE_STAIRS = {("np_bringup", "np_training")}
 """The one arrow upwards: `make bench` measures the detector against its torch module where that is installed."""
 
@@ -43,39 +40,6 @@ KEYS = {
     "yaml": "python3-yaml",
 }
 """What package.xml calls a module: rosdep's key, or the name of what only pip has. Others are called as they are."""
-
-
-def modules() -> dict[str, Path]:
-    """Every module of the project by its name."""
-    found = {}
-    for name, folder in {**PACKAGES, **ABOVE}.items():
-        for path in (folder / name).rglob("*.py"):
-            parts = path.relative_to(folder).with_suffix("").parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
-
-
-MODULES = modules()
-
-
-def tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(), path)
-
-
-def imports(path: Path) -> Iterator[str]:
-    """The modules that a file imports, in functions as well; `from a import b` is a.b where that is a module of ours."""
-    for node in ast.walk(tree(path)):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: expected absolute imports"
-            for alias in node.names:
-                inside = f"{node.module}.{alias.name}"
-                yield inside if inside in MODULES else node.module
-
-
-def sources(package: str) -> list[Path]:
-    return [*(PACKAGES[package] / package).rglob("*.py"), *PACKAGES[package].glob("launch/*.py")]
 
 
 def imported(package: str) -> dict[str, str]:
@@ -121,27 +85,23 @@ def test_packages_import_only_from_lower_floors():
     upwards = set()
     for module, path in MODULES.items():
         package = module.partition(".")[0]
-        for name in {other.partition(".")[0] for other in imports(path)} & FLOOR.keys() - {package}:
+        for name in packages_of(path) - {package}:
             if FLOOR[name] >= FLOOR[package] and FLOOR[package] < len(FLOORS) - 1:
                 upwards.add((package, name))
     assert upwards == DOWN_THE_STAIRS
 
 
 def test_nobody_imports_bringup():
-    outside = {module: path for module, path in MODULES.items() if module.partition(".")[0] in PACKAGES}
-    guilty = [
-        module
-        for module, path in outside.items()
-        if not module.startswith("np_bringup") and any(name.split(".")[0] == "np_bringup" for name in imports(path))
+    assert not [
+        m for m, path in MODULES.items() if not m.startswith("np_bringup") and "np_bringup" in packages_of(path)
     ]
-    assert not guilty
 
 
 def test_no_circle_between_packages():
     arrows = {name: set() for name in FLOOR}
     for module, path in MODULES.items():
         package = module.partition(".")[0]
-        arrows[package] |= {name.partition(".")[0] for name in imports(path)} & FLOOR.keys() - {package}
+        arrows[package] |= packages_of(path) - {package}
     for package, above in DOWN_THE_STAIRS:
         arrows[package].discard(above)
     assert not circle(arrows)
@@ -153,3 +113,20 @@ def test_no_circle_between_modules():
 
 def test_a_circle_is_seen():
     assert circle({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) and not circle({"a": {"b"}, "b": {"c"}})
+
+
+def test_a_package_has_the_tests_whose_highest_import_it_is():
+    assert {"test_impedance.py", "test_safety.py"} <= {path.name for path in own_tests("np_control")}
+    assert "test_simulation.py" in {path.name for path in own_tests("np_sim_bridge")}
+    everything = [path for kind in WITHOUT_GRAPH for path in (ROOT / "tests" / kind).glob("test_*.py")]
+    theirs = [path for name in FLOOR for path in own_tests(name)]
+    assert sorted(theirs) == sorted(path for path in everything if path.name != "test_packages.py")
+
+
+def test_pytest_in_the_folder_of_a_package_finds_its_tests():
+    """As `colcon test` calls it."""
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider"]
+    said = subprocess.run(command, cwd=PACKAGES["np_description"], capture_output=True, text=True)
+    assert said.returncode == 0, said.stdout + said.stderr
+    files = {line.partition("::")[0] for line in said.stdout.splitlines() if "::" in line}
+    assert files == {str(path.relative_to(ROOT)) for path in own_tests("np_description")}
