@@ -30,6 +30,7 @@ from np_bringup.task_graph import task_graph
 from np_ros import qos as profiles
 from np_ros.graph import NodeSpec
 from np_ros.links import Links
+from np_ros.services import Services
 from np_ros.spin import Spinner
 from np_ros.supervisor import Supervisor, installed_command
 
@@ -110,7 +111,7 @@ class Probe:
         self.node = rclpy.create_node("probe", context=self._context)
         self._spinner = Spinner(self.node)  # a test that answers 500 states a second must not be the slowest part
         self._publishers: dict[str, object] = {}
-        self._clients: dict[str, object] = {}
+        self._services = Services(self.node, self.wait_until)
         self.messages: dict[str, list] = defaultdict(list)
 
     def close(self) -> None:
@@ -185,15 +186,9 @@ class Probe:
 
     def call(self, service: str, request=None, timeout: float = TIMEOUT):
         """The response of a std_srvs service: Trigger, or SetBool where `request` is a bool."""
-        service_type = SetBool if isinstance(request, bool) else Trigger
-        if service not in self._clients:
-            self._clients[service] = self.node.create_client(service_type, service)
-        client = self._clients[service]
-        self.wait_until(client.service_is_ready, timeout, f"service {service}")
-        content = service_type.Request(data=request) if isinstance(request, bool) else service_type.Request()
-        future = client.call_async(content)
-        self.wait_until(future.done, timeout, f"the answer of {service}")
-        return future.result()
+        kind = SetBool if isinstance(request, bool) else Trigger
+        content = kind.Request(data=request) if isinstance(request, bool) else kind.Request()
+        return self._services.call(kind, service, content, timeout)
 
     def idle_for(self, seconds: float) -> None:
         """Spin for `seconds`, for tests that something does NOT come."""

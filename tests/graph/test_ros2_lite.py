@@ -6,12 +6,14 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import MappingProxyType
 
 import pytest
 import yaml
 from std_msgs.msg import Float64
 
 ROOT = Path(__file__).resolve().parents[2]
+CODE = "import sys; from ros2_lite.main import main; sys.exit(main())"
 
 TALKER = f"""#!{sys.executable}
 import os, sys
@@ -66,9 +68,8 @@ class Ros2:
         launch_file = prefix / "share/pushers/launch/talk.launch.py"
         launch_file.parent.mkdir(parents=True)
         launch_file.write_text(LAUNCH_FILE)
-        code = "import sys; from ros2_lite.main import main; sys.exit(main())"
         real = shutil.which("ros2")
-        self._command = [real] if real else [sys.executable, "-c", code]
+        self._command = [real] if real else [sys.executable, "-c", CODE]
         paths = [str(ROOT / "tools" / "ros2_lite"), *filter(None, sys.path)]
         ament = [str(prefix), *filter(None, [os.environ.get("AMENT_PREFIX_PATH")])]
         self._environment = {
@@ -79,10 +80,10 @@ class Ros2:
         }
         self._processes = []
 
-    def start(self, *arguments: str) -> subprocess.Popen:
+    def start(self, *arguments: str, command=(), environment=MappingProxyType({})) -> subprocess.Popen:
         process = subprocess.Popen(
-            [*self._command, *arguments],
-            env=self._environment,
+            [*(command or self._command), *arguments],
+            env={**self._environment, **environment},
             text=True,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -142,6 +143,18 @@ def test_topic_list_echo_and_hz(ros2):
     assert float(line(hz, "average rate").split()[-1]) > 0
     hz.send_signal(signal.SIGINT)
     assert hz.wait() in (0, -signal.SIGINT)
+
+
+@pytest.mark.parametrize("moment", [" yaml\n", "waiting for a publisher of /nobody"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_command_quietly_also_while_it_imports(ros2, moment, number):
+    """yaml is imported before rclpy."""
+    environment = {"PYTHONPROFILEIMPORTTIME": "1"}  # a line on stderr for every import
+    hz = ros2.start("topic", "hz", "/nobody", command=[sys.executable, "-c", CODE], environment=environment)
+    assert any(moment in line for line in hz.stderr)
+    hz.send_signal(number)
+    assert "Traceback" not in hz.communicate()[1]
+    assert hz.returncode == 0
 
 
 def test_service_list_and_call(ros2):

@@ -1,8 +1,11 @@
 """The supervisor against real processes: ends, deaths, stubborn processes, domains."""
 
+import multiprocessing
 import os
 import signal
 import sys
+import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -75,6 +78,65 @@ def test_two_supervisors_use_different_domains():
     second, handle_second = reserve_domain_id()
     with handle_first, handle_second:
         assert first != second
+
+
+def test_a_lock_that_cannot_be_opened_is_another_users(tmp_path):
+    (tmp_path / "np_ros_domain_1.lock").symlink_to(tmp_path / "nowhere")  # root may read everything but this
+    second, handle = reserve_domain_id(tmp_path)
+    with handle:
+        assert second == 2
+    for number in range(1, 102):
+        (tmp_path / f"np_ros_domain_{number}.lock").unlink(missing_ok=True)
+        (tmp_path / f"np_ros_domain_{number}.lock").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(RuntimeError, match="no free ROS domain id"):
+        reserve_domain_id(tmp_path)
+
+
+NOBODY = 65534
+
+
+def reserve_as(user, folder, pipe):
+    """In a process of its own: who it becomes stays that."""
+    try:
+        os.setgroups([])
+        os.setgid(user)
+        os.setuid(user)
+        pipe.send(reserve_domain_id(folder)[0])
+    except Exception as error:
+        pipe.send(repr(error))
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can be two users")
+@pytest.mark.parametrize("umask", [0o022, 0o077])
+def test_two_users_use_different_domains(umask):
+    context = multiprocessing.get_context("fork")  # nobody may not be allowed to read this interpreter's files
+
+    def as_nobody():
+        receiving, sending = context.Pipe(duplex=False)
+        process = context.Process(target=reserve_as, args=(NOBODY, folder, sending))
+        process.start()
+        try:
+            return receiving.recv() if receiving.poll(30) else "no answer"
+        finally:
+            process.join()
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o1777)
+        before = os.umask(umask)
+        try:
+            ours, handle = reserve_domain_id(folder)
+        finally:
+            os.umask(before)
+        with handle:
+            assert (ours, as_nobody()) == (1, 2)
+        assert as_nobody() == 1
+        assert (folder / "np_ros_domain_2.lock").stat().st_uid == NOBODY
+        again, handle = reserve_domain_id(folder)
+        with handle:
+            further, other = reserve_domain_id(folder)  # whose file is nobody's
+            with other:
+                assert (again, further) == (1, 2)
 
 
 def test_an_executable_that_is_not_installed_is_named(monkeypatch, tmp_path):

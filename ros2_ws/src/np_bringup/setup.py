@@ -19,7 +19,7 @@ setup(
     zip_safe=False,
     maintainer="maintainers",
     maintainer_email="maintainers@example.org",
-    description="Launch files, the demo, recorder, replayer, evaluation, report and bench.",
+    description="Launch files, the demo, evaluation and bench.",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [

@@ -15,7 +15,7 @@ setup(
     zip_safe=False,
     maintainer="maintainers",
     maintainer_email="maintainers@example.org",
-    description="The keypoint detector: image to the eight box corners in pixels, with scores.",
+    description="From images to the keypoints and the pose of the object; cameras played back, rectified and calibrated.",
     license="Apache-2.0",
     entry_points={
         # executable = node name = 'np_perception.nodes.<name>_node:main'

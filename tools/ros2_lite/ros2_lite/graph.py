@@ -7,29 +7,29 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from ros2_lite import ending
 
 DISCOVERY = 1.0  # s that lists listen for other participants
+_LONGEST = 0.1  # s of waiting, which a signal does not cut short
 
 
 @contextmanager
 def node() -> Iterator[Node]:
     """A node without parameter services, so that looking at a graph adds next to nothing to it."""
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         yield rclpy.create_node("_ros2_lite", start_parameter_services=False, enable_rosout=False)
-    except ExternalShutdownException:
-        raise KeyboardInterrupt from None
     finally:
-        rclpy.try_shutdown()
+        rclpy.shutdown()
 
 
 def spin_once(node: Node, timeout: float) -> None:
-    """Serve what comes within `timeout` s. Raises KeyboardInterrupt once a signal has ended the context."""
-    rclpy.spin_once(node, timeout_sec=timeout)
-    if not node.context.ok():
-        raise KeyboardInterrupt
+    """Serve what comes within `timeout` s, at most 0.1 s. Raises KeyboardInterrupt after a signal."""
+    rclpy.spin_once(node, timeout_sec=min(timeout, _LONGEST))
+    ending.heed()
 
 
 def discover(node: Node) -> None:

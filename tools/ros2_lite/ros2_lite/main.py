@@ -7,6 +7,8 @@ import os
 import sys
 from pathlib import Path
 
+from ros2_lite import ending
+
 
 def real_ros2(path: str, own: Path) -> str | None:
     """The first executable `ros2` on the search path that is not in our own folder and not this command in the environment
@@ -63,30 +65,41 @@ def parser() -> argparse.ArgumentParser:
     return root
 
 
+def execute(arguments: argparse.Namespace) -> int:
+    """Run one command; its exit status. Only what looks at a graph imports rclpy."""
+    if arguments.command in ("run", "pkg"):
+        from ros2_lite import packages
+
+        if arguments.command == "run":
+            return packages.run(arguments.package, arguments.executable, arguments.arguments)
+        return packages.list_executables(arguments.package)
+    if arguments.command == "launch":
+        from ros2_lite import launch
+
+        return launch.launch(arguments.package, arguments.file, arguments.arguments, arguments.show_args)
+    from ros2_lite import service, topic
+
+    if arguments.command == "service":
+        if arguments.verb == "list":
+            return service.list_services(arguments.show_types)
+        return service.call(arguments.service, arguments.type, arguments.values)
+    if arguments.verb == "list":
+        return topic.list_topics(arguments.show_types)
+    if arguments.verb == "echo":
+        return topic.echo(arguments.topic, arguments.once, arguments.full_length)
+    return topic.hz(arguments.topic, arguments.window)
+
+
 def main() -> int:
     """Run `ros2 ...`; the exit status."""
     real = real_ros2(os.environ.get("PATH", ""), Path(sys.argv[0]).resolve().parent)
     if real:
         os.execv(real, [real, *sys.argv[1:]])
     arguments = parser().parse_args()
-    from ros2_lite import launch, packages, service, topic
-
+    if arguments.command in ("topic", "service"):
+        ending.note_signals()
     try:
-        if arguments.command == "run":
-            return packages.run(arguments.package, arguments.executable, arguments.arguments)
-        if arguments.command == "pkg":
-            return packages.list_executables(arguments.package)
-        if arguments.command == "launch":
-            return launch.launch(arguments.package, arguments.file, arguments.arguments, arguments.show_args)
-        if arguments.command == "service":
-            if arguments.verb == "list":
-                return service.list_services(arguments.show_types)
-            return service.call(arguments.service, arguments.type, arguments.values)
-        if arguments.verb == "list":
-            return topic.list_topics(arguments.show_types)
-        if arguments.verb == "echo":
-            return topic.echo(arguments.topic, arguments.once, arguments.full_length)
-        return topic.hz(arguments.topic, arguments.window)
+        return execute(arguments)
     except (LookupError, ValueError) as error:
         print(error, file=sys.stderr)
         return 1

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import math
 import sys
+from collections.abc import Callable
 
 import yaml
 
@@ -51,15 +53,17 @@ def call(name: str, type_name: str, values: str) -> int:
         fill(request, yaml.safe_load(values) or {})
     except yaml.YAMLError as error:
         raise ValueError(f"request: expected YAML, got {values!r}: {error}") from None
+    from np_ros.services import Services
+
     with graph.node() as node:
-        client = node.create_client(kind, name)
-        if not client.service_is_ready():
-            print("waiting for service to become available...", file=sys.stderr)
-        while not client.service_is_ready():
-            graph.spin_once(node, 0.1)
+
+        def wait(condition: Callable[[], object], timeout: float, what: str) -> None:
+            if not condition():
+                print(f"waiting for {what}", file=sys.stderr)
+            while not condition():
+                graph.spin_once(node, 0.1)
+
         print(f"requester: making request: {request}\n", flush=True)
-        future = client.call_async(request)
-        while not future.done():
-            graph.spin_once(node, 0.1)
-        print(f"response:\n{future.result()}\n")
+        response = Services(node, wait).call(kind, name, request, math.inf)
+        print(f"response:\n{response}\n")
     return 0

@@ -1,9 +1,11 @@
-"""Serialized ROS 2 messages (CDR) without reading them: the stamp, and the padding.
+"""Serialized ROS 2 messages (CDR) without reading them one by one: the stamp, the padding, where fields lie.
+
+The one place that knows how a message lies on the wire.
 
 DDS leaves the bytes that align a field uninitialised, so two equal messages may differ in them. A recording
 in which equal messages are equal bit for bit needs them zeroed. `padding_filter` builds, for one message
 type, a function that walks a message and does that at a few microseconds a message; nothing is
-deserialized.
+deserialized. `layout` walks one message to read or write thousands like it with numpy.
 
 Layout: 4 bytes of encapsulation, then the fields in order, each primitive aligned to its size counted from
 there (OMG DDS-XTYPES 1.3, 7.4.1, plain CDR version 1).
@@ -14,28 +16,33 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
+import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 
+STAMP = slice(4, 12)
+"""The bytes of the time with which a stamped message begins: sec int32, nanosec uint32."""
+
 _ORIGIN = 4
-_SIZES = {
-    "bool": 1,
-    "byte": 1,
-    "char": 1,
-    "int8": 1,
-    "uint8": 1,
-    "int16": 2,
-    "uint16": 2,
-    "int32": 4,
-    "uint32": 4,
-    "float32": 4,
-    "int64": 8,
-    "uint64": 8,
-    "float64": 8,
+_FORMATS = {
+    "bool": "?",
+    "byte": "u1",
+    "char": "u1",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "<i2",
+    "uint16": "<u2",
+    "int32": "<i4",
+    "uint32": "<u4",
+    "float32": "<f4",
+    "int64": "<i8",
+    "uint64": "<u8",
+    "float64": "<f8",
 }
+_SIZES = {name: np.dtype(code).itemsize for name, code in _FORMATS.items()}
 _STAMP = struct.Struct("<iI")
 _LENGTH = struct.Struct("<I")
 _ZEROS = bytes(8)
@@ -52,6 +59,32 @@ def header_stamp(data: bytes) -> int:
         raise ValueError(f"expected little-endian CDR that begins with a time, got {bytes(data[:12]).hex()}")
     seconds, nanoseconds = _STAMP.unpack_from(data, _ORIGIN)
     return seconds * 1_000_000_000 + nanoseconds
+
+
+def serialized(message) -> bytes:
+    """The bytes of a message made of the classes of TYPESTORE."""
+    return TYPESTORE.serialize_cdr(message, message.__msgtype__)
+
+
+def layout(message_type: str, data: bytes, typestore: Typestore = TYPESTORE) -> np.dtype:
+    """A dtype that reads and writes messages whose fields have the lengths that they have in `data`.
+
+    Of a stamped type it has the fields stamp.sec and stamp.nanosec, and of each sequence of numbers in the message
+    itself its name, a row of so many, and name.length, a count. The rest has no field. Expects little-endian bytes
+    that can be deserialized.
+    """
+    names, formats, offsets = ["stamp.sec", "stamp.nanosec"], ["<i4", "<u4"], [STAMP.start, STAMP.start + 4]
+    walked, position = bytearray(data), _ORIGIN
+    for name, (kind, detail) in typestore.fielddefs[message_type][1]:
+        begin, position = position, _field((kind, detail), typestore)(walked, position)
+        if kind != Nodetype.SEQUENCE or detail[0][0] != Nodetype.BASE or detail[0][1][0] == "string":
+            continue
+        begin = _align(walked, begin, 4)
+        number, count = np.dtype(_FORMATS[detail[0][1][0]]), _LENGTH.unpack_from(walked, begin)[0]
+        names += [f"{name}.length", name]
+        formats += ["<u4", (number, (count,))]
+        offsets += [begin, position - count * number.itemsize]
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(data)})
 
 
 def padding_filter(message_type: str, typestore: Typestore = TYPESTORE) -> Callable[[bytes], bytes]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import heapq
 import json
 from bisect import bisect_right
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
@@ -108,13 +108,13 @@ class Sequencer:
 
 
 class BagWriter:
-    """A rosbag2 bag (MCAP) with every topic of the contract, written by a thread of its own.
+    """A rosbag2 bag (MCAP) with topics of the contract, written by a thread of its own.
 
     path: folder to make; information: stored as JSON in the bag's metadata under "run_info". Raises OSError
     where the bag cannot be made, exists already, or (from `write` and `close`) cannot be written.
     """
 
-    def __init__(self, path: str | Path, information: Mapping[str, object]):
+    def __init__(self, path: str | Path, information: Mapping[str, object], topics: Sequence[Topic] = TOPICS):
         self.path = Path(path)
         if self.path.exists():
             raise FileExistsError(f"bag {self.path}: expected a new path, it exists")
@@ -125,7 +125,7 @@ class BagWriter:
             topic: self._writer.add_connection(
                 f"/{topic.name}", topic.type, typestore=TYPESTORE, offered_qos_profiles=[_qos(topic)]
             )
-            for topic in TOPICS
+            for topic in topics
         }
         self.count = 0
         self._error: OSError | None = None

@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from np_ros.links import Links
+from np_ros.services import Services
 from np_ros.spin import Spinner
 from np_ros.supervisor import Supervisor
 
@@ -40,7 +41,7 @@ class Participant:
         self._node = rclpy.create_node(name, context=self._context)
         self._spinner = Spinner(self._node)
         self._links = Links(self._node)
-        self._clients: dict[str, object] = {}
+        self._services = Services(self._node, self._wait)
 
     def __enter__(self):
         return self
@@ -56,11 +57,7 @@ class Participant:
 
     def call(self, service: str) -> Trigger.Response:
         """The response of a Trigger service. Raises TimeoutError or NodeDied."""
-        client = self._client(service)
-        self._wait(client.service_is_ready, SERVICE_TIMEOUT, f"the service {service}")
-        future = client.call_async(Trigger.Request())
-        self._wait(future.done, SERVICE_TIMEOUT, f"an answer of {service}")
-        return future.result()
+        return self._services.call(Trigger, service, Trigger.Request(), SERVICE_TIMEOUT)
 
     def stop_recording(self) -> dict:
         """Close the recorder's bag; what it says about it. Raises GraphError with the recorder's reason."""
@@ -71,11 +68,6 @@ class Participant:
         if not answer.success:
             raise GraphError(f"{service}: expected success, got: {answer.message}")
         return answer
-
-    def _client(self, service: str):
-        if service not in self._clients:
-            self._clients[service] = self._node.create_client(Trigger, service)
-        return self._clients[service]
 
     def _wait(self, condition: Callable[[], object], timeout: float, what: str) -> None:
         """Spin until the condition holds. Raises NodeDied, or TimeoutError that names `what`."""

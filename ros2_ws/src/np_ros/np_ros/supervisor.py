@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from typing import TextIO
 
 import yaml
 
@@ -58,19 +59,38 @@ def installed_command(package: str, executable: str) -> list[str]:
     )
 
 
-def reserve_domain_id():
+def reserve_domain_id(folder: Path | None = None) -> tuple[int, TextIO]:
     """A ROS domain id no other supervisor of this machine uses, and the open file that reserves it.
 
-    Raises RuntimeError when all are taken.
+    folder: where the files are that stand for the ids, the system's temporary one unless given; users who have it in
+    common exclude each other. Raises RuntimeError when all are taken.
     """
+    folder = folder or Path(tempfile.gettempdir())
     for domain_id in range(1, 102):  # the range whose ports are free of Linux's ephemeral ones
-        handle = open(Path(tempfile.gettempdir()) / f"np_ros_domain_{domain_id}.lock", "a")
+        try:
+            handle = _open_lock(folder / f"np_ros_domain_{domain_id}.lock")
+        except OSError:
+            continue  # not ours to open: whose it is may use the id
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return domain_id, handle
         except OSError:
             handle.close()
-    raise RuntimeError("no free ROS domain id: expected one of 1..101 without a lock, all are in use")
+    raise RuntimeError(f"no free ROS domain id: expected one of 1..101 without a lock in {folder}, all are in use")
+
+
+def _open_lock(path: Path) -> TextIO:
+    """The file at `path`, made if it is not there, open for reading: a lock needs no more, and every user may.
+
+    Another user's file cannot be opened for writing, nor, in a folder such as /tmp, with O_CREAT, for reading either
+    (fs.protected_regular). Raises OSError for one that cannot be read.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        os.fchmod(descriptor, 0o644)  # whatever the umask
+    except FileExistsError:
+        descriptor = os.open(path, os.O_RDONLY)
+    return os.fdopen(descriptor)
 
 
 class Supervisor:

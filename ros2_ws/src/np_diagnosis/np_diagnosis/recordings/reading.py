@@ -1,6 +1,6 @@
 """Recordings to logs. Fails closed: what breaks the contract of docs/graph.md is no evidence of friction.
 
-Messages are read in bulk from their bytes (np_diagnosis.recordings.bulk), three minutes at 500 Hz in a quarter of a second.
+Messages are read in bulk from their bytes (np_record.bulk), three minutes at 500 Hz in a quarter of a second.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 
 from np_control.impedance import STIFFNESS_MAX, damping
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_diagnosis.recordings.bulk import BulkError, decoded, joint_states
 from np_diagnosis.recordings.signals import Commands, Log
 from np_record.bag import BagError, Recording
+from np_record.bulk import BulkError, decoded, joint_states
 
 PERIOD = 0.002  # s between joint states
 PERIOD_TOLERANCE = 0.05

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -11,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Header
 
 from np_description.calibration import calibrated_camera
 from np_description.camera import Camera
@@ -144,9 +144,8 @@ class StateStream:
         return joint_state_arrays(message, STATE_NAMES)[:2]
 
     def _receive(self, raw: bytes) -> None:
-        # CDR: four bytes of encapsulation, the second of which names the byte order, then the header's stamp.
-        seconds, rest = struct.unpack_from("<iI" if raw[1] else ">iI", raw, 4)
-        stamp = seconds * NANOSECONDS + rest
+        time = deserialize_message(raw, Header).stamp  # with which the message begins; what follows is left unread
+        stamp = time.sec * NANOSECONDS + time.nanosec
         if self._settings.is_policy_tick(stamp):
             self._raw, self.stamp = raw, stamp
             if self._settings.lockstep:

@@ -1,17 +1,19 @@
-"""Joint states read from their bytes: what one by one would be read, and the same refusals by name and time."""
+"""Joint states read from their bytes: what one by one would be read, the same refusals; and written to them."""
 
 from array import array
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from rclpy.serialization import serialize_message
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from np_description.panda import STATE_NAMES
-from np_diagnosis.recordings.bulk import BulkError, joint_states
 from np_record.bag import Rows
+from np_record.bulk import BulkError, joint_states, serialized_joint_states
 from np_record.topics import TIMELINE
 
 
@@ -51,6 +53,20 @@ def test_none_are_no_rows():
     for nothing in (None, rows()):
         stamps, values = joint_states("bag b", "joint_states", nothing, STATE_NAMES)
         assert stamps.shape == (0,) and values.shape == (0, 3, 9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.text("panda_j1", max_size=12), min_size=1, max_size=9), st.integers(0, 5))
+def test_what_is_written_at_once_is_what_ros_reads(names, count):
+    stamps = 1_999_999_993 * np.arange(count, dtype=np.int64)
+    parts = np.random.default_rng(count).normal(size=(3, count, len(names)))
+    written = [deserialize_message(data, JointState) for data in serialized_joint_states(stamps, names, *parts)]
+    assert len(written) == count
+    for row, state in enumerate(written):
+        assert state.header.stamp.sec * 10**9 + state.header.stamp.nanosec == stamps[row]
+        assert state.header.frame_id == "" and state.name == names
+        for values, expected in zip((state.position, state.velocity, state.effort), parts[:, row]):
+            np.testing.assert_array_equal(values, expected)
 
 
 LAST = np.arange(27.0).reshape(3, 9)
