@@ -8,7 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from np_diagnosis.experiments.excitation import NAMES
+from np_effects.registry import FOLDERS
+
 HERE = Path(__file__).resolve()
+EXPERIMENTS = ["sinusoid_2", "sinusoid_4", "dwell"]
 SCRIPT = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
@@ -16,7 +20,7 @@ from own_simulator import record
 from np_diagnosis.diagnosis import diagnose
 from np_effects.patch import Patch, PatchEffect
 pull = PatchEffect("steady_pull", "arm", {"force_x": 3.0, "force_z": 4.0})
-found = diagnose([record(["sinusoid_2", "sinusoid_4", "dwell"], Patch((pull,)))])
+found = diagnose([record(json.loads(sys.argv[2]), Patch((pull,)))])
 print(json.dumps([[f.effect.id, f.component, {k: [v.low, v.high] for k, v in f.parameters.items()}]
                   for f in found.findings if f.is_chosen]))
 """
@@ -24,9 +28,10 @@ print(json.dumps([[f.effect.id, f.component, {k: [v.low, v.high] for k, v in f.p
 
 @pytest.mark.slow
 def test_a_steady_pull_is_found_by_its_own_name_and_size():
+    assert set(EXPERIMENTS) <= set(NAMES)
     run = subprocess.run(
-        [sys.executable, "-c", SCRIPT, str(HERE.parent)],
-        env={**os.environ, "NP_EFFECTS_PATH": str(HERE.parents[2] / "examples" / "effects")},
+        [sys.executable, "-c", SCRIPT, str(HERE.parent), json.dumps(EXPERIMENTS)],
+        env={**os.environ, FOLDERS: str(HERE.parents[2] / "examples" / "effects")},
         capture_output=True,
         text=True,
         timeout=280,
