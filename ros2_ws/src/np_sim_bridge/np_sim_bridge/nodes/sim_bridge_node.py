@@ -12,14 +12,14 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import CameraInfo, Image, JointState
-from std_msgs.msg import Float64, Header, String
+from std_msgs.msg import Float64, Header
 from std_srvs.srv import SetBool, Trigger
 
 from np_control.safety import Applied, Refusal, SafetyFilter, State
@@ -39,6 +39,7 @@ from np_ros.messages import (
     stamp_nanoseconds,
 )
 from np_ros.node import Diagnostics, parameter, run
+from np_ros.phases import phase_state
 from np_ros.spin import request_realtime
 from np_sim_bridge.barrier import ACTIVE_PHASES, Barrier
 from np_sim_bridge.imaging import CameraThread
@@ -152,8 +153,8 @@ class SimBridge(Node):
         stream = qos.subscriber(self._lockstep)
         self.create_subscription(Float64, "gripper_command", self._on_gripper, qos.EVENT)
         if self._lockstep:
-            self.create_subscription(String, "phase", self._on_phase, qos.LATCHED)
-            self.create_subscription(Header, "tick", self._on_tick, stream)
+            self.create_subscription(DiagnosticArray, "episode/phase", self._on_phase, qos.LATCHED)
+            self.create_subscription(DiagnosticArray, "episode/tick", self._on_tick, stream)
             self.create_subscription(PoseStamped, "target_pose", self._on_target, stream)
         self.create_subscription(JointState, "effort_command", self._on_command, stream)
         self.create_service(Trigger, "~/reset", self._service(self._reset))
@@ -197,9 +198,10 @@ class SimBridge(Node):
         except ValueError as error:
             self.diagnostics.refuse("gripper", error)
 
-    def _on_tick(self, message: Header) -> None:
-        if (stamp := self._read_stamp(message)) is not None:
-            self._barrier.tick(stamp, message.frame_id)
+    def _on_tick(self, message: DiagnosticArray) -> None:
+        stamp, phase = self._read_stamp(message.header), self._read_phase(message)
+        if stamp is not None and phase is not None:
+            self._barrier.tick(stamp, phase)
             self._advance()
 
     def _on_target(self, message: PoseStamped) -> None:
@@ -207,13 +209,21 @@ class SimBridge(Node):
             self._barrier.target(stamp)
             self._advance()
 
-    def _on_phase(self, message: String) -> None:
-        self._armed = message.data.split(":")[0] in ACTIVE_PHASES
-        self._waiting_since = time.monotonic()
+    def _on_phase(self, message: DiagnosticArray) -> None:
+        if (phase := self._read_phase(message)) is not None:
+            self._armed = phase in ACTIVE_PHASES
+            self._waiting_since = time.monotonic()
 
     def _read_stamp(self, header: Header) -> int | None:
         try:
             return stamp_nanoseconds(header.stamp)
+        except BadMessage as error:
+            self.diagnostics.refuse(error.kind, error)
+            return None
+
+    def _read_phase(self, message: DiagnosticArray) -> str | None:
+        try:
+            return phase_state(message).phase
         except BadMessage as error:
             self.diagnostics.refuse(error.kind, error)
             return None
