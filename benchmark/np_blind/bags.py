@@ -19,19 +19,21 @@ from rosbags.typesys import Stores, get_typestore
 from np_blind.loop import Run, Targets
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_description.phases import EXCITE, IDLE, PhaseState
 from np_diagnosis.experiments.excitation import TICK_NS
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 SECOND = 1_000_000_000
 APPLIED_EVERY = 5  # periods
 _JOINT_STATE = "sensor_msgs/msg/JointState"
+_SAID = "diagnostic_msgs/msg/DiagnosticArray"
 _STAMPED = {
     "joint_states": _JOINT_STATE,
     "motor_states": _JOINT_STATE,
     "effort_command": _JOINT_STATE,
     "applied_command": _JOINT_STATE,
-    "tick": "std_msgs/msg/Header",
-    "phase": "std_msgs/msg/String",
+    "episode/tick": _SAID,
+    "episode/phase": _SAID,
     "joint_trajectory": "trajectory_msgs/msg/JointTrajectory",
     "target_gains": "std_msgs/msg/Float64MultiArray",
 }
@@ -72,7 +74,9 @@ def write_bag(path: Path, run: Run, arm: int, targets: Targets, begin: int, info
     writer.set_custom_data("run_info", json.dumps(dict(information), sort_keys=True))
     with writer:
         connections = {
-            name: writer.add_connection(f"/{name}", kind, typestore=TYPES, offered_qos_profiles=[_qos(name == "phase")])
+            name: writer.add_connection(
+                f"/{name}", kind, typestore=TYPES, offered_qos_profiles=[_qos(name == "episode/phase")]
+            )
             for name, kind in _STAMPED.items()
         }
         for stamp, name, data in merge(*streams, key=lambda message: message[0]):
@@ -95,20 +99,26 @@ def _joint_states(topic: str, stamps: np.ndarray, names: Sequence[str], position
 
 def _events(targets: Targets, begin: int, end: int) -> Messages:
     """Ticks, and each segment's phase, gains and trajectory."""
-    kinds = TYPES.types
     changes = {begin + start: segment for start, segment in zip(targets.starts, targets.plan)}
-    phase = "idle"
+    phase = PhaseState(IDLE)
     for stamp in range(-(-begin // TICK_NS) * TICK_NS, end, TICK_NS):
         segment = changes.get(stamp)
         if segment is not None:
-            phase = "excite"
-            label = kinds["std_msgs/msg/String"](data=f"excite: {segment.name}")
-            yield stamp, "phase", TYPES.serialize_cdr(label, label.__msgtype__)
+            phase = PhaseState(EXCITE, experiment=segment.name)
+            yield stamp, "episode/phase", _said(0, phase)
             yield stamp, "joint_trajectory", _trajectory(stamp, segment)
-        tick = _header(stamp, phase)
-        yield stamp, "tick", TYPES.serialize_cdr(tick, tick.__msgtype__)
+        yield stamp, "episode/tick", _said(stamp, phase)
         if segment is not None:
             yield stamp, "target_gains", _gains(segment.gains)
+
+
+def _said(stamp: int, phase: PhaseState) -> bytes:
+    kinds = TYPES.types
+    pairs = [kinds["diagnostic_msgs/msg/KeyValue"](key=key, value=value) for key, value in phase.values.items()]
+    status = kinds["diagnostic_msgs/msg/DiagnosticStatus"](
+        level=0, name="episode", message=str(phase), hardware_id="", values=pairs
+    )
+    return TYPES.serialize_cdr(kinds[_SAID](header=_header(stamp), status=[status]), _SAID)
 
 
 def _trajectory(stamp: int, segment) -> bytes:
@@ -123,7 +133,7 @@ def _trajectory(stamp: int, segment) -> bytes:
             )
         )
     message = kinds["trajectory_msgs/msg/JointTrajectory"](
-        header=_header(stamp, segment.name), joint_names=list(JOINT_NAMES), points=points
+        header=_header(stamp), joint_names=list(JOINT_NAMES), points=points
     )
     return TYPES.serialize_cdr(message, message.__msgtype__)
 
@@ -144,9 +154,9 @@ def _joint_state(stamp: int, names: Sequence[str], position, velocity, effort):
     )
 
 
-def _header(stamp: int, frame_id: str = ""):
+def _header(stamp: int):
     time = TYPES.types["builtin_interfaces/msg/Time"](sec=stamp // SECOND, nanosec=stamp % SECOND)
-    return TYPES.types["std_msgs/msg/Header"](stamp=time, frame_id=frame_id)
+    return TYPES.types["std_msgs/msg/Header"](stamp=time, frame_id="")
 
 
 def _qos(latched: bool) -> Qos:
