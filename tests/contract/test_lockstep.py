@@ -56,6 +56,8 @@ def test_policy_ticks_wait_for_tick_and_in_post_for_the_target(lockstep_start):
     harness.answer = stay
     harness.send(stay(harness.states[-1]))
     harness.wait(lambda: harness.status.get("waiting_for") == "episode/tick", "the bridge to wait for the tick")
+    harness.probe.publish("episode/tick", DiagnosticArray())
+    harness.wait(lambda: harness.refused("names") == 1, "a tick that says no phase to be refused")
     assert harness.stamp == 0
     harness.probe.publish("episode/tick", phase_message(PhaseState("approach"), 0))
     harness.wait(lambda: harness.stamp == TICK, "the next policy tick")
