@@ -19,7 +19,7 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import CameraInfo, Image, JointState
-from std_msgs.msg import Float64, Header
+from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from np_control.safety import Applied, Refusal, SafetyFilter, State
@@ -50,11 +50,8 @@ from np_sim_bridge.simulation import Simulation
 
 REPEAT_AFTER = 1.0  # s of wall time without an answer, after which a state is published again
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
-LEVELS = {
-    State.HOLDING: DiagnosticStatus.WARN,
-    State.STOPPED: DiagnosticStatus.ERROR,
-    State.FAULT: DiagnosticStatus.ERROR,
-}
+WARN, ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+LEVELS = {State.HOLDING: WARN, State.STOPPED: ERROR, State.FAULT: ERROR}
 
 
 class SimBridge(Node):
@@ -174,7 +171,7 @@ class SimBridge(Node):
     # Commands
 
     def _on_command(self, message: JointState) -> None:
-        if (stamp := self._read_stamp(message.header)) is None:
+        if (stamp := self._read(stamp_nanoseconds, message.header.stamp)) is None:
             return
         if self._lockstep and stamp < self._simulation.stamp and stamp == self._answered:
             return  # the second answer to a state that was published twice
@@ -199,31 +196,25 @@ class SimBridge(Node):
             self.diagnostics.refuse("gripper", error)
 
     def _on_tick(self, message: DiagnosticArray) -> None:
-        stamp, phase = self._read_stamp(message.header), self._read_phase(message)
-        if stamp is not None and phase is not None:
-            self._barrier.tick(stamp, phase)
+        stamp, state = self._read(stamp_nanoseconds, message.header.stamp), self._read(phase_state, message)
+        if stamp is not None and state is not None:
+            self._barrier.tick(stamp, state.phase)
             self._advance()
 
     def _on_target(self, message: PoseStamped) -> None:
-        if (stamp := self._read_stamp(message.header)) is not None:
+        if (stamp := self._read(stamp_nanoseconds, message.header.stamp)) is not None:
             self._barrier.target(stamp)
             self._advance()
 
     def _on_phase(self, message: DiagnosticArray) -> None:
-        if (phase := self._read_phase(message)) is not None:
-            self._armed = phase in ACTIVE_PHASES
+        if (state := self._read(phase_state, message)) is not None:
+            self._armed = state.phase in ACTIVE_PHASES
             self._waiting_since = time.monotonic()
 
-    def _read_stamp(self, header: Header) -> int | None:
+    def _read(self, read: Callable, part: object):
+        """What `read` makes of a part of a message; None where it refuses it, which is counted."""
         try:
-            return stamp_nanoseconds(header.stamp)
-        except BadMessage as error:
-            self.diagnostics.refuse(error.kind, error)
-            return None
-
-    def _read_phase(self, message: DiagnosticArray) -> str | None:
-        try:
-            return phase_state(message).phase
+            return read(part)
         except BadMessage as error:
             self.diagnostics.refuse(error.kind, error)
             return None
