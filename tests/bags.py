@@ -2,26 +2,26 @@
 
 import numpy as np
 from rclpy.serialization import serialize_message
-from std_msgs.msg import String
 
 from np_description.camera import CAMERA
 from np_description.domains import CARD, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_description.phases import PhaseState
 from np_description.rotations import yaw_quaternion
 from np_record.recorder import BagWriter, Sequencer
 from np_record.topics import BY_NAME, TIMELINE
 from np_ros.messages import (
-    header_message,
     image_message,
     joint_state_message,
     keypoints_message,
     pose_message,
 )
+from np_ros.phases import phase_message
 
 PERIOD = 2_000_000
 GOAL = Pose(np.array([0.55, 0.05, 0.0025]), yaw_quaternion(np.asarray(0.9)))
-PHASES = {0: "pre", 50: "approach", 550: "post", 1450: "succeeded"}
+PHASES = {step: PhaseState(name) for step, name in ((0, "pre"), (50, "approach"), (550, "post"), (1450, "succeeded"))}
 KEYPOINT_OFFSET = 1.5  # px, in u
 
 
@@ -55,7 +55,7 @@ def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=
             joint_state_message(stamp, JOINT_NAMES, 0.1 * wave[:7] + 0.01, wave[:7], torque),
         )
         if step in phases:
-            add("phase", step, String(data=phases[step]))
+            add("episode/phase", step, phase_message(phases[step]))
         if step == 0:
             add("goal_pose", step, pose_message(stamp, BASE_FRAME, GOAL.position, GOAL.quaternion))
         if step % 50 == 0:
@@ -66,7 +66,7 @@ def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=
             add("object_pose", step, pose_message(stamp, BASE_FRAME, pose.position, pose.quaternion))
             add("camera/image_raw", step, image_message(stamp, "camera", image))
             add("keypoints", step, keypoints_message(stamp, "camera", keypoints))
-            add("tick", step, header_message(stamp, "post"))
+            add("episode/tick", step, phase_message(PhaseState("post"), stamp))
     sequencer.flush()
     writer.close()
     return path

@@ -11,6 +11,7 @@ import numpy as np
 from np_blind.loop import Run, Targets
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_description.phases import EXCITE, IDLE, PhaseState
 from np_diagnosis.experiments.excitation import TICK_NS
 from np_record.bulk import serialized_joint_states
 from np_record.cdr import TYPESTORE, serialized
@@ -26,8 +27,8 @@ TOPICS = tuple(
         "motor_states",
         "effort_command",
         "applied_command",
-        "tick",
-        "phase",
+        "episode/tick",
+        "episode/phase",
         "joint_trajectory",
         "target_gains",
     )
@@ -81,20 +82,26 @@ def _joint_states(topic: str, stamps: np.ndarray, names: Sequence[str], position
 
 def _events(targets: Targets, begin: int, end: int) -> Messages:
     """Ticks, and each segment's phase, gains and trajectory."""
-    kinds = TYPESTORE.types
     changes = {begin + start: segment for start, segment in zip(targets.starts, targets.plan)}
-    phase = "idle"
+    phase = PhaseState(IDLE)
     for stamp in range(-(-begin // TICK_NS) * TICK_NS, end, TICK_NS):
         segment = changes.get(stamp)
         if segment is not None:
-            phase = "excite"
-            label = kinds["std_msgs/msg/String"](data=f"excite: {segment.name}")
-            yield stamp, "phase", serialized(label)
+            phase = PhaseState(EXCITE, experiment=segment.name)
+            yield stamp, "episode/phase", _said(0, phase)
             yield stamp, "joint_trajectory", _trajectory(stamp, segment)
-        tick = _header(stamp, phase)
-        yield stamp, "tick", serialized(tick)
+        yield stamp, "episode/tick", _said(stamp, phase)
         if segment is not None:
             yield stamp, "target_gains", _gains(segment.gains)
+
+
+def _said(stamp: int, phase: PhaseState) -> bytes:
+    kinds = TYPESTORE.types
+    pairs = [kinds["diagnostic_msgs/msg/KeyValue"](key=key, value=value) for key, value in phase.values.items()]
+    status = kinds["diagnostic_msgs/msg/DiagnosticStatus"](
+        level=0, name="episode", message=str(phase), hardware_id="", values=pairs
+    )
+    return serialized(kinds["diagnostic_msgs/msg/DiagnosticArray"](header=_header(stamp), status=[status]))
 
 
 def _trajectory(stamp: int, segment) -> bytes:
@@ -109,7 +116,7 @@ def _trajectory(stamp: int, segment) -> bytes:
             )
         )
     message = kinds["trajectory_msgs/msg/JointTrajectory"](
-        header=_header(stamp, segment.name), joint_names=list(JOINT_NAMES), points=points
+        header=_header(stamp), joint_names=list(JOINT_NAMES), points=points
     )
     return serialized(message)
 
@@ -124,6 +131,6 @@ def _gains(gains: np.ndarray) -> bytes:
     return serialized(message)
 
 
-def _header(stamp: int, frame_id: str = ""):
+def _header(stamp: int):
     time = TYPESTORE.types["builtin_interfaces/msg/Time"](sec=stamp // SECOND, nanosec=stamp % SECOND)
-    return TYPESTORE.types["std_msgs/msg/Header"](stamp=time, frame_id=frame_id)
+    return TYPESTORE.types["std_msgs/msg/Header"](stamp=time, frame_id="")

@@ -2,16 +2,18 @@
 
 import numpy as np
 from backends import PERIOD, pushing, silent, stay
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, JointState
-from std_msgs.msg import Header, String
 
 from np_description.camera import CAMERA
 from np_description.panda import BASE_FRAME, NOMINAL
+from np_description.phases import PhaseState
 from np_record.cdr import padding_filter
 from np_ros import qos
-from np_ros.messages import camera_info_arrays, header_message, image_array, pose_message, stamp_nanoseconds
+from np_ros.messages import camera_info_arrays, image_array, pose_message, stamp_nanoseconds
+from np_ros.phases import phase_message
 
 TICK = 100_000_000
 FILTERS = {
@@ -48,17 +50,19 @@ def test_a_state_without_an_answer_is_repeated(lockstep_start):
 
 def test_policy_ticks_wait_for_tick_and_in_post_for_the_target(lockstep_start):
     harness = lockstep_start(tick_barrier=True)
-    for topic, message_type in (("tick", Header), ("target_pose", PoseStamped)):
+    for topic, message_type in (("episode/tick", DiagnosticArray), ("target_pose", PoseStamped)):
         harness.probe.advertise(topic, message_type)
         harness.wait(lambda: harness.probe.matched(topic), topic)
     harness.answer = stay
     harness.send(stay(harness.states[-1]))
-    harness.wait(lambda: harness.status.get("waiting_for") == "tick", "the bridge to wait for the tick")
+    harness.wait(lambda: harness.status.get("waiting_for") == "episode/tick", "the bridge to wait for the tick")
+    harness.probe.publish("episode/tick", DiagnosticArray())
+    harness.wait(lambda: harness.refused("names") == 1, "a tick that says no phase to be refused")
     assert harness.stamp == 0
-    harness.probe.publish("tick", header_message(0, "approach"))
+    harness.probe.publish("episode/tick", phase_message(PhaseState("approach"), 0))
     harness.wait(lambda: harness.stamp == TICK, "the next policy tick")
-    harness.wait(lambda: harness.status.get("waiting_for") == "tick", "the bridge to wait for the tick")
-    harness.probe.publish("tick", header_message(TICK, "post"))
+    harness.wait(lambda: harness.status.get("waiting_for") == "episode/tick", "the bridge to wait for the tick")
+    harness.probe.publish("episode/tick", phase_message(PhaseState("post"), TICK))
     harness.wait(lambda: harness.status.get("waiting_for") == "target_pose", "it to wait for the target")
     assert harness.stamp == TICK
     harness.probe.publish("target_pose", pose_message(TICK, BASE_FRAME, [0.5, 0, 0.2], [0, 1, 0, 0]))
@@ -68,9 +72,9 @@ def test_policy_ticks_wait_for_tick_and_in_post_for_the_target(lockstep_start):
 
 def test_an_answer_that_never_comes_stops_the_arm_and_is_named(lockstep_start):
     harness = lockstep_start(tick_barrier=True, lockstep_timeout=1.0)
-    harness.probe.publish("phase", String(data="pre"), qos.LATCHED)
+    harness.probe.publish("episode/phase", phase_message(PhaseState("pre")), qos.LATCHED)
     harness.wait_state("stopped")
-    assert "no tick" in harness.message and "0 ns" in harness.message
+    assert "no episode/tick" in harness.message and "0 ns" in harness.message
 
 
 def test_silence_holds_after_three_periods_and_stops_after_200_ms(lockstep_start):

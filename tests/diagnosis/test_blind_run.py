@@ -15,12 +15,14 @@ from np_blind.cases import draw_cases, make_physics
 from np_blind.generate import make_bags
 from np_blind.sealed import SealError, check_doctor, digest, make_key
 from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_description.phases import EXCITE, PhaseState
 from np_diagnosis.experiments.excitation import suite
 from np_record.bag import Recording
+from np_record.recorded_phases import phase_of
 
 ONLY = ["sinusoid_2", "sinusoid_4", "triangle_fast"]  # the doctor asks for ten blocks of motion
 COUNT = 3
-TOPICS = ["joint_states", "motor_states", "effort_command", "applied_command", "joint_trajectory", "tick"]
+TOPICS = ["joint_states", "motor_states", "effort_command", "applied_command", "joint_trajectory", "episode/tick"]
 KEYS = {
     "module_accuracy",
     "joint_accuracy",
@@ -50,14 +52,14 @@ def test_bags_are_those_of_a_session_and_show_no_cause(bags):
             seen.add(tuple(sorted(recording.counts.items())))
             states = [m.decode() for m in recording.messages("joint_states")]
             commands = [m.decode() for m in recording.messages("effort_command")]
-            phases = [m.decode().data for m in recording.messages("phase")]
+            phases = [phase_of("bag", m) for m in recording.messages("episode/phase")]
             order = [m.stamp for m in recording.messages()]
             plan = next(recording.messages("joint_trajectory")).decode()
         assert list(states[0].name) == list(STATE_NAMES) and list(commands[0].name) == list(JOINT_NAMES)
         stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in states]
         assert set(np.diff(stamps)) == {2_000_000} and order == sorted(order)
         assert [m.header.stamp for m in commands] == [m.header.stamp for m in states]
-        assert phases == ["excite: sinusoid_7"] and plan.header.frame_id == "sinusoid_7"
+        assert phases == [PhaseState(EXCITE, experiment="sinusoid_7")]
         assert len(plan.points) == len(suite(["sinusoid_7"])[0].times)
         swing = np.ptp([m.position[6] for m in states])
         assert swing == pytest.approx(np.ptp(suite(["sinusoid_7"])[0].positions[:, 6]), rel=0.1)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from measured import Measurement, overheard
 from moving_arm import MovingArm
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -18,10 +18,12 @@ from np_description.camera import CAMERA
 from np_description.domains import find_domain, sample_task
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES
+from np_description.phases import FAILED, FAULT, POST
 from np_description.rotations import quaternion_from_matrix, rotation_angle
 from np_description.scene import CAMERA_NAME
 from np_ros import qos
 from np_ros.messages import keypoints_message, pose_arrays, pose_message, trajectory_arrays
+from np_ros.phases import phase_state
 
 DOMAIN = find_domain("card")
 START_TIMEOUT = 600.0  # s: the nodes start with what the running loop and others leave of the processors
@@ -35,7 +37,7 @@ class Episode:
         self._arm, self._probe = arm, arm.harness.probe
         self._start, self._goal = sample_task(DOMAIN, np.random.default_rng(seed))
         probe = self._probe
-        self.phases = probe.collect("phase", String, qos.LATCHED)
+        self.phases = probe.collect("episode/phase", DiagnosticArray, qos.LATCHED)
         self.plans = probe.collect("joint_trajectory", JointTrajectory, qos.EVENT)
         self.poses = probe.collect("pre_contact_pose", PoseStamped, qos.EVENT)
         probe.advertise("keypoints", PointCloud2)
@@ -69,10 +71,10 @@ class Episode:
         def is_over() -> bool:
             probe.publish("keypoints", keypoints_message(now(), CAMERA_NAME, seen))
             probe.idle_for(SHOWN_EVERY)
-            said = [message.data for message in self.phases]
-            if ended := [text for text in said if text.startswith(("failed", "fault"))]:
+            said = [phase_state(message) for message in self.phases]
+            if ended := [state for state in said if state.phase in (FAILED, FAULT)]:
                 raise RuntimeError(f"the approach ended with {ended[0]}")
-            return any(text.startswith("post") for text in said)
+            return any(state.phase == POST for state in said)
 
         self._arm.harness.wait(is_over, "the end of the approach")
         assert answer.done() and answer.result().success, answer
@@ -86,7 +88,7 @@ class Episode:
         angle = rotation_angle(quaternion, quaternion_from_matrix(rotation))
         duration = self.plans[-1].points[-1].time_from_start
         return {
-            "phases": [message.data for message in self.phases],
+            "phases": [str(phase_state(message)) for message in self.phases],
             "plan_s": round(duration.sec + duration.nanosec * 1e-9, 2),
             "plan_points": len(planned),
             "end_joint_error_rad": round(float(np.abs(planned[-1] - q).max()), 5),

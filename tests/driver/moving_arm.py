@@ -13,16 +13,18 @@ from pathlib import Path
 import numpy as np
 from backends import BACKENDS, Harness, silent
 from commands import TARGETS
+from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import Graph, Probe
 from simulated_robot import DRIVER_CORES, SLOW, SimulatedRobot, simulated_robot, urgent
-from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from np_description.panda import JOINT_NAMES, NOMINAL
+from np_description.phases import FAULT, IDLE, PhaseState
 from np_franka.limits import FR3_LIMITS
 from np_policy.retiming import ACCELERATION_LIMIT, retime
 from np_ros import qos
 from np_ros.messages import trajectory_message
+from np_ros.phases import phase_message
 
 SWING = np.array([0.9, 0.4, -0.7, 0.5, 0.8, 0.6, 1.2])  # rad, of the seven joints from where they are
 FAST = 0.4  # share of its speed limit that a joint has when a fault is injected
@@ -68,7 +70,7 @@ class MovingArm:
         graph = self._stack.enter_context(Graph(self._folder / f"log{len(list(self._folder.iterdir()))}"))
         probe = self._stack.enter_context(closing(Probe(graph)))
         probe.advertise("joint_trajectory", JointTrajectory, qos.EVENT)
-        probe.advertise("phase", String, qos.LATCHED)
+        probe.advertise("episode/phase", DiagnosticArray, qos.LATCHED)
         backend = BACKENDS["franka_driver" if self.control == "topic" else "franka_driver_onboard"]
         harness = Harness(graph, probe, backend, "realtime", **self._parameters)
         if self._parameters["realtime_priority"]:
@@ -170,9 +172,9 @@ class MovingArm:
     def _recovers(self) -> bool:
         """Ask for recovery, with the phases that let a controller's target go along with the arm."""
         probe = self.harness.probe
-        probe.publish("phase", String(data="fault"), qos.LATCHED)
+        probe.publish("episode/phase", phase_message(PhaseState(FAULT)), qos.LATCHED)
         response = self.harness.call("recover")
-        probe.publish("phase", String(data="idle"), qos.LATCHED)
+        probe.publish("episode/phase", phase_message(PhaseState(IDLE)), qos.LATCHED)
         refused = "still moves", "nothing to recover"
         assert response.success or any(text in response.message for text in refused), response.message
         return response.success

@@ -30,4 +30,4 @@ def test_an_experiment_is_followed_recorded_and_read(tmp_path, control):
     assert np.ptp(log.commands.target[:, 6]) == pytest.approx(swing, rel=0.01)
     with Recording(recorded["bag"]) as recording:
         names = {message.topic.name for message in recording.messages()}
-    assert {"joint_states", "motor_states", "effort_command", "applied_command", "tick"} <= names
+    assert {"joint_states", "motor_states", "effort_command", "applied_command", "episode/tick"} <= names

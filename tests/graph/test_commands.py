@@ -55,7 +55,9 @@ def test_the_demo_records_and_reports(tmp_path, untrained):
     assert result["episodes"] == 2 and result["error"] == "" and len(result["bags"]) == 2
     assert all(outcome.split(":")[0] in ENDS for outcome in result["outcomes"])
     for bag in result["bags"]:
-        with Recording(bag, ["joint_states", "camera/image_raw", "keypoints", "goal_pose", "phase"]) as recording:
+        with Recording(
+            bag, ["joint_states", "camera/image_raw", "keypoints", "goal_pose", "episode/phase"]
+        ) as recording:
             assert recording.information["seed"] == "0" and recording.information["weights_sha256"]
     report = (folder / "report.html").read_text()
     assert "episode_000" in report and "episode_001" in report and "data:video/webm" in report

@@ -8,7 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, Header, String
+from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from np_control.dynamics import Dynamics
@@ -17,17 +17,18 @@ from np_control.kinematics import forward_kinematics, jacobian, pose_distance
 from np_control.operational_space import CartesianGains
 from np_control.safety import LIMITS
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_description.phases import PhaseState
 from np_description.rotations import quaternion_from_matrix
 from np_ros import qos
 from np_ros.messages import (
     gains_message,
-    header_message,
     joint_state_arrays,
     joint_state_message,
     pose_message,
     stamp_nanoseconds,
     trajectory_message,
 )
+from np_ros.phases import phase_message
 
 PERIOD = LIMITS.period_ns
 TICK = 50 * PERIOD
@@ -43,9 +44,9 @@ def start(graph, probe):
     def started(executable="joint_impedance", **parameters):
         inputs = [
             ("joint_states", JointState, qos.LOCKSTEP),
-            ("tick", Header, qos.LOCKSTEP),
+            ("episode/tick", DiagnosticArray, qos.LOCKSTEP),
             ("joint_trajectory", JointTrajectory, qos.EVENT),
-            ("phase", String, qos.LATCHED),
+            ("episode/phase", DiagnosticArray, qos.LATCHED),
             ("target_gains", Float64MultiArray, qos.LOCKSTEP),
             ("target_pose", PoseStamped, qos.LOCKSTEP),
         ]
@@ -146,8 +147,8 @@ def test_a_tick_state_waits_for_tick_then_trajectory_then_target(start, state, p
         probe.wait_until(said, what=f"the controller to wait for {topic}")
 
     state(TICK)
-    waits_for("tick")
-    probe.publish("tick", header_message(TICK, "approach"))
+    waits_for("episode/tick")
+    probe.publish("episode/tick", phase_message(PhaseState("approach"), TICK))
     waits_for("joint_trajectory")
     assert answers(probe) == []
     goal = NOMINAL.ready + 0.02
@@ -160,7 +161,7 @@ def test_a_tick_state_waits_for_tick_then_trajectory_then_target(start, state, p
     np.testing.assert_array_equal(answered(probe, TICK + 25 * PERIOD)[0], goal)
 
     state(2 * TICK)
-    probe.publish("tick", header_message(2 * TICK, "post"))
+    probe.publish("episode/tick", phase_message(PhaseState("post"), 2 * TICK))
     waits_for("target_pose")
     probe.publish("target_pose", pose_message(2 * TICK, BASE_FRAME, POSITION + [0, 0, 0.01], QUATERNION))
     waits_for("target_gains")
@@ -178,7 +179,7 @@ def test_a_tick_state_waits_for_tick_then_trajectory_then_target(start, state, p
 def test_a_refused_target_is_an_answer_that_changes_nothing(start, state, probe):
     start()
     state(TICK)
-    probe.publish("tick", header_message(TICK, "post"))
+    probe.publish("episode/tick", phase_message(PhaseState("post"), TICK))
     probe.publish("target_gains", gains_message(GAINS))
     broken = pose_message(TICK, BASE_FRAME, POSITION, QUATERNION)
     broken.pose.position.x = float("nan")
@@ -212,7 +213,7 @@ def test_in_a_fault_the_target_goes_along_with_the_arm(start, state, probe):
     start(tick_barrier=False)
     state(PERIOD)
     answered(probe, PERIOD)
-    probe.publish("phase", String(data="fault: test"), qos.LATCHED)
+    say(probe, "fault", "test")
     stamp = PERIOD
     sagged = NOMINAL.ready + 0.003
 
@@ -252,8 +253,8 @@ def arm(start, state, probe):
     return FollowingArm(start, state, probe)
 
 
-def say(probe, phase):
-    probe.publish("phase", String(data=phase), qos.LATCHED)
+def say(probe, phase, reason=""):
+    probe.publish("episode/phase", phase_message(PhaseState(phase, reason)), qos.LATCHED)
 
 
 def test_the_end_of_an_episode_stops_an_arm_on_its_way_and_late_plans_are_refused(arm, probe):
@@ -262,7 +263,7 @@ def test_the_end_of_an_episode_stops_an_arm_on_its_way_and_late_plans_are_refuse
     arm.step()
     probe.publish("joint_trajectory", plan(0, [0.0, 2.0], goal), qos.EVENT)
     arm.until(lambda joints: (joints > NOMINAL.ready + 0.1).all(), "the way")
-    say(probe, "failed: approach: stopped on request")
+    say(probe, "failed", "approach: stopped on request")
     before = None
 
     def rests(joints):
@@ -282,7 +283,7 @@ def test_the_end_of_an_episode_stops_an_arm_on_its_way_and_late_plans_are_refuse
 
 def test_after_a_fault_the_arm_is_held_again(arm, state, probe):
     arm.step()
-    say(probe, "fault: test")
+    say(probe, "fault", "test")
     pushed = NOMINAL.ready + 0.003
 
     def goes_along(_):
@@ -342,7 +343,7 @@ def test_with_the_sim_bridge_the_arm_arrives(graph, probe, tmp_path):
 def test_in_operational_space_a_target_becomes_a_force_along_its_direction(start, state, probe):
     start("operational_space")
     state(TICK)
-    probe.publish("tick", header_message(TICK, "post"))
+    probe.publish("episode/tick", phase_message(PhaseState("post"), TICK))
     probe.publish("target_gains", gains_message(GAINS))
     probe.publish("target_pose", pose_message(TICK, BASE_FRAME, POSITION + [0.01, 0, 0], QUATERNION))
     answered(probe, TICK)

@@ -7,12 +7,14 @@ from graph_tools import Graph
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_description.phases import EXCITE, IDLE, PhaseState
 from np_diagnosis.commands.excite import make_graph
 from np_diagnosis.experiments.excitation import LOW_DAMPING, suite
 from np_diagnosis.nodes.excite_node import Exciter
 from np_record.bag import Recording
 from np_ros.messages import gains_array, joint_state_arrays, trajectory_arrays
 from np_ros.participant import GraphError
+from np_ros.phases import phase_state
 
 SHORT = ["sinusoid_7"]
 
@@ -44,14 +46,22 @@ def test_an_experiment_is_followed_and_recorded(request, tmp_path, mode):
     lockstep = mode == "lockstep"
     segments, result = request.getfixturevalue("recorded") if lockstep else record(tmp_path, mode)
     assert segments == SHORT
-    with Recording(result["bag"], ["joint_states", "effort_command", "tick"]) as recording:
+    with Recording(result["bag"], ["joint_states", "effort_command", "episode/tick"]) as recording:
         decoded = {
             name: [m.decode() for m in recording.messages(name)]
-            for name in ("phase", "joint_trajectory", "target_gains", "effort_command", "joint_states")
+            for name in (
+                "episode/phase",
+                "episode/tick",
+                "joint_trajectory",
+                "target_gains",
+                "effort_command",
+                "joint_states",
+            )
         }
-    assert [m.data for m in decoded["phase"]] == ["excite: sinusoid_7", "idle"]
+    named = PhaseState(EXCITE, experiment="sinusoid_7")
+    assert [phase_state(m) for m in decoded["episode/phase"]] == [named, PhaseState(IDLE)]
+    assert list(dict.fromkeys(phase_state(m) for m in decoded["episode/tick"])) == [PhaseState(IDLE), named]
     (plan,), (gains,) = decoded["joint_trajectory"], decoded["target_gains"]
-    assert plan.header.frame_id == "sinusoid_7"
     expected = suite(SHORT)[0]
     times, positions, _ = trajectory_arrays(plan, JOINT_NAMES)
     assert np.allclose(positions, expected.positions, atol=1e-3)

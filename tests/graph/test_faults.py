@@ -8,16 +8,17 @@ import sys
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import Graph, card_specs, command
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 
 from np_control.safety import LIMITS
 from np_description.panda import STATE_NAMES
-from np_description.phases import ENDS, split_phase
+from np_description.phases import ENDS
 from np_ros import qos
 from np_ros.graph import NodeSpec
 from np_ros.messages import joint_state_arrays, stamp_nanoseconds
+from np_ros.phases import phase_state
 
 # Who gives up first: the backend, where its answers are missing, or the episode, where its inputs are.
 BACKEND_FIRST = {"sim_bridge": {"lockstep_timeout": 10.0}}
@@ -57,7 +58,7 @@ class Episode:
 
     def __init__(self, graph, probe, weights):
         self.graph, self.probe, self.weights = graph, probe, str(weights)
-        self.phases = probe.collect("phase", String, qos.LATCHED)
+        self.phases = probe.collect("episode/phase", DiagnosticArray, qos.LATCHED)
         self.states = probe.collect("joint_states", JointState, qos.RECORDER)
 
     def start(self, overrides=BACKEND_FIRST, leave_out=(), beside=(), keypoints="truth"):
@@ -80,9 +81,9 @@ class Episode:
         """Until the phase is in force; fails with what was said where the episode ends before."""
 
         def has_come():
-            said = [split_phase(message.data) for message in self.phases]
-            began = max((i for i, (name, _) in enumerate(said) if name == "pre"), default=len(said))
-            names = {name for name, _ in said[began:]}
+            said = [phase_state(message) for message in self.phases]
+            began = max((i for i, state in enumerate(said) if state.phase == "pre"), default=len(said))
+            names = {state.phase for state in said[began:]}
             assert phase in names or not names.intersection(ENDS), f"expected {phase}, got {said}"
             return phase in names
 
@@ -96,9 +97,10 @@ class Episode:
 
     def end(self):
         """The phase that ended the episode and its reason, once the arm is at rest."""
-        self.probe.wait_until(lambda: split_phase(self.phases[-1].data)[0] in ENDS, what="the end of the episode")
+        self.probe.wait_until(lambda: phase_state(self.phases[-1]).phase in ENDS, what="the end of the episode")
         self.probe.wait_until(self.is_at_rest, what="the arm at rest")
-        return split_phase(self.phases[-1].data)
+        last = phase_state(self.phases[-1])
+        return last.phase, last.reason
 
     def is_at_rest(self):
         _, velocity, _ = joint_state_arrays(self.states[-1], STATE_NAMES)

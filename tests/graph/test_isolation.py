@@ -1,21 +1,23 @@
 """Nothing in the policy path subscribes to `object_pose`, nor to anything else that docs/graph.md does not give it."""
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from graph_tools import Graph, card_specs
 from random_weights import write_weights
-from std_msgs.msg import String
 
 from np_ros import qos
+from np_ros.phases import phase_state
 
+LEADING = {"joint_states", "joint_trajectory", "target_gains", "target_pose", "episode/tick", "episode/phase"}
 ALLOWED = {
     "keypoint_detector": {"camera/image_raw", "camera/camera_info"},
-    "pre_contact": {"phase", "goal_keypoints", "keypoints"},
+    "pre_contact": {"episode/phase", "goal_keypoints", "keypoints"},
     "approach": {"gripper_command", "pre_contact_pose", "keypoints", "joint_states"},
-    "post_contact": {"goal_keypoints", "keypoints", "tick", "joint_states"},
-    "episode": {"goal_pose", "keypoints", "joint_trajectory", "diagnostics"},
-    "joint_impedance": {"joint_states", "joint_trajectory", "target_gains", "target_pose", "tick", "phase"},
-    "operational_space": {"joint_states", "joint_trajectory", "target_gains", "target_pose", "tick", "phase"},
+    "post_contact": {"goal_keypoints", "keypoints", "episode/tick", "joint_states"},
+    "episode": {"goal_pose", "keypoints", "joint_trajectory", "approach/refusal", "diagnostics"},
+    "joint_impedance": LEADING,
+    "operational_space": LEADING,
 }
 OF_ROS = {"parameter_events", "clock"}
 
@@ -35,7 +37,7 @@ def graph(tmp_path_factory):
 
 @pytest.mark.parametrize("controller", ["impedance", "osc"])
 def test_the_policy_path_does_not_hear_the_truth(controller, graph, probe, tmp_path):
-    phases = probe.collect("phase", String, qos.LATCHED)
+    phases = probe.collect("episode/phase", DiagnosticArray, qos.LATCHED)
     poses = probe.collect("object_pose", PoseStamped)
     names = graph.bring_to(card_specs(controller=controller, weights=str(write_weights(tmp_path, controller))))
     probe.wait_until_ready(names)
@@ -55,7 +57,7 @@ def test_the_policy_path_does_not_hear_the_truth(controller, graph, probe, tmp_p
     probe.wait_until(lambda: probe.call("episode/start").success, what="a start")
     # As far as an untrained detector leads: every node of the path but post_contact has worked then.
     probe.wait_until(
-        lambda: phases and phases[-1].data.split(":")[0] not in ("idle", "pre"), what="the end of phase pre"
+        lambda: phases and phase_state(phases[-1]).phase not in ("idle", "pre"), what="the end of phase pre"
     )
     probe.wait_until(lambda: poses, what="the truth")
     check()  # nobody has subscribed meanwhile

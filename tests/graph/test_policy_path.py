@@ -13,12 +13,13 @@ from geometry_msgs.msg import PoseStamped
 from graph_tools import Graph, Probe, command
 from policy_weights import write_policies
 from sensor_msgs.msg import JointState, PointCloud2
-from std_msgs.msg import Float64, Float64MultiArray, Header, String
+from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from np_control.kinematics import forward_kinematics, pose_distance
 from np_description.domains import CARD, sample_task
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_description.phases import PhaseState
 from np_description.rotations import matrix_from_quaternion
 from np_perception.pose_estimation import project_keypoints
 from np_policy.action import TIGHT
@@ -33,6 +34,7 @@ from np_ros.messages import (
     stamp_nanoseconds,
     trajectory_arrays,
 )
+from np_ros.phases import phase_state, refusal_reason
 
 TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))
@@ -45,12 +47,13 @@ INPUTS = {
     "diagnostics": (DiagnosticArray, qos.EVENT),
 }
 OUTPUTS = {
-    "phase": (String, qos.LATCHED),
-    "tick": (Header, qos.LOCKSTEP),
+    "episode/phase": (DiagnosticArray, qos.LATCHED),
+    "episode/tick": (DiagnosticArray, qos.LOCKSTEP),
     "goal_keypoints": (PointCloud2, qos.LATCHED),
     "gripper_command": (Float64, qos.EVENT),
     "pre_contact_pose": (PoseStamped, qos.EVENT),
     "joint_trajectory": (JointTrajectory, qos.EVENT),
+    "approach/refusal": (DiagnosticArray, qos.EVENT),
     "target_gains": (Float64MultiArray, qos.LOCKSTEP),
     "target_pose": (PoseStamped, qos.LOCKSTEP),
 }
@@ -98,11 +101,14 @@ class Backend:
     def said(self, topic):
         return self.probe.messages[topic]
 
+    def phases(self):
+        return [phase_state(message) for message in self.said("episode/phase")]
+
     def phase(self):
-        return self.said("phase")[-1].data if self.said("phase") else ""
+        return str(self.phases()[-1]) if self.said("episode/phase") else ""
 
     def ticks(self):
-        return [(stamp_nanoseconds(m.stamp), m.frame_id) for m in self.said("tick")]
+        return [(stamp_nanoseconds(m.header.stamp), phase_state(m).phase) for m in self.said("episode/tick")]
 
     def wait(self, condition, what="the condition"):
         """Until the condition holds; what got lost is published again after a second, as backends do in lockstep."""
@@ -217,7 +223,7 @@ def test_an_episode_from_keypoints_to_success(begin):
         backend.stand(stamp + i * TICK, joints)
         backend.see(stamp + i * TICK, GOAL)
     backend.wait(lambda: backend.phase() == "succeeded", "success")
-    assert [message.data for message in backend.said("phase")] == ["idle", "pre", "approach", "post", "succeeded"]
+    assert backend.phases() == [PhaseState(name) for name in ("idle", "pre", "approach", "post", "succeeded")]
     backend.wait(lambda: backend.ticks()[-1][0] >= stamp + 2 * TICK, "the last tick")
     assert backend.ticks()[-1] == (stamp + 2 * TICK, "post")  # the tick of success is not published
 
@@ -295,10 +301,10 @@ def test_what_got_lost_is_answered_again(begin):
     backend = begin()
     stamp, joints = run_to_post(backend, 1)
     backend.wait(lambda: backend.said("target_pose"), "the first target")
-    for topic in ("tick", "target_pose", "target_gains"):
+    for topic in ("episode/tick", "target_pose", "target_gains"):
         backend.said(topic).clear()
     backend.see(stamp)  # the backend asks again
-    backend.wait(lambda: backend.said("target_pose") and backend.said("target_gains") and backend.said("tick"))
+    backend.wait(lambda: backend.said("target_pose") and backend.said("target_gains") and backend.said("episode/tick"))
     assert (
         {s for s, _ in backend.ticks()}
         == {stamp}
@@ -328,10 +334,11 @@ def test_an_unreachable_pose_ends_in_failed_approach_with_the_reason(begin):
     backend.see(backend.tick(1))
     backend.start()
     backend.wait(lambda: backend.phase().startswith("failed: approach: unreachable: no posture"))
-    backend.wait(lambda: backend.said("joint_trajectory"))
-    plan = backend.said("joint_trajectory")[-1]
-    assert not plan.points and plan.header.frame_id in backend.phase()
-    assert not backend.ticks()
+    backend.wait(lambda: backend.said("approach/refusal"))
+    refusal = backend.said("approach/refusal")[-1]
+    assert stamp_nanoseconds(refusal.header.stamp) == backend.tick(1)
+    assert backend.phases()[-1] == PhaseState("failed", f"approach: {refusal_reason(refusal)}")
+    assert not backend.ticks() and not backend.said("joint_trajectory")
 
 
 def test_a_hold_of_the_backend_is_a_fault(begin):

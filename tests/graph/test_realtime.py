@@ -4,16 +4,17 @@ import json
 import signal
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import TIMEOUT
 from rclpy.duration import Duration
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from std_msgs.msg import String
 
 from np_description.camera import CAMERA
-from np_description.phases import ENDS, split_phase
+from np_description.phases import ENDS
 from np_description.scene import CAMERA_NAME
 from np_ros import qos
 from np_ros.messages import camera_info_message, keypoints_message
+from np_ros.phases import phase_state
 
 
 def recover(probe):
@@ -24,7 +25,7 @@ def recover(probe):
 
 def test_an_episode_in_real_time(graph, probe, untrained, tmp_path):
     """A busy machine may make the backend stop for want of commands: that too is an end with a name."""
-    phases = probe.collect("phase", String, qos.LATCHED)
+    phases = probe.collect("episode/phase", DiagnosticArray, qos.LATCHED)
     names = graph.run_card(
         {"episode": {"post_timeout": 1.0}}, mode="realtime", keypoints="truth", weights=str(untrained)
     )
@@ -35,8 +36,8 @@ def test_an_episode_in_real_time(graph, probe, untrained, tmp_path):
     probe.wait_until(lambda: probe.call("sim_bridge/reset").success or recover(probe), what="a reset")
     phases.clear()
     probe.wait_until(lambda: probe.call("episode/start").success, what="a start")
-    probe.wait_until(lambda: phases and split_phase(phases[-1].data)[0] in ENDS, what="the end")
-    assert split_phase(phases[0].data)[0] == "pre"
+    probe.wait_until(lambda: phases and phase_state(phases[-1]).phase in ENDS, what="the end")
+    assert phase_state(phases[0]).phase == "pre"
     assert graph.kill("round_trip", signal.SIGINT) == 0
     result = json.loads((tmp_path / "round_trip.json").read_text())
     assert result["periods"] > 100 and 0 < result["p50_ms"] <= result["p99_ms"] <= result["max_ms"]

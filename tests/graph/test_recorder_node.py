@@ -5,29 +5,32 @@ import signal
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from graph_tools import TIMEOUT
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 
 from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_description.phases import PhaseState
 from np_record.bag import Recording
 from np_ros import qos
 from np_ros.messages import joint_state_message, pose_message
+from np_ros.phases import phase_message, phase_state
 
 PERIOD = 2_000_000
 
 
-def publish_run(probe, start, count, phase="post"):
+def publish_run(probe, start, count, phase=PhaseState("post")):
     """`count` states and answers from step `start`, with a phase after the first."""
     for step in range(start, start + count):
         values = np.full((3, 9), float(step))
         probe.publish("joint_states", joint_state_message(step * PERIOD, STATE_NAMES, *values), qos.RECORDER)
         probe.publish("effort_command", joint_state_message(step * PERIOD, JOINT_NAMES, *values[:, :7]), qos.RECORDER)
         if step == start:
-            probe.publish("phase", String(data=phase), qos.LATCHED)
-    for topic, kind in (("joint_states", JointState), ("effort_command", JointState), ("phase", String)):
+            probe.publish("episode/phase", phase_message(phase), qos.LATCHED)
+    topics = ("joint_states", JointState), ("effort_command", JointState), ("episode/phase", DiagnosticArray)
+    for topic, kind in topics:
         assert probe.advertise(topic, kind).wait_for_all_acked(Duration(seconds=TIMEOUT))
 
 
@@ -38,12 +41,12 @@ def recorder(graph, probe, tmp_path):
         for topic, kind, profile in (
             ("joint_states", JointState, qos.RECORDER),
             ("effort_command", JointState, qos.RECORDER),
-            ("phase", String, qos.LATCHED),
+            ("episode/phase", DiagnosticArray, qos.LATCHED),
             ("goal_pose", PoseStamped, qos.LATCHED),
         ):
             probe.advertise(topic, kind, profile)
         probe.wait_until(
-            lambda: all(map(probe.matched, ("joint_states", "effort_command", "phase", "goal_pose"))),
+            lambda: all(map(probe.matched, ("joint_states", "effort_command", "episode/phase", "goal_pose"))),
             what="the recorder's subscriptions",
         )
         return tmp_path / "bag_000"
@@ -60,18 +63,18 @@ def test_everything_is_in_the_bag_when_the_recorder_is_ended(graph, probe, recor
         assert recording.counts["joint_states"] == recording.counts["effort_command"] == 1500
         assert recording.information == {"seed": 7}
         assert [m.stamp for m in recording.messages("joint_states")] == [i * PERIOD for i in range(1500)]
-        assert [(m.stamp, m.decode().data) for m in recording.messages("phase")] == [(0, "post")]
+        assert [(m.stamp, phase_state(m.decode())) for m in recording.messages("episode/phase")] == [
+            (0, PhaseState("post"))
+        ]
 
 
 def test_one_bag_for_each_start_and_stop(graph, probe, recorder):
-    recorder(record_at_start=False, required="joint_states,tick")
+    recorder(record_at_start=False, required="joint_states,episode/tick")
     refused = probe.call("recorder/start")
-    assert not refused.success and refused.message == "no publisher yet of tick"
+    assert not refused.success and refused.message == "no publisher yet of episode/tick"
     assert not probe.call("recorder/stop").success
-    from std_msgs.msg import Header
-
-    probe.advertise("tick", Header)
-    probe.wait_until(lambda: probe.matched("tick"))
+    probe.advertise("episode/tick", DiagnosticArray)
+    probe.wait_until(lambda: probe.matched("episode/tick"))
     digests = []
     for start in (0, 500):
         probe.wait_until(lambda: probe.call("recorder/start").success)

@@ -6,19 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from graph_tools import Graph, Probe, card_specs, command
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 
 from np_description.panda import BASE_FRAME
-from np_description.phases import ENDS, split_phase
+from np_description.phases import ENDS
 from np_record.bag import Recording
 from np_record.recorder import BagWriter
 from np_record.topics import TOPICS
 from np_ros import qos
 from np_ros.messages import pose_arrays
+from np_ros.phases import phase_state
 
 SEED = 5
 
@@ -36,7 +37,7 @@ def record(folder, weights, seed, episodes):
                 bag=str(folder / "episode"),
                 record_at_start="false",
             )
-            phases = probe.collect("phase", String, qos.LATCHED)
+            phases = probe.collect("episode/phase", DiagnosticArray, qos.LATCHED)
             probe.wait_until_ready(names)
             bags = []
             for _ in range(episodes):
@@ -44,7 +45,7 @@ def record(folder, weights, seed, episodes):
                 assert probe.call("sim_bridge/reset").success
                 phases.clear()
                 assert probe.call("episode/start").success
-                probe.wait_until(lambda: phases and split_phase(phases[-1].data)[0] in ENDS, what="the end")
+                probe.wait_until(lambda: phases and phase_state(phases[-1]).phase in ENDS, what="the end")
                 answer = json.loads(probe.call("recorder/stop").message)
                 assert answer["lost"] == 0
                 bags.append(answer["bag"])
@@ -93,7 +94,7 @@ def test_the_seed_of_the_graph_draws_the_task(runs, graph, probe, seed):
 
 def test_a_bag_holds_a_whole_episode(runs):
     with Recording(runs[0][0]) as recording:
-        phases = [split_phase(m.decode().data)[0] for m in recording.messages("phase")]
+        phases = [phase_state(m.decode()).phase for m in recording.messages("episode/phase")]
         states = [m.stamp for m in recording.messages("joint_states")]
     assert phases[:3] == ["pre", "approach", "post"] and phases[-1] in ENDS
     assert set(b - a for a, b in zip(states, states[1:])) == {2_000_000}

@@ -15,6 +15,7 @@ from np_control.tick_gate import TickGate
 from np_control.trajectory import make_trajectory
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
+from np_description.phases import PhaseState
 from np_description.scene import load_model
 
 PERIOD = LIMITS.period_ns
@@ -331,14 +332,14 @@ def test_the_gate_opens_only_for_what_belongs_to_the_tick():
     gate = TickGate(TICK)
     assert gate.missing(TICK + PERIOD) is None and gate.take(TICK + PERIOD) is None
     gate.trajectory(TICK, "plan of this tick")
-    gate.tick(0, "approach")
-    assert gate.missing(TICK) == "tick"
-    gate.tick(TICK, "approach")
+    gate.tick(0, PhaseState("approach"))
+    assert gate.missing(TICK) == "episode/tick"
+    gate.tick(TICK, PhaseState("approach"))
     assert gate.missing(TICK) is None
     assert gate.take(TICK).trajectory == ("plan of this tick", None)
-    gate.tick(2 * TICK, "approach")
+    gate.tick(2 * TICK, PhaseState("approach"))
     assert gate.missing(2 * TICK) is None and gate.take(2 * TICK).trajectory is None  # it runs already
-    gate.tick(3 * TICK, "post")
+    gate.tick(3 * TICK, PhaseState("post"))
     gate.pose(2 * TICK, "pose of another tick")
     assert gate.missing(3 * TICK) == "target_pose"
     gate.pose(3 * TICK, "pose")
@@ -346,7 +347,7 @@ def test_the_gate_opens_only_for_what_belongs_to_the_tick():
     gate.gains("gains")
     assert gate.missing(3 * TICK) is None
     assert gate.take(3 * TICK).target == ("pose", "gains")
-    gate.tick(4 * TICK, "post")
+    gate.tick(4 * TICK, PhaseState("post"))
     gate.gains("gains")
     assert gate.missing(4 * TICK) == "target_pose"
 
@@ -354,10 +355,10 @@ def test_the_gate_opens_only_for_what_belongs_to_the_tick():
 def test_the_gate_waits_for_a_plan_in_every_episode():
     gate = TickGate(TICK)
     for start in (0, 10 * TICK):
-        gate.tick(start, "pre")
+        gate.tick(start, PhaseState("pre"))
         assert gate.missing(start) is None
         gate.take(start)
-        gate.tick(start + TICK, "approach")
+        gate.tick(start + TICK, PhaseState("approach"))
         assert gate.missing(start + TICK) == "joint_trajectory"
         gate.trajectory(start + TICK, None)
         assert gate.missing(start + TICK) is None
@@ -366,23 +367,24 @@ def test_the_gate_waits_for_a_plan_in_every_episode():
 
 def test_the_gate_pairs_each_experiment_with_its_gains():
     gate = TickGate(TICK)
-    for number, name in enumerate(("excite: dwell", "excite: chirp")):
+    for number, name in enumerate(("dwell", "chirp")):
+        experiment = PhaseState("excite", experiment=name)
         start = 4 * number * TICK
-        gate.tick(start, name)
+        gate.tick(start, experiment)
         assert gate.missing(start) == "joint_trajectory"
         gate.trajectory(start, name)
         assert gate.missing(start) == "target_gains"
         gate.gains(number)
         assert gate.missing(start) is None
         assert gate.take(start).trajectory == (name, number)
-        gate.tick(start + TICK, name)
+        gate.tick(start + TICK, experiment)
         assert gate.missing(start + TICK) is None and gate.take(start + TICK).trajectory is None
 
 
 @pytest.mark.parametrize("plan, gains", [(None, "gains"), ("plan", None)])
 def test_a_refused_half_of_an_experiment_answers_the_tick_but_moves_nothing(plan, gains):
     gate = TickGate(TICK)
-    gate.tick(TICK, "excite: dwell")
+    gate.tick(TICK, PhaseState("excite", experiment="dwell"))
     gate.trajectory(TICK, plan)
     gate.gains(gains)
     assert gate.missing(TICK) is None
@@ -391,7 +393,7 @@ def test_a_refused_half_of_an_experiment_answers_the_tick_but_moves_nothing(plan
 
 def test_a_refused_half_of_a_target_answers_the_tick_but_moves_nothing():
     gate = TickGate(TICK)
-    gate.tick(TICK, "post")
+    gate.tick(TICK, PhaseState("post"))
     gate.gains(None)
     gate.pose(TICK, "pose")
     assert gate.missing(TICK) is None

@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from np_description.domains import CARD, Pose, sample_task
+from np_description.phases import PhaseState
 from np_perception.pose_estimation import project_keypoints
-from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, EpisodeConfig, Goal, PhaseChange, Refused, Tick
+from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, EpisodeConfig, Goal, Refused, Tick
 
 TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))
@@ -27,7 +28,7 @@ def make(**options):
 
 
 def phases(events):
-    return [str(event) for event in events if isinstance(event, PhaseChange)]
+    return [str(event) for event in events if isinstance(event, PhaseState)]
 
 
 def ticks(events):
@@ -165,9 +166,7 @@ def test_a_failed_plan_fails_the_approach_with_its_reason():
     episode.goal(TICK, GOAL)
     episode.start()
     episode.keypoints(TICK, keypoints())
-    assert phases(episode.trajectory(TICK, None, "unreachable: far away")) == [
-        "failed: approach: unreachable: far away"
-    ]
+    assert phases(episode.refusal(TICK, "unreachable: far away")) == ["failed: approach: unreachable: far away"]
 
 
 def test_a_plan_for_another_image_is_refused():
@@ -330,7 +329,9 @@ def test_whatever_comes_ticks_increase_and_belong_to_an_episode(data):
             stamp -= stamp % TICK
         stamp = max(stamp, last)
         what = data.draw(
-            st.sampled_from(["keypoints"] * 6 + ["start", "start", "stop", "goal", "plan", "plan", "fault", "late"])
+            st.sampled_from(
+                ["keypoints"] * 6 + ["start", "start", "stop", "goal", "plan", "plan", "refusal", "fault", "late"]
+            )
         )
         try:
             events = {
@@ -340,9 +341,8 @@ def test_whatever_comes_ticks_increase_and_belong_to_an_episode(data):
                 "start": episode.start,
                 "stop": episode.stop,
                 "goal": lambda: episode.goal(stamp, GOAL),
-                "plan": lambda: episode.trajectory(
-                    data.draw(st.sampled_from([stamp, last])), data.draw(st.sampled_from([None, 0.1]))
-                ),
+                "plan": lambda: episode.trajectory(data.draw(st.sampled_from([stamp, last])), 0.1),
+                "refusal": lambda: episode.refusal(data.draw(st.sampled_from([stamp, last]))),
                 "fault": lambda: episode.backend(data.draw(st.sampled_from(["", "held"]))),
                 "late": lambda: episode.overdue(100.0),
             }[what]()
@@ -352,7 +352,7 @@ def test_whatever_comes_ticks_increase_and_belong_to_an_episode(data):
             if isinstance(event, Tick):
                 assert event.stamp >= last and event.phase in ACTIVE
                 last = event.stamp
-        ends = [event for event in events if isinstance(event, PhaseChange) and event.phase not in ACTIVE]
+        ends = [event for event in events if isinstance(event, PhaseState) and event.phase not in ACTIVE]
         assert all(event.phase in ("succeeded", IDLE) or event.reason for event in ends)
         if ends and ends[-1] is events[-1]:
             assert not episode.is_active

@@ -12,10 +12,12 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from std_msgs.msg import String
 
 from np_description.panda import STATE_NAMES
+from np_description.phases import PhaseState
 from np_record.bag import BagError, Recording
 from np_record.recorder import HORIZON, BagWriter, Sequencer
 from np_record.topics import BY_NAME, TIMELINE
 from np_ros.messages import gains_message, joint_state_message, pose_message
+from np_ros.phases import phase_message
 
 PERIOD = 2_000_000
 
@@ -34,7 +36,7 @@ def run(length: int):
     """(topic, data, time of publishing, number): a phase is announced between states 20 and 21."""
     messages = [(TIMELINE, state(i), 1000 * i, i) for i in range(length)]
     messages += [(BY_NAME["object_pose"], pose(i), 1000 * i + 10, i // 5) for i in range(0, length, 5)]
-    messages += [(BY_NAME["phase"], serialize_message(String(data="post")), 20_500, 1)]
+    messages += [(BY_NAME["episode/phase"], serialize_message(phase_message(PhaseState("post"))), 20_500, 1)]
     return sorted(messages, key=lambda m: m[2])
 
 
@@ -78,7 +80,7 @@ def test_order_of_arrival_does_not_matter(seed):
 
 def test_a_message_without_a_stamp_gets_that_of_the_state_before_it():
     result, _ = sequence(run(50))
-    assert [s for s, topic, _ in result if topic.name == "phase"] == [20 * PERIOD]
+    assert [s for s, topic, _ in result if topic.name == "episode/phase"] == [20 * PERIOD]
 
 
 def test_what_is_sent_again_is_kept_once_and_what_is_missing_is_counted():
@@ -114,9 +116,9 @@ def test_an_episode_begins_with_its_goal():
 
 
 def test_a_bag_holds_what_was_recorded(tmp_path):
-    with Recording(record(tmp_path / "bag"), required=["joint_states", "phase"]) as recording:
+    with Recording(record(tmp_path / "bag"), required=["joint_states", "episode/phase"]) as recording:
         assert recording.information == {"seed": 3}
-        assert recording.counts["joint_states"] == 200 and recording.counts["tick"] == 0
+        assert recording.counts["joint_states"] == 200 and recording.counts["episode/tick"] == 0
         assert [(m.stamp, m.topic, m.data) for m in recording.messages()] == sequence(run(200))[0]
         first = next(recording.messages("object_pose")).decode()
         assert first.header.frame_id == "panda_link0" and first.pose.orientation.w == 1.0
@@ -180,8 +182,11 @@ def test_a_foreign_bag_is_named(tmp_path):
     wrong = foreign(tmp_path / "b", "/joint_states", "geometry_msgs/msg/PoseStamped", serialize_message(PoseStamped()))
     with pytest.raises(BagError, match="joint_states: expected sensor_msgs/msg/JointState, got geometry_msgs"):
         Recording(wrong)
-    with pytest.raises(BagError, match="expected messages on tick, effort_command; it has"):
-        Recording(record(tmp_path / "c"), required=["joint_states", "tick", "effort_command"])
+    with pytest.raises(BagError, match="expected messages on episode/tick, effort_command; it has"):
+        Recording(record(tmp_path / "c"), required=["joint_states", "episode/tick", "effort_command"])
+    former = foreign(tmp_path / "d", "/phase", "std_msgs/msg/String", serialize_message(String(data="idle")))
+    with pytest.raises(BagError, match=r"on episode/phase; it has /phase .*With phase, it was recorded by an earlier"):
+        Recording(former, required=["episode/phase"])
     with pytest.raises(BagError, match="does not exist"):
         Recording(tmp_path / "nothing")
 

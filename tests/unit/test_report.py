@@ -8,10 +8,15 @@ import pytest
 from bags import KEYPOINT_OFFSET, PERIOD, record_episode
 from hypothesis import given
 from hypothesis import strategies as st
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import Writer
+from std_msgs.msg import String
 
 from np_description.domains import CARD, WALL, Pose
+from np_description.phases import PhaseState
 from np_description.rotations import yaw_quaternion
 from np_record.bag import BagError, Recording
+from np_record.cdr import TYPESTORE
 from np_record.commands import report as command
 from np_record.intervals import wilson_interval
 from np_record.recorded_episode import images, load_episode, score
@@ -84,7 +89,7 @@ def test_an_episode_is_read_as_recorded(tmp_path):
     with Recording(record_episode(tmp_path / "bag")) as recording:
         episode = load_episode(recording)
         assert len(list(images(recording))) == 30
-    assert [text for _, text in episode.phases] == ["pre", "approach", "post", "succeeded"]
+    assert [state.phase for _, state in episode.phases] == ["pre", "approach", "post", "succeeded"]
     assert episode.phases[1][0] == 50 * PERIOD / 1e9
     assert episode.keypoint_error.values == pytest.approx(np.full((30, 8), KEYPOINT_OFFSET), abs=1e-4)
     assert episode.outcome.success and episode.outcome.declared == "succeeded"
@@ -92,8 +97,33 @@ def test_an_episode_is_read_as_recorded(tmp_path):
     assert episode.distance.values[0] > 0.1 and episode.distance.values[-1] < 0.01
 
 
+def as_before(bag, path):
+    """The same recording as releases before wrote it: the phase as one line of text, on a topic of its own."""
+    with Recording(bag) as recording, Writer(path, version=Writer.VERSION_LATEST) as writer:
+        connections = {}
+        for message in recording.messages():
+            name, kind, data = message.topic.name, message.topic.type, message.data
+            if name == "episode/phase":
+                line = message.decode().status[0].message
+                name, kind, data = "phase", "std_msgs/msg/String", serialize_message(String(data=line))
+            if name not in connections:
+                connections[name] = writer.add_connection(f"/{name}", kind, typestore=TYPESTORE)
+            writer.write(connections[name], message.stamp, data)
+    return path
+
+
+def test_an_episode_of_an_earlier_release_is_read_as_one_of_this(tmp_path):
+    phases = {0: PhaseState("pre"), 50: PhaseState("failed", "approach: no path: too far")}
+    bag = record_episode(tmp_path / "bag", count=200, phases=phases)
+    with Recording(bag) as now, Recording(as_before(bag, tmp_path / "before")) as before:
+        assert before.counts["phase"] == 2 and "episode/phase" not in before.counts
+        episode, former = load_episode(now), load_episode(before)
+    assert former.phases == episode.phases and former.outcome == episode.outcome
+    assert former.outcome.failed_in == "approach"
+
+
 def test_an_episode_cut_short_is_unfinished(tmp_path):
-    phases = {0: "pre", 50: "approach", 550: "post"}
+    phases = {0: PhaseState("pre"), 50: PhaseState("approach"), 550: PhaseState("post")}
     with Recording(record_episode(tmp_path / "bag", count=600, phases=phases)) as recording:
         outcome = load_episode(recording).outcome
     assert (outcome.declared, outcome.reason, outcome.duration) == ("unfinished", "", 599 * PERIOD / 1e9)
@@ -142,7 +172,9 @@ def test_the_report_is_one_file_with_everything(tmp_path, capsys):
 
 
 def test_a_reason_cannot_break_the_page(tmp_path):
-    bag = record_episode(tmp_path / "bag", phases={0: "pre", 700: "failed: pre: <script>alert(1)</script>"})
+    bag = record_episode(
+        tmp_path / "bag", phases={0: PhaseState("pre"), 700: PhaseState("failed", "pre: <script>alert(1)</script>")}
+    )
     write_report(tmp_path / "r.html", [make_section(bag)])
     assert "<script>" not in (tmp_path / "r.html").read_text()
 

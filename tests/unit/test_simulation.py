@@ -178,7 +178,7 @@ def test_the_barrier_names_the_earliest_missing_answer():
     barrier = Barrier(Schedule(), tick_barrier=True)
     tick = Schedule().policy_period
     barrier.begin(tick)
-    assert barrier.missing() == "tick"
+    assert barrier.missing() == "episode/tick"
     barrier.command(tick)
     barrier.tick(tick, "post")
     assert barrier.missing() == "target_pose"

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from np_description.phases import APPROACH, EXCITE, POST, split_phase
+from np_description.phases import APPROACH, EXCITE, POST, PhaseState
 
 TrajectoryT = TypeVar("TrajectoryT")
 PoseT = TypeVar("PoseT")
@@ -17,7 +17,7 @@ GainsT = TypeVar("GainsT")
 
 
 TRAJECTORY_PHASES = (APPROACH, EXCITE)
-"""Phases in which the first tick waits for a trajectory; "excite: <name>" begins anew with each name."""
+"""Phases in which the first tick waits for a trajectory; `excite` begins anew with each experiment."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
 
     def __init__(self, policy_period_ns: int):
         self._period = policy_period_ns
-        self._tick: tuple[int, str] | None = None
+        self._tick: tuple[int, PhaseState] | None = None
         self._trajectory: tuple[int, TrajectoryT | None] | None = None
         self.begin()
 
@@ -49,11 +49,11 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
         """A new beginning: drop what no stamp ties to a tick to come."""
         self._pose: tuple[int, PoseT | None] | None = None
         self._gains: tuple[GainsT | None] | None = None
-        self._planned = ""  # the phase whose trajectory has come
+        self._planned: tuple[str, str] | None = None  # phase and experiment whose trajectory has come
 
-    def tick(self, stamp: int, phase: str) -> None:
+    def tick(self, stamp: int, state: PhaseState) -> None:
         """The tick of `stamp` ns, with the phase in force from then on."""
-        self._tick = stamp, phase
+        self._tick = stamp, state
 
     def trajectory(self, stamp: int, trajectory: TrajectoryT | None) -> None:
         """The plan that answers the tick of `stamp` ns; None also where planning failed."""
@@ -72,13 +72,13 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
         if stamp % self._period:
             return None
         if not _is_of(self._tick, stamp):
-            return "tick"
-        phase = self._tick[1]
-        if self._awaits_trajectory(phase) and not _is_of(self._trajectory, stamp):
+            return "episode/tick"
+        state = self._tick[1]
+        if self._awaits_trajectory(state) and not _is_of(self._trajectory, stamp):
             return "joint_trajectory"
-        if self._awaits_trajectory(phase) and _kind(phase) == EXCITE and self._gains is None:
+        if self._awaits_trajectory(state) and state.phase == EXCITE and self._gains is None:
             return "target_gains"
-        if phase == POST:
+        if state.phase == POST:
             if not _is_of(self._pose, stamp):
                 return "target_pose"
             if self._gains is None:
@@ -89,29 +89,24 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
         """What takes effect at the state of `stamp` ns, for which nothing is missing; None between ticks."""
         if stamp % self._period:
             return None
-        phase = self._tick[1]
+        state = self._tick[1]
         trajectory = target = None
-        if self._awaits_trajectory(phase):
-            self._planned, gains = phase, None
-            if _kind(phase) == EXCITE:
+        if self._awaits_trajectory(state):
+            self._planned, gains = (state.phase, state.experiment), None
+            if state.phase == EXCITE:
                 (gains,), self._gains = self._gains, None
-            is_complete = self._trajectory[1] is not None and (gains is not None or phase == APPROACH)
+            is_complete = self._trajectory[1] is not None and (gains is not None or state.phase == APPROACH)
             trajectory = (self._trajectory[1], gains) if is_complete else None
-        elif phase == POST:
+        elif state.phase == POST:
             target = self._pose[1], self._gains[0]
             target = None if any(part is None for part in target) else target
             self._pose = self._gains = None
-        if _kind(phase) not in TRAJECTORY_PHASES:
-            self._planned = ""
-        return TickInputs(phase, trajectory, target)
+        if state.phase not in TRAJECTORY_PHASES:
+            self._planned = None
+        return TickInputs(state.phase, trajectory, target)
 
-    def _awaits_trajectory(self, phase: str) -> bool:
-        return _kind(phase) in TRAJECTORY_PHASES and phase != self._planned
-
-
-def _kind(phase: str) -> str:
-    """The phase without what follows its colon."""
-    return split_phase(phase)[0]
+    def _awaits_trajectory(self, state: PhaseState) -> bool:
+        return state.phase in TRAJECTORY_PHASES and (state.phase, state.experiment) != self._planned
 
 
 def _is_of(stamped: tuple | None, stamp: int) -> bool:

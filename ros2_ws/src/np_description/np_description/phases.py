@@ -1,23 +1,59 @@
-"""The phases of an episode, as `phase` and `tick` name them (docs/graph.md)."""
+"""The phases of an episode, and what `episode/phase` and `episode/tick` say of them (docs/graph.md)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
 
 IDLE, PRE, APPROACH, POST = "idle", "pre", "approach", "post"
 SUCCEEDED, FAILED, FAULT = "succeeded", "failed", "fault"
-EXCITE = "excite"  # an experiment on the bare arm, whose name follows as the reason
+EXCITE = "excite"  # an experiment on the bare arm, which has a name
 ACTIVE = (PRE, APPROACH, POST)
 ENDS = (SUCCEEDED, FAILED, FAULT)
 AT_REST = (IDLE, *ENDS)  # nothing is under way, and nothing is asked of the arm
+PHASES = (*AT_REST, *ACTIVE, EXCITE)
 
 
-def split_phase(text: str) -> tuple[str, str]:
-    """Phase and reason of what a message says: "failed: post: timeout" -> ("failed", "post: timeout")."""
-    phase, _, reason = text.partition(":")
-    return phase.strip(), reason.strip()
+@dataclass(frozen=True)
+class PhaseState:
+    """The phase in force, why, where there is something to explain, and the name of the experiment under way.
+
+    As text it is one line: "failed: post: timeout", "excite: dwell". Raises ValueError for a phase that is none.
+    """
+
+    phase: str
+    reason: str = ""
+    experiment: str = ""
+
+    def __post_init__(self) -> None:
+        if self.phase not in PHASES:
+            raise ValueError(f"phase: expected one of {', '.join(PHASES)}, got '{self.phase}'")
+
+    def __str__(self) -> str:
+        return ": ".join(part for part in (self.phase, self.experiment, self.reason) if part)
+
+    @property
+    def values(self) -> dict[str, str]:
+        """The documented keys and their values; none for what there is nothing to say of."""
+        return {field.name: text for field in fields(self) if (text := getattr(self, field.name))}
+
+    @classmethod
+    def of(cls, values: Mapping[str, str]) -> PhaseState:
+        """What `values` were made of; other keys are passed over. Raises ValueError without a known `phase`."""
+        if "phase" not in values:
+            raise ValueError(f"expected the key phase, got {', '.join(values) or 'no keys'}")
+        return cls(**{field.name: values[field.name] for field in fields(cls) if field.name in values})
 
 
-def first_end(said: Iterable[tuple[str, str]]) -> tuple[str, str] | None:
-    """The first end of an episode among phases and reasons, or None: what comes after it is of no episode any more."""
-    return next((each for each in said if each[0] in ENDS), None)
+def split_reason(text: str) -> tuple[str, str]:
+    """What a text names before its first colon, and the rest: "post: timeout" -> ("post", "timeout").
+
+    The reason of `failed` begins with the phase that failed.
+    """
+    head, _, rest = text.partition(":")
+    return head.strip(), rest.strip()
+
+
+def first_end(said: Iterable[PhaseState]) -> PhaseState | None:
+    """The first end of an episode among what was said, or None: what comes after it is of no episode any more."""
+    return next((state for state in said if state.phase in ENDS), None)

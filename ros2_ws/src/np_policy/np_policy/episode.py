@@ -14,21 +14,10 @@ import numpy as np
 
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, is_lost, is_success, pose_error
-from np_description.phases import ACTIVE, APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED
+from np_description.phases import ACTIVE, APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED, PhaseState
 from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, project_keypoints, usable
 
 SECOND = 1_000_000_000
-
-
-@dataclass(frozen=True)
-class PhaseChange:
-    """The phase from now on, and why, where there is something to explain."""
-
-    phase: str
-    reason: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.phase}: {self.reason}" if self.reason else self.phase
 
 
 @dataclass(frozen=True)
@@ -47,7 +36,8 @@ class Goal:
     keypoints: np.ndarray
 
 
-Event = PhaseChange | Tick | Goal
+Event = PhaseState | Tick | Goal
+"""What is to be published: the phase from now on, a tick, goal keypoints."""
 
 
 class Refused(ValueError):
@@ -122,7 +112,7 @@ class Episode:
             raise Refused(f"the backend reports: {self._fault}")
         self._forget()
         self.phase = PRE
-        events: list[Event] = [PhaseChange(PRE)]
+        events: list[Event] = [PhaseState(PRE)]
         if self.config.lockstep:
             return events + self._decide()
         # The same goal may be tried again. Nothing is decided on what was seen before, however long ago that was.
@@ -156,16 +146,27 @@ class Episode:
         self._newest = stamp, keypoints
         return self._decide()
 
-    def trajectory(
-        self, stamp: int, duration: float | None, reason: str = "", end: np.ndarray | None = None
-    ) -> list[Event]:
-        """The plan for the keypoints of stamp ns: its duration s and last joints (7,) rad, or None and why there is none.
+    def trajectory(self, stamp: int, duration: float, end: np.ndarray | None = None) -> list[Event]:
+        """The plan for the keypoints of stamp ns: its duration s and, where it is known, last joints (7,) rad.
 
         Raises Refused for a plan that nobody waits for.
         """
-        awaited = self._planned_from
-        if self.phase == APPROACH and stamp == awaited:
+        if self.phase == APPROACH and stamp == self._planned_from:
             return []  # said twice
+        self._take_plan(stamp)
+        self._plan_end = end
+        begins = stamp if self.config.lockstep else self._newest[0]
+        self._motion_ends = begins + round((duration + self.config.settle) * SECOND)
+        return [PhaseState(APPROACH), *([self._tick(stamp)] if self.config.lockstep else [])]
+
+    def refusal(self, stamp: int, reason: str = "") -> list[Event]:
+        """There is no plan for the keypoints of stamp ns, and why. Raises Refused where nobody waits for one."""
+        self._take_plan(stamp)
+        return self._fail(reason or "no plan")
+
+    def _take_plan(self, stamp: int) -> None:
+        """The planner's answer to the keypoints of stamp ns begins the approach. Raises Refused."""
+        awaited = self._planned_from
         if (
             self.phase != PRE
             or awaited is None
@@ -173,12 +174,6 @@ class Episode:
         ):
             raise Refused(f"a plan for {stamp} ns, while the phase is {self.phase} and one is awaited for {awaited} ns")
         self.phase = APPROACH
-        if duration is None:
-            return self._fail(reason or "no plan")
-        self._plan_end = end
-        begins = stamp if self.config.lockstep else self._newest[0]
-        self._motion_ends = begins + round((duration + self.config.settle) * SECOND)
-        return [PhaseChange(APPROACH), *([self._tick(stamp)] if self.config.lockstep else [])]
 
     def backend(self, fault: str) -> list[Event]:
         """What the backend reports: "" while it follows commands, else why it does not.
@@ -188,10 +183,10 @@ class Episode:
         before, self._fault = self._fault, fault
         if fault and not before:
             self.phase = FAULT
-            return [PhaseChange(FAULT, fault)]
+            return [PhaseState(FAULT, fault)]
         if before and not fault and self.phase == FAULT:
             self.phase = IDLE
-            return [PhaseChange(IDLE)]
+            return [PhaseState(IDLE)]
         return []
 
     def backend_lost(self, reason: str) -> list[Event]:
@@ -238,7 +233,7 @@ class Episode:
             if missed := self._missed():
                 return self._fail(missed)
             self.phase, self._post_began, self._blind_since = POST, stamp, None
-            events.append(PhaseChange(POST))
+            events.append(PhaseState(POST))
         if self.phase == POST:
             end = self._judge(stamp, keypoints if good else None)
             if end:
@@ -279,7 +274,7 @@ class Episode:
             self._gone = self._gone + 1 if is_lost(config.domain, pose.position) else 0
             if (self._near if self._is_over(stamp) else self._sure) >= config.success_frames:
                 self.phase = SUCCEEDED
-                return [PhaseChange(SUCCEEDED)]
+                return [PhaseState(SUCCEEDED)]
             if self._gone >= config.success_frames:
                 return self._fail("the object left the workspace")
         return self._fail("timeout") if self._is_over(stamp) else []
@@ -311,4 +306,4 @@ class Episode:
 
     def _fail(self, reason: str) -> list[Event]:
         where, self.phase = self.phase, FAILED
-        return [PhaseChange(FAILED, f"{where}: {reason}")]
+        return [PhaseState(FAILED, f"{where}: {reason}")]

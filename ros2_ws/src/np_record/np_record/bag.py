@@ -14,7 +14,7 @@ from rosbags.rosbag2 import Reader
 
 from np_record import mcap
 from np_record.cdr import TYPESTORE
-from np_record.topics import BY_NAME, TOPICS, Topic
+from np_record.topics import BY_NAME, FORMER, TOPICS, Topic
 
 
 class BagError(ValueError):
@@ -70,13 +70,15 @@ class Recording:
                 raise BagError(f"bag {self.path}: topic {topic.name}: expected {topic.type}, got {connection.msgtype}")
             self._topics[connection.id] = (topic, connection)
         self.counts = {topic.name: connection.msgcount for topic, connection in self._topics.values()}
+        custom = getattr(self._reader.storage.metadata, "custom", None) or {}
+        self.information: dict = json.loads(custom.get("run_info", "{}"))
         missing = [name for name in required if not self.counts.get(name)]
         if missing or not any(self.counts.values()):
             found = [f"{c.topic} ({c.msgtype}, {c.msgcount})" for c in self._reader.connections]
             wanted = ", ".join(missing) or "the topics of docs/graph.md"
-            raise BagError(f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'no topics'}")
-        custom = getattr(self._reader.storage.metadata, "custom", None) or {}
-        self.information: dict = json.loads(custom.get("run_info", "{}"))
+            raise BagError(
+                f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'no topics'}{self._age()}"
+            )
         self.start, self.end = self._reader.start_time, self._reader.end_time - 1
 
     def __enter__(self) -> Recording:
@@ -126,6 +128,13 @@ class Recording:
             rows[topic.name] = Rows(topic, b"".join(m.data for m in mine), stamp, ends[:-1], ends[1:])
         return rows
 
+    def _age(self) -> str:
+        """Of a bag with former topics: which release it is of, as it may lack what later ones have."""
+        former = ", ".join(topic.name for topic in FORMER if self.counts.get(topic.name))
+        revision = self.information.get("revision")
+        release = f"release {revision}" if revision else "an earlier release"
+        return f". With {former}, it was recorded by {release}" if former else ""
+
     def _unreadable(self, error: Exception) -> BagError:
         return BagError(f"bag {self.path}: expected readable messages to the end, got: {error}")
 
@@ -151,7 +160,7 @@ class Recording:
 
     def digest(self) -> str:
         """SHA-256 (hex) over (topic, time, bytes) of every message that a lockstep run must reproduce."""
-        names = [topic.name for topic in TOPICS if topic.reproducible and topic.name in self.counts]
+        names = [topic.name for topic in (*TOPICS, *FORMER) if topic.reproducible and topic.name in self.counts]
         total = hashlib.sha256()
         for message in self.messages(*names):
             total.update(f"{message.topic.name} {message.stamp} {len(message.data)}\n".encode())

@@ -10,8 +10,9 @@ from np_description.camera import CAMERA
 from np_description.domains import Domain, Pose, find_domain, is_success, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
-from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, first_end, split_phase
-from np_record.bag import BagError, Recording
+from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, PhaseState, first_end, split_reason
+from np_record.bag import BagError, Message, Recording
+from np_record.recorded_phases import PHASE_TOPICS, phase_changes
 from np_ros.messages import image_array, joint_state_arrays, keypoints_array, pose_arrays
 
 SECOND = 1e9
@@ -41,8 +42,9 @@ class Outcome:
         """
         if self.success:
             return ""
-        if self.declared == FAILED and split_phase(self.reason)[0] in ACTIVE:
-            return split_phase(self.reason)[0]
+        where, _ = split_reason(self.reason)
+        if self.declared == FAILED and where in ACTIVE:
+            return where
         return POST if self.declared == SUCCEEDED else self.declared
 
 
@@ -69,7 +71,7 @@ class EpisodeData:
 
     position, effort: joints (n, 7) rad, Nm measured; command: torque (n, 7) Nm asked for; target: (n, 7)
     rad; object_position (n, 3) m, object_quaternion (n, 4) wxyz; keypoints (n, 8, 3) u, v px, score;
-    keypoint_error (n, 8) px to the projected truth of the same stamp; phases: (time s, text); counts by
+    keypoint_error (n, 8) px to the projected truth of the same stamp; phases: (time s, phase); counts by
     topic; duration s.
     """
 
@@ -86,7 +88,7 @@ class EpisodeData:
     distance: Series
     angle: Series
     goal: Pose
-    phases: list[tuple[float, str]]
+    phases: list[tuple[float, PhaseState]]
     counts: dict[str, int]
     duration: float
     outcome: Outcome
@@ -95,17 +97,16 @@ class EpisodeData:
 def load_episode(recording: Recording) -> EpisodeData:
     """The first episode of a recording. Raises BagError where what a report needs is missing."""
     start = recording.start
-    collected = {
-        name: [] for name in ("joint_states", "effort_command", "object_pose", "keypoints", "phase", "goal_pose")
-    }
+    topics = ("joint_states", "effort_command", "object_pose", "keypoints", "goal_pose", *PHASE_TOPICS)
+    collected: dict[str, list[Message]] = {name: [] for name in topics}
     for message in recording.messages(*collected):
-        collected[message.topic.name].append((message.stamp, message.decode()))
+        collected[message.topic.name].append(message)
     for name in ("joint_states", "object_pose", "goal_pose"):
         if not collected[name]:
             raise BagError(f"bag {recording.path}: expected messages on {name} for a report, it has none")
 
     def series(name, read, shape):
-        rows = [(stamp, read(message)) for stamp, message in collected[name]]
+        rows = [(message.stamp, read(message.decode())) for message in collected[name]]
         values = np.array([value for _, value in rows], float).reshape(len(rows), *shape)
         return Series(np.array([stamp - start for stamp, _ in rows], float) / SECOND, values)
 
@@ -114,12 +115,14 @@ def load_episode(recording: Recording) -> EpisodeData:
     poses = series("object_pose", lambda m: np.concatenate(pose_arrays(m, BASE_FRAME)), (7,))
     keypoints = series("keypoints", keypoints_array, (8, 3))
     domain = find_domain(recording.information.get("domain", "card"))
-    goal = Pose(*pose_arrays(collected["goal_pose"][0][1], BASE_FRAME))
+    goal = Pose(*pose_arrays(collected["goal_pose"][0].decode(), BASE_FRAME))
     distance, angle = pose_error(poses.values[:, :3], poses.values[:, 3:], goal.position, goal.quaternion)
-    phases = [((stamp - start) / SECOND, message.data) for stamp, message in collected["phase"]]
-    said = [split_phase(text) for _, text in phases]
-    began = next((number for number, (phase, _) in enumerate(said) if phase == PRE), 0)
-    declared, reason = first_end(said[began:]) or ("unfinished", "")
+    changes = phase_changes(f"bag {recording.path}", collected)
+    phases = [((stamp - start) / SECOND, state) for stamp, state in changes]
+    said = [state for _, state in phases]
+    began = next((number for number, state in enumerate(said) if state.phase == PRE), 0)
+    end = first_end(said[began:])
+    declared, reason = (end.phase, end.reason) if end else ("unfinished", "")
     duration = (recording.end - start) / SECOND
     final = Pose(poses.values[-1, :3], poses.values[-1, 3:])
     return EpisodeData(

@@ -12,15 +12,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from np_description.phases import IDLE, PRE, split_phase
+from np_description.phases import IDLE, PRE
 from np_record.bag import BagError, Message, Recording
 from np_record.cdr import TYPESTORE
+from np_record.recorded_phases import phase_of
 from np_record.topics import BY_NAME
 from np_ros.graph import NodeSpec
 
-BEFORE_TICK = ("keypoints", "gripper_command", "pre_contact_pose", "joint_trajectory")
+BEFORE_TICK = ("keypoints", "gripper_command", "pre_contact_pose", "joint_trajectory", "approach/refusal")
 AFTER_TICK = ("target_gains", "target_pose", "effort_command")
-REQUIRED = ("joint_states", "goal_keypoints", "phase", "tick", "effort_command")
+REQUIRED = ("joint_states", "goal_keypoints", "episode/phase", "episode/tick", "effort_command")
 
 
 @dataclass
@@ -74,8 +75,8 @@ class Script:
         self.fed = [
             "joint_states",
             "goal_keypoints",
-            "phase",
-            "tick",
+            "episode/phase",
+            "episode/tick",
             *(["camera/image_raw"] if self.from_camera else ["keypoints"]),
         ]
 
@@ -101,8 +102,10 @@ class Script:
         if name in self.live:
             return step.answers if name in BEFORE_TICK else step.final_answers
         # The phases after `pre` answer the plan; so does the tick.
-        later = name == "tick" or name == "phase" and split_phase(message.decode().data)[0] not in (IDLE, PRE)
-        return step.then if later else step.first
+        is_later = name == "episode/tick"
+        if name == "episode/phase":
+            is_later = phase_of(f"bag {self._recording.path}", message).phase not in (IDLE, PRE)
+        return step.then if is_later else step.first
 
 
 class Comparison:

@@ -31,11 +31,12 @@ TOPICS = (
     Topic("goal_pose", "geometry_msgs/msg/PoseStamped", latched=True),
     Topic("goal_keypoints", "sensor_msgs/msg/PointCloud2", latched=True),
     Topic("keypoints", "sensor_msgs/msg/PointCloud2"),
-    Topic("phase", "std_msgs/msg/String", stamped=False, latched=True),
+    Topic("episode/phase", "diagnostic_msgs/msg/DiagnosticArray", stamped=False, latched=True),
     Topic("gripper_command", "std_msgs/msg/Float64", stamped=False),
     Topic("pre_contact_pose", "geometry_msgs/msg/PoseStamped"),
     Topic("joint_trajectory", "trajectory_msgs/msg/JointTrajectory"),
-    Topic("tick", "std_msgs/msg/Header"),
+    Topic("approach/refusal", "diagnostic_msgs/msg/DiagnosticArray"),
+    Topic("episode/tick", "diagnostic_msgs/msg/DiagnosticArray"),
     Topic("target_gains", "std_msgs/msg/Float64MultiArray", stamped=False),
     Topic("target_pose", "geometry_msgs/msg/PoseStamped"),
     Topic("effort_command", "sensor_msgs/msg/JointState"),
@@ -44,5 +45,11 @@ TOPICS = (
     Topic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", stamped=False, reproducible=False),
 )
 
-BY_NAME = {topic.name: topic for topic in TOPICS}
+FORMER = (
+    Topic("phase", "std_msgs/msg/String", stamped=False, latched=True),
+    Topic("tick", "std_msgs/msg/Header"),
+)
+"""What bags of before `episode/phase` and `episode/tick` have in their place: read, and recorded no more."""
+
+BY_NAME = {topic.name: topic for topic in (*TOPICS, *FORMER)}
 TIMELINE = BY_NAME["joint_states"]

@@ -88,7 +88,7 @@ def stamp_nanoseconds(stamp: Time) -> int:
 
 
 def header_message(stamp: int, frame_id: str = "") -> Header:
-    """std_msgs/Header; the `tick` topic is one, with the phase as frame_id."""
+    """std_msgs/Header."""
     return Header(stamp=stamp_message(stamp), frame_id=frame_id)
 
 
@@ -168,7 +168,6 @@ def trajectory_message(stamp: int, names: Sequence[str], times, positions, veloc
     """trajectory_msgs/JointTrajectory of n points.
 
     times (n,) s from the start, positions (n, joints) rad, velocities (n, joints) rad/s.
-    n = 0 is the planner's way to say that there is no plan.
     """
     times = np.asarray(times, dtype=np.float64)
     shape = (times.size, len(names))

@@ -29,10 +29,11 @@ REALTIME_SUBSCRIBER = _keep_last(1, reliable=False)
 """Streams in real time, receiving side: best effort, so that a lost sample never delays the next one."""
 
 EVENT = _keep_last(10)
-"""What is sent on change in either mode: gripper_command, pre_contact_pose, joint_trajectory, diagnostics."""
+"""What is sent on change in either mode: gripper_command, pre_contact_pose, joint_trajectory, approach/refusal,
+diagnostics."""
 
 LATCHED = _keep_last(1, latched=True)
-"""What a late joiner must still get: goal_pose, goal_keypoints, phase, camera_info."""
+"""What a late joiner must still get: goal_pose, goal_keypoints, episode/phase, camera_info."""
 
 RECORDER = _keep_last(5000)
 """The recorder's side of every stream: ten seconds at 500 Hz, for a disk that stalls. More than Fast DDS's

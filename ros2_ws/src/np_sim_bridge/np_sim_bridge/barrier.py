@@ -42,7 +42,7 @@ class Barrier:
         """The topic whose answer is missing, the earliest in the chain first, or None when time may go on."""
         if self._tick_barrier and self._schedule.is_policy_tick(self.stamp):
             if self._tick != self.stamp:
-                return "tick"
+                return "episode/tick"
             if self._phase == POST and self._target != self.stamp:
                 return "target_pose"
         return None if self._command == self.stamp else "effort_command"

@@ -12,6 +12,7 @@ import numpy as np
 
 from np_bringup.commands.common import running_graph
 from np_bringup.task_graph import KEYPOINT_SOURCES
+from np_description.phases import PhaseState
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_record.intervals import wilson_interval
 from np_record.recorded_episode import Outcome
@@ -49,8 +50,8 @@ def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcom
     clock = time.monotonic()
     last = [-1.0]
 
-    def show_phase(phase: str, reason: str, seconds: float) -> None:
-        say(f"  {seconds:5.1f} s  {phase}{': ' + reason if reason else ''}")
+    def show_phase(state: PhaseState, seconds: float) -> None:
+        say(f"  {seconds:5.1f} s  {state}")
 
     def show_tick(seconds: float) -> None:
         if sys.stderr.isatty() and seconds - last[0] >= 0.5 or seconds < last[0]:

@@ -8,17 +8,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from std_msgs.msg import Header, String
 
 from np_description.domains import Domain, Pose
 from np_description.panda import BASE_FRAME
-from np_description.phases import first_end, split_phase
+from np_description.phases import PhaseState, first_end
 from np_record.recorded_episode import Outcome, score
 from np_ros import qos
 from np_ros.graph import NodeSpec
 from np_ros.messages import pose_arrays, stamp_nanoseconds
 from np_ros.participant import SERVICE_TIMEOUT, GraphError, Participant
+from np_ros.phases import phase_state
 from np_ros.supervisor import Supervisor
 
 _QUIET = 0.1  # s
@@ -27,8 +28,7 @@ _QUIET = 0.1  # s
 class Conductor(Participant):
     """Runs episodes on the graph of a supervisor, whose robot the node `backend` owns.
 
-    on_phase(phase, reason, s of simulated time since the reset) is told every change, on_tick(s) every
-    policy tick.
+    on_phase(phase, s of simulated time since the reset) is told every change, on_tick(s) every policy tick.
     """
 
     def __init__(
@@ -38,22 +38,22 @@ class Conductor(Participant):
         *,
         lockstep: bool = True,
         backend: str = "sim_bridge",
-        on_phase: Callable[[str, str, float], None] = lambda *_: None,
+        on_phase: Callable[[PhaseState, float], None] = lambda *_: None,
         on_tick: Callable[[float], None] = lambda _: None,
     ):
         super().__init__(supervisor, "conductor")
         self._domain, self._lockstep = domain, lockstep
         self._backend = backend
         self._on_phase, self._on_tick = on_phase, on_tick
-        self._phases: list[tuple[str, str]] = []
+        self._phases: list[PhaseState] = []
         self._poses: list[tuple[int, Pose]] = []
         self._goal: tuple[int, Pose] | None = None
         self._now = 0
         node, stream = self._node, qos.LOCKSTEP if lockstep else qos.REALTIME_SUBSCRIBER
-        node.create_subscription(String, "phase", self._receive_phase, qos.LATCHED)
+        node.create_subscription(DiagnosticArray, "episode/phase", self._receive_phase, qos.LATCHED)
         node.create_subscription(PoseStamped, "goal_pose", self._receive_goal, qos.LATCHED)
         node.create_subscription(PoseStamped, "object_pose", self._receive_pose, stream)
-        node.create_subscription(Header, "tick", self._receive_tick, stream)
+        node.create_subscription(DiagnosticArray, "episode/tick", self._receive_tick, stream)
 
     def listen(self, seconds: float) -> None:
         """Let so much wall time pass. Raises NodeDied."""
@@ -110,9 +110,9 @@ class Conductor(Participant):
             self._wait(lambda: self._has_ended, SERVICE_TIMEOUT, "the end of the episode")
         self._wait(lambda: self._poses, SERVICE_TIMEOUT, "object_pose")
         self._hear_out()
-        declared, reason = first_end(self._phases)
+        end = first_end(self._phases)
         ended, pose = self._poses[-1]
-        return score(self._domain, declared, reason, pose, goal, (ended - began) / 1e9)
+        return score(self._domain, end.phase, end.reason, pose, goal, (ended - began) / 1e9)
 
     def recover(self, timeout: float = SERVICE_TIMEOUT) -> None:
         """Make a backend that has stopped follow commands again, once the arm rests. Raises GraphError."""
@@ -132,10 +132,9 @@ class Conductor(Participant):
         while time.monotonic() < deadline:
             self._spin_once()
 
-    def _receive_phase(self, message: String) -> None:
-        phase, reason = split_phase(message.data)
-        self._phases.append((phase, reason))
-        self._on_phase(phase, reason, self._elapsed)
+    def _receive_phase(self, message: DiagnosticArray) -> None:
+        self._phases.append(phase_state(message))
+        self._on_phase(self._phases[-1], self._elapsed)
 
     def _receive_goal(self, message: PoseStamped) -> None:
         self._goal = stamp_nanoseconds(message.header.stamp), Pose(*pose_arrays(message, BASE_FRAME))
@@ -144,8 +143,8 @@ class Conductor(Participant):
         self._now = stamp_nanoseconds(message.header.stamp)
         self._poses.append((self._now, Pose(*pose_arrays(message, BASE_FRAME))))
 
-    def _receive_tick(self, message: Header) -> None:
-        self._now = stamp_nanoseconds(message.stamp)
+    def _receive_tick(self, message: DiagnosticArray) -> None:
+        self._now = stamp_nanoseconds(message.header.stamp)
         self._on_tick(self._elapsed)
 
     @property

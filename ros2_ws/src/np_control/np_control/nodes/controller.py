@@ -25,7 +25,7 @@ from np_control.safety import LIMITS, Refusal
 from np_control.tick_gate import TickGate
 from np_control.trajectory import Trajectory
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_description.phases import FAULT
+from np_description.phases import FAULT, PhaseState
 from np_ros import qos
 from np_ros.messages import BadMessage, JointStateWriter, joint_state_arrays, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter
@@ -231,19 +231,19 @@ class ControllerNode(Node):
         else:
             self._aim(stamp, pose)
 
-    def on_tick(self, stamp: int, phase: str) -> None:
+    def on_tick(self, stamp: int, state: PhaseState) -> None:
         """A policy tick."""
         if self._waits:
-            self._gate.tick(stamp, phase)
+            self._gate.tick(stamp, state)
             self._answer()
 
-    def on_phase(self, phase: str) -> None:
+    def on_phase(self, state: PhaseState) -> None:
         """A stopped arm is not where its target was: the target goes along with it until the fault is
         over. Where nobody waits the phase takes effect as it comes, at a barrier with its tick.
         """
-        self._is_fault = phase == FAULT
+        self._is_fault = state.phase == FAULT
         if not self._waits:
-            self._following.enter(phase)
+            self._following.enter(state.phase)
 
     # Diagnostics
 

@@ -8,18 +8,20 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from std_msgs.msg import Float64MultiArray, Header, String
+from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import JointTrajectory
 
 from np_control.safety import Refusal, SafetyLimits
 from np_control.trajectory import Trajectory, make_trajectory
 from np_description.panda import BASE_FRAME, JOINT_NAMES
-from np_description.phases import split_phase
+from np_description.phases import PhaseState
 from np_description.rotations import matrix_from_quaternion
 from np_ros import qos
 from np_ros.messages import BadMessage, gains_array, pose_arrays, stamp_nanoseconds, trajectory_arrays
+from np_ros.phases import phase_state
 
 Pose = tuple[np.ndarray, np.ndarray]  # position (3,) m, rotation (3, 3)
 
@@ -36,11 +38,11 @@ class Led(Protocol):
     def on_pose(self, stamp: int, pose: Pose | None) -> None:
         """A target of T_E that answers the state of `stamp` ns."""
 
-    def on_tick(self, stamp: int, phase: str) -> None:
+    def on_tick(self, stamp: int, state: PhaseState) -> None:
         """A policy tick, and the phase in force from it on."""
 
-    def on_phase(self, phase: str) -> None:
-        """The phase of the episode, without its reason."""
+    def on_phase(self, state: PhaseState) -> None:
+        """The phase of the episode."""
 
     def refuse(self, error: BadMessage | Refusal) -> None:
         """Count a message that is not carried out."""
@@ -67,9 +69,17 @@ def subscribe(node: Node, led: Led, limits: SafetyLimits, *, lockstep: bool) -> 
             led.refuse(error)
             return None
 
+    def tick(message: DiagnosticArray) -> None:
+        if (state := checked(lambda: phase_state(message))) is not None:  # without a phase it tells nobody to go on
+            read(message.header, lambda: state, led.on_tick)
+
+    def phase(message: DiagnosticArray) -> None:
+        if (state := checked(lambda: phase_state(message))) is not None:
+            led.on_phase(state)
+
     def trajectory(message: JointTrajectory) -> Trajectory | None:
         times, positions, velocities = trajectory_arrays(message, JOINT_NAMES)
-        # No points: the planner found no way, and the arm stays where it is.
+        # No points: a planner found no way and does not say why; the arm stays where it is.
         return make_trajectory(times, positions, velocities, limits) if times.size else None
 
     def pose(message: PoseStamped) -> Pose:
@@ -87,5 +97,5 @@ def subscribe(node: Node, led: Led, limits: SafetyLimits, *, lockstep: bool) -> 
         Float64MultiArray, "target_gains", lambda m: led.on_gains(checked(lambda: gains_array(m))), stream
     )
     node.create_subscription(PoseStamped, "target_pose", lambda m: read(m.header, lambda: pose(m), led.on_pose), stream)
-    node.create_subscription(Header, "tick", lambda m: read(m, lambda: m.frame_id, led.on_tick), stream)
-    node.create_subscription(String, "phase", lambda m: led.on_phase(split_phase(m.data)[0]), qos.LATCHED)
+    node.create_subscription(DiagnosticArray, "episode/tick", tick, stream)
+    node.create_subscription(DiagnosticArray, "episode/phase", phase, qos.LATCHED)

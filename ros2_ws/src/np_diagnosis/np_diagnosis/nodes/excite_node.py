@@ -11,18 +11,18 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, Header, String
+from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_description.phases import EXCITE, IDLE
+from np_description.phases import EXCITE, IDLE, PhaseState
 from np_diagnosis.experiments.excitation import TICK_NS, Segment, end_of, schedule, suite
 from np_ros import qos
-from np_ros.messages import gains_message, header_message, joint_state_arrays, stamp_nanoseconds, trajectory_message
+from np_ros.messages import gains_message, joint_state_arrays, stamp_nanoseconds, trajectory_message
 from np_ros.participant import GraphError, Participant
+from np_ros.phases import PhasePublisher
 from np_ros.supervisor import Supervisor
 
 _READY_TIMEOUT = 120.0  # s of wall time
@@ -46,10 +46,9 @@ class Exciter(Participant):
         self._lockstep, self._on_segment = lockstep, on_segment
         node = self._node
         stream = qos.publisher(lockstep)
-        self._tick = node.create_publisher(Header, "tick", stream)
         self._gains = node.create_publisher(Float64MultiArray, "target_gains", stream)
         self._trajectory = node.create_publisher(JointTrajectory, "joint_trajectory", qos.EVENT)
-        self._phase = node.create_publisher(String, "phase", qos.LATCHED)
+        self._phases = PhasePublisher(node, lockstep=lockstep)
         node.create_subscription(JointState, "joint_states", self._receive_state, qos.subscriber(lockstep))
         node.create_subscription(DiagnosticArray, "diagnostics", self._receive_diagnostics, qos.RECORDER)
         self._state: tuple[int, np.ndarray] | None = None
@@ -59,7 +58,7 @@ class Exciter(Participant):
         self._starts: list[int] = []
         self._end: int | None = None
         self._sent = self._gains_sent = 0  # segments
-        self._label = IDLE
+        self._phase = PhaseState(IDLE)
         self._ticked = -1
         self._problem = ""
         self._refused: dict[tuple[str, str], int] = {}
@@ -96,8 +95,8 @@ class Exciter(Participant):
             self._advance()
             self._follow(lambda: self._state[0] >= self._end, "the end of the experiment")
         finally:  # whatever ends it, the arm goes no further
-            self._say_phase(IDLE)
-            self._phase.wait_for_all_acked(Duration(seconds=FAREWELL))
+            self._enter(PhaseState(IDLE))
+            self._phases.wait_until_heard(FAREWELL)
         return [segment.name for segment in self._plan]
 
     def _receive_state(self, message: JointState) -> None:
@@ -119,7 +118,7 @@ class Exciter(Participant):
         # In real time a busy machine misses states, also those of a tick: then the next one is it.
         if stamp % TICK_NS == 0 if self._lockstep else stamp // TICK_NS > self._ticked:
             self._ticked = stamp // TICK_NS
-            self._tick.publish(header_message(stamp, self._label))
+            self._phases.tick(stamp, self._phase)
 
     def _send_gains_ahead(self, stamp: int) -> None:
         """Real time: gains first, or the trajectory might overtake them on its own topic."""
@@ -137,18 +136,18 @@ class Exciter(Participant):
                 f"{segment.name}: expected {JOINT_NAMES[i]} at "
                 f"{segment.positions[0][i]:.3f} rad, found it {error[i]:.3f} rad from there"
             )
-        self._say_phase(f"{EXCITE}: {segment.name}")
+        self._enter(PhaseState(EXCITE, experiment=segment.name))
         if self._lockstep:
             self._gains.publish(gains_message(segment.gains))
-        message = trajectory_message(stamp, JOINT_NAMES, segment.times, segment.positions, segment.velocities)
-        message.header.frame_id = segment.name
-        self._trajectory.publish(message)
+        self._trajectory.publish(
+            trajectory_message(stamp, JOINT_NAMES, segment.times, segment.positions, segment.velocities)
+        )
         self._sent += 1
         self._on_segment(segment.name, self._sent, len(self._plan))
 
-    def _say_phase(self, text: str) -> None:
-        self._label = text
-        self._phase.publish(String(data=text))
+    def _enter(self, state: PhaseState) -> None:
+        self._phase = state
+        self._phases.phase(state)
 
     def _receive_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

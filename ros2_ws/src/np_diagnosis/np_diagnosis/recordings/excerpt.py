@@ -50,5 +50,5 @@ def _cut(log: Log, begin: float, end: float) -> Log:
         torque_time=log.torque_time[rows] - zero,
         commands=commands,
         motor=None if log.motor is None else log.motor[rows],
-        labels=tuple((at - begin, text) for at, text in log.labels if begin <= at < end),
+        phases=tuple((at - begin, state) for at, state in log.phases if begin <= at < end),
     )

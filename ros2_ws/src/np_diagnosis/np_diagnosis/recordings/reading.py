@@ -14,6 +14,7 @@ from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_diagnosis.recordings.signals import Commands, Log
 from np_record.bag import BagError, Recording
 from np_record.bulk import BulkError, decoded, joint_states
+from np_record.recorded_phases import PHASE_TOPICS, phase_changes
 
 PERIOD = 0.002  # s between joint states
 PERIOD_TOLERANCE = 0.05
@@ -48,7 +49,7 @@ def read_bag(path: str | Path) -> Log:
     name = f"bag {path}"
     try:
         with Recording(path, required=("joint_states",)) as recording:
-            raw = recording.rows("joint_states", "effort_command", "motor_states", "target_gains", "phase")
+            raw = recording.rows("joint_states", "effort_command", "motor_states", "target_gains", *PHASE_TOPICS)
             stamp, values = joint_states(name, "joint_states", raw["joint_states"], STATE_NAMES)
             commanded, answers = joint_states(name, "effort_command", raw.get("effort_command"), JOINT_NAMES)
             motor_stamp, motor = joint_states(name, "motor_states", raw.get("motor_states"), None)
@@ -56,7 +57,7 @@ def read_bag(path: str | Path) -> Log:
                 (m.stamp, np.reshape(decoded(f"{name}: target_gains", m).data, (2, len(JOINT_NAMES))))
                 for m in raw.get("target_gains", ())
             ]
-            phases = [(m.stamp, decoded(f"{name}: phase", m).data) for m in raw.get("phase", ())]
+            phases = phase_changes(name, raw)
     except (BagError, BulkError) as error:
         raise ContractViolation(str(error)) from error
     _check_times(name, stamp / SECOND, PERIOD)
@@ -72,7 +73,7 @@ def read_bag(path: str | Path) -> Log:
         False,
         _commands(name, stamp, time, commanded, answers, gains),
         _motor(name, stamp, motor_stamp, motor),
-        tuple(((at - stamp[0]) / SECOND, text) for at, text in phases),
+        tuple(((at - stamp[0]) / SECOND, state) for at, state in phases),
     )
 
 

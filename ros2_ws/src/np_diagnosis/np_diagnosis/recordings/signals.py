@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from np_description.phases import PhaseState
+
 GRID = 0.002  # s
 SMOOTHING = 0.012  # s, standard deviation of the Gaussian kernel: half power at 11 Hz
 DECIMATION = 20  # samples come at 25 Hz: a kernel is about as wide as their distance, so noise stays white
@@ -40,7 +42,7 @@ class Log:
     time (n,) s, increasing; position (n, k) rad; velocity (n, k) rad/s; torque (n, k) Nm, measured, of the
     moments torque_time (n,) s. with_gravity: whether torque includes that which holds the arm.
     commands: what the controller asked for, None where not recorded. motor (n, k) rad: angle before the gear
-    on the joint's side of the ratio, None where the backend has none. labels: (s, text) of what began when.
+    on the joint's side of the ratio, None where the backend has none. phases: (s, phase) of what began when.
     """
 
     name: str
@@ -52,7 +54,7 @@ class Log:
     with_gravity: bool
     commands: Commands | None = None
     motor: np.ndarray | None = None
-    labels: tuple[tuple[float, str], ...] = ()
+    phases: tuple[tuple[float, PhaseState], ...] = ()
 
     @property
     def duration(self) -> float:

@@ -20,6 +20,7 @@ from np_control.nodes import inputs
 from np_control.safety import LIMITS, Refusal
 from np_control.trajectory import Trajectory
 from np_description.panda import JOINT_NAMES, STATE_NAMES
+from np_description.phases import PhaseState
 from np_franka.driver import Cycle
 from np_franka.gripper import Gripper
 from np_franka.nodes.condition import condition
@@ -152,12 +153,12 @@ class FrankaDriver(Node):
         """On board: a target of T_E."""
         self._lead(lambda onboard: onboard.pose(stamp, pose))
 
-    def on_tick(self, _stamp: int, _phase: str) -> None:
+    def on_tick(self, _stamp: int, _state: PhaseState) -> None:
         """On board: a policy tick says nothing that its phase has not."""
 
-    def on_phase(self, phase: str) -> None:
+    def on_phase(self, state: PhaseState) -> None:
         """On board: the phase of the episode."""
-        self._driver.onboard.phase(phase)
+        self._driver.onboard.phase(state.phase)
 
     def _lead(self, action: Callable[[Onboard], None]) -> None:
         try:

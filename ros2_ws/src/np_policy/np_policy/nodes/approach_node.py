@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from std_msgs.msg import Float64
@@ -21,6 +21,7 @@ from np_policy.planning import Budget, PlanningError
 from np_ros import qos
 from np_ros.messages import BadMessage, pose_arrays, stamp_nanoseconds, trajectory_message
 from np_ros.node import Diagnostics, parameter, run
+from np_ros.phases import refusal_message
 
 _REPEATED = 0.5  # s of wall time: backends repeat after 1 s
 
@@ -57,9 +58,10 @@ class ApproachNode(Node):
         self._opening: float | None = None  # as of the newest command that no plan has used
         self._keypoints: tuple[int, np.ndarray | None] = (-1, None)
         self._seen = -1  # stamp of the newest state
-        self._answer = JointTrajectory()
+        self._answer: JointTrajectory | DiagnosticArray | None = None
         self._answered, self._answered_at = -1, 0.0  # stamp, and when by the wall clock
         self._trajectory = self.create_publisher(JointTrajectory, "joint_trajectory", qos.EVENT)
+        self._refusal = self.create_publisher(DiagnosticArray, "approach/refusal", qos.EVENT)
         self.create_subscription(Float64, "gripper_command", self._on_gripper, qos.EVENT)
         self.create_subscription(PoseStamped, "pre_contact_pose", self._on_pose, qos.EVENT)
         subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
@@ -137,22 +139,22 @@ class ApproachNode(Node):
         self.diagnostics.report(DiagnosticStatus.OK, "planned")
 
     def _publish_failure(self, stamp: int, reason: str) -> None:
-        """No points mean no plan; the frame says why (docs/graph.md)."""
-        message = trajectory_message(stamp, JOINT_NAMES, [], np.empty((0, 7)), np.empty((0, 7)))
-        message.header.frame_id = reason
         self.get_logger().error(reason)
-        self._publish(stamp, message)
+        self._publish(stamp, refusal_message(stamp, reason))
         self.diagnostics.report(DiagnosticStatus.ERROR, reason)
 
     def _repeat(self) -> None:
         """Publish the answer again, unless it has just been: what was repeated during planning has had it."""
-        if (now := time.monotonic()) - self._answered_at > _REPEATED:
-            self._answered_at = now
-            self._trajectory.publish(self._answer)
+        if time.monotonic() - self._answered_at > _REPEATED:
+            self._say(self._answer)
 
-    def _publish(self, stamp: int, message: JointTrajectory) -> None:
-        self._answer, self._answered, self._answered_at = message, stamp, time.monotonic()
-        self._trajectory.publish(message)
+    def _publish(self, stamp: int, answer: JointTrajectory | DiagnosticArray) -> None:
+        self._answer, self._answered = answer, stamp
+        self._say(answer)
+
+    def _say(self, answer: JointTrajectory | DiagnosticArray) -> None:
+        self._answered_at = time.monotonic()
+        (self._trajectory if isinstance(answer, JointTrajectory) else self._refusal).publish(answer)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -3,31 +3,32 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from np_description.domains import Pose
 from np_description.panda import BASE_FRAME, JOINT_NAMES
+from np_description.phases import PhaseState
 from np_description.scene import CAMERA_NAME
-from np_policy.episode import Episode, EpisodeConfig, Event, Goal, PhaseChange, Refused, Tick
+from np_policy.episode import Episode, EpisodeConfig, Event, Goal, Refused, Tick
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_ros import qos
 from np_ros.messages import (
     BadMessage,
-    header_message,
     keypoints_message,
     pose_arrays,
     stamp_nanoseconds,
     trajectory_arrays,
 )
 from np_ros.node import Diagnostics, parameter, run
+from np_ros.phases import PhasePublisher, refusal_reason
 
 _FIELDS = (
     "settle",
@@ -85,17 +86,17 @@ class EpisodeNode(Node):
         )
         self._waits_for, self._waits_since = "", time.monotonic()
         self._backend_heard: float | None = None
-        self._phase = self.create_publisher(String, "phase", qos.LATCHED)
-        self._tick = self.create_publisher(Header, "tick", qos.publisher(settings.lockstep))
+        self._phases = PhasePublisher(self, lockstep=settings.lockstep)
         self._goal = self.create_publisher(PointCloud2, "goal_keypoints", qos.LATCHED)
         self.create_subscription(PoseStamped, "goal_pose", self._on_goal, qos.LATCHED)
         self.create_subscription(JointTrajectory, "joint_trajectory", self._on_trajectory, qos.EVENT)
+        self.create_subscription(DiagnosticArray, "approach/refusal", self._on_refusal, qos.EVENT)
         self.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, qos.EVENT)
         subscribe_keypoints(self, self.diagnostics, settings.lockstep, self._on_keypoints)
         self.create_service(Trigger, "~/start", lambda _, response: self._serve(self._episode.start, response))
         self.create_service(Trigger, "~/stop", lambda _, response: self._serve(self._episode.stop, response))
         self.create_timer(0.1, self._on_timer)
-        self._publish([PhaseChange(self._episode.phase)])
+        self._publish([PhaseState(self._episode.phase)])
 
     def _on_goal(self, message: PoseStamped) -> None:
         try:
@@ -113,14 +114,21 @@ class EpisodeNode(Node):
         self._publish(self._episode.keypoints(stamp, keypoints))
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        try:
+        def read() -> list[Event]:
             times, positions, _ = trajectory_arrays(message, JOINT_NAMES)
             stamp = stamp_nanoseconds(message.header.stamp)
-            events = (
-                self._episode.trajectory(stamp, float(times[-1]), end=positions[-1])
-                if len(times)
-                else self._episode.trajectory(stamp, None, message.header.frame_id)
-            )
+            if not len(times):  # of a planner that does not say why
+                return self._episode.refusal(stamp)
+            return self._episode.trajectory(stamp, float(times[-1]), positions[-1])
+
+        self._plan(read)
+
+    def _on_refusal(self, message: DiagnosticArray) -> None:
+        self._plan(lambda: self._episode.refusal(stamp_nanoseconds(message.header.stamp), refusal_reason(message)))
+
+    def _plan(self, read: Callable[[], list[Event]]) -> None:
+        try:
+            events = read()
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
         except Refused as error:
@@ -160,11 +168,11 @@ class EpisodeNode(Node):
     def _publish(self, events: list[Event]) -> None:
         for event in events:
             match event:
-                case PhaseChange():
-                    self._phase.publish(String(data=str(event)))
+                case PhaseState():
+                    self._phases.phase(event)
                     self.get_logger().info(str(event))
                 case Tick():
-                    self._tick.publish(header_message(event.stamp, event.phase))
+                    self._phases.tick(event.stamp, PhaseState(event.phase))
                 case Goal():
                     self._goal.publish(keypoints_message(event.stamp, CAMERA_NAME, event.keypoints))
         if self._episode.awaits != self._waits_for:

@@ -6,9 +6,10 @@ from collections import OrderedDict
 
 import numpy as np
 import torch
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from std_msgs.msg import Float64MultiArray, Header
+from std_msgs.msg import Float64MultiArray
 
 from np_description.panda import BASE_FRAME
 from np_description.phases import POST
@@ -26,6 +27,7 @@ from np_policy.policy import PolicyError, PostContactController
 from np_ros import qos
 from np_ros.messages import BadMessage, gains_message, pose_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, run
+from np_ros.phases import phase_state
 
 _KEPT = 8  # keypoints messages that wait for their tick
 
@@ -57,7 +59,9 @@ class PostContactNode(Node):
         self._gains = self.create_publisher(Float64MultiArray, "target_gains", stream)
         self._pose = self.create_publisher(PoseStamped, "target_pose", stream)
         self._goal = GoalStream(self, self.diagnostics, self._act, self._forget)
-        self.create_subscription(Header, "tick", self._on_tick, qos.subscriber(self._settings.lockstep))
+        self.create_subscription(
+            DiagnosticArray, "episode/tick", self._on_tick, qos.subscriber(self._settings.lockstep)
+        )
         subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
         self._state = StateStream(self, self.diagnostics, self._settings, self._act)
 
@@ -65,16 +69,16 @@ class PostContactNode(Node):
         self._keypoints.clear()
         self._answer = self._pending = None
 
-    def _on_tick(self, tick: Header) -> None:
+    def _on_tick(self, tick: DiagnosticArray) -> None:
         try:
-            stamp = stamp_nanoseconds(tick.stamp)
+            stamp, phase = stamp_nanoseconds(tick.header.stamp), phase_state(tick).phase
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
         if self._answer and self._answer[0] == stamp:
             return self._send()  # asked again: the answer was lost
-        if tick.frame_id == POST and self._phase != POST:
+        if phase == POST and self._phase != POST:
             self._policy.reset()
-        self._phase = tick.frame_id
+        self._phase = phase
         self._pending = stamp if self._phase == POST else None
         self._act()
 

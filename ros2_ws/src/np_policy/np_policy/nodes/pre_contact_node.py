@@ -6,19 +6,21 @@ import time
 
 import numpy as np
 import torch
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float64
 
 from np_description.panda import BASE_FRAME
-from np_description.phases import PRE, split_phase
+from np_description.phases import PRE
 from np_perception.pose_estimation import MIN_POINTS, usable
 from np_policy.contract import PRE_CONTACT, weights_file
 from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, report_weights, subscribe_keypoints
 from np_policy.policy import PolicyError, PreContactPlanner
 from np_ros import qos
-from np_ros.messages import pose_message
+from np_ros.messages import BadMessage, pose_message
 from np_ros.node import Diagnostics, run
+from np_ros.phases import phase_state
 
 OLDEST_KEYPOINTS = 0.5  # s since they came, in real time
 
@@ -48,13 +50,16 @@ class PreContactNode(Node):
         self._in_phase = False
         self._gripper = self.create_publisher(Float64, "gripper_command", qos.EVENT)
         self._pose = self.create_publisher(PoseStamped, "pre_contact_pose", qos.EVENT)
-        self.create_subscription(String, "phase", self._on_phase, qos.LATCHED)
+        self.create_subscription(DiagnosticArray, "episode/phase", self._on_phase, qos.LATCHED)
         self._goal = GoalStream(self, self.diagnostics, self._act, self._forget)
         subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
         self.create_timer(0.1, self._act)  # for answers that wait for their listeners
 
-    def _on_phase(self, message: String) -> None:
-        before, self._in_phase = self._in_phase, split_phase(message.data)[0] == PRE
+    def _on_phase(self, message: DiagnosticArray) -> None:
+        try:
+            before, self._in_phase = self._in_phase, phase_state(message).phase == PRE
+        except BadMessage as error:
+            return self.diagnostics.refuse(error.kind, error)
         if self._in_phase and not before and not self._settings.lockstep:
             self._keypoints, self._answered = (
                 None,

@@ -13,7 +13,7 @@ from np_ros import qos
 from np_ros.participant import Participant
 from np_ros.supervisor import Supervisor
 
-_EVENTS = ("gripper_command", "pre_contact_pose", "joint_trajectory")
+_EVENTS = ("gripper_command", "pre_contact_pose", "joint_trajectory", "approach/refusal")
 
 
 class Player(Participant):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from np_description.panda import NOMINAL
-from np_description.phases import split_phase
+from np_description.phases import PhaseState
 from np_record.bag import Recording
 from np_record.intervals import wilson_interval
 from np_record.recorded_episode import EpisodeData, images, load_episode
@@ -35,14 +35,12 @@ class Section:
         return [(name, count, count / duration) for name, count in self.episode.counts.items() if count]
 
     @property
-    def timeline(self) -> list[tuple[str, str, float, float]]:
-        """(phase, reason, start s, share of the episode in %) in order."""
-        starts = [*self.episode.phases, (self.episode.duration, "")]
+    def timeline(self) -> list[tuple[PhaseState, float, float]]:
+        """(phase, start s, share of the episode in %) in order."""
+        phases = self.episode.phases
+        ends = [*(begin for begin, _ in phases[1:]), self.episode.duration]
         total = max(self.episode.duration, 1e-9)
-        return [
-            (*split_phase(text), begin, 100 * (end - begin) / total)
-            for (begin, text), (end, _) in zip(starts, starts[1:])
-        ]
+        return [(state, begin, 100 * (end - begin) / total) for (begin, state), end in zip(phases, ends)]
 
     @property
     def facts(self) -> list[tuple[str, str]]:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
-from np_description.phases import APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED, split_phase
+from np_description.phases import APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED
 from np_record.recorded_episode import EpisodeData, Series
 from np_record.report.pages import style, svg
 
@@ -125,23 +125,23 @@ def path_plot(episode: EpisodeData) -> str:
 def _figure(rows: int, height: float, episode: EpisodeData):
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     panels = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
-    starts = [*episode.phases, (episode.duration, "")]
+    ends = [*(begin for begin, _ in episode.phases[1:]), episode.duration]
     for axes in panels:
-        for (begin, text), (end, _) in zip(starts, starts[1:]):
+        for (begin, state), end in zip(episode.phases, ends):
             axes.axvspan(
                 begin,
                 max(end, begin + 0.01),
-                color=PHASE_COLOURS.get(split_phase(text)[0], "#ffffff"),
+                color=PHASE_COLOURS.get(state.phase, "#ffffff"),
                 lw=0,
                 zorder=-1,
             )
         axes.set_xlim(0, max(episode.duration, 0.01))
-    for (begin, text), (end, _) in zip(starts, starts[1:]):
+    for (begin, state), end in zip(episode.phases, ends):
         if end - begin > 0.03 * episode.duration:
             panels[0].text(
                 (begin + end) / 2,
                 1.01,
-                split_phase(text)[0],
+                state.phase,
                 ha="center",
                 va="bottom",
                 fontsize=8,

@@ -59,9 +59,9 @@ def annotate(pixels: np.ndarray, episode: EpisodeData, time: float) -> np.ndarra
         colour = tuple(int(255 * c) for c in colour)
         cv2.circle(frame, _pixel((u, v)), 4, _WHITE, 1 if score < 0.3 else cv2.FILLED, cv2.LINE_AA)
         cv2.circle(frame, _pixel((u, v)), 3, colour, 1 if score < 0.3 else cv2.FILLED, cv2.LINE_AA)
-    phase = next((text for start, text in reversed(episode.phases) if start <= time), "")
+    phase = next((state.phase for start, state in reversed(episode.phases) if start <= time), "")
     distance, angle = _latest(episode.distance, time, np.nan), _latest(episode.angle, time, np.nan)
-    text = f"{time:5.1f} s  {phase.split(':')[0]:9s} {100 * distance:5.1f} cm {np.degrees(angle):5.0f} deg"
+    text = f"{time:5.1f} s  {phase:9s} {100 * distance:5.1f} cm {np.degrees(angle):5.0f} deg"
     cv2.rectangle(frame, (0, 0), (frame.shape[1], 22), (30, 30, 30), cv2.FILLED)
     cv2.putText(frame, text, (8, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _WHITE, 1, cv2.LINE_AA)
     return frame

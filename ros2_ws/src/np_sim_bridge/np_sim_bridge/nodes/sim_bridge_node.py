@@ -12,14 +12,14 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import CameraInfo, Image, JointState
-from std_msgs.msg import Float64, Header, String
+from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from np_control.safety import Applied, Refusal, SafetyFilter, State
@@ -39,6 +39,7 @@ from np_ros.messages import (
     stamp_nanoseconds,
 )
 from np_ros.node import Diagnostics, parameter, run
+from np_ros.phases import phase_state
 from np_ros.spin import request_realtime
 from np_sim_bridge.barrier import ACTIVE_PHASES, Barrier
 from np_sim_bridge.imaging import CameraThread
@@ -49,11 +50,8 @@ from np_sim_bridge.simulation import Simulation
 
 REPEAT_AFTER = 1.0  # s of wall time without an answer, after which a state is published again
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
-LEVELS = {
-    State.HOLDING: DiagnosticStatus.WARN,
-    State.STOPPED: DiagnosticStatus.ERROR,
-    State.FAULT: DiagnosticStatus.ERROR,
-}
+WARN, ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+LEVELS = {State.HOLDING: WARN, State.STOPPED: ERROR, State.FAULT: ERROR}
 
 
 class SimBridge(Node):
@@ -152,8 +150,8 @@ class SimBridge(Node):
         stream = qos.subscriber(self._lockstep)
         self.create_subscription(Float64, "gripper_command", self._on_gripper, qos.EVENT)
         if self._lockstep:
-            self.create_subscription(String, "phase", self._on_phase, qos.LATCHED)
-            self.create_subscription(Header, "tick", self._on_tick, stream)
+            self.create_subscription(DiagnosticArray, "episode/phase", self._on_phase, qos.LATCHED)
+            self.create_subscription(DiagnosticArray, "episode/tick", self._on_tick, stream)
             self.create_subscription(PoseStamped, "target_pose", self._on_target, stream)
         self.create_subscription(JointState, "effort_command", self._on_command, stream)
         self.create_service(Trigger, "~/reset", self._service(self._reset))
@@ -173,7 +171,7 @@ class SimBridge(Node):
     # Commands
 
     def _on_command(self, message: JointState) -> None:
-        if (stamp := self._read_stamp(message.header)) is None:
+        if (stamp := self._read(stamp_nanoseconds, message.header.stamp)) is None:
             return
         if self._lockstep and stamp < self._simulation.stamp and stamp == self._answered:
             return  # the second answer to a state that was published twice
@@ -197,23 +195,26 @@ class SimBridge(Node):
         except ValueError as error:
             self.diagnostics.refuse("gripper", error)
 
-    def _on_tick(self, message: Header) -> None:
-        if (stamp := self._read_stamp(message)) is not None:
-            self._barrier.tick(stamp, message.frame_id)
+    def _on_tick(self, message: DiagnosticArray) -> None:
+        stamp, state = self._read(stamp_nanoseconds, message.header.stamp), self._read(phase_state, message)
+        if stamp is not None and state is not None:
+            self._barrier.tick(stamp, state.phase)
             self._advance()
 
     def _on_target(self, message: PoseStamped) -> None:
-        if (stamp := self._read_stamp(message.header)) is not None:
+        if (stamp := self._read(stamp_nanoseconds, message.header.stamp)) is not None:
             self._barrier.target(stamp)
             self._advance()
 
-    def _on_phase(self, message: String) -> None:
-        self._armed = message.data.split(":")[0] in ACTIVE_PHASES
-        self._waiting_since = time.monotonic()
+    def _on_phase(self, message: DiagnosticArray) -> None:
+        if (state := self._read(phase_state, message)) is not None:
+            self._armed = state.phase in ACTIVE_PHASES
+            self._waiting_since = time.monotonic()
 
-    def _read_stamp(self, header: Header) -> int | None:
+    def _read(self, read: Callable, part: object):
+        """What `read` makes of a part of a message; None where it refuses it, which is counted."""
         try:
-            return stamp_nanoseconds(header.stamp)
+            return read(part)
         except BadMessage as error:
             self.diagnostics.refuse(error.kind, error)
             return None

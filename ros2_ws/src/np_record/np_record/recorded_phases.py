@@ -1,0 +1,36 @@
+"""The phases that a bag tells of, as they are said now and as releases before said them. No ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from np_description.phases import EXCITE, PhaseState, split_reason
+from np_record.bag import BagError, Message
+
+PHASE_TOPICS = ("episode/phase", "phase")  # the newer first: where a bag has it, the other says the same
+
+
+def phase_of(bag: str, message: Message) -> PhaseState:
+    """What a recorded message of `episode/phase`, `episode/tick` or the former `phase` says; bag: what it is called.
+
+    Raises BagError for one that cannot be read or says nothing of a phase.
+    """
+    try:
+        decoded = message.decode()
+        if message.topic.name == "phase":
+            return _former(decoded.data)
+        return PhaseState.of({pair.key: pair.value for status in decoded.status for pair in status.values})
+    except Exception as error:  # broken bytes end in any of a dozen types
+        raise BagError(f"{bag}: {message.topic.name} at {message.stamp} ns: expected a phase, got: {error}") from error
+
+
+def phase_changes(bag: str, messages: Mapping[str, Sequence[Message]]) -> list[tuple[int, PhaseState]]:
+    """(stamp ns, phase) in order, of a bag's messages by topic: of what is newer where it has both. Raises BagError."""
+    topic = next((name for name in PHASE_TOPICS if messages.get(name)), None)
+    return [(message.stamp, phase_of(bag, message)) for message in messages[topic]] if topic else []
+
+
+def _former(text: str) -> PhaseState:
+    """Of the String that releases before said: "failed: post: timeout", "excite: dwell"."""
+    phase, rest = split_reason(text)
+    return PhaseState(phase, experiment=rest) if phase == EXCITE else PhaseState(phase, reason=rest)

@@ -1,0 +1,102 @@
+"""Phase, reason and experiment as messages: `episode/tick`, `episode/phase` and `approach/refusal`.
+
+Each is a diagnostic_msgs/DiagnosticArray with one status, whose documented keys (docs/graph.md) carry the content
+and whose message is for people. A type that every ROS 2 has: nothing has to be compiled to read it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
+from rclpy.node import Node
+from std_msgs.msg import Header, String
+
+from np_description.phases import FAILED, FAULT, PhaseState
+from np_ros import qos
+from np_ros.messages import BadMessage, header_message
+
+EPISODE, APPROACH = "episode", "approach"
+
+
+def phase_message(state: PhaseState, stamp: int = 0) -> DiagnosticArray:
+    """The message of `episode/tick`, at the stamp of the tick in ns, or of `episode/phase`, which has none."""
+    level = DiagnosticStatus.ERROR if state.phase in (FAILED, FAULT) else DiagnosticStatus.OK
+    return _message(stamp, EPISODE, level, str(state), state.values)
+
+
+def phase_state(message: DiagnosticArray) -> PhaseState:
+    """What a message of `episode/tick` or `episode/phase` says. Raises BadMessage (names, range)."""
+    values = _values(message, EPISODE)
+    try:
+        return PhaseState.of(values)
+    except ValueError as error:
+        raise BadMessage("range", f"DiagnosticStatus '{EPISODE}': {error}") from error
+
+
+def refusal_message(stamp: int, reason: str) -> DiagnosticArray:
+    """The message of `approach/refusal`: why there is no plan for the keypoints of stamp ns."""
+    return _message(stamp, APPROACH, DiagnosticStatus.ERROR, reason, {"reason": reason})
+
+
+def refusal_reason(message: DiagnosticArray) -> str:
+    """Why there is no plan. Raises BadMessage (names)."""
+    values = _values(message, APPROACH)
+    if "reason" not in values:
+        raise BadMessage("names", f"DiagnosticStatus '{APPROACH}': expected the key reason, got {list(values)}")
+    return values["reason"]
+
+
+class PhasePublisher:
+    """Says ticks and phases for a node that owns the phases, `episode` or `excite`."""
+
+    def __init__(self, node: Node, *, lockstep: bool):
+        self._tick = node.create_publisher(DiagnosticArray, "episode/tick", qos.publisher(lockstep))
+        self._phase = node.create_publisher(DiagnosticArray, "episode/phase", qos.LATCHED)
+        self._former = _FormerTopics(node, lockstep=lockstep)
+
+    def tick(self, stamp: int, state: PhaseState) -> None:
+        """The policy tick of stamp ns, from which on `state` is in force."""
+        self._tick.publish(phase_message(state, stamp))
+        self._former.tick.publish(header_message(stamp, str(state)))
+
+    def phase(self, state: PhaseState) -> None:
+        """`state` is in force from now on."""
+        self._phase.publish(phase_message(state))
+        self._former.phase.publish(String(data=str(state)))
+
+    def wait_until_heard(self, seconds: float) -> None:
+        """Until everyone has the last phase; for so many s at most on each topic."""
+        for publisher in (self._phase, self._former.phase):
+            publisher.wait_for_all_acked(Duration(seconds=seconds))
+
+
+class _FormerTopics:
+    """DEPRECATED, to go with the next release: `tick` and `phase` as they were before they had keys.
+
+    For backends and controllers that were written to them; nothing of this project listens.
+    """
+
+    def __init__(self, node: Node, *, lockstep: bool):
+        self.tick = node.create_publisher(Header, "tick", qos.publisher(lockstep))
+        self.phase = node.create_publisher(String, "phase", qos.LATCHED)
+
+
+def _message(stamp: int, name: str, level: bytes, text: str, values: Mapping[str, str]) -> DiagnosticArray:
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    status = DiagnosticStatus(name=name, level=level, message=text, values=pairs)
+    return DiagnosticArray(header=header_message(stamp), status=[status])
+
+
+def _values(message: DiagnosticArray, name: str) -> dict[str, str]:
+    """The keys of the only status, which has this name."""
+    if (names := [status.name for status in message.status]) != [name]:
+        raise BadMessage("names", f"DiagnosticArray: expected one status, '{name}', got {names}")
+    pairs = message.status[0].values
+    values = {pair.key: pair.value for pair in pairs}
+    if len(values) != len(pairs):
+        raise BadMessage(
+            "names", f"DiagnosticStatus '{name}': expected each key once, got {[pair.key for pair in pairs]}"
+        )
+    return values
