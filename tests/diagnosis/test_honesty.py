@@ -1,29 +1,63 @@
-"""What keeps the doctor honest: intervals that know rival structures, patches that were tried, and what is odd."""
+"""What keeps the doctor honest: intervals that know rival structures, patches that were tried, and what is odd.
 
-from types import SimpleNamespace
+On recordings of arms whose truth is known: a short one for the torque domain, and bags of the blind test's arms.
+"""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from arm_generator import Truth, at, record
 
+from np_blind.bags import write_bag
+from np_blind.loop import make_targets, run
+from np_blind.physics import nominal_physics
 from np_description.panda import NOMINAL
-from np_diagnosis.checks.omnibus import _outlying
+from np_diagnosis.arm.model import panda
+from np_diagnosis.checks.omnibus import _outlying, examine
 from np_diagnosis.checks.standstill import FADE, _memory, ageing
+from np_diagnosis.diagnosis import diagnose
+from np_diagnosis.experiments.excitation import suite
 from np_diagnosis.inference.averaging import spread
-from np_diagnosis.inference.design import Candidate
-from np_diagnosis.inference.fit import Fit, Score
-from np_diagnosis.inference.nuisances import REVERSAL
+from np_diagnosis.inference.context import make_context
+from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.ranking import larger
+from np_diagnosis.inference.search import Search
+from np_diagnosis.recordings.reading import read_bag
 from np_diagnosis.recordings.signals import GRID
-from np_diagnosis.simulation import patching
 from np_diagnosis.simulation.patching import tried_patch
-from np_effects.signature import Parameter
-from np_effects.signature import Signature as Effect
 
 RNG = np.random.default_rng(3)
+STUCK, AGEING, DROPPING = 3, 3, 1  # the joints, counted from 0
 
 
-def effect(name, *parameters):
-    return Effect(name, tuple(Parameter(p, "Nm", -1.0, 1.0, 1.0) for p in parameters), {}, "test")
+@pytest.fixture(scope="module")
+def stuck():
+    """Of an arm with 0.3 N m of Coulomb friction in joint 4: a quick look at 24 s of motion."""
+    truth = Truth(coulomb_positive=at(STUCK + 1, 0.3), coulomb_negative=at(STUCK + 1, 0.3))
+    return diagnose([record(truth)], quick=True)
+
+
+@pytest.fixture(scope="module")
+def searches(tmp_path_factory):
+    """Of a clean arm, one whose joint 4 sets at rest, and one whose joint 2 has a drive that drops out; from bags."""
+    physics = nominal_physics(3)
+    physics.ageing[1, AGEING], physics.ageing_time[1, AGEING] = 1.5, 1.0
+    physics.dropout[2, DROPPING] = 0.5
+    targets = make_targets(suite(["dwell", "microstrokes"]))
+    recorded = run(physics, targets, [(3, arm) for arm in range(3)])
+    found = []
+    for arm, name in enumerate(("clean", "sets", "drops out")):
+        path = tmp_path_factory.mktemp("bags") / name
+        write_bag(path, recorded, arm, targets, 10**9, {})
+        found.append(Search(make_design(make_context([read_bag(path)], panda()))))
+    return found
+
+
+def number(search, name, joint=STUCK):
+    """The one candidate of an effect in a joint."""
+    [found] = [n for n, c in enumerate(search.design.candidates) if c.effect.id == name and c.joint == joint]
+    return found
 
 
 def velocity(*parts):
@@ -41,117 +75,65 @@ def test_a_rest_is_remembered_by_its_length_and_fades():
     assert abs(fresh[round(2.4 / GRID)]) < 1e-2 and not fresh[round(1.2 / GRID)]
 
 
-def search_of(residual, rows, samples):
-    """A search without any effect, of one joint whose residual at reversals, the `rows`, is this."""
-    cell = SimpleNamespace(
-        stage=REVERSAL,
-        joint=0,
-        rows=rows,
-        residual=residual,
-        ids=np.zeros(0, int),
-        block=np.zeros(len(residual), int),
-        matrix=np.zeros((len(residual), 0)),
+def test_friction_that_ages_at_rest_is_seen(searches):
+    assert [ageing(search, ()) for search in searches] == [set(), {AGEING}, set()]
+
+
+def test_noise_never_goes_so_far_and_a_drive_that_drops_out_does(searches):
+    clean, _, dropping = (
+        {(rest.stage, rest.joint): rest.outlying for rest in examine(search, ())} for search in searches
     )
-    arm = SimpleNamespace(torque_limit=np.array([87.0]))
-    design = SimpleNamespace(cells=(cell,), context=SimpleNamespace(arm=arm, samples=samples))
-    fit = SimpleNamespace(parameters=np.zeros((1, 0)))
-    return SimpleNamespace(
-        design=design,
-        groups=lambda members: [((0,), ())],
-        ids=lambda *_: np.zeros(0, int),
-        group=lambda *_: (SimpleNamespace(fit=fit), 0.0),
+    place = ("r1", DROPPING)
+    assert max(max(clean[place]), max(dropping["r1", 0])) < 1e-3
+    assert min(dropping[place]) > 0.1  # (N m)^2
+    noise, dropped = (
+        next(c.residual[c.rows] for c in search.design.cells if (c.stage, c.joint) == place)
+        for search in (searches[0], searches[2])
     )
+    before, after = _outlying(dropped, noise)  # a structure that leaves noise alone has taken all of it away
+    assert before > 0.1 and after < 1e-3
 
 
-@pytest.mark.parametrize("level, found", [(0.0, set()), (0.3, {0})])
-def test_friction_that_ages_at_rest_is_seen(level, found):
-    rests = RNG.uniform(0.1, 3.0, 30)
-    speed = velocity(*(part for n, rest in enumerate(rests) for part in ((0.4, 0.1 * (-1) ** n), (rest, 0.0))))
-    samples = SimpleNamespace(
-        segments=[(np.zeros((len(speed), 1)), speed[:, None])], filter=lambda parts: parts[0][::20]
-    )
-    _, aged = _memory(speed)
-    residual = 0.02 * RNG.normal(size=len(aged[::20])) + level * aged[::20]
-    assert ageing(search_of(residual, speed[::20] != 0, samples), ()) == found
+def test_an_interval_holds_what_a_rival_structure_says(stuck):
+    """Two structures predict nearly alike; what they say of a parameter differs, and either's interval knows of it."""
+    search = Search(stuck.design)
+    plain, rival = number(search, "coulomb_friction"), number(search, "load_dependent_friction")
+    joints, alone, both = (STUCK,), (plain,), (plain, rival)
+    assert spread(search, joints, alone, plain, 0) == {}  # nothing was scored
+    levels = []
+    for inside in (alone, both):
+        ids = search.ids(joints, inside)
+        place = np.flatnonzero(ids == search.design.candidates[plain].ids[0])[0]
+        levels.append(search.group(joints, inside)[0].fit.parameters[:, place].mean())
+    own, other = (spread(search, joints, inside, plain, 0)["level"] for inside in (alone, both))
+    assert 0 < own < abs(levels[1] - levels[0]) and other > 0
+    assert np.hypot(own, other) == pytest.approx(abs(levels[1] - levels[0]), rel=1e-2)  # their weights add up to one
+    # The one can say what the other says: nothing is learnt from both.
+    search = Search(stuck.design)
+    for inside in (alone, (plain, number(search, "asymmetric_coulomb_friction"))):
+        search.group(joints, inside)
+    assert spread(search, joints, alone, plain, 0) == {"level": 0.0}
 
 
-def test_noise_never_goes_so_far_and_a_drive_that_drops_out_does():
-    noise = RNG.normal(size=50_000)
-    assert _outlying(noise, noise) == (0.0, 0.0)
-    dropped = noise + np.where(RNG.random(50_000) < 0.03, 8.0, 0.0)
-    before, after = _outlying(dropped, noise)
-    assert before > 1.0 and after == 0.0 and _outlying(dropped, dropped)[1] > 1.0
-
-
-def test_an_interval_holds_what_a_rival_structure_says():
-    """Two structures predict alike; one puts half of a parameter into another effect."""
-    candidates = [
-        Candidate(effect("coulomb_friction", "level"), 0, np.array([0])),
-        Candidate(effect("viscous_friction", "coefficient"), 0, np.array([1])),
-    ]
-    cell = SimpleNamespace(ids=np.arange(2), total=np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]))
-    blocks = RNG.normal(size=20)
-    values = {(0,): np.array([1.0]), (0, 1): np.array([0.5, 3.0]), (): np.zeros(0)}
-
-    def group(joints, inside):
-        parameters = np.tile(values[inside], (20, 1))
-        return Score(blocks - (1e6 if inside == () else 0.0), Fit(parameters, None, None)), 0.0
-
-    search = SimpleNamespace(
-        design=SimpleNamespace(candidates=candidates, cells=(cell,)),
-        scored=lambda joints: list(values),
-        group=group,
-        group_value=lambda joints, inside: float(group(joints, inside)[0].density.sum()),
-        ids=lambda joints, inside: np.concatenate([np.zeros(0, int), *(candidates[m].ids for m in inside)]),
-    )
-    assert spread(search, (0,), (0,), 0, 0) == {"level": pytest.approx(np.sqrt(0.5) * 0.5)}
-    cell.total[0, 1] = cell.total[1, 0] = 1.0  # the one can say what the other says: nothing is learnt from both
-    assert spread(search, (0,), (0,), 0, 0) == {"level": 0.0}
-
-
-def test_what_contains_an_effect_is_known_by_its_columns():
+def test_what_contains_an_effect_is_known_by_its_columns(stuck):
     """Levels for either direction contain one level for both; a slope does not."""
-    direction = np.sign(RNG.normal(size=400))
-    columns = np.column_stack([direction, direction > 0, -1.0 * (direction < 0), RNG.normal(size=400), np.ones(400)])
-    cell = SimpleNamespace(ids=np.arange(5), total=np.pad(columns.T @ columns, ((0, 1), (0, 1))))
-    candidates = [
-        Candidate(effect("coulomb_friction", "level"), 0, np.array([0])),
-        Candidate(effect("asymmetric_coulomb_friction", "level_positive", "level_negative"), 0, np.array([1, 2])),
-        Candidate(effect("cable_torque", "stiffness", "offset"), 0, np.array([3, 4])),
-    ]
-    search = SimpleNamespace(design=SimpleNamespace(candidates=candidates, cells=(cell,)))
-    assert larger(search, 0) == ("asymmetric_coulomb_friction",)
-    assert larger(search, 1) == ()
-    cell.total[3:5] = cell.total[:, 3:5] = 0.0  # what does not show at all says nothing
-    assert larger(search, 0) == ("asymmetric_coulomb_friction",)
+    search = stuck.search
+    assert larger(search, number(search, "coulomb_friction")) == ("asymmetric_coulomb_friction",)
+    assert larger(search, number(search, "viscous_friction")) == ("asymmetric_viscous_friction",)
+    assert larger(search, number(search, "asymmetric_coulomb_friction")) == ()
 
 
-def finding(name, joint):
-    return SimpleNamespace(
-        effect=SimpleNamespace(id=name, constants={}),
-        component=NOMINAL.joints[joint],
-        is_chosen=True,
-        parameters={"value": SimpleNamespace(value=1.0)},
+def test_a_patch_that_makes_the_closed_loop_worse_loses_what_does_so(stuck):
+    """Beside the friction that is there, an inertia that is not."""
+    [friction] = [f for f in stuck.findings if f.is_chosen]
+    [(name, level)] = friction.parameters.items()
+    assert (friction.effect.id, friction.component, name) == ("coulomb_friction", NOMINAL.joints[STUCK], "level")
+    effect = stuck.design.candidates[number(stuck.search, "armature", 1)].effect
+    inertia = replace(
+        friction, effect=effect, component=NOMINAL.joints[1], parameters={"inertia": replace(level, value=2.0)}
     )
-
-
-def test_a_patch_that_makes_the_closed_loop_worse_loses_what_does_so(monkeypatch):
-    """Departures are made up: either effect has its own share in them."""
-    harm = {"armature": 0.5, "coulomb_friction": -0.4}
-
-    def departures(recorded, patches):
-        return np.array([np.full(7, 1.0 + sum(harm[e.effect] for e in patch.effects)) for patch in patches])
-
-    monkeypatch.setattr(patching, "_departures", departures)
-    monkeypatch.setattr("np_diagnosis.simulation.forward.windows", lambda logs: object())
-    context = SimpleNamespace(arm=SimpleNamespace(joints=NOMINAL.joints), logs=())
-    both = SimpleNamespace(
-        findings=(finding("armature", 1), finding("coulomb_friction", 2)), unexplained=(), context=context
-    )
-    patch, left_out, table = tried_patch(both)
-    assert [e.effect for e in patch.effects] == ["coulomb_friction"] and left_out == [
-        f"armature at {NOMINAL.joints[1]}"
-    ]
-    assert table[NOMINAL.joints[0]] == {"before": 1.0, "after": pytest.approx(0.6)}
-    one = SimpleNamespace(findings=both.findings[:1], unexplained=(), context=context)
-    assert tried_patch(one)[0].effects == ()
+    patch, left_out, table = tried_patch(replace(stuck, findings=(inertia, friction)))
+    assert [e.effect for e in patch.effects] == ["coulomb_friction"]
+    assert left_out == [f"armature at {NOMINAL.joints[1]}"]
+    assert table[NOMINAL.joints[STUCK]]["after"] < 0.3 * table[NOMINAL.joints[STUCK]]["before"]
+    assert tried_patch(replace(stuck, findings=(inertia,)))[0].effects == ()
