@@ -1,6 +1,6 @@
 """The backends that the contract suite judges, and the harness that plays the rest of the graph against one.
 
-To have another backend judged, add it to BACKENDS: the tests only use what docs/graph.md promises. What a
+To have another backend judged, add it to BACKENDS: the tests only use what docs/reference/graph.md promises. What a
 command is differs (commands.py); what a backend owes its sender does not."""
 
 from __future__ import annotations

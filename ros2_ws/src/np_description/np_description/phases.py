@@ -1,4 +1,4 @@
-"""The phases of an episode, as `phase` and `tick` name them (docs/graph.md)."""
+"""The phases of an episode, as `phase` and `tick` name them (docs/reference/graph.md)."""
 
 from __future__ import annotations
 

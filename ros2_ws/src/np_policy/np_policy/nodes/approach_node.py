@@ -137,7 +137,7 @@ class ApproachNode(Node):
         self.diagnostics.report(DiagnosticStatus.OK, "planned")
 
     def _publish_failure(self, stamp: int, reason: str) -> None:
-        """No points mean no plan; the frame says why (docs/graph.md)."""
+        """No points mean no plan; the frame says why (docs/reference/graph.md)."""
         message = trajectory_message(stamp, JOINT_NAMES, [], np.empty((0, 7)), np.empty((0, 7)))
         message.header.frame_id = reason
         self.get_logger().error(reason)
