@@ -8,9 +8,9 @@ from importlib.resources import files
 from types import SimpleNamespace
 
 import yaml
-from pages.markdown import head, table
 
 from np_description.patch import PARAMETERS
+from pages.markdown import head, table
 
 INTRODUCTION = """What an arm may have that its nominal simulator has not. An entry of `patch.yaml` is an id, a
 component (a joint's name, or `arm`) and the parameters below, in SI units, as changes against the nominal arm. A module

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from pages.markdown import head, number, table
 from rclpy.node import Node
 
 from np_bringup.task_graph import ARGUMENTS
+from pages.markdown import head, number, table
 
 # What keeps a node from going on to what it needs besides: weights, a robot, a thread that draws.
 UNAVAILABLE = {

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
+
 from pages import doctor, driver, episodes, perception, speed
 from pages.markdown import head, paragraph, table
 
@@ -68,11 +69,7 @@ def _set(folder: Path, file: str, title: str, date: str = "", note: str = "", co
     lines = file.endswith(".jsonl")
     data = {} if lines else json.loads(text)
     date = data.get("date", str(date))
-    for start, end, kind, read_one in KINDS:
-        if stem.startswith(start) and stem.endswith(end):
-            break
-    else:
-        raise ValueError(f"{file}: expected a name of a known kind, got {stem}")
+    kind, read_one = _kind(stem)
     if lines:
         headline, body = episodes.trained([json.loads(line) for line in text.splitlines()], {})
     else:
@@ -87,6 +84,13 @@ def _set(folder: Path, file: str, title: str, date: str = "", note: str = "", co
     pictures = [f"{stem}{end}" for end in PICTURES if (folder / f"{stem}{end}").exists()]
     parts += [body, *(f"\n![{picture.split('.')[0]}]({picture})\n" for picture in pictures)]
     return Set(file, title, date, kind, headline, "".join([*parts, "\n[All results](README.md)\n"]))
+
+
+def _kind(stem: str) -> tuple[str, Callable[[Mapping], tuple[str, str]]]:
+    for start, end, kind, read_one in KINDS:
+        if stem.startswith(start) and stem.endswith(end):
+            return kind, read_one
+    raise ValueError(f"{stem}: expected data of a known kind: {', '.join(f'{s}*{e}' for s, e, _, _ in KINDS)}")
 
 
 def pages(folder: Path) -> dict[str, str]:
