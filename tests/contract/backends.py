@@ -69,6 +69,7 @@ BACKENDS = {
             "realtime": {"mode": "realtime", "camera": False},
         },
     ),
+    "minimal_backend": Backend("examples", "minimal_backend", modes={"realtime": {}}),
     "franka_driver": Backend(
         "np_franka", "franka_driver", modes={"realtime": {}}, needs=robot, missing=simulated_robot.missing()
     ),
