@@ -6,15 +6,13 @@ from collections.abc import Iterator, Mapping
 
 from pages.markdown import table
 
-ABOUT = ("command", "date", "note", "machine")
-
 
 def _flat(data: Mapping, prefix: str = "") -> Iterator[tuple[str, object]]:
     for key, value in data.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{key}: ")
         else:
-            yield f"{prefix}{key}", value
+            yield f"{prefix}{key}".replace("_", " "), value
 
 
 def bench(data: Mapping) -> tuple[str, str]:
