@@ -22,7 +22,7 @@ REAL_TIME := realtime or real_time
 ALONE := tests/unit tests/training tests/diagnosis tests/parity
 GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
-.PHONY: help setup demo test test-slow test-driver driver-report hardware bench blind evaluate train identify format lock clean distclean
+.PHONY: help setup demo test test-slow test-driver driver-report hardware bench blind evaluate train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -86,13 +86,16 @@ test-slow: setup ## the slowest tests, which say least beyond those of `make tes
 		&& .venv-franka-sim/bin/python -m pip --disable-pip-version-check -qq install -r $<
 	@touch $@
 
-hardware: setup .venv/.hardware ## add what the driver of a real arm needs: docs/hardware.md
+hardware: setup .venv/.hardware ## add what the driver of a real arm needs: docs/guide/hardware.md
 
 test-driver: hardware .venv-franka-sim/.installed ## the hardware driver against a simulated robot's network protocol
 	@$(ACTIVATE) exec python -m pytest tests/driver tests/camera tests/contract -k driver $(PYTEST_ARGS)
 
-driver-report: hardware .venv-franka-sim/.installed ## measure the driver: faults, tracking, an approach; docs/driver_results.md
+driver-report: hardware .venv-franka-sim/.installed ## measure the driver: faults, tracking, an approach; docs/results/driver.md
 	@$(ACTIVATE) exec python tests/driver/report.py $(ARGS)
+
+docs: setup ## write the pages of docs that follow from data or code: parameters, effects, report, results
+	@$(ACTIVATE) exec python tools/docs.py
 
 format: setup ## the one formatter and order of imports, applied
 	@$(ACTIVATE) ruff check --quiet --select I --fix . && ruff format --quiet .

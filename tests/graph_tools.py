@@ -35,14 +35,17 @@ from np_ros.spin import Spinner
 from np_ros.supervisor import Supervisor, installed_command
 
 Overrides = Mapping[str, Mapping[str, object]]
+ROOT = Path(__file__).resolve().parents[1]
 TIMEOUT = 60.0  # s; only how long a broken graph takes to fail, never a requirement on speed
 
 
 def command(package: str, executable: str) -> list[str]:
-    """The installed executable, or the node's module where the packages are used from source."""
+    """The installed executable, the node's module where the packages are used from source, or an example's file."""
     try:
         return installed_command(package, executable)
     except LookupError:
+        if (example := ROOT / package / f"{executable}.py").exists():
+            return [sys.executable, str(example)]
         for module in (f"{package}.nodes.{executable}_node", f"{package}.commands.{executable}"):
             if importlib.util.find_spec(module):
                 return [sys.executable, "-m", module]

@@ -1,6 +1,6 @@
 """The backends that the contract suite judges, and the harness that plays the rest of the graph against one.
 
-To have another backend judged, add it to BACKENDS: the tests only use what docs/graph.md promises. What a
+To have another backend judged, add it to BACKENDS: the tests only use what docs/reference/graph.md promises. What a
 command is differs (commands.py); what a backend owes its sender does not."""
 
 from __future__ import annotations
@@ -69,6 +69,7 @@ BACKENDS = {
             "realtime": {"mode": "realtime", "camera": False},
         },
     ),
+    "minimal_backend": Backend("examples", "minimal_backend", modes={"realtime": {}}),
     "franka_driver": Backend(
         "np_franka", "franka_driver", modes={"realtime": {}}, needs=robot, missing=simulated_robot.missing()
     ),

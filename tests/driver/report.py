@@ -19,13 +19,13 @@ from datetime import date
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / "contract")]
+sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / "contract"), str(HERE.parents[1] / "tools")]
 
 import fault_cases  # noqa: E402
 import suite  # noqa: E402
-import tables  # noqa: E402
 from approach import approach  # noqa: E402
 from moving_arm import MovingArm  # noqa: E402
+from pages import driver  # noqa: E402
 from simulated_robot import missing  # noqa: E402
 from tracking import track  # noqa: E402
 
@@ -135,7 +135,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--only", nargs="+", default=[], metavar="EXPERIMENT", help="of the suite, not all")
     parser.add_argument("--out", type=Path, default=Path("docs/results"))
-    parser.add_argument("--page", type=Path, default=Path("docs/driver_results.md"))
+    parser.add_argument("--page", type=Path, default=Path("docs/results/driver.md"))
     parser.add_argument("--journal", type=Path, default=Path("runs/driver_report.json"))
     options = parser.parse_args()
     if reason := missing():
@@ -159,7 +159,7 @@ def main() -> int:
 
     def write(part: str, rows: list[dict]) -> None:
         (options.out / f"driver_{part}.json").write_text(json.dumps({**about, "rows": rows}, indent=1) + "\n")
-        options.page.write_text(tables.page(options.out, PARTS))
+        options.page.write_text(driver.page(options.out, PARTS))
 
     try:
         errors = measure(jobs(options.parts, options.seconds, options.pace, options.only), journal, write)

@@ -5,8 +5,8 @@ import time
 
 import pytest
 from cpu_shares import CpuShares
+from pages.driver import COLUMNS, page
 from report import Journal, jobs, measure
-from tables import COLUMNS, page
 
 RUN = {"date": "2026-01-01", "pace": 1.0}
 

@@ -1,4 +1,4 @@
-"""Nothing in the policy path subscribes to `object_pose`, nor to anything else that docs/graph.md does not give it."""
+"""Nothing in the policy path subscribes to `object_pose`, nor to anything else that docs/reference/graph.md does not give it."""
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray

@@ -8,7 +8,7 @@ from np_control.safety import LIMITS, Reason, Refusal, State, Watchdog
 
 
 class Events(RuleBasedStateMachine):
-    """Random events; the rules below are the contract of docs/graph.md, written from the outside."""
+    """Random events; the rules below are the contract of docs/reference/graph.md, written from the outside."""
 
     def __init__(self):
         super().__init__()

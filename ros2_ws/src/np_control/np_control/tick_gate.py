@@ -1,7 +1,7 @@
 """The controller's side of the lockstep barrier: what a policy tick needs before its state is answered.
 
 Messages of different topics arrive in any order. The gate keeps them until the state they belong to is due,
-so that a run does not depend on that order. See docs/graph.md, Lockstep.
+so that a run does not depend on that order. See docs/reference/graph.md, Lockstep.
 """
 
 from __future__ import annotations

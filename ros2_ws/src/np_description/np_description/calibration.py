@@ -160,7 +160,7 @@ class Calibration:
         if (age := self.age(now)) > max_age:
             raise CalibrationError(
                 f"calibration: expected one of the last {_days(max_age)} days, it is "
-                f"{_days(age)} days old ({self.made.date()}); make it again: docs/hardware.md"
+                f"{_days(age)} days old ({self.made.date()}); make it again: docs/guide/hardware.md"
             )
 
     def save(self, path: str | Path) -> None:
@@ -181,7 +181,7 @@ class Calibration:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(path.name + ".part")
         partial.write_text(
-            "# Camera calibration, written by `calibrate` (docs/hardware.md).\n"
+            "# Camera calibration, written by `calibrate` (docs/guide/hardware.md).\n"
             + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
         )
         partial.replace(path)

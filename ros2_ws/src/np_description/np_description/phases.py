@@ -1,4 +1,4 @@
-"""The phases of an episode, and what `episode/phase` and `episode/tick` say of them (docs/graph.md)."""
+"""The phases of an episode, and what `episode/phase` and `episode/tick` say of them (docs/reference/graph.md)."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A Franka arm and hand behind the topics of docs/graph.md."""
+"""A Franka arm and hand behind the topics of docs/reference/graph.md."""

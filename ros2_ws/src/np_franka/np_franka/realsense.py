@@ -59,7 +59,7 @@ def find_device(serial: str = ""):
     if serial or len(devices) != 1:
         raise CameraError(
             f"camera: expected a RealSense {wanted}, found {', '.join(sorted(devices)) or 'none'}: "
-            "look at the cable, at `lsusb`, and at the udev rules (docs/hardware.md)"
+            "look at the cable, at `lsusb`, and at the udev rules (docs/guide/hardware.md)"
         )
     return next(iter(devices.values()))
 

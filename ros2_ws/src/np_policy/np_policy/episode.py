@@ -2,7 +2,7 @@
 
 Inputs are method calls with stamps; each returns what has to be published, in order. In lockstep decisions fall on policy
 ticks only, whatever the wall clock does; it enters through `overdue` alone, which can only end an episode.
-The contract is docs/graph.md.
+The contract is docs/reference/graph.md.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Refused(ValueError):
 
 @dataclass(frozen=True)
 class EpisodeConfig:
-    """domain; lockstep or real time; policy_period ns; limits of the phases in s, see docs/graph.md.
+    """domain; lockstep or real time; policy_period ns; limits of the phases in s, see docs/reference/graph.md.
 
     pre_timeout, post_blind: how long keypoints may be unusable; success_frames: ticks in a row within success_share of the
     tolerance, or, when the time is over, within all of it; min_score: of a usable keypoint; camera: that sees them;

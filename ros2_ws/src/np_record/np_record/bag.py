@@ -75,7 +75,7 @@ class Recording:
         missing = [name for name in required if not self.counts.get(name)]
         if missing or not any(self.counts.values()):
             found = [f"{c.topic} ({c.msgtype}, {c.msgcount})" for c in self._reader.connections]
-            wanted = ", ".join(missing) or "the topics of docs/graph.md"
+            wanted = ", ".join(missing) or "the topics of docs/reference/graph.md"
             raise BagError(
                 f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'no topics'}{self._age()}"
             )

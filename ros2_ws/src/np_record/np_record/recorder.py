@@ -2,7 +2,7 @@
 
 The time of a message in the bag is its own stamp. What has no stamp (phase, gains, gripper) gets that of
 the last joint state published before it. A lockstep run thus gives the same messages at the same times in
-the same order on any machine at any speed; what a backend sends again while it waits (docs/graph.md) is
+the same order on any machine at any speed; what a backend sends again while it waits (docs/reference/graph.md) is
 kept once.
 """
 

@@ -12,7 +12,7 @@ class NodeSpec:
     after).
 
     nice: priority given up to others on the same cores, 0 (none) to 19. realtime: priority of
-    first-in-first-out scheduling, 1 to 90, where the system permits it (see docs/quickstart.md); 0 for
+    first-in-first-out scheduling, 1 to 90, where the system permits it (see docs/guide/quickstart.md); 0 for
     none.
     """
 

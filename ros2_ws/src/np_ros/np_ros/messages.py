@@ -33,7 +33,7 @@ _UNIT_TOLERANCE = 1e-3
 
 
 class BadMessage(ValueError):
-    """A message that breaks docs/graph.md.
+    """A message that breaks docs/reference/graph.md.
 
     `kind` is one of stamp, names, shape, finite, range, frame, encoding.
     """

@@ -1,6 +1,6 @@
 """Phase, reason and experiment as messages: `episode/tick`, `episode/phase` and `approach/refusal`.
 
-Each is a diagnostic_msgs/DiagnosticArray with one status, whose documented keys (docs/graph.md) carry the content
+Each is a diagnostic_msgs/DiagnosticArray with one status, whose documented keys (docs/reference/graph.md) carry the content
 and whose message is for people. A type that every ROS 2 has: nothing has to be compiled to read it.
 """
 

@@ -1,4 +1,4 @@
-"""Quality of service: one profile for each kind of topic in docs/graph.md.
+"""Quality of service: one profile for each kind of topic in docs/reference/graph.md.
 
 Streams (states, images, keypoints, commands, targets, ticks) differ between the two modes. In lockstep
 nothing may be skipped, because time waits for the answer to every message; in real time only the newest one

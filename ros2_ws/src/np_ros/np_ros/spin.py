@@ -172,7 +172,7 @@ def request_realtime(priority: int = 20) -> bool:
     it would wait for messages in the order of everyone else; False where it is not permitted.
 
     On two cores with inference on both, 14 % of 2 ms deadlines were missed without it and 0.07 % with it.
-    Linux grants it to users with an rtprio limit (docs/quickstart.md). The process then also keeps its
+    Linux grants it to users with an rtprio limit (docs/guide/quickstart.md). The process then also keeps its
     memory, if the memlock limit permits: a page that has to come back from a busy disk takes up to a second.
     """
     for thread in (0, *_middleware_threads()):

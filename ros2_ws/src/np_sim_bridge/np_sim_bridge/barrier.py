@@ -1,4 +1,4 @@
-"""What time waits for in lockstep (docs/graph.md). No ROS."""
+"""What time waits for in lockstep (docs/reference/graph.md). No ROS."""
 
 from __future__ import annotations
 

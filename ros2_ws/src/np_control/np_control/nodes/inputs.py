@@ -49,7 +49,7 @@ class Led(Protocol):
 
 
 def subscribe(node: Node, led: Led, limits: SafetyLimits, *, lockstep: bool) -> None:
-    """Let the topics of docs/graph.md lead `led`; `limits` are those that trajectories must keep."""
+    """Let the topics of docs/reference/graph.md lead `led`; `limits` are those that trajectories must keep."""
 
     def read(header: Header, translate: Callable[[], object], deliver: Callable[[int, object], None]) -> None:
         """Without a readable stamp a message answers nothing; what else is wrong with it still answers its

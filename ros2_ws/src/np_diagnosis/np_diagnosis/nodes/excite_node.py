@@ -1,6 +1,6 @@
 """Sends the excitation suite to an arm: what the episode node is to a task, this is to an experiment.
 
-It stands where `episode` and `approach` stand (docs/graph.md): phase `excite`, ticks, one joint_trajectory
+It stands where `episode` and `approach` stand (docs/reference/graph.md): phase `excite`, ticks, one joint_trajectory
 with gains for each segment. The controller follows, the backend guards, the recorder records.
 """
 

@@ -1,4 +1,4 @@
-"""Recordings to logs. Fails closed: what breaks the contract of docs/graph.md is no evidence of friction.
+"""Recordings to logs. Fails closed: what breaks the contract of docs/reference/graph.md is no evidence of friction.
 
 Messages are read in bulk from their bytes (np_record.bulk), three minutes at 500 Hz in a quarter of a second.
 """

@@ -1,4 +1,4 @@
-"""`franka_driver`: a Franka arm and hand behind the topics and services of docs/graph.md.
+"""`franka_driver`: a Franka arm and hand behind the topics and services of docs/reference/graph.md.
 
 The robot paces everything, at 1 kHz: its state is read, the newest command goes out, and what is left of the
 cycle is ROS's. Every second state is published. Commands are effort_command, or, with `control:=onboard`,

@@ -41,14 +41,14 @@ class Settings:
 def declare(node: Node) -> tuple[Settings, Driver]:
     """Declare and read the parameters; the driver they describe, not connected. ValueError, ArmError."""
     settings = _settings(node)
-    if not settings.hostname:
-        raise ValueError("parameter hostname: expected the robot's address, got none")
     robot = ROBOTS[settings.robot]
-    robot.load()  # a missing package is told before anything is connected
     stiffness, ratio = _gains(node)
     checklist = _checklist(node, settings, stiffness, ratio, robot.limits)
     onboard = _onboard(node, stiffness, ratio, robot.limits)
     collision = _collision(node)
+    if not settings.hostname:
+        raise ValueError("parameter hostname: expected the robot's address, got none")
+    robot.load()  # a missing package is told before anything is connected
     arm = Arm(
         partial(robot.open, settings.hostname, enforce_realtime=settings.realtime == "enforce"),
         collision.torques(robot.limits),

@@ -4,7 +4,7 @@ A frame arrives when it was taken, by the host's clock, plus a delay that is nev
 and now and then much more. So the arrivals lie above a line, whose slope is the drift of one clock against
 the other, and the line is the lower edge of their convex hull (Zhang, Liu and Xia, "Clock synchronization
 algorithms for network measurements", INFOCOM 2002): late frames, however many and however late, do not move
-it. The least delay itself cannot be seen: it stays in the stamps (docs/hardware.md).
+it. The least delay itself cannot be seen: it stays in the stamps (docs/guide/hardware.md).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`sim_bridge`: the simulated robot and camera behind the topics and services of docs/graph.md.
+"""`sim_bridge`: the simulated robot and camera behind the topics and services of docs/reference/graph.md.
 
 Lockstep: a state goes out, and the simulation takes the next step in the callback of the last answer that was
 missing; nothing is polled. Real time: a steady 2 ms timer steps with the newest command.

@@ -1,4 +1,4 @@
-"""The page of tables that the report writes, from its JSON files."""
+"""docs/results/driver.md: what the hardware driver did, from the JSON files of `make driver-report`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-HEAD = """# What the driver did
+HEAD = """<!-- Written by `make docs` from driver_*.json: do not edit. -->
+# What the driver did
 
-Written by `make driver-report`, against a simulated FR3 on the robot's own network protocol, its clock
-included; what that leaves open is in [hardware.md](hardware.md#what-is-not-tested). Robot, driver,
+Measured by `make driver-report`, against a simulated FR3 on the robot's own network protocol, its clock
+included; what that leaves open is in [hardware.md](../guide/hardware.md#what-is-not-tested). Robot, driver,
 controller and the report itself are Python processes that share the cores named below. "Load" is the
 load average of the last minute before a row was measured, by whatever else ran; "stolen" the share of
 the cores' time that the host of this virtual machine gave to others meanwhile.
@@ -120,7 +121,7 @@ def page(folder: Path, parts: Sequence[str]) -> str:
         path = folder / f"driver_{part}.json"
         if path.exists():
             measured = json.loads(path.read_text())
-            origin = f"{measured['date']}, {measured['machine']} ([data](results/driver_{part}.json)).\n"
+            origin = f"{measured['date']}, {measured['machine']} ([data](driver_{part}.json)).\n"
             if part != "faults" and measured["pace"] != 1:
                 origin += f"\n**The robot's clock went at 1/{measured['pace']:g} of its speed, "
                 origin += "on a busy machine: the cycle times are that machine's.**\n"

@@ -1,0 +1,60 @@
+"""Results of the gap doctor: sealed sets, a clean arm; and identification, its peer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from np_blind.scoring import Score
+from np_blind.tables import failures_table, figures_table
+from pages.markdown import table
+
+
+def sealed(data: Mapping) -> tuple[str, str]:
+    """Headline and body of a sealed set: figures beside their goals, effects, every failure."""
+    figures, scores = data["figures"], [Score(**case) for case in data["cases"]]
+    headline = (
+        f"module {figures['module_accuracy']:.3f}, effect {figures['effect_class_accuracy']:.3f}, "
+        f"strangers {figures['abstain_out_of_catalogue']:.3f}, harm {figures['harm']:.3f}"
+    )
+    body = figures_table(figures, scores) + "\n## Failures\n\n" + failures_table(scores)
+    if "doctor_sha256" in figures:
+        body += f"\nKey `{figures['key_sha256']}`, doctor `{figures['doctor_sha256']}` (SHA-256).\n"
+    return headline, body
+
+
+def clean_arm(data: Mapping) -> tuple[str, str]:
+    """Headline and body of a recording without effects."""
+    gap = data["gap"]
+    body = f"{data['what']}.\n\n```\n" + "\n".join(data["commands"]) + "\n```\n\n"
+    rows = [
+        ("verdict", f"`{data['verdict']}`"),
+        (gap["metric"], f"{gap['before']:.4f} {gap['unit']}"),
+        ("recording", f"{data['duration_s']:.0f} s"),
+        ("run time", f"{data['runtime_s']:.0f} s"),
+    ]
+    return data["verdict"], body + table(("figure", "value"), rows)
+
+
+def identified(data: Mapping) -> tuple[str, str]:
+    """Headline and body of the identification methods on one recording."""
+    rows = [
+        (f"`{name}`", 1e3 * m["gap_before_rad"], 1e3 * m["gap_after_rad"], m["steps"], m["wall_s"])
+        for name, m in data["methods"].items()
+    ]
+    header = ("method", "held-out error before, mrad", "after, mrad", "physics steps", "s")
+    body = f"`python -m np_training.identify {' '.join(data['command'])}`\n\n" + table(header, rows)
+    headline = ", ".join(f"{name} {1e3 * m['gap_after_rad']:.3g} mrad" for name, m in data["methods"].items())
+    return headline, body + (f"\n{data['note']}\n" if data.get("note") else "")
+
+
+def delays(data: Mapping) -> tuple[str, str]:
+    """Headline and body of identification under assumed delays."""
+    rows = [
+        (delay, fit["fit_rmse_mrad"], *(", ".join(f"{v:g}" for v in fit[key]) for key in KEYS))
+        for delay, fit in data["by_delay_ms"].items()
+    ]
+    header = ("delay, ms", "fit, mrad", "friction, Nm", "damping, Nms/rad", "armature, kg m^2")
+    return f"{len(rows)} delays", f"{data['what']}.\n\n`{data['command']}`\n\n" + table(header, rows)
+
+
+KEYS = ("frictionloss", "damping", "armature")

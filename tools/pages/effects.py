@@ -1,0 +1,61 @@
+"""docs/reference/effects.md: the catalogue of effects, from the records of np_effects or the tables before them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.resources import files
+
+import yaml
+
+import np_effects
+from pages.markdown import head, table
+
+INTRODUCTION = """What an arm may have that its nominal simulator has not. An entry of `patch.yaml` is an id, a
+component (a joint's name, or `arm`) and the parameters below, in SI units, as changes against the nominal arm. A module
+is where reports say that an effect sits."""
+RECORDED = """Ranges are what is physical. Visible is the magnitude from which on the excitation suite can show an
+effect at all, base to wrist. Carried by: the simulated arm of the bridge, the doctor's forward model, training."""
+
+
+def page() -> str:
+    """The page: one table of all effects."""
+    records = getattr(np_effects, "RECORDS", None)
+    if records is None:
+        return head("Effects", "the catalogue", INTRODUCTION) + table(
+            ("effect", "module", "model", "parameters"), tabulated()
+        )
+    header = ("effect", "module", "where", "model", "parameters", "visible", "carried by")
+    return head("Effects", "the records of np_effects", f"{INTRODUCTION} {RECORDED}") + table(
+        header, (recorded(record) for record in records.values())
+    )
+
+
+def recorded(record) -> tuple[str, ...]:
+    """The row of an np_effects.record.EffectRecord."""
+    quantities = (f"`{q.name}` {q.lower:g} to {q.upper:g} {'' if q.unit == '1' else q.unit}" for q in record.quantities)
+    visible = ""
+    if record.visible:
+        limit = record.visible.limit
+        visible = f"{', '.join(f'{x:g}' for x in limit) if isinstance(limit, tuple) else f'{limit:g}'}"
+        visible += "" if record.visible.unit == "1" else f" {record.visible.unit}"
+    model = record.entry["model"]
+    return (
+        f"`{record.id}`",
+        record.module,
+        str(record.place),
+        model,
+        "; ".join(q.strip() for q in quantities),
+        visible,
+        ", ".join(record.carriers),
+    )
+
+
+def tabulated() -> Iterator[tuple[str, ...]]:
+    """The rows of the patch's own table of names with the doctor's catalogue, where there are no records."""
+    from np_description.patch import PARAMETERS
+
+    text = (files("np_diagnosis") / "data" / "gap_effects.yaml").read_text(encoding="utf-8")
+    catalogue = {entry["id"]: entry for entry in yaml.safe_load(text)["effects"]}
+    for name, parameters in PARAMETERS.items():
+        named = ", ".join(f"`{parameter}`" for parameter in parameters)
+        yield f"`{name}`", catalogue[name]["module"], catalogue[name]["model"], named
