@@ -106,7 +106,7 @@ def test_the_public_panda_log_is_predicted_where_its_joints_slide(panda_log, cap
         [
             np.sqrt(np.mean(panda_log.gap.residuals[n][c.rows] ** 2))
             for n, c in enumerate(panda_log.design.cells)
-            if c.stage == "r2"
+            if c.name == "r2"
         ]
     )
     with capsys.disabled():

@@ -25,9 +25,9 @@ from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.fit import fit
 from np_diagnosis.inference.loop_delay import loop_delay, settle_delay
-from np_diagnosis.inference.residuals import rung
 from np_diagnosis.recordings.signals import Log, sample
 from np_diagnosis.report.schema import validate
+from np_effects.stage import Stage
 
 ARM = panda()
 SCHEMA = json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text())
@@ -81,7 +81,7 @@ def test_rigid_body_dynamics_and_regressor_are_those_of_pinocchio(seed):
 def test_a_clean_arm_leaves_nothing_at_any_stage(design):
     for cell in design.cells:
         left = np.sqrt(np.mean(cell.residual[cell.rows] ** 2))
-        assert left < {"r0": 1e-6, "r1": 1e-6, "r2": 0.01}.get(cell.stage, 0.2), (cell.stage, cell.joint)
+        assert left < {"r0": 1e-6, "r1": 1e-6, "r2": 0.01}.get(cell.name, 0.2), (cell.name, cell.joint)
 
 
 def test_effects_are_those_of_the_catalogue_and_columns_match_parameters(clean):
@@ -91,7 +91,7 @@ def test_effects_are_those_of_the_catalogue_and_columns_match_parameters(clean):
         assert effect.id in catalogue() and effect.source
         assert all(p.lower < p.upper and p.prior > 0 for p in effect.parameters)
         for stage, columns in effect.columns.items():
-            assert rung(stage) == stage and stage in ("r0", "r1", "r2", "r3")
+            assert stage in list(Stage)
             for joint in (0, 6) if effect.only_joint is None else (effect.only_joint,):
                 values = columns(clean, joint)
                 assert values.shape[1] == len(effect.parameters) and np.isfinite(values).all()
@@ -99,10 +99,10 @@ def test_effects_are_those_of_the_catalogue_and_columns_match_parameters(clean):
 
 def test_nuisances_have_a_column_each_and_turn_every_link_beyond_the_joint(clean):
     for joint in range(7):
-        for stage in ("r0", "r1", "r2", nuisances.REVERSAL):
+        for stage in (Stage.CONTROLLER, Stage.DRIVE, Stage.DYNAMICS):
             columns = nuisances.columns(clean, stage, joint)
             assert columns.shape[1] == len(nuisances.parameters(clean, stage, joint))
-        names = [p.name for p in nuisances.parameters(clean, "r2", joint)]
+        names = [p.name for p in nuisances.parameters(clean, Stage.DYNAMICS, joint)]
         assert names[2:] == ["breakaway", "late breakaway"] + [f"inertia of link {i + 1}" for i in range(joint, 7)]
 
 
@@ -153,7 +153,7 @@ def test_the_filter_keeps_straight_lines_and_their_slope(offset, slope, torque):
 def test_blocks_cover_every_sample_once_and_fits_keep_their_distance(clean, design):
     blocks = make_blocks(clean)
     for cell in design.cells:
-        if cell.stage == "r2":
+        if cell.name == "r2":
             assert (cell.block >= 0).all()
             np.testing.assert_allclose(
                 cell.test_rows, [np.sum(cell.rows & (cell.block == b)) for b in range(len(blocks))]
@@ -191,10 +191,10 @@ def test_intervals_cover_under_coloured_noise(clean):
     for i in range(trials):
         stage = SimpleNamespace(
             times=lambda s: (np.zeros(1200, int), np.arange(1200.0)),
-            rows=lambda s, j: np.ones(1200, bool),
+            rows=lambda s, j, at_reversal: np.ones(1200, bool),
             residual=lambda s, j, i=i: 0.4 * column[:, 0] + noise[:, i],
         )
-        cell = make_cell(stage, "r1", 0, np.arange(1), column, blocks, parameters)
+        cell = make_cell(stage, Stage.DRIVE, 0, np.arange(1), column, blocks, parameters)
         found = fit([cell], [cell.test], [cell.test_rows], np.arange(1), parameters)
         hits += abs(found.parameters[0, 0] - 0.4) < 1.96 * np.sqrt(found.covariance[0, 0, 0])
     assert 0.90 <= hits / trials <= 0.99
@@ -230,7 +230,7 @@ def test_what_yields_before_it_slides_follows_the_motion_and_turns_with_it():
 def test_reversals_share_the_nuisances_of_sliding(design):
     """Without them the errors of the links there were found in the rotors: -0.006 kg m^2 on clean arms."""
     for joint in range(7):
-        slide, turn = (next(c for c in design.of(joint) if c.stage == s) for s in ("r2", nuisances.REVERSAL))
+        slide, turn = (next(c for c in design.of(joint) if c.name == name) for name in ("r2", "r2 at reversal"))
         assert np.array_equal(slide.ids, turn.ids)
         assert set(nuisances_of(design, joint)) <= set(turn.ids)
 
@@ -242,5 +242,5 @@ def test_a_patch_may_hold_whatever_an_effect_is_given_by(clean):
 
 
 def nuisances_of(design, joint):
-    names = {p.name for p in nuisances.parameters(design.context, "r2", joint)}
+    names = {p.name for p in nuisances.parameters(design.context, Stage.DYNAMICS, joint)}
     return [i for i in design.nuisances[joint] if design.parameters[i].name in names]

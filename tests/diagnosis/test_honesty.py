@@ -12,11 +12,11 @@ from np_diagnosis.effects.base import Effect, Parameter
 from np_diagnosis.inference.averaging import spread
 from np_diagnosis.inference.design import Candidate
 from np_diagnosis.inference.fit import Fit, Score
-from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.inference.ranking import larger
 from np_diagnosis.recordings.signals import GRID
 from np_diagnosis.simulation import patching
 from np_diagnosis.simulation.patching import tried_patch
+from np_effects.stage import Stage
 
 RNG = np.random.default_rng(3)
 
@@ -43,7 +43,8 @@ def test_a_rest_is_remembered_by_its_length_and_fades():
 def search_of(residual, rows, samples):
     """A search without any effect, of one joint whose residual at reversals, the `rows`, is this."""
     cell = SimpleNamespace(
-        stage=REVERSAL,
+        stage=Stage.DYNAMICS,
+        at_reversal=True,
         joint=0,
         rows=rows,
         residual=residual,

@@ -87,12 +87,12 @@ def test_planned_cells_have_the_columns_of_the_recording(payload_search):
     member = next(n for n, c in enumerate(design.candidates) if c.effect.id == "payload")
     cells = planned_cells(design, ["long_second", "dwell"], [member], [1, 3])
     assert {c.joint for c in cells} == {1, 3} and all(c.test.shape[0] == 2 for c in cells)
-    r2 = next(c for c in cells if c.stage == "r2" and c.joint == 1)
+    r2 = next(c for c in cells if c.name == "r2" and c.joint == 1)
     column = int(np.flatnonzero(r2.ids == design.candidates[member].ids[0])[0])
     assert r2.test[0, column, column] > 0  # a payload weighs on joint 2 in that posture
     assert (
-        np.array([c.whiten for c in cells if c.stage == "r2"])
-        == np.array([c.whiten for c in design.cells if c.stage == "r2" and c.joint in (1, 3)])
+        np.array([c.whiten for c in cells if c.name == "r2"])
+        == np.array([c.whiten for c in design.cells if c.name == "r2" and c.joint in (1, 3)])
     ).all()
 
 

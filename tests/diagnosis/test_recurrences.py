@@ -13,6 +13,7 @@ from np_diagnosis.effects.timing import delayed, find_held
 from np_diagnosis.effects.torque_loop import first_order, rate_limited
 from np_diagnosis.inference.cells import GAP, Block, Cell, make_cell
 from np_diagnosis.recordings.signals import Log, sample
+from np_effects.stage import Stage
 
 PERIOD = 0.002
 
@@ -105,10 +106,12 @@ def make(seed, count=900):
     rows = rng.random(count) > 0.05
     matrix, residual = rng.normal(size=(count, 3)), rng.normal(size=count)
     blocks = tuple(Block(0, 3.0 * b, 3.0 * (b + 1)) for b in range(3))
-    stages = SimpleNamespace(times=lambda s: (trajectory, time), rows=lambda s, j: rows, residual=lambda s, j: residual)
+    stages = SimpleNamespace(
+        times=lambda s: (trajectory, time), rows=lambda s, j, at_reversal: rows, residual=lambda s, j: residual
+    )
     whiten = np.array([0.4, -0.2])
     parameters = [Parameter("p", "1", -9.0, 9.0, 1.0)] * 3
-    cell = make_cell(stages, "r1", 0, np.arange(3), matrix, blocks, parameters, whiten)
+    cell = make_cell(stages, Stage.DRIVE, 0, np.arange(3), matrix, blocks, parameters, whiten)
     whole = np.column_stack([matrix, residual])
     white = whole[2:] - 0.4 * whole[1:-1] + 0.2 * whole[:-2]
     kept = rows[2:] & rows[1:-1] & rows[:-2]

@@ -21,6 +21,7 @@ from np_diagnosis.inference.ranking import alternatives, larger, probabilities
 from np_diagnosis.inference.search import Search, Structure
 from np_diagnosis.inference.settling import settle_shapes
 from np_diagnosis.recordings.signals import Log
+from np_effects.stage import Stage
 
 CERTAIN = 0.8  # probability of an effect from which on it counts as identified
 EXPLAINED = 0.8  # of what is predictable at all: a structure that explains less is no explanation
@@ -152,9 +153,9 @@ def _unexplained(rests: list[Rest], design: Design) -> tuple[int, ...]:
             found.add(rest.joint)
         coloured = rest.excess > (COLOURED**2 - 1) * rest.white**2
         before, after = rest.outlying
-        if rest.stage == "r1" and after > max((1 - EXPLAINED) * before, rest.white**2, (MATERIAL * limit) ** 2):
+        if rest.stage is Stage.DRIVE and after > max((1 - EXPLAINED) * before, rest.white**2, (MATERIAL * limit) ** 2):
             found.add(rest.joint)
-        if rest.stage == "r2" and coloured and rest.excess > (MATERIAL * limit) ** 2 and rest.removed < MOST:
+        if rest.stage is Stage.DYNAMICS and coloured and rest.excess > (MATERIAL * limit) ** 2 and rest.removed < MOST:
             found.add(rest.joint)
     return tuple(sorted(found))
 

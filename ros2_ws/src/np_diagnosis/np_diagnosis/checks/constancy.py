@@ -28,9 +28,8 @@ from np_diagnosis.checks.omnibus import Rest, predicted
 from np_diagnosis.effects.base import Context
 from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.fit import places
-from np_diagnosis.inference.nuisances import REVERSAL
-from np_diagnosis.inference.residuals import rung
 from np_diagnosis.inference.search import Search, fits_of, held_out
+from np_effects.stage import Stage
 
 SURE = 60.0  # nats by which the columns must predict better
 ERRORS = 1.5  # standard errors over blocks that these must be: what changes with time is in some blocks only
@@ -55,7 +54,7 @@ class Misfit:
     itself (about its mean in r3, where the zero of the motor's encoder is anybody's)."""
 
     question: str
-    stage: str
+    stage: Stage
     joint: int
     gain: float
     error: float
@@ -84,12 +83,12 @@ def shapes_left(search: Search, members: tuple[int, ...], rests: Iterable[Rest])
             r.nothing / r.rows,
         )
         for r in rests
-        if rung(r.stage) == "r2"
+        if r.stage is Stage.DYNAMICS
     )
     return [
         m
         for m in (*misfits(search, members), *asked)
-        if m.stands_out(TWISTED if m.stage == "r3" else MATERIAL * arm.torque_limit[m.joint])
+        if m.stands_out(TWISTED if m.stage is Stage.TRANSMISSION else MATERIAL * arm.torque_limit[m.joint])
     ]
 
 
@@ -98,14 +97,14 @@ def misfits(search: Search, members: tuple[int, ...]) -> Iterator[Misfit]:
     design = search.design
     fits = fits_of(search, members)
     for cell in design.cells:
-        if cell.stage in (REVERSAL, "r0") or cell.used.sum() < 4:
+        if cell.at_reversal or cell.stage is Stage.CONTROLLER or cell.used.sum() < 4:
             continue
         ids, fit = fits[cell.joint]
         left = held_out(cell, ids, fit)
         values = np.zeros(len(design.parameters))
         values[ids] = fit.parameters.mean(axis=0)
         rows = cell.rows
-        base = cell.residual[rows] - (cell.residual[rows].mean() if cell.stage == "r3" else 0.0)
+        base = cell.residual[rows] - (cell.residual[rows].mean() if cell.stage is Stage.TRANSMISSION else 0.0)
         for question, columns in _questions(search, cell, members, values):
             gain, error, after = predicted(design, cell, left, columns)
             removed = float(np.mean(left[rows] ** 2) - np.mean(after[rows] ** 2))
@@ -125,7 +124,7 @@ def slipped(search: Search, members: tuple[int, ...]) -> set[int]:
     """Joints of which the two encoders part at once and for good: a disc has slipped on its shaft."""
     found, fits, samples = set(), fits_of(search, members), search.design.context.samples
     for cell in search.design.cells:
-        if cell.stage == "r3" and cell.used.sum() >= 4:
+        if cell.stage is Stage.TRANSMISSION and cell.used.sum() >= 4:
             ids, fit = fits[cell.joint]
             columns, at = places(cell, ids)
             left = cell.residual - cell.matrix[:, columns] @ fit.parameters.mean(axis=0)[at]
@@ -162,10 +161,10 @@ def _questions(
             place = j if candidate.place is None else candidate.place
             shown.append((cell.matrix[:, at] @ values[cell.ids[at]], place))
             names.append(candidate.effect.id)
-    if shown and (rung(cell.stage) != "r2" or DRIFT not in names):
+    if shown and (cell.stage is not Stage.DYNAMICS or DRIFT not in names):
         elapsed = when(context, cell)
         yield "size", np.column_stack([c * elapsed**power for c, _ in shown for power in (1, 2)])
-    if rung(cell.stage) == "r2":
+    if cell.stage is Stage.DYNAMICS:
         s = context.samples
         if shown:
             speed = np.abs(s.velocity[:, j])
@@ -175,13 +174,13 @@ def _questions(
                 np.column_stack([c * factor for c, k in shown for factor in (angle[:, k], angle[:, k] ** 2, speed)]),
             )
         yield "memory", _past(s.acceleration[:, j], s.trajectory)
-    if cell.stage == "r3":
+    if cell.stage is Stage.TRANSMISSION:
         yield "twist", _twist(context, j)
 
 
 def when(context: Context, cell: Cell) -> np.ndarray:
     """Time (n,) of a cell's rows, -1..1 from the beginning of the first recording to the end of the last."""
-    source = context.drive if rung(cell.stage) in ("r0", "r1") else context.samples
+    source = context.drive if cell.stage in (Stage.CONTROLLER, Stage.DRIVE) else context.samples
     begin = np.concatenate([[0.0], np.cumsum([log.duration for log in context.logs])[:-1]])
     time = source.time + begin[source.trajectory]
     return 2 * (time - time.min()) / max(np.ptp(time), 1e-9) - 1

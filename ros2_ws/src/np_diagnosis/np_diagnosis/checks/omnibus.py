@@ -16,9 +16,9 @@ from np_diagnosis.effects.base import Context, Parameter
 from np_diagnosis.inference.cells import Cell, make_cell
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.fit import score
-from np_diagnosis.inference.nuisances import REVERSAL
-from np_diagnosis.inference.residuals import Stages, rung
+from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.inference.search import Search, fits_of, held_out
+from np_effects.stage import Stage
 
 HARMONICS = 6
 FAR = 5.0  # standard deviations, which one value in two million of normal noise passes
@@ -32,7 +32,7 @@ class Rest:
     the sensors have where they show it. outlying: mean square of what lies further out than noise does, of nothing
     and of the structure."""
 
-    stage: str
+    stage: Stage
     joint: int
     gain: float
     error: float
@@ -60,7 +60,7 @@ def examine(search: Search, members: tuple[int, ...]) -> list[Rest]:
     design, found = search.design, []
     fits = fits_of(search, members)
     for cell in design.cells:
-        if cell.stage in (REVERSAL, "r3") or cell.used.sum() < 4:
+        if cell.at_reversal or cell.stage is Stage.TRANSMISSION or cell.used.sum() < 4:
             continue
         found.append(_rest(design, cell, *fits[cell.joint]))
     return found
@@ -93,7 +93,9 @@ def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray)
     parameters = [Parameter("any", "", -1e9, 1e9, spread / s) for s in scale]
     ids = np.arange(len(scale))
     own = _Residual(design.stages, left, cell.rows)
-    flexible = make_cell(own, cell.stage, cell.joint, ids, columns, design.blocks, parameters)
+    flexible = make_cell(
+        own, cell.stage, cell.joint, ids, columns, design.blocks, parameters, at_reversal=cell.at_reversal
+    )
     nothing, full = (score([flexible], used, parameters) for used in (ids[:0], ids))
     difference = full.density - nothing.density
     return (
@@ -113,7 +115,7 @@ def _outlying(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
 def _sensors(context: Context, cell: Cell) -> float:
     """Standard deviation Nm that the noise of the sensors leaves in r2 of a recording without commands: what a
     joint shakes with is no noise, though at the samples' rate it has no memory either. Else no bound."""
-    if rung(cell.stage) != "r2" or context.drive is not None:
+    if cell.stage is not Stage.DYNAMICS or context.drive is not None:
         return np.inf
     j = cell.joint
     inertia = felt_inertia(context.arm, np.median(context.samples.position, axis=0))[j]
@@ -128,20 +130,20 @@ class _Residual:
     left: np.ndarray
     kept: np.ndarray
 
-    def times(self, stage: str):
+    def times(self, stage: Stage):
         return self.stages.times(stage)
 
-    def residual(self, stage: str, joint: int) -> np.ndarray:
+    def residual(self, stage: Stage, joint: int) -> np.ndarray:
         return self.left
 
-    def rows(self, stage: str, joint: int) -> np.ndarray:
+    def rows(self, stage: Stage, joint: int, at_reversal: bool) -> np.ndarray:
         return self.kept
 
 
 def _flexible(context: Context, cell: Cell) -> np.ndarray:
     """Columns (n, count)."""
     j = cell.joint
-    if rung(cell.stage) == "r2":
+    if cell.stage is Stage.DYNAMICS:
         s, p = context.samples, context.prediction
         q, v, direction = s.position[:, j], s.velocity[:, j], p.direction[:, j]
         others = [s.velocity[:, k] for k in range(len(context.arm)) if k != j]
@@ -155,7 +157,7 @@ def _flexible(context: Context, cell: Cell) -> np.ndarray:
         q = np.zeros_like(v)
     columns = [np.ones_like(v), direction, v, v * np.abs(v), v**3, np.abs(v), direction * np.abs(torque), *others]
     columns += [torque, np.abs(torque), torque * np.abs(torque), torque**3]
-    if rung(cell.stage) == "r2":
+    if cell.stage is Stage.DYNAMICS:
         for k in range(1, HARMONICS + 1):
             columns += [np.sin(k * q), np.cos(k * q), direction * np.sin(k * q), direction * np.cos(k * q)]
     return np.array(columns).T

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_diagnosis.checks.floor import repeatability, white_noise
-from np_diagnosis.inference.residuals import rung
 from np_diagnosis.inference.search import Search, Structure, held_out
+from np_effects.stage import Stage
 
 BOOTSTRAPS = 300
 REGIMES = ("standstill", "reversal", "slow", "fast", "accelerating")
@@ -65,7 +65,13 @@ def measure(search: Search, chosen: Structure, seed: int) -> Gap:
     floor, is_measured = _floor(design, joints)
     before_block, after_block, rows = _by_block(cells, nominal, after, len(design.blocks))
     moved = np.array(
-        [any(c.joint == j and c.stage == "r2" and c.used.sum() >= LEAST_BLOCKS for c in cells) for j in range(joints)]
+        [
+            any(
+                c.joint == j and c.stage is Stage.DYNAMICS and not c.at_reversal and c.used.sum() >= LEAST_BLOCKS
+                for c in cells
+            )
+            for j in range(joints)
+        ]
     )
     if not moved.any():
         raise ValueError(f"expected a joint that moves in {LEAST_BLOCKS} blocks of the recording, got none")
@@ -114,7 +120,7 @@ def _residuals(search: Search, members: tuple[int, ...]) -> list[np.ndarray]:
 
 
 def _counted(cell) -> bool:
-    return rung(cell.stage) != "r3"
+    return cell.stage is not Stage.TRANSMISSION
 
 
 def _squares(search: Search, members: tuple[int, ...]) -> np.ndarray:
@@ -159,8 +165,8 @@ def _rms(cells, squares, rows, weights, joints: int) -> np.ndarray:
     """(draws, joints): root of the sum over rungs of the mean square."""
     total = np.zeros((len(weights), joints))
     for joint in range(joints):
-        for name in ("r0", "r1", "r2"):
-            mine = [n for n, c in enumerate(cells) if c.joint == joint and rung(c.stage) == name]
+        for stage in (Stage.CONTROLLER, Stage.DRIVE, Stage.DYNAMICS):
+            mine = [n for n, c in enumerate(cells) if c.joint == joint and c.stage is stage]
             if mine:
                 count = np.maximum(sum(weights @ rows[n] for n in mine), 1)
                 total[:, joint] += sum(weights @ squares[n] for n in mine) / count

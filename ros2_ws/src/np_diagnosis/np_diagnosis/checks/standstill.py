@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.inference.search import Search, fits_of, held_out
 from np_diagnosis.recordings.signals import GRID, Samples
 
@@ -27,7 +26,7 @@ def ageing(search: Search, members: tuple[int, ...]) -> set[int]:
     design, found = search.design, set()
     fits = fits_of(search, members)
     for cell in design.cells:
-        if cell.stage != REVERSAL or not cell.rows.any():
+        if not cell.at_reversal or not cell.rows.any():
             continue
         left = held_out(cell, *fits[cell.joint])[cell.rows]
         after = after_rest(design.context.samples, cell.joint)[cell.rows]

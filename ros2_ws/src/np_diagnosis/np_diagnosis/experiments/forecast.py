@@ -80,7 +80,7 @@ def planned_cells(design: Design, names: Sequence[str], members: Sequence[int], 
     effects = {m: _in(context, design.candidates[m].effect) for m in members}
     blocks = tuple(Block(n, -np.inf, np.inf) for n in range(len(names)))
     for cell in design.cells:
-        if cell.joint not in joints or cell.stage not in stages.names:
+        if cell.joint not in joints or cell.stage not in stages.stages:
             continue
         own = [i for i in cell.ids if i in design.nuisances[cell.joint]]
         ids, matrix = [np.array(own, int)], [nuisances.columns(context, cell.stage, cell.joint)]
@@ -101,6 +101,7 @@ def planned_cells(design: Design, names: Sequence[str], members: Sequence[int], 
                 blocks,
                 design.parameters,
                 cell.whiten,
+                cell.at_reversal,
             )
         )
     return cells

@@ -211,7 +211,7 @@ class _Belief:
             ids,
             whole.parameters[0],
             whole.covariance[0],
-            {(c.stage, c.joint): float(v[0]) for c, v in zip(cells, whole.variance)},
+            {(c.name, c.joint): float(v[0]) for c, v in zip(cells, whole.variance)},
         )
 
 
@@ -221,7 +221,7 @@ def _normal(cells, planned, variance, ids, number) -> np.ndarray:
     for cell in planned:
         columns, at = places(cell, ids)
         gram = cell.test[number][np.ix_(columns, columns)]
-        normal[np.ix_(at, at)] += gram / variance[cell.stage, cell.joint]
+        normal[np.ix_(at, at)] += gram / variance[cell.name, cell.joint]
     return normal
 
 

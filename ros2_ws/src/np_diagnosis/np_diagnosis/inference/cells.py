@@ -15,6 +15,7 @@ import numpy as np
 
 from np_diagnosis.effects import Context, Parameter
 from np_diagnosis.inference.residuals import Stages
+from np_effects.stage import Stage
 
 BLOCKS = 10  # at least
 BLOCK_DURATION = 3.0  # s, where there are more
@@ -40,7 +41,7 @@ class Cell:
     of rows in no block. matrix (n, p), residual (n,), rows (n,) bool and block (n,): before whitening, which
     rows count, the block each is in (-1: none). whiten: coefficients of the autoregression."""
 
-    stage: str
+    stage: Stage
     joint: int
     ids: np.ndarray
     test: np.ndarray
@@ -54,6 +55,12 @@ class Cell:
     rows: np.ndarray
     block: np.ndarray
     whiten: np.ndarray
+    at_reversal: bool = False
+
+    @property
+    def name(self) -> str:
+        """Its residual's name in reports: "r2" or "r2 at reversal"."""
+        return f"{self.stage} at reversal" if self.at_reversal else str(self.stage)
 
     @cached_property
     def total(self) -> np.ndarray:
@@ -113,21 +120,22 @@ def make_blocks(context: Context, gap: float = GAP) -> tuple[Block, ...]:
 
 def make_cell(
     stages: Stages,
-    stage: str,
+    stage: Stage,
     joint: int,
     ids: np.ndarray,
     matrix: np.ndarray,
     blocks: Sequence[Block],
     parameters: Sequence[Parameter],
     whiten: np.ndarray | None = None,
+    at_reversal: bool = False,
 ) -> Cell:
     """Sums of one stage of one joint, with columns (n, p) `matrix` of the parameters `ids`.
 
-    whiten: autoregression to use; None: from the data.
+    whiten: autoregression to use; None: from the data. at_reversal: of the rows about reversals, see `Stages.rows`.
     """
     trajectory, time = stages.times(stage)
     residual = stages.residual(stage, joint)
-    kept = _kept(stages.rows(stage, joint), trajectory)
+    kept = _kept(stages.rows(stage, joint, at_reversal), trajectory)
     pieces = _pieces(trajectory, time, blocks)
     plain = _sums(matrix, residual, kept, np.zeros(0), pieces).sum(axis=0)
     if whiten is None:
@@ -146,7 +154,21 @@ def make_cell(
         block[start:end] = b
     outside = float(np.square(residual[kept & (block < 0)]).sum())
     return Cell(
-        stage, joint, ids, test, held, test_rows, held_rows, plain, outside, matrix, residual, kept, block, whiten
+        stage,
+        joint,
+        ids,
+        test,
+        held,
+        test_rows,
+        held_rows,
+        plain,
+        outside,
+        matrix,
+        residual,
+        kept,
+        block,
+        whiten,
+        at_reversal,
     )
 
 

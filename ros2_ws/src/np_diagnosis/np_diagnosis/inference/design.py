@@ -9,8 +9,8 @@ import numpy as np
 from np_diagnosis.effects import Context, Effect, Parameter, all_effects
 from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, Cell, make_blocks, make_cell
-from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.inference.residuals import Stages
+from np_effects.stage import Stage
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ def make_design(context: Context) -> Design:
 
     stages = Stages(context)
     nuisance = [
-        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.names if stage != REVERSAL}
+        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.stages}
         for joint in range(len(context.arm))
     ]
     candidates = []
@@ -72,11 +72,7 @@ def make_design(context: Context) -> Design:
     blocks = make_blocks(context)
     cells = []
     for joint in range(len(context.arm)):
-        for stage in stages.names:
-            if stage == REVERSAL:  # the same columns in other rows, the same nuisances too
-                same = cells[-1]
-                cells.append(make_cell(stages, stage, joint, same.ids, same.matrix, blocks, parameters))
-                continue
+        for stage in stages.stages:
             matrix, ids = [nuisances.columns(context, stage, joint).T], [nuisance[joint][stage]]
             for candidate in candidates:
                 if candidate.joint in (None, joint):
@@ -84,7 +80,9 @@ def make_design(context: Context) -> Design:
                     if columns is not None:
                         matrix.append(columns.T)
                         ids.append(candidate.ids)
-            columns = np.concatenate(matrix).T  # each one contiguous
-            cells.append(make_cell(stages, stage, joint, np.concatenate(ids), columns, blocks, parameters))
+            shown, columns = np.concatenate(ids), np.concatenate(matrix).T  # each column contiguous
+            cells.append(make_cell(stages, stage, joint, shown, columns, blocks, parameters))
+            if stage is Stage.DYNAMICS:  # the same columns and nuisances in the rows about reversals
+                cells.append(make_cell(stages, stage, joint, shown, columns, blocks, parameters, at_reversal=True))
     ids = tuple(np.concatenate(list(own.values())) for own in nuisance)
     return Design(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks, stages)

@@ -204,6 +204,16 @@ def with_effect(design: Design, cells: list[Cell], candidate: Candidate, effect:
         matrix = cell.matrix.copy(order="K")
         matrix[:, places] = columns
         changed.append(
-            make_cell(stages, cell.stage, cell.joint, cell.ids, matrix, design.blocks, design.parameters, cell.whiten)
+            make_cell(
+                stages,
+                cell.stage,
+                cell.joint,
+                cell.ids,
+                matrix,
+                design.blocks,
+                design.parameters,
+                cell.whiten,
+                cell.at_reversal,
+            )
         )
     return changed

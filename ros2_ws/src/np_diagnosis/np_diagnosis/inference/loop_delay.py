@@ -14,6 +14,7 @@ import numpy as np
 from np_diagnosis.effects.timing import USUAL
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.fit import fit
+from np_effects.stage import Stage
 
 UNKNOWN = 3e-3  # s, prior of the delay before the recording is asked
 # s by which joints differ: drives hardly; motion by what the noise of velocity feigns, for it is in the command
@@ -39,7 +40,7 @@ def loop_delay(design: Design) -> float:
     """Delay s of measured against commanded torque: the median over the joints."""
     found = []
     for joint in range(len(design.context.arm)):
-        cell = next(c for c in design.of(joint) if c.stage == "r1")
+        cell = next(c for c in design.of(joint) if c.stage is Stage.DRIVE)
         delay = next(i for i in design.nuisances[joint] if design.parameters[i].name == "command_delay")
         beside = [
             c.ids

@@ -15,8 +15,7 @@ from np_diagnosis.arm.rigid import carried, felt_inertia
 from np_diagnosis.arm.stages import sign, slides
 from np_diagnosis.effects import Context, Parameter
 from np_diagnosis.effects.friction import SMOOTH
-
-REVERSAL = "r2 at reversal"
+from np_effects.stage import Stage
 
 DELAY = 2e-4  # s between command and torque that a loop has before its recording is asked (loop_delay.py)
 # rad over which a joint yields before friction turns over: two span what lies between. The larger is also that of
@@ -27,8 +26,8 @@ GEAR_YIELD = 1e-5  # rad/Nm: no gear is stiffer than some 1e5 Nm/rad, and a rigi
 
 _NONE: tuple[Parameter, ...] = ()
 _DELAYED = {
-    "r1": Parameter("command_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
-    "r2": Parameter("motion_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
+    Stage.DRIVE: Parameter("command_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
+    Stage.DYNAMICS: Parameter("motion_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
 }
 # Shares of the nominal friction that turn over late.
 _TURNING = (
@@ -39,18 +38,18 @@ _TURNING = (
 _LOOSE = Parameter("motion_delay", "s", -0.01, 0.01, 1e-3)
 
 
-def parameters(context: Context, stage: str, joint: int) -> tuple[Parameter, ...]:
+def parameters(context: Context, stage: Stage, joint: int) -> tuple[Parameter, ...]:
     """Of one stage of one joint, in the order of `columns`."""
-    if stage == "r1":
-        return (_DELAYED["r1"],)
-    if stage in ("r2", REVERSAL):
-        late = _DELAYED["r2"] if context.drive is not None else _LOOSE
+    if stage is Stage.DRIVE:
+        return (_DELAYED[stage],)
+    if stage is Stage.DYNAMICS:
+        late = _DELAYED[stage] if context.drive is not None else _LOOSE
         whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
         links = (
             Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in carried(context.arm, joint)
         )
         return (late, whole, *_TURNING, *links)
-    if stage == "r3":
+    if stage is Stage.TRANSMISSION:
         return (
             Parameter("zero", "rad", -0.1, 0.1, 0.01),
             Parameter("yield", "rad/Nm", -2 * GEAR_YIELD, 2 * GEAR_YIELD, GEAR_YIELD),
@@ -58,10 +57,10 @@ def parameters(context: Context, stage: str, joint: int) -> tuple[Parameter, ...
     return _NONE
 
 
-def columns(context: Context, stage: str, joint: int) -> np.ndarray:
+def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
     """Columns (n, count) of the `parameters`."""
     c = context
-    if stage in ("r2", REVERSAL):
+    if stage is Stage.DYNAMICS:
         # A joint turns what is beyond it: each link's inertia may be off by itself. (One factor for all of them
         # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
         links = c.prediction.inertia[:, joint, carried(c.arm, joint)]
@@ -72,9 +71,9 @@ def columns(context: Context, stage: str, joint: int) -> np.ndarray:
         )
         motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]
         return np.column_stack([*motion, *late, links])
-    if stage == "r3":
+    if stage is Stage.TRANSMISSION:
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
-    if stage == "r1":
+    if stage is Stage.DRIVE:
         # Commands are held for a period: to be late by less than that is a share of the one before.
         step = np.diff(c.drive.commanded[:, joint], prepend=c.drive.commanded[0, joint])
         step[c.drive.starts] = 0.0

@@ -15,6 +15,7 @@ from np_diagnosis.effects import Effect
 from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.design import Candidate, Design
 from np_diagnosis.inference.fit import Fit, Score, part, places, remaining, score
+from np_effects.stage import Stage
 
 WIDTH = 6  # structures that are grown further
 BROAD = 3  # effects up to which several structures are grown
@@ -24,7 +25,7 @@ ADDED = 3.0  # nats that an effect must bring beyond its prior odds
 CERTAINTY = 1.5  # standard errors over blocks that it must bring
 LEAST_SHARE = 0.02  # of the stage's held-out energy at its place, below which an effect is not worth naming
 # Of the joint's torque limit, likewise; no sensor blurs what a controller says of itself.
-VISIBLE_OF = {"r0": 0.00001, "r1": 0.0001, "r2": 0.0001}
+VISIBLE_OF = {Stage.CONTROLLER: 0.00001, Stage.DRIVE: 0.0001, Stage.DYNAMICS: 0.0001}
 VISIBLE_TWIST = 5e-7  # rad, RMS: a sixth of the noise that a sample has of two encoders of 10 urad
 TIE = 2.0  # nats within which fewer parameters are preferred
 
@@ -210,7 +211,7 @@ class Search:
         for cell, old, new in zip(self.design.cells, before, after):
             rows = max(cell.rows.sum(), 1)
             limit = self.design.context.arm.torque_limit[cell.joint]
-            least = (VISIBLE_OF[cell.stage[:2]] * limit) ** 2 if cell.stage != "r3" else VISIBLE_TWIST**2
+            least = VISIBLE_TWIST**2 if cell.stage is Stage.TRANSMISSION else (VISIBLE_OF[cell.stage] * limit) ** 2
             if old - new > max(LEAST_SHARE * old, least * rows):
                 return True
         return False

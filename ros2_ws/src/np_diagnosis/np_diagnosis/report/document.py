@@ -13,10 +13,10 @@ from np_description.patch import dump_patch
 from np_diagnosis.checks.shrinkage import REGIMES, regimes
 from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.experiments.ambiguity import open_question
-from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.report.schema import validate
 from np_diagnosis.simulation.patching import make_patch, tried_patch
+from np_effects.stage import Stage
 
 REFITTED = 3  # structures at most: the chosen one and its nearest rivals
 
@@ -144,12 +144,12 @@ def _effect(finding: Finding) -> dict:
 
 
 def _ladder(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
-    """RMS before and after of each rung."""
+    """RMS before and after at each stage."""
     table = {}
     for n, cell in enumerate(diagnosis.design.cells):
         if cell.joint == joint and cell.rows.any():
             after = diagnosis.gap.residuals[n]
-            table[cell.stage] = {
+            table[cell.name] = {
                 "before": float(np.sqrt(np.mean(diagnosis.gap.nominal[n][cell.rows] ** 2))),
                 "after": float(np.sqrt(np.mean(after[cell.rows] ** 2))),
             }
@@ -159,8 +159,8 @@ def _ladder(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
 def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | None]:
     """RMS Nm of r2 before and after in each regime; None where the joint was not in it while moving."""
     samples, cells = diagnosis.context.samples, diagnosis.design.cells
-    slide = next(n for n, c in enumerate(cells) if c.joint == joint and c.stage == "r2")
-    turn = next(n for n, c in enumerate(cells) if c.joint == joint and c.stage == REVERSAL)
+    mine = [n for n, c in enumerate(cells) if c.joint == joint and c.stage is Stage.DYNAMICS]
+    slide, turn = (next(n for n in mine if cells[n].at_reversal is at_reversal) for at_reversal in (False, True))
     reversing = np.zeros(samples.velocity.shape, bool)
     reversing[:, joint] = cells[turn].rows
     table = {}
