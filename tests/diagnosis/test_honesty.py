@@ -1,4 +1,4 @@
-"""What keeps the doctor honest: intervals that know rival structures, patches that were tried, and what is odd."""
+"""What keeps the doctor honest: intervals that know rival models, patches that were tried, and what no effect explains."""
 
 from types import SimpleNamespace
 
@@ -7,15 +7,16 @@ import pytest
 
 from np_description.panda import NOMINAL
 from np_diagnosis.checks.omnibus import _outlying
-from np_diagnosis.checks.standstill import FADE, _memory, ageing
+from np_diagnosis.checks.standstill import _memory, ageing
 from np_diagnosis.effects.base import Effect, Parameter
 from np_diagnosis.inference.averaging import spread
 from np_diagnosis.inference.design import Candidate
 from np_diagnosis.inference.fit import Fit, Score
-from np_diagnosis.inference.ranking import larger
+from np_diagnosis.inference.ranking import generalisations
 from np_diagnosis.recordings.signals import GRID
 from np_diagnosis.simulation import patching
 from np_diagnosis.simulation.patching import tried_patch
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.stage import Stage
 
 RNG = np.random.default_rng(3)
@@ -34,7 +35,7 @@ def test_a_rest_is_remembered_by_its_length_and_fades():
     speed = velocity((1.0, 0.1), (0.5, 0.0), (1.0, -0.1), (2.0, 0.0), (1.0, 0.1))
     fresh, aged = _memory(speed + 1e-4 * RNG.normal(size=len(speed)))
     one, two = round(1.55 / GRID), round(4.55 / GRID)  # shortly after either rest
-    assert fresh[one] == pytest.approx(-np.exp(-0.05 / FADE), rel=0.2) and fresh[two] > 0.4
+    assert fresh[one] == pytest.approx(-np.exp(-0.05 / THRESHOLDS.standstill.fade), rel=0.2) and fresh[two] > 0.4
     assert aged[two] / fresh[two] > 2 * aged[one] / fresh[one] > 1
     assert np.abs(fresh[: round(1.0 / GRID)]).max() == 0  # it never stood before
     assert abs(fresh[round(2.4 / GRID)]) < 1e-2 and not fresh[round(1.2 / GRID)]
@@ -84,7 +85,7 @@ def test_noise_never_goes_so_far_and_a_drive_that_drops_out_does():
 
 
 def test_an_interval_holds_what_a_rival_structure_says():
-    """Two structures predict alike; one puts half of a parameter into another effect."""
+    """Two models predict alike; one puts half of a parameter into another effect."""
     candidates = [
         Candidate(effect("coulomb_friction", "level"), 0, np.array([0])),
         Candidate(effect("viscous_friction", "coefficient"), 0, np.array([1])),
@@ -120,10 +121,10 @@ def test_what_contains_an_effect_is_known_by_its_columns():
         Candidate(effect("cable_torque", "stiffness", "offset"), 0, np.array([3, 4])),
     ]
     search = SimpleNamespace(design=SimpleNamespace(candidates=candidates, cells=(cell,)))
-    assert larger(search, 0) == ("asymmetric_coulomb_friction",)
-    assert larger(search, 1) == ()
+    assert generalisations(search, 0) == ("asymmetric_coulomb_friction",)
+    assert generalisations(search, 1) == ()
     cell.total[3:5] = cell.total[:, 3:5] = 0.0  # what does not show at all says nothing
-    assert larger(search, 0) == ("asymmetric_coulomb_friction",)
+    assert generalisations(search, 0) == ("asymmetric_coulomb_friction",)
 
 
 def finding(name, joint):

@@ -99,8 +99,8 @@ def test_planned_cells_have_the_columns_of_the_recording(payload_search):
 def test_longer_motions_say_more_and_a_posture_tells_payload_from_offsets(payload_search):
     design = payload_search.design
     number = {(c.effect.key, c.joint): n for n, c in enumerate(design.candidates)}
-    payload = payload_search.structure((number["payload", None],))
-    offset = payload_search.structure((number["torque_offset[unseen by the sensor]", 1],))
+    payload = payload_search.model((number["payload", None],))
+    offset = payload_search.model((number["torque_offset[unseen by the sensor]", 1],))
     question = Ambiguity((payload, offset), (("payload",), ("torque_offset",)), (1,), "arm")
     (row,) = powers(payload_search, question, ["reference", "long_reference", "microstrokes"])
     short, long, still = row
@@ -146,7 +146,7 @@ def test_an_ambiguity_is_answered_with_a_command_and_its_odds(stuck, monkeypatch
     open_ = replace(diagnosis, findings=(replace(finding, equivalent_to=("viscous_friction",)),))
     question = open_question(open_)
     answer = next_experiment(open_, question)
-    forward = second_opinion(open_, question[1].structures[1:])
+    forward = second_opinion(open_, question[1].models[1:])
     report = make_report(open_, [log], 0.0, experiment=answer, forward=forward)
     page = render(report, open_)
     assert [s["effects"] for s in report["forward"]["structures"]][:2] == [

@@ -11,8 +11,9 @@ from np_diagnosis.effects import Parameter
 from np_diagnosis.effects.base import recurrence
 from np_diagnosis.effects.timing import delayed, find_held
 from np_diagnosis.effects.torque_loop import first_order, rate_limited
-from np_diagnosis.inference.cells import GAP, Block, Cell, make_cell
+from np_diagnosis.inference.cells import Block, Cell, make_cell
 from np_diagnosis.recordings.signals import Log, sample
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.stage import Stage
 
 PERIOD = 0.002
@@ -125,7 +126,7 @@ def test_sums_of_blocks_are_those_of_their_rows(seed):
     assert isinstance(cell, Cell)
     for b, block in enumerate(blocks):
         inside = kept & (time >= block.start) & (time < block.end)
-        near = kept & (time >= block.start - GAP) & (time < block.end + GAP)
+        near = kept & (time >= block.start - THRESHOLDS.blocks.gap) & (time < block.end + THRESHOLDS.blocks.gap)
         np.testing.assert_allclose(cell.test[b], white[inside].T @ white[inside], atol=1e-9)
         np.testing.assert_allclose(cell.held[b], white[near].T @ white[near], atol=1e-9)
         assert (cell.test_rows[b], cell.held_rows[b]) == (inside.sum(), near.sum())

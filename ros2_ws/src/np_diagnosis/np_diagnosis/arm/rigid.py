@@ -173,8 +173,8 @@ def own_inertia(arm: Arm, motion: Motion) -> np.ndarray:
 
 def centred_inertia(arm: Arm) -> np.ndarray:
     """Inertia (k, 3, 3) kg m^2 of each link about its own centre of mass."""
-    apart = [(h @ h * np.eye(3) - np.outer(h, h)) / max(m, 1e-9) for m, h in zip(arm.mass, arm.moment)]
-    return arm.inertia - np.array(apart)
+    shifts = [(h @ h * np.eye(3) - np.outer(h, h)) / max(m, 1e-9) for m, h in zip(arm.mass, arm.moment)]
+    return arm.inertia - np.array(shifts)
 
 
 def _turn(arm: Arm, joint: int, angle: np.ndarray) -> np.ndarray:

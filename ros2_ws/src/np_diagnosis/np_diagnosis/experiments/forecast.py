@@ -1,8 +1,6 @@
 """What an experiment would record, before anybody runs it: its motion, followed perfectly by the nominal arm.
 
-The recordings planned have no noise and no gap. They are there for what effects would do to such a motion,
-not
-for what it measures.
+The recordings planned have neither noise nor gap: they are there for what effects would do to such a motion.
 """
 
 from __future__ import annotations
@@ -51,8 +49,7 @@ def planned_log(segment: Segment, arm: Arm, like: Log) -> Log:
 
 
 def planned_context(names: Sequence[str], context: Context) -> Context:
-    """The context of recordings of these experiments, one trajectory each, as the recorded one would see
-    them."""
+    """The context of recordings of these experiments, one trajectory each, by the arm and setup of a recorded one."""
     logs = [planned_log(experiment(name), context.arm, context.logs[0]) for name in names]
     planned = make_context(logs, context.arm)
     held = None
@@ -70,10 +67,9 @@ def planned_context(names: Sequence[str], context: Context) -> Context:
 
 
 def planned_cells(design: Design, names: Sequence[str], members: Sequence[int], joints: Sequence[int]) -> list[Cell]:
-    """Sums of what these candidates and the nuisances would do in each experiment at each stage of some
-    joints.
+    """Sums of what these candidates and the nuisances would do in each experiment at each stage of some joints.
 
-    As the cells of the design they have its whitening and its parameters; one block an experiment.
+    They have the whitening and the parameters of the design's cells, and one block an experiment.
     """
     context = planned_context(names, design.context)
     stages, cells = Stages(context), []
@@ -108,16 +104,14 @@ def planned_cells(design: Design, names: Sequence[str], members: Sequence[int], 
 
 
 def _motion(segment: Segment, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity and acceleration (n, 7) of the segment as the controller follows it; at rest
-    outside."""
+    """Position, velocity and acceleration (n, 7) of a segment that is followed perfectly; at rest outside of it."""
     path = CubicHermiteSpline(segment.times, segment.positions, segment.velocities)
     inside = np.clip(time, 0.0, segment.duration)
     return path(inside), path(inside, 1), np.gradient(path(inside, 1), time, axis=0)
 
 
 def _rigid(arm: Arm, segment: Segment, time: np.ndarray) -> np.ndarray:
-    """Torque (n, 7) Nm of the motion without gravity and friction, of every few rows and smooth in
-    between."""
+    """Torque (n, 7) Nm of the motion without gravity and friction: of every few rows, and smooth in between."""
     coarse = np.linspace(0.0, time[-1], 2 + len(time) // COARSE)
     q, dq, rate = _motion(segment, coarse)
     return CubicSpline(coarse, rigid.torque(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate)(time)

@@ -6,10 +6,10 @@ import numpy as np
 
 from np_diagnosis.arm.stages import slides
 from np_diagnosis.effects import Context, Effect
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.stage import Stage
 
-KINK = 0.02  # rad/s^2 by which the target's acceleration may jump for what was fed forward to be known
-SLOWEST = 0.002  # rad/s, below which a joint may be standing
+ROWS = THRESHOLDS.rows
 
 
 class Stages:
@@ -48,10 +48,10 @@ class Stages:
         return c.drive.measured[:, joint] - c.drive.commanded[:, joint]
 
     def columns(self, effect: Effect, stage: Stage, joint: int) -> np.ndarray | None:
-        """Columns (n, parameters) of an effect, None where it does not show.
+        """Columns (n, parameters) of an effect at a stage of a joint, None where it does not show.
 
-        With commands, r2 is taken from the commanded torque: its noise is then none of r1's. What the drive
-        makes of a command is missing from it, whatever the sensor says.
+        With commands, r2 is taken from the commanded torque, so that the noise of the torque sensor is in r1 alone.
+        What the drive makes of a command is then missing from r2, whatever the sensor says.
         """
         c = self.context
         own = effect.columns.get(stage)
@@ -88,7 +88,7 @@ class Stages:
         if stage is Stage.DYNAMICS and not at_reversal:
             return self._slides[:, joint]
         if stage is Stage.DYNAMICS:
-            return (np.abs(c.samples.velocity[:, joint]) > SLOWEST) & ~self._slides[:, joint]
+            return (np.abs(c.samples.velocity[:, joint]) > ROWS.slowest) & ~self._slides[:, joint]
         if stage is Stage.TRANSMISSION:
             return np.isfinite(c.transmission.twist[:, joint])
         if stage is Stage.CONTROLLER:
@@ -107,11 +107,11 @@ def _smooth(context: Context) -> np.ndarray:
             continue
         bend = np.diff(c.target_velocity, 2, axis=0) / d.period
         around = 0.5 * (bend[:-4] + bend[4:])
-        kink = np.abs(bend[2:-2] - around).max(axis=1) > KINK
+        kink = np.abs(bend[2:-2] - around).max(axis=1) > ROWS.kink
         times = log.time[c.rows][3:-3][kink]
         rows = np.flatnonzero(d.trajectory == number)
         kinked[rows] = np.isin(np.round(d.time[rows] / d.period), np.round(times / d.period))
     edges = np.concatenate([[0], d.starts, [len(d.time)]])
     for start in edges:
-        kinked[max(0, start - 4) : start + 4] = True
+        kinked[max(0, start - ROWS.kink_margin) : start + ROWS.kink_margin] = True
     return ~kinked

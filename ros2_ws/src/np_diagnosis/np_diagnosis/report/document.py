@@ -16,9 +16,8 @@ from np_diagnosis.experiments.ambiguity import open_question
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.report.schema import validate
 from np_diagnosis.simulation.patching import make_patch, tried_patch
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.stage import Stage
-
-REFITTED = 3  # structures at most: the chosen one and its nearest rivals
 
 
 def make_report(
@@ -91,7 +90,7 @@ def where(diagnosis: Diagnosis) -> list[dict]:
             key = (f.effect.module, f.component)
             energy[key] = energy.get(key, 0.0) + f.energy
     for j in diagnosis.unexplained:
-        left = sum((r.structure - r.flexible) / r.rows for r in diagnosis.rests if r.joint == j)
+        left = sum((r.chosen - r.flexible) / r.rows for r in diagnosis.lack_of_fit if r.joint == j)
         if left > 0:
             energy["unknown", diagnosis.context.arm.joints[j]] = left
     total = sum(energy.values())
@@ -116,7 +115,7 @@ def write(
         question = open_question(diagnosis)
         experiment = next_experiment(diagnosis, question)
         patch, left_out, shots = tried_patch(diagnosis)
-        forward = second_opinion(diagnosis, question[1].structures[1:REFITTED] if question else ())
+        forward = second_opinion(diagnosis, question[1].models[1 : THRESHOLDS.refit.models] if question else ())
     report = make_report(diagnosis, logs, round(runtime(), 2), shots, experiment, forward, left_out)
     out.mkdir(parents=True, exist_ok=True)
     (out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
@@ -179,11 +178,11 @@ def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | N
 
 
 def _worse(diagnosis: Diagnosis) -> list[str]:
-    """Joint and regime in which the gap grows by more than a twentieth."""
+    """Joint and regime in which the gap grows by more than the threshold `shrinkage.worse`."""
     found = []
     for j, joint in enumerate(diagnosis.context.arm.joints):
         for name in REGIMES:
             r = _regimes(diagnosis, j)[name]
-            if r and r["after"] > 1.05 * r["before"]:
+            if r and r["after"] > THRESHOLDS.shrinkage.worse * r["before"]:
                 found.append(f"{joint}: {name}")
     return found
