@@ -12,7 +12,7 @@ from np_diagnosis.checks.plausibility import check
 from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.effects.friction import PRESLIDING_MOST, PRESLIDING_STROKES
 from np_diagnosis.recordings.reading import read
-from np_diagnosis.report.document import make_report
+from np_diagnosis.report.document import make_report, to_json
 from np_diagnosis.simulation.simulated_arm import Z1
 
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
@@ -22,7 +22,9 @@ def examine(truth, seed=0):
     log = record(truth, seed=seed)
     check(log)
     diagnosis = diagnose([log])
-    return diagnosis, make_report(diagnosis, [log], 0.0)
+    report = make_report(diagnosis, [log], 0.0)
+    assert to_json(report)  # it keeps to its schema
+    return diagnosis, report
 
 
 def chosen(diagnosis):

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from importlib.resources import files
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,11 +25,10 @@ from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.fit import fit
 from np_diagnosis.inference.loop_delay import loop_delay, settle_delay
 from np_diagnosis.recordings.signals import Log, sample
-from np_diagnosis.report.schema import validate
+from np_diagnosis.report.document import to_json
 from np_effects.stage import Stage
 
 ARM = panda()
-SCHEMA = json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text())
 EMPTY = {
     "schema_version": 1,
     "verdict": "no_gap",
@@ -205,16 +203,16 @@ def test_intervals_cover_under_coloured_noise(clean):
     [
         ({"verdict": "fine"}, "verdict"),
         ({"runtime_s": "1"}, "runtime_s"),
-        ({"runtime_s": float("nan")}, "finite"),
+        ({"runtime_s": float("nan")}, "nan"),
         ({"where": [{"module": "software", "component": "arm", "share": 1.5}]}, "share"),
         ({"effects": [{"effect": "payload"}]}, "component"),
         ({"schema_version": 2}, "schema_version"),
     ],
 )
 def test_the_schema_refuses(change, text):
-    validate(EMPTY, SCHEMA)
+    assert json.loads(to_json(EMPTY)) == EMPTY
     with pytest.raises(ValueError, match=text):
-        validate(EMPTY | change, SCHEMA)
+        to_json(EMPTY | change)
 
 
 def test_what_yields_before_it_slides_follows_the_motion_and_turns_with_it():

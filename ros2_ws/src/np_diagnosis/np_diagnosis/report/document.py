@@ -14,7 +14,6 @@ from np_diagnosis.checks.shrinkage import REGIMES, regimes
 from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.experiments.ambiguity import open_question
 from np_diagnosis.recordings.signals import Log
-from np_diagnosis.report.schema import validate
 from np_diagnosis.simulation.patching import make_patch, tried_patch
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.stage import Stage
@@ -31,11 +30,9 @@ def make_report(
 ) -> dict:
     """The report as a JSON object; shots, left_out: of `patching.tried_patch`; experiment: of
     `power.next_experiment`; forward: of `refit.second_opinion`.
-
-    Raises ValueError if it breaks the schema.
     """
     gap, joints = diagnosis.gap, diagnosis.context.arm.joints
-    report = {
+    return {
         "schema_version": 1,
         "verdict": diagnosis.verdict,
         "where": where(diagnosis),
@@ -76,8 +73,22 @@ def make_report(
         },
         "runtime_s": runtime,
     }
-    validate(report, json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text()))
-    return report
+
+
+def to_json(report: dict, quick: bool = False) -> str:
+    """A report as text; quick: not held against its schema, data/gap_report.schema.json.
+
+    Raises ValueError naming where a report breaks its schema, or for a number that is not finite.
+    """
+    if not quick:  # the import alone takes a tenth of a second
+        from jsonschema import Draft202012Validator
+        from jsonschema.exceptions import best_match
+
+        schema = json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text(encoding="utf-8"))
+        error = best_match(Draft202012Validator(schema).iter_errors(report))
+        if error is not None:
+            raise ValueError(f"report: {error.json_path}: {error.message}")
+    return json.dumps(report, indent=1, allow_nan=False) + "\n"
 
 
 def where(diagnosis: Diagnosis) -> list[dict]:
@@ -103,7 +114,8 @@ def write(
 ) -> dict:
     """Write report.json, patch.yaml and report.html into `out`; returns the report.
 
-    runtime: s it has taken so far; quick: without closed loop, refit, next experiment and page.
+    runtime: s it has taken so far; quick: without closed loop, refit, next experiment, page, and the check against
+    the schema. Raises ValueError as `to_json` does.
     """
     experiment = forward = shots = None
     patch, left_out = make_patch(diagnosis), ()
@@ -117,8 +129,9 @@ def write(
         patch, left_out, shots = tried_patch(diagnosis)
         forward = second_opinion(diagnosis, question[1].models[1 : THRESHOLDS.refit.models] if question else ())
     report = make_report(diagnosis, logs, round(runtime(), 2), shots, experiment, forward, left_out)
+    text = to_json(report, quick)
     out.mkdir(parents=True, exist_ok=True)
-    (out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    (out / "report.json").write_text(text, encoding="utf-8")
     (out / "patch.yaml").write_text(dump_patch(patch), encoding="utf-8")
     if not quick:
         from np_diagnosis.report.page import render  # drawing is slow to import
