@@ -21,9 +21,9 @@ from np_blind.bags import write_bag
 from np_blind.cases import SETS, Case, draw_cases, make_physics
 from np_blind.loop import make_targets, run_staying
 from np_blind.processes import workers
-from np_blind.progress import Bar
 from np_blind.sealed import digest, make_key
 from np_diagnosis.experiments.excitation import suite
+from np_record.command import Progress
 
 BATCH = 25  # arms moved at once, at most: 30 MB each
 
@@ -83,7 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
     (options.out / "key.json").write_text(key)
     (options.out / "key.sha256").write_text(f"{digest(key)}  key.json\n")
     cases = draw_cases(options.cases, options.seed, options.which)
-    bar, errors = Bar(len(cases), f"generate {options.which} {options.seed}"), {}
+    bar, errors = Progress(len(cases), f"generate {options.which} {options.seed}"), {}
     with workers(options.jobs) as pool:
         pending = [pool.submit(make_bags, batch, options.only, options.out) for batch in batches(cases, options.jobs)]
         for future in as_completed(pending):
