@@ -59,16 +59,16 @@ def make_bags(cases: Sequence[Case], only: Sequence[str], out: Path) -> dict[int
 
 def add_options(parser: argparse.ArgumentParser, which: str) -> None:
     """The options that name a set of cases."""
-    parser.add_argument("--cases", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--set", choices=list(SETS), default=which, dest="which")
+    parser.add_argument("--cases", type=int, default=200, help="how many (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of everything random about them (default: %(default)s)")
+    parser.add_argument("--set", choices=list(SETS), default=which, dest="which", help="default: %(default)s")
     parser.add_argument("--only", nargs="*", default=[], metavar="EXPERIMENT", help="part of the suite")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
-    parser = argparse.ArgumentParser(prog="generate", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m np_blind.generate", description=__doc__.split("\n")[0])
     add_options(parser, "development")
     parser.add_argument("--out", type=Path, required=True, help="folder to make")
     options = parser.parse_args(arguments)
