@@ -18,7 +18,7 @@ from np_diagnosis.arm.model import Arm
 from np_diagnosis.recordings.signals import Log, Samples
 from np_diagnosis.thresholds import THRESHOLDS
 
-ROWS = THRESHOLDS.rows
+RECORDINGS, ROWS = THRESHOLDS.recordings, THRESHOLDS.rows
 
 
 def sign(velocity: np.ndarray) -> np.ndarray:
@@ -121,10 +121,12 @@ def drive(logs: list[Log], arm: Arm) -> Drive | None:
         period = float(np.median(np.diff(log.time)))
         follows = c.rows + 1 < len(log.time)
         rows = c.rows[follows]
-        kept = np.flatnonzero(follows)[np.abs(log.time[rows + 1] - log.time[rows] - period) < 0.5 * period]
+        kept = np.flatnonzero(follows)[
+            np.abs(log.time[rows + 1] - log.time[rows] - period) < RECORDINGS.answer * period
+        ]
         rows = c.rows[kept]
         law, error = _replay(log, arm, kept)
-        begins = np.flatnonzero(np.diff(log.time[rows], prepend=-1.0) > 1.5 * period)
+        begins = np.flatnonzero(np.diff(log.time[rows], prepend=-1.0) > RECORDINGS.command_gap * period)
         starts.append(count + np.union1d(begins, [0]))
         count += len(rows)
         still = rigid.gravity_torque(arm, log.position[rows])

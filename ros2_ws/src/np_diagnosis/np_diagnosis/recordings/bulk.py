@@ -39,11 +39,11 @@ def joint_states(
     table = _table(messages, size)
     fields = table.view(_layout(start, len(wanted), size))[:, 0]
     # Same length, same bytes before the numbers, and as many of these: same names, same layout.
-    strange = (table[:, _STAMP.stop : start] != table[0, _STAMP.stop : start]).any(axis=1)
+    differs = (table[:, _STAMP.stop : start] != table[0, _STAMP.stop : start]).any(axis=1)
     for length in ("positions", "velocities", "efforts"):
-        strange |= fields[length] != len(wanted)
-    if strange.any():
-        _refuse(bag, topic, messages[int(np.argmax(strange))], wanted)
+        differs |= fields[length] != len(wanted)
+    if differs.any():
+        _refuse(bag, topic, messages[int(np.argmax(differs))], wanted)
     stamps = fields["seconds"].astype(np.int64) * 1_000_000_000 + fields["nanoseconds"]
     values = np.stack([fields[part] for part in ("position", "velocity", "effort")], axis=1)
     bad = np.flatnonzero(~np.isfinite(values).all(axis=(1, 2)))

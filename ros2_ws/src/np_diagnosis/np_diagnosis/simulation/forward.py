@@ -77,7 +77,7 @@ def windows(logs: Sequence[Log], every: float = SHOT.every) -> Windows | None:
         if c is None or log.position.shape[1] != len(JOINT_NAMES):
             continue
         own = float(np.median(np.diff(log.time)))
-        if period is not None and abs(own - period) > 1e-3 * period:
+        if period is not None and abs(own - period) > SHOT.period_tolerance * period:
             continue
         period = own
         lead = c.target + c.damping / c.stiffness * c.target_velocity

@@ -12,6 +12,14 @@ class Recordings:
     """What a recording must be (recordings/)."""
 
     period_tolerance: float = threshold(0.05, "1", "by which the period of joint states may differ", JUDGEMENT)
+    rates: tuple[float, float] = threshold(
+        (100.0, 10000.0),
+        "Hz",
+        "rates of a recording without a rate of its own",
+        "otherwise its times are not in seconds",
+    )
+    answer: float = threshold(0.5, "periods", "by which the state after a command may be late or early", JUDGEMENT)
+    command_gap: float = threshold(1.5, "periods", "between commands from which a new stretch begins", JUDGEMENT)
     loss: float = threshold(0.02, "1", "share of joint states that may be missing", JUDGEMENT)
     largest_gap: float = threshold(0.05, "s", "without data over which nothing is interpolated", JUDGEMENT)
     shortest: float = threshold(1.0, "s", "shortest stretch without a gap that is used", JUDGEMENT)

@@ -43,6 +43,7 @@ class Simulating:
     every: float = threshold(1.5, "s", "from one simulation to the next", JUDGEMENT)
     settled: float = threshold(0.1, "s", "at the start of a simulation that do not count", JUDGEMENT)
     warm: float = threshold(0.1, "s", "before it, in which what has a memory is shown what was recorded", JUDGEMENT)
+    period_tolerance: float = threshold(1e-3, "1", "by which the periods of recordings may differ", JUDGEMENT)
     smooth: int = threshold(9, "rows", "over which the speed at the start is averaged", JUDGEMENT)
     sample: float = threshold(0.01, "s", "between the moments that are compared", JUDGEMENT)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
 JUDGEMENT = "engineering judgement"
-DEVELOPMENT = "engineering judgement, tried on the development cases of the blind test (docs/blind_test.md)"
-NUMERICS = "numerical: a larger effort changes no answer on the development cases"
+DEVELOPMENT = "engineering judgement, tried on cases of the blind test that were open by then"
+NUMERICS = "numerical effort or tolerance, chosen for run time and convergence, not by a study"
 
 
 def threshold(value: Any, unit: str, meaning: str, source: str) -> Any:

@@ -30,7 +30,7 @@ class Blocks:
         0.5,
         "s",
         "left out of training on either side of a block",
-        "longer than the memory of all residuals: 25 Hz filter",
+        JUDGEMENT,
     )
     gaps_per_block: float = threshold(3.0, "gaps", "shortest block that can be predicted", JUDGEMENT)
     rows: int = threshold(8, "rows", "fewest rows with which a block says something of a cell", JUDGEMENT)
