@@ -153,7 +153,7 @@ def test_a_row_of_the_report_says_where_the_two_disagree(recorded):
     assert json.loads(json.dumps(row)) == row
 
 
-def test_a_structure_that_no_arm_can_have_is_reported_and_does_not_end_the_report(monkeypatch, log):
+def test_a_model_that_no_arm_can_have_is_reported_and_does_not_end_the_report(monkeypatch, log):
     """Inertia below nothing: MuJoCo refuses to make such a link."""
     impossible = Part("link_inertia", "panda_joint4", {"scale": Estimate(-1.5, -1.6, -1.4, "1")}, {})
     monkeypatch.setattr(refitting, "parts_of", lambda *_: (impossible,))

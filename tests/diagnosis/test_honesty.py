@@ -84,7 +84,7 @@ def test_noise_never_goes_so_far_and_a_drive_that_drops_out_does():
     assert before > 1.0 and after == 0.0 and _outlying(dropped, dropped)[1] > 1.0
 
 
-def test_an_interval_holds_what_a_rival_structure_says():
+def test_an_interval_holds_what_a_rival_model_says():
     """Two models predict alike; one puts half of a parameter into another effect."""
     candidates = [
         Candidate(effect("coulomb_friction", "level"), 0, np.array([0])),

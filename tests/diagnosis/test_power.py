@@ -27,6 +27,7 @@ from np_diagnosis.inference.search import Search
 from np_diagnosis.report.document import make_report, to_json
 from np_diagnosis.report.page import render
 from np_diagnosis.simulation.refit import second_opinion
+from np_diagnosis.thresholds import THRESHOLDS
 
 
 def belief(ids, mean, spread):
@@ -138,11 +139,11 @@ def test_the_rival_is_what_explains_the_recording_and_not_a_part_of_it(uneven):
     assert all(p.probability < 0.1 for row in powers(diagnosis.search, question, EXPERIMENTS) for p in row)
 
 
-def test_an_ambiguity_is_answered_with_a_command_and_its_odds(stuck, monkeypatch):
+def test_an_ambiguity_is_answered_with_a_command_and_its_probability(stuck, monkeypatch):
     diagnosis, log = stuck
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
     # As if the recording had left it open whether it is viscous.
-    monkeypatch.setattr("np_diagnosis.experiments.ambiguity.NEAR", np.inf)
+    monkeypatch.setattr("np_diagnosis.experiments.ambiguity.AMBIGUITY", replace(THRESHOLDS.ambiguity, near=np.inf))
     open_ = replace(diagnosis, findings=(replace(finding, equivalent_to=("viscous_friction",)),))
     question = open_question(open_)
     answer = next_experiment(open_, question)
