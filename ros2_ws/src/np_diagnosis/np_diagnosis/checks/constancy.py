@@ -25,8 +25,8 @@ import numpy as np
 from np_diagnosis.checks.omnibus import LackOfFit, predicted
 from np_diagnosis.effects.base import Context
 from np_diagnosis.inference.cells import Cell
-from np_diagnosis.inference.fit import places
-from np_diagnosis.inference.search import Search, fits_of, held_out
+from np_diagnosis.inference.fit import held_out, places
+from np_diagnosis.inference.search import Search, fits_of
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.stage import Stage
 

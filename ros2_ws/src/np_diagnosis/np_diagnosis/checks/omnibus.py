@@ -15,9 +15,9 @@ from np_diagnosis.arm.rigid import felt_inertia
 from np_diagnosis.effects.base import Context, Parameter
 from np_diagnosis.inference.cells import Cell, make_cell
 from np_diagnosis.inference.design import Design
-from np_diagnosis.inference.fit import Fit, score
+from np_diagnosis.inference.fit import Fit, held_out, score
 from np_diagnosis.inference.residuals import Stages
-from np_diagnosis.inference.search import Search, fits_of, held_out
+from np_diagnosis.inference.search import Search, fits_of
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.stage import Stage
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_diagnosis.checks.floor import repeatability, white_noise
-from np_diagnosis.inference.search import Model, Search, held_out
+from np_diagnosis.inference.fit import held_out
+from np_diagnosis.inference.search import Model, Search, fits_of
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.stage import Stage
 
@@ -118,11 +119,7 @@ def regimes(velocity: np.ndarray, acceleration: np.ndarray, reversing: np.ndarra
 
 
 def _residuals(search: Search, members: tuple[int, ...]) -> list[np.ndarray]:
-    fits = {}
-    for joints, inside in search.groups(tuple(sorted(members))):
-        result, _ = search.group(joints, inside)
-        for j in joints:
-            fits[j] = (search.ids(joints, inside), result.fit)
+    fits = fits_of(search, members)
     return [held_out(cell, *fits[cell.joint]) for cell in search.design.cells]
 
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_diagnosis.inference.search import Search, fits_of, held_out
+from np_diagnosis.inference.fit import held_out
+from np_diagnosis.inference.search import Search, fits_of
 from np_diagnosis.recordings.signals import GRID, Samples
 from np_diagnosis.thresholds import THRESHOLDS
 

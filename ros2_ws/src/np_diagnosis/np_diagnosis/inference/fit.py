@@ -131,6 +131,19 @@ def score(cells: Sequence[Cell], ids: np.ndarray, parameters: Sequence[Parameter
     return Score((density * np.array([cell.used for cell in cells])).sum(axis=0), fitted)
 
 
+def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:
+    """Sum of squares of `held_out` over the rows that count, from the cell's Gram matrices."""
+    columns, at = places(cell, ids)
+    return float(remaining(part(cell.plain, columns), fit.parameters[:, at]).sum() + cell.outside)
+
+
+def held_out(cell: Cell, ids: np.ndarray, fit: Fit) -> np.ndarray:
+    """Residual (n,) of a cell that a fit leaves of blocks it has not seen; the residual itself outside of blocks."""
+    columns, at = places(cell, ids)
+    values = np.where((cell.block >= 0)[:, None], fit.parameters[np.maximum(cell.block, 0)][:, at], 0.0)
+    return cell.residual - sum((cell.matrix[:, k] * values[:, n] for n, k in enumerate(columns)), 0.0)
+
+
 def _bounded(normal, moment, solved, lower, upper, outside) -> np.ndarray:
     """Least squares in a box: what leaves it is held at its side, and the rest is solved again, twice."""
     held = np.zeros_like(outside)

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from np_diagnosis.effects import Effect
-from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.design import Candidate, Design
-from np_diagnosis.inference.fit import Fit, Score, part, places, remaining, score
+from np_diagnosis.inference.fit import Fit, Score, energy, score
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.stage import Stage
 
@@ -246,11 +245,7 @@ class Search:
 
     def energies(self, members: tuple[int, ...]) -> list[float]:
         """Sum of the squared held-out residuals of each cell, before whitening."""
-        fits = {}
-        for joints, inside in self.groups(tuple(sorted(members))):
-            result, _ = self.group(joints, inside)
-            for j in joints:
-                fits[j] = (self.ids(joints, inside), result.fit)
+        fits = fits_of(self, members)
         return [energy(cell, *fits[cell.joint]) for cell in self.design.cells]
 
     def _is_new(self, parent: Model, number: int) -> bool:
@@ -301,26 +296,13 @@ def absorbed(design: Design, ids: np.ndarray, values: np.ndarray, effect: Effect
     return float(np.mean(values[beside])) - known
 
 
-def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:
-    """Sum of squares of `held_out` over the rows that count, from the cell's Gram matrices."""
-    columns, at = places(cell, ids)
-    return float(remaining(part(cell.plain, columns), fit.parameters[:, at]).sum() + cell.outside)
-
-
 def fits_of(search: Search, members: tuple[int, ...]) -> dict[int, tuple[np.ndarray, Fit]]:
     """Parameters, and their fit, of the group that each joint is in."""
     return {
         j: (search.ids(joints, inside), search.group(joints, inside)[0].fit)
-        for joints, inside in search.groups(members)
+        for joints, inside in search.groups(tuple(sorted(members)))
         for j in joints
     }
-
-
-def held_out(cell: Cell, ids: np.ndarray, fit: Fit) -> np.ndarray:
-    """Residual (n,) of a cell that a fit leaves of blocks it has not seen; the residual itself outside of blocks."""
-    columns, at = places(cell, ids)
-    values = np.where((cell.block >= 0)[:, None], fit.parameters[np.maximum(cell.block, 0)][:, at], 0.0)
-    return cell.residual - sum((cell.matrix[:, k] * values[:, n] for n, k in enumerate(columns)), 0.0)
 
 
 def _distinct(ranked: list[Model], design: Design, width: int) -> list[Model]:
