@@ -1,4 +1,5 @@
 """The blind test: arms with a sealed cause, simulated apart from everything the doctor uses, and its score.
 
-Nothing here imports the doctor, MuJoCo or Pinocchio; only NumPy, SciPy, PyYAML and rosbags are needed.
+Nothing here uses the doctor's inference, MuJoCo or Pinocchio. From the robot's packages it takes numbers of the nominal
+Panda, the controller's law and limits, the excitation suite, and what commands share.
 """

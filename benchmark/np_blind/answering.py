@@ -24,7 +24,7 @@ from np_blind.cases import Case
 from np_blind.followup import follow_up
 from np_blind.generate import bag_path, batches, make_bags
 from np_blind.processes import Workers, end_with_parent
-from np_blind.progress import Bar
+from np_record.command import Progress
 
 SINGLE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 ROUNDS = 3  # fresh sets of processes at most, where one of them is killed
@@ -88,7 +88,7 @@ def _answer(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: in
     by_number = {c.number: c for c in cases}
     making = {pool.submit(_record, batch, only, asking) for batch in batches(missing, jobs)} if missing else set()
     answers: set[Future] = {pool.submit(answer, by_number[number], asking) for number in sorted(recorded)}
-    bar, done = Bar(len(cases), "blind"), len(answered)
+    bar, done = Progress(len(cases), "blind"), len(answered)
     bar.show(done, "simulating")
     for future in as_completed(making):
         for number, error in future.result().items():

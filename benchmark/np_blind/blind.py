@@ -33,7 +33,7 @@ DOCTOR = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.diagnose"
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(prog="blind", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m np_blind.blind", description=__doc__.split("\n")[0])
     add_options(parser, "locked")
     parser.add_argument(
         "--out", type=Path, help="folder; what is there already is not done again (default: runs/blind/SET_CASES_SEED)"

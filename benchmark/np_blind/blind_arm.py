@@ -11,9 +11,9 @@ from dataclasses import fields
 import numpy as np
 
 from np_blind.hysteresis import bouc_wen, lugre, prandtl
+from np_blind.out_of_catalogue_physics import OutOfCatalogue, off_centre, slipped
 from np_blind.physics import Physics
 from np_blind.rigid_arm import JOINTS, RigidArms, nominal_inertials
-from np_blind.strange import Strange, off_centre, slipped
 from np_description.panda import NOMINAL
 
 PERIOD = 0.002  # s, of control
@@ -48,7 +48,7 @@ class Plant:
         self._stiff = np.minimum(physics.coulomb_forward, physics.coulomb_backward) / physics.breakaway
         self._bend, self._lugre, self._hysteresis = (np.zeros_like(self.q) for _ in range(3))
         self._drive, self._load = (np.zeros_like(self.q) for _ in range(2))
-        self._strange = Strange(physics, self._used, rng, self.q, PERIOD, STEP)
+        self._out_of_catalogue = OutOfCatalogue(physics, self._used, rng, self.q, PERIOD, STEP)
         length = int(round(LONGEST_DELAY / PERIOD)) + 2
         self._history = np.zeros((length, arms, JOINTS))
         self._number = 0
@@ -87,7 +87,7 @@ class Plant:
         arrived = self._received(command)
         self._history[self._number % len(self._history)] = arrived
         held = self._held
-        self._strange.begin_period()
+        self._out_of_catalogue.begin_period()
         total = np.zeros_like(self.q)
         # A stiff gear carries the motor's torque, a flexible one what it is wound up by.
         for s in range(SUBSTEPS):
@@ -136,8 +136,8 @@ class Plant:
         if "saturation" in self._used:
             wanted = np.minimum(np.maximum(wanted, -p.saturation), p.saturation)
         self._drive = wanted
-        scale = self._strange.drive_scale(1.0 + p.torque_scale, self.time, self.theta)
-        return scale * self._strange.given(wanted + held)
+        scale = self._out_of_catalogue.drive_scale(1.0 + p.torque_scale, self.time, self.theta)
+        return scale * self._out_of_catalogue.given(wanted + held)
 
     # Friction, and what else resists on the motor's side
 
@@ -149,7 +149,7 @@ class Plant:
             extra = extra + p.stribeck_level * np.exp(-((speed / p.stribeck_speed) ** 2))
         if "load_coefficient" in used:
             extra = extra + p.load_coefficient * np.abs(self._load)
-        extra = extra + self._strange.friction(self.q, speed)
+        extra = extra + self._out_of_catalogue.friction(self.q, speed)
         forward, backward = forward + extra, backward + extra
         self._bend, friction = prandtl(self._bend, speed, forward, backward, self._stiff, STEP)
         friction = friction + np.where(speed > 0, p.viscous_forward, p.viscous_backward) * speed
@@ -199,7 +199,7 @@ class Plant:
 
     def _link_torque(self) -> np.ndarray:
         """Torque (B, 7) that resists on the links."""
-        p, torque = self.physics, self._strange.link_torque(self.q, self.dq, self.time)
+        p, torque = self.physics, self._out_of_catalogue.link_torque(self.q, self.dq, self.time)
         if "cable_stiffness" in self._used:
             torque = torque + p.cable_stiffness * (self.q - p.cable_centre)
         return torque

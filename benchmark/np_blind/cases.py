@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_blind.faults import EFFECTS, Fault, Parameters, apply, limit_of, visible
+from np_blind.out_of_catalogue import OUT_OF_CATALOGUE, apply_out_of_catalogue, kinds_of
 from np_blind.physics import Physics, nominal_physics
-from np_blind.strangers import STRANGERS, apply_stranger, strangers_of
 
-KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, "stranger": 0.175}
+OUT_OF_CATALOGUE_KIND = "stranger"  # as sealed keys and published results say it
+KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, OUT_OF_CATALOGUE_KIND: 0.175}
 INERTIA_ERROR = 0.03  # standard deviation, of each link's inertia
 DELAY = 4e-4  # s, greatest of the background
 SETS = {"development": 1, "locked": 2}
@@ -43,7 +44,7 @@ _ALIKE = (
 
 @dataclass(frozen=True)
 class Case:
-    """One arm to be: kind null, single, pair or stranger; its faults; seed: of everything random about it."""
+    """One arm to be: its kind, of `KINDS`; its faults; seed: of everything random about it."""
 
     number: int
     kind: str
@@ -60,7 +61,7 @@ def draw_cases(count: int, seed: int, which: str) -> list[Case]:
     for k in np.argsort(numbers - exact, kind="stable")[: count - numbers.sum()]:
         numbers[k] += 1
     kinds = rng.permutation(np.repeat(list(KINDS), numbers))
-    singles, firsts, strangers = _deck(EFFECTS, rng), _deck(EFFECTS, rng), _deck(strangers_of(seed), rng)
+    singles, firsts, unknown = _deck(EFFECTS, rng), _deck(EFFECTS, rng), _deck(kinds_of(seed), rng)
     cases = []
     for number, kind in enumerate(kinds):
         own = np.random.default_rng([*root, 1, number])
@@ -68,9 +69,9 @@ def draw_cases(count: int, seed: int, which: str) -> list[Case]:
             faults = (_fault(next(singles), own),)
         elif kind == "pair":
             faults = _pair(next(firsts), own)
-        elif kind == "stranger":
-            name = next(strangers)
-            joint = int(own.choice(STRANGERS[name][1]))
+        elif kind == OUT_OF_CATALOGUE_KIND:
+            name = next(unknown)
+            joint = int(own.choice(OUT_OF_CATALOGUE[name][1]))
             faults = (Fault(name, joint, _size(own, 3.0, 10.0)),)
         else:
             faults = ()
@@ -94,7 +95,7 @@ def make_physics(cases: list[Case], background: bool = True) -> tuple[Physics, l
             physics.inertials.inertia[i] *= (1.0 + INERTIA_ERROR * errors)[:, None, None]
             physics.command_delay[i], physics.breakaway[i], physics.noise[i] = delay, breakaway, noise
         rng = np.random.default_rng([*case.seed, 1])
-        give = apply_stranger if case.kind == "stranger" else apply
+        give = apply_out_of_catalogue if case.kind == OUT_OF_CATALOGUE_KIND else apply
         truths.append([give(physics, i, fault, rng) for fault in case.faults])
     return physics, truths
 

@@ -1,4 +1,4 @@
-"""The faults an arm of the blind test may have: the arm-side effects of the catalogue, and strangers to it.
+"""The faults an arm of the blind test may have: the arm-side effects of the catalogue, and what no catalogue has.
 
 A fault has a size in multiples of its declared detection limit (`np_effects.record.Visible`). Parameters that the
 key names are changes against the nominal arm; torques are those that resist the motion.

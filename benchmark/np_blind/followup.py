@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from np_blind.bags import write_bag
-from np_blind.cases import Case, make_physics
+from np_blind.cases import OUT_OF_CATALOGUE_KIND, Case, make_physics
 from np_blind.loop import make_targets, run_staying
 from np_diagnosis.experiments.excitation import suite
 
@@ -57,7 +57,7 @@ def follow_up(case: Case, bag: Path, folder: Path, ask: Callable[[Sequence[Path]
 def is_settled(entry: Mapping, folder: Path) -> bool | None:
     """Whether the second answer is sure and right: `identified` with what the key says and nothing else,
     `no_gap`
-    of a clean arm, `unexplained` of a stranger. None where there was no second recording."""
+    of a clean arm, `unexplained` of a fault out of the catalogue. None where there was no second recording."""
     answer = folder / FOLDER
     if not (answer / "error.txt").exists():
         return None
@@ -67,7 +67,8 @@ def is_settled(entry: Mapping, folder: Path) -> bool | None:
         report = json.loads((answer / "report.json").read_text(encoding="utf-8"))
     except ValueError:  # cut off while it was written
         return False
-    if entry["kind"] in ("null", "stranger"):
-        return report["verdict"] == {"null": "no_gap", "stranger": "unexplained"}[entry["kind"]]
+    verdict = {"null": "no_gap", OUT_OF_CATALOGUE_KIND: "unexplained"}.get(entry["kind"])
+    if verdict is not None:
+        return report["verdict"] == verdict
     named = {(e["effect"], e["component"]) for e in report["effects"] if e["is_added"]}
     return report["verdict"] == "identified" and named == {(f["effect"], f["component"]) for f in entry["faults"]}

@@ -21,9 +21,9 @@ from np_blind.bags import write_bag
 from np_blind.cases import SETS, Case, draw_cases, make_physics
 from np_blind.loop import make_targets, run_staying
 from np_blind.processes import workers
-from np_blind.progress import Bar
 from np_blind.sealed import digest, make_key
 from np_diagnosis.experiments.excitation import suite
+from np_record.command import Progress
 
 BATCH = 25  # arms moved at once, at most: 30 MB each
 
@@ -59,16 +59,16 @@ def make_bags(cases: Sequence[Case], only: Sequence[str], out: Path) -> dict[int
 
 def add_options(parser: argparse.ArgumentParser, which: str) -> None:
     """The options that name a set of cases."""
-    parser.add_argument("--cases", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--set", choices=list(SETS), default=which, dest="which")
+    parser.add_argument("--cases", type=int, default=200, help="how many (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of everything random about them (default: %(default)s)")
+    parser.add_argument("--set", choices=list(SETS), default=which, dest="which", help="default: %(default)s")
     parser.add_argument("--only", nargs="*", default=[], metavar="EXPERIMENT", help="part of the suite")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
-    parser = argparse.ArgumentParser(prog="generate", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m np_blind.generate", description=__doc__.split("\n")[0])
     add_options(parser, "development")
     parser.add_argument("--out", type=Path, required=True, help="folder to make")
     options = parser.parse_args(arguments)
@@ -83,7 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
     (options.out / "key.json").write_text(key)
     (options.out / "key.sha256").write_text(f"{digest(key)}  key.json\n")
     cases = draw_cases(options.cases, options.seed, options.which)
-    bar, errors = Bar(len(cases), f"generate {options.which} {options.seed}"), {}
+    bar, errors = Progress(len(cases), f"generate {options.which} {options.seed}"), {}
     with workers(options.jobs) as pool:
         pending = [pool.submit(make_bags, batch, options.only, options.out) for batch in batches(cases, options.jobs)]
         for future in as_completed(pending):

@@ -27,7 +27,7 @@ class Physics:
     lost, with time constant thermal_time s. Torques that resist: offset, cable, ripple. Drive: lag s, rate
     Nm/s, saturation Nm, scale. Gear where `flexible`: stiffness Nm/rad, damping, play rad (each way),
     hysteresis_* (torque Nm, stroke rad). Sensing: sensor_*, encoder_bias, quantum rad, delays s. Controller:
-    stiffness_factor, damping_factor, filter_time s. From rub on: what no catalogue has, see `Strange`.
+    stiffness_factor, damping_factor, filter_time s. From rub on: what no catalogue has, see `OutOfCatalogue`.
     """
 
     inertials: Inertials

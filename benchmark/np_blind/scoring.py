@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from np_blind.cases import OUT_OF_CATALOGUE_KIND
 from np_effects.catalogue import catalogue, equivalence_classes
 from np_record.intervals import wilson_interval
 
@@ -74,7 +75,7 @@ def score_case(entry: Mapping, report: Mapping | None, error: str = "") -> Score
     )
     if entry["kind"] == "null":
         score.false_alarm = report["verdict"] != "no_gap"
-    elif entry["kind"] == "stranger":
+    elif entry["kind"] == OUT_OF_CATALOGUE_KIND:
         score.abstained = report["verdict"] == "unexplained"
     elif entry["kind"] == "single":
         fault = faults[0]
@@ -165,10 +166,10 @@ def summary(scores: Sequence[Score]) -> dict[str, object]:
 
 
 def by_effect(scores: Sequence[Score]) -> dict[str, dict[str, int]]:
-    """For every effect drawn alone, and every stranger: cases, clear ones, and what was right."""
+    """For every effect drawn alone, and every kind out of the catalogue: cases, clear ones, and what was right."""
     table: dict[str, dict[str, int]] = {}
     for s in scores:
-        if s.kind not in ("single", "stranger"):
+        if s.kind not in ("single", OUT_OF_CATALOGUE_KIND):
             continue
         row = table.setdefault(
             s.truth[0].split("@")[0],

@@ -15,11 +15,11 @@ from np_blind.faults import EFFECTS, Fault, soften, visible
 from np_blind.heldout import LOST, gaps, motions
 from np_blind.hysteresis import bouc_wen, lugre, prandtl
 from np_blind.loop import Diverged, make_targets, run
+from np_blind.out_of_catalogue import ALL_FROM, FIRST, LATER, LATER_FROM, NEWEST, OUT_OF_CATALOGUE, SCALE
 from np_blind.patched import patched_physics
 from np_blind.physics import nominal_physics, stack
 from np_blind.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
 from np_blind.scoring import modules
-from np_blind.strangers import ALL_FROM, FIRST, LATER, LATER_FROM, NEWEST, SCALE, STRANGERS
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
 from np_description.domains import CARD
@@ -179,7 +179,7 @@ def all_faults(size):
         return None if not places else (4 if 4 in places else places[0]) - 1
 
     faults = [Fault(e, joint(e), min(size, visible(e).largest)) for e in EFFECTS]
-    faults += [Fault(s, 3 if 3 in places else places[0], size) for s, (_, places) in STRANGERS.items()]
+    faults += [Fault(s, 3 if 3 in places else places[0], size) for s, (_, places) in OUT_OF_CATALOGUE.items()]
     cases = [Case(0, "null", (), (5, 5))]
     return cases + [
         Case(i + 1, "single" if f.effect in EFFECTS else "stranger", (f,), (5, 5)) for i, f in enumerate(faults)
@@ -203,7 +203,7 @@ def test_every_fault_moves_the_arm_or_its_sensors_and_none_breaks_the_loop():
 
 
 @pytest.mark.slow
-def test_later_strangers_at_their_largest_leave_the_loop_stable_at_every_joint():
+def test_later_kinds_out_of_the_catalogue_at_their_largest_leave_the_loop_stable_at_every_joint():
     faults = [Fault(name, joint, 10.0) for name, (_, joints) in (LATER | NEWEST).items() for joint in joints]
     cases = [Case(i, "stranger", (fault,), (5, i)) for i, fault in enumerate(faults)]
     record, _, _ = short_run(cases, ("triangle_fast", "third_dwell"))
@@ -315,14 +315,14 @@ def test_cases_are_balanced_and_sets_lie_apart():
     assert [c.faults for c in cases] != [c.faults for c in other]
 
 
-def test_sets_from_some_seed_on_have_strangers_that_the_doctor_was_not_developed_on():
+def test_sets_from_some_seed_on_have_kinds_that_the_doctor_was_not_developed_on():
     def drawn(seed):
         return {c.faults[0].effect for c in draw_cases(200, seed, "development") if c.kind == "stranger"}
 
     assert drawn(9) == drawn(LATER_FROM - 1) == set(FIRST) and drawn(LATER_FROM) == set(LATER)
-    assert drawn(ALL_FROM) == set(STRANGERS) == set(FIRST) | set(LATER) | set(NEWEST)
+    assert drawn(ALL_FROM) == set(OUT_OF_CATALOGUE) == set(FIRST) | set(LATER) | set(NEWEST)
     assert (
-        len(STRANGERS) == len(FIRST) + len(LATER) + len(NEWEST)
+        len(OUT_OF_CATALOGUE) == len(FIRST) + len(LATER) + len(NEWEST)
         and len(NEWEST) >= 4
         and len(LATER) >= 4
         and (SCALE > 0).all()
@@ -332,4 +332,4 @@ def test_sets_from_some_seed_on_have_strangers_that_the_doctor_was_not_developed
 def test_every_arm_side_effect_of_the_catalogue_has_a_generator_and_a_limit():
     object_side = {"contact", "object", "camera", "keypoints"}
     assert set(EFFECTS) == {e for e, module in modules().items() if module not in object_side}
-    assert all(visible(effect) for effect in EFFECTS) and not set(STRANGERS) & set(modules())
+    assert all(visible(effect) for effect in EFFECTS) and not set(OUT_OF_CATALOGUE) & set(modules())

@@ -9,8 +9,8 @@ from arm_generator import PERIOD, Truth, record
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import panda
 from np_diagnosis.arm.stages import expected_torque
-from np_diagnosis.checks.constancy import _has_slipped, misfits, shapes_left
-from np_diagnosis.checks.omnibus import examine
+from np_diagnosis.checks.constancy import _has_slipped, misfits, unexplained_patterns
+from np_diagnosis.checks.omnibus import omnibus_test
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.search import Search
@@ -40,7 +40,7 @@ def left_of(log, effect, joint=JOINT):
     places = enumerate(search.design.candidates)
     members = tuple(n for n, c in places if c.effect.key == effect and c.joint == joint)
     assert len(members) == (effect is not None)
-    return {(m.question, m.joint) for m in shapes_left(search, members, examine(search, members))}
+    return {(m.question, m.joint) for m in unexplained_patterns(search, members, omnibus_test(search, members))}
 
 
 def swinging(log, inertia, hertz, damping=0.1):

@@ -11,7 +11,7 @@ from np_diagnosis.arm.model import load_arm, panda
 from np_diagnosis.checks.plausibility import check
 from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.recordings.reading import read
-from np_diagnosis.report.document import make_report
+from np_diagnosis.report.document import make_report, to_json
 from np_diagnosis.simulation.simulated_arm import Z1
 from np_effects.joint_dynamics.presliding_friction import MOST as PRESLIDING_MOST
 from np_effects.joint_dynamics.presliding_friction import STROKES as PRESLIDING_STROKES
@@ -23,7 +23,9 @@ def examine(truth, seed=0):
     log = record(truth, seed=seed)
     check(log)
     diagnosis = diagnose([log])
-    return diagnosis, make_report(diagnosis, [log], 0.0)
+    report = make_report(diagnosis, [log], 0.0)
+    assert to_json(report)  # it keeps to its schema
+    return diagnosis, report
 
 
 def chosen(diagnosis):
@@ -107,7 +109,7 @@ def test_the_public_panda_log_is_predicted_where_its_joints_slide(panda_log, cap
         [
             np.sqrt(np.mean(panda_log.gap.residuals[n][c.rows] ** 2))
             for n, c in enumerate(panda_log.design.cells)
-            if c.stage == "r2"
+            if c.name == "r2"
         ]
     )
     with capsys.disabled():

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.recordings.excerpt import STRETCH, excerpts
+from np_diagnosis.recordings.excerpt import excerpts
+from np_diagnosis.thresholds import THRESHOLDS
 
 
 def at(joint, value):
@@ -25,9 +26,9 @@ def log():
 @given(st.floats(12.0, 60.0))
 def test_stretches_are_rows_of_the_recording(log, most):
     parts = excerpts([log], most)
-    assert sum(part.duration for part in parts) < most + STRETCH
+    assert sum(part.duration for part in parts) < most + THRESHOLDS.recordings.stretch
     for part in parts:
-        assert part.time[0] == 0.0 and part.duration == pytest.approx(STRETCH, abs=0.01)
+        assert part.time[0] == 0.0 and part.duration == pytest.approx(THRESHOLDS.recordings.stretch, abs=0.01)
         first = int(np.flatnonzero((log.position == part.position[0]).all(axis=1))[0])
         rows = slice(first, first + len(part.time))
         assert np.array_equal(part.torque, log.torque[rows]) and np.allclose(

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from importlib.resources import files
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,18 +20,17 @@ from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.fit import fit
 from np_diagnosis.inference.loop_delay import loop_delay, settle_delay
-from np_diagnosis.inference.residuals import rung
 from np_diagnosis.recordings.signals import Log, sample
-from np_diagnosis.report.schema import validate
+from np_diagnosis.report.document import to_json
 from np_effects import RECORDS
 from np_effects.catalogue import catalogue
-from np_effects.registry import all_signatures as all_effects
+from np_effects.registry import all_signatures
 from np_effects.sensing.encoder_quantisation import find_quantum
 from np_effects.signature import Parameter
+from np_effects.stage import Stage
 from np_effects.timing.command_delay import USUAL
 
 ARM = panda()
-SCHEMA = json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text())
 EMPTY = {
     "schema_version": 1,
     "verdict": "no_gap",
@@ -83,17 +81,17 @@ def test_rigid_body_dynamics_and_regressor_are_those_of_pinocchio(seed):
 def test_a_clean_arm_leaves_nothing_at_any_stage(design):
     for cell in design.cells:
         left = np.sqrt(np.mean(cell.residual[cell.rows] ** 2))
-        assert left < {"r0": 1e-6, "r1": 1e-6, "r2": 0.01}.get(cell.stage, 0.2), (cell.stage, cell.joint)
+        assert left < {"r0": 1e-6, "r1": 1e-6, "r2": 0.01}.get(cell.name, 0.2), (cell.name, cell.joint)
 
 
 def test_effects_are_those_of_the_catalogue_and_columns_match_parameters(clean):
-    effects = all_effects(clean)
+    effects = all_signatures(clean)
     assert len({(e.key, e.only_joint) for e in effects}) == len(effects)
     for effect in effects:
         assert effect.id in catalogue() and effect.source
         assert all(p.lower < p.upper and p.prior > 0 for p in effect.parameters)
         for stage, columns in effect.columns.items():
-            assert rung(stage) == stage and stage in ("r0", "r1", "r2", "r3")
+            assert stage in list(Stage)
             for joint in (0, 6) if effect.only_joint is None else (effect.only_joint,):
                 values = columns(clean, joint)
                 assert values.shape[1] == len(effect.parameters) and np.isfinite(values).all()
@@ -101,10 +99,10 @@ def test_effects_are_those_of_the_catalogue_and_columns_match_parameters(clean):
 
 def test_nuisances_have_a_column_each_and_turn_every_link_beyond_the_joint(clean):
     for joint in range(7):
-        for stage in ("r0", "r1", "r2", nuisances.REVERSAL):
+        for stage in (Stage.CONTROLLER, Stage.DRIVE, Stage.DYNAMICS):
             columns = nuisances.columns(clean, stage, joint)
             assert columns.shape[1] == len(nuisances.parameters(clean, stage, joint))
-        names = [p.name for p in nuisances.parameters(clean, "r2", joint)]
+        names = [p.name for p in nuisances.parameters(clean, Stage.DYNAMICS, joint)]
         assert names[2:] == ["breakaway", "late breakaway"] + [f"inertia of link {i + 1}" for i in range(joint, 7)]
 
 
@@ -123,7 +121,7 @@ def test_the_delay_of_the_loop_is_found_though_one_drive_lags(clean, late, slow)
 
 
 def test_the_payload_column_is_the_regressor_of_a_real_payload(clean):
-    payload = next(effect for effect in all_effects(clean) if effect.id == "payload")
+    payload = next(effect for effect in all_signatures(clean) if effect.id == "payload")
     loaded = sample([record(Truth(noise=0.0, payload=0.2), duration=16.0)])
     for joint in range(7):
         change = loaded.torque[:, joint] - clean.samples.torque[:, joint]
@@ -155,7 +153,7 @@ def test_the_filter_keeps_straight_lines_and_their_slope(offset, slope, torque):
 def test_blocks_cover_every_sample_once_and_fits_keep_their_distance(clean, design):
     blocks = make_blocks(clean)
     for cell in design.cells:
-        if cell.stage == "r2":
+        if cell.name == "r2":
             assert (cell.block >= 0).all()
             np.testing.assert_allclose(
                 cell.test_rows, [np.sum(cell.rows & (cell.block == b)) for b in range(len(blocks))]
@@ -193,10 +191,10 @@ def test_intervals_cover_under_coloured_noise(clean):
     for i in range(trials):
         stage = SimpleNamespace(
             times=lambda s: (np.zeros(1200, int), np.arange(1200.0)),
-            rows=lambda s, j: np.ones(1200, bool),
+            rows=lambda s, j, at_reversal: np.ones(1200, bool),
             residual=lambda s, j, i=i: 0.4 * column[:, 0] + noise[:, i],
         )
-        cell = make_cell(stage, "r1", 0, np.arange(1), column, blocks, parameters)
+        cell = make_cell(stage, Stage.DRIVE, 0, np.arange(1), column, blocks, parameters)
         found = fit([cell], [cell.test], [cell.test_rows], np.arange(1), parameters)
         hits += abs(found.parameters[0, 0] - 0.4) < 1.96 * np.sqrt(found.covariance[0, 0, 0])
     assert 0.90 <= hits / trials <= 0.99
@@ -207,16 +205,16 @@ def test_intervals_cover_under_coloured_noise(clean):
     [
         ({"verdict": "fine"}, "verdict"),
         ({"runtime_s": "1"}, "runtime_s"),
-        ({"runtime_s": float("nan")}, "finite"),
+        ({"runtime_s": float("nan")}, "nan"),
         ({"where": [{"module": "software", "component": "arm", "share": 1.5}]}, "share"),
         ({"effects": [{"effect": "payload"}]}, "component"),
         ({"schema_version": 2}, "schema_version"),
     ],
 )
 def test_the_schema_refuses(change, text):
-    validate(EMPTY, SCHEMA)
+    assert json.loads(to_json(EMPTY)) == EMPTY
     with pytest.raises(ValueError, match=text):
-        validate(EMPTY | change, SCHEMA)
+        to_json(EMPTY | change)
 
 
 def test_what_yields_before_it_slides_follows_the_motion_and_turns_with_it():
@@ -232,13 +230,13 @@ def test_what_yields_before_it_slides_follows_the_motion_and_turns_with_it():
 def test_reversals_share_the_nuisances_of_sliding(design):
     """Without them the errors of the links there were found in the rotors: -0.006 kg m^2 on clean arms."""
     for joint in range(7):
-        slide, turn = (next(c for c in design.of(joint) if c.stage == s) for s in ("r2", nuisances.REVERSAL))
+        slide, turn = (next(c for c in design.of(joint) if c.name == name) for name in ("r2", "r2 at reversal"))
         assert np.array_equal(slide.ids, turn.ids)
         assert set(nuisances_of(design, joint)) <= set(turn.ids)
 
 
 def test_a_patch_may_hold_whatever_an_effect_is_given_by(clean):
-    for effect in all_effects(clean):
+    for effect in all_signatures(clean):
         named = {p.name for p in effect.parameters} | set(effect.constants) | {s.name for s in [effect.shape] if s}
         assert named - ({"share"} if effect.shape else set()) <= {q.name for q in RECORDS[effect.id].quantities}, (
             effect.key
@@ -246,5 +244,5 @@ def test_a_patch_may_hold_whatever_an_effect_is_given_by(clean):
 
 
 def nuisances_of(design, joint):
-    names = {p.name for p in nuisances.parameters(design.context, "r2", joint)}
+    names = {p.name for p in nuisances.parameters(design.context, Stage.DYNAMICS, joint)}
     return [i for i in design.nuisances[joint] if design.parameters[i].name in names]

@@ -12,9 +12,12 @@ from own_simulator import record
 from np_diagnosis.arm.model import panda
 from np_diagnosis.inference.estimates import Estimate
 from np_diagnosis.simulation import refit as refitting
-from np_diagnosis.simulation.forward import SAMPLE, WARM, WINDOW, departures, rms, windows
+from np_diagnosis.simulation.forward import departures, rms, windows
 from np_diagnosis.simulation.refit import Part, disagree, refit
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.patch import Patch, PatchEffect
+
+SHOT = THRESHOLDS.simulation
 
 TRUTH = Patch(
     (
@@ -37,12 +40,12 @@ def recorded(log):
 
 def test_windows_are_stretches_of_the_recording(log, recorded):
     assert len(recorded) >= 5
-    assert recorded.position.shape[1:] == (round((WARM + WINDOW) / 0.002) + 1, 7)
+    assert recorded.position.shape[1:] == (round((SHOT.warm + SHOT.window) / 0.002) + 1, 7)
     first = round(recorded.start[2] / 0.002)
     assert np.array_equal(recorded.position[2], log.position[first : first + recorded.position.shape[1]])
     law = recorded.stiffness * (recorded.lead - recorded.position) - recorded.damping * recorded.velocity
     assert np.allclose(law + recorded.fed, recorded.commanded)
-    assert np.diff(recorded.sampled).tolist() == [round(SAMPLE / 0.002)] * (len(recorded.sampled) - 1)
+    assert np.diff(recorded.sampled).tolist() == [round(SHOT.sample / 0.002)] * (len(recorded.sampled) - 1)
 
 
 def test_recordings_without_commands_or_too_short_have_none(log):
@@ -68,7 +71,7 @@ def test_a_lost_command_ends_a_window(log):
         },
     )
     spans = windows([replace(log, commands=torn)], every=0.5).start
-    assert not ((spans < 700 * 0.002) & (spans + WARM + WINDOW > 700 * 0.002)).any()
+    assert not ((spans < 700 * 0.002) & (spans + SHOT.warm + SHOT.window > 700 * 0.002)).any()
 
 
 def test_with_the_true_effects_a_shot_repeats_the_recording(recorded):
@@ -150,7 +153,7 @@ def test_a_row_of_the_report_says_where_the_two_disagree(recorded):
     assert json.loads(json.dumps(row)) == row
 
 
-def test_a_structure_that_no_arm_can_have_is_reported_and_does_not_end_the_report(monkeypatch, log):
+def test_a_model_that_no_arm_can_have_is_reported_and_does_not_end_the_report(monkeypatch, log):
     """Inertia below nothing: MuJoCo refuses to make such a link."""
     impossible = Part("link_inertia", "panda_joint4", {"scale": Estimate(-1.5, -1.6, -1.4, "1")}, {})
     monkeypatch.setattr(refitting, "parts_of", lambda *_: (impossible,))

@@ -14,18 +14,19 @@ from np_blind.loop import make_targets, run
 from np_blind.physics import nominal_physics
 from np_description.panda import NOMINAL
 from np_diagnosis.arm.model import panda
-from np_diagnosis.checks.omnibus import _outlying, examine
-from np_diagnosis.checks.standstill import FADE, _memory, ageing
+from np_diagnosis.checks.omnibus import _outlying, omnibus_test
+from np_diagnosis.checks.standstill import _memory, ageing
 from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.experiments.excitation import suite
 from np_diagnosis.inference.averaging import spread
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
-from np_diagnosis.inference.ranking import larger
+from np_diagnosis.inference.ranking import generalisations
 from np_diagnosis.inference.search import Search
 from np_diagnosis.recordings.reading import read_bag
 from np_diagnosis.recordings.signals import GRID
 from np_diagnosis.simulation.patching import tried_patch
+from np_diagnosis.thresholds import THRESHOLDS
 
 RNG = np.random.default_rng(3)
 STUCK, AGEING, DROPPING = 3, 3, 1  # the joints, counted from 0
@@ -69,7 +70,7 @@ def test_a_rest_is_remembered_by_its_length_and_fades():
     speed = velocity((1.0, 0.1), (0.5, 0.0), (1.0, -0.1), (2.0, 0.0), (1.0, 0.1))
     fresh, aged = _memory(speed + 1e-4 * RNG.normal(size=len(speed)))
     one, two = round(1.55 / GRID), round(4.55 / GRID)  # shortly after either rest
-    assert fresh[one] == pytest.approx(-np.exp(-0.05 / FADE), rel=0.2) and fresh[two] > 0.4
+    assert fresh[one] == pytest.approx(-np.exp(-0.05 / THRESHOLDS.standstill.fade), rel=0.2) and fresh[two] > 0.4
     assert aged[two] / fresh[two] > 2 * aged[one] / fresh[one] > 1
     assert np.abs(fresh[: round(1.0 / GRID)]).max() == 0  # it never stood before
     assert abs(fresh[round(2.4 / GRID)]) < 1e-2 and not fresh[round(1.2 / GRID)]
@@ -81,7 +82,7 @@ def test_friction_that_ages_at_rest_is_seen(searches):
 
 def test_noise_never_goes_so_far_and_a_drive_that_drops_out_does(searches):
     clean, _, dropping = (
-        {(rest.stage, rest.joint): rest.outlying for rest in examine(search, ())} for search in searches
+        {(lack.stage, lack.joint): lack.outlying for lack in omnibus_test(search, ())} for search in searches
     )
     place = ("r1", DROPPING)
     assert max(max(clean[place]), max(dropping["r1", 0])) < 1e-3
@@ -118,9 +119,9 @@ def test_an_interval_holds_what_a_rival_structure_says(stuck):
 def test_what_contains_an_effect_is_known_by_its_columns(stuck):
     """Levels for either direction contain one level for both; a slope does not."""
     search = stuck.search
-    assert larger(search, number(search, "coulomb_friction")) == ("asymmetric_coulomb_friction",)
-    assert larger(search, number(search, "viscous_friction")) == ("asymmetric_viscous_friction",)
-    assert larger(search, number(search, "asymmetric_coulomb_friction")) == ()
+    assert generalisations(search, number(search, "coulomb_friction")) == ("asymmetric_coulomb_friction",)
+    assert generalisations(search, number(search, "viscous_friction")) == ("asymmetric_viscous_friction",)
+    assert generalisations(search, number(search, "asymmetric_coulomb_friction")) == ()
 
 
 def test_a_patch_that_makes_the_closed_loop_worse_loses_what_does_so(stuck):

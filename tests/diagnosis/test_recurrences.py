@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from np_diagnosis.inference.cells import GAP, Block, Cell, make_cell
+from np_diagnosis.inference.cells import Block, Cell, make_cell
 from np_diagnosis.recordings.signals import Log, sample
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.signature import Parameter
+from np_effects.stage import Stage
 from np_effects.sums import first_order, recurrence
 from np_effects.timing.command_delay import delayed
 from np_effects.timing.packet_loss import find_held
@@ -106,10 +108,12 @@ def make(seed, count=900):
     rows = rng.random(count) > 0.05
     matrix, residual = rng.normal(size=(count, 3)), rng.normal(size=count)
     blocks = tuple(Block(0, 3.0 * b, 3.0 * (b + 1)) for b in range(3))
-    stages = SimpleNamespace(times=lambda s: (trajectory, time), rows=lambda s, j: rows, residual=lambda s, j: residual)
+    stages = SimpleNamespace(
+        times=lambda s: (trajectory, time), rows=lambda s, j, at_reversal: rows, residual=lambda s, j: residual
+    )
     whiten = np.array([0.4, -0.2])
     parameters = [Parameter("p", "1", -9.0, 9.0, 1.0)] * 3
-    cell = make_cell(stages, "r1", 0, np.arange(3), matrix, blocks, parameters, whiten)
+    cell = make_cell(stages, Stage.DRIVE, 0, np.arange(3), matrix, blocks, parameters, whiten)
     whole = np.column_stack([matrix, residual])
     white = whole[2:] - 0.4 * whole[1:-1] + 0.2 * whole[:-2]
     kept = rows[2:] & rows[1:-1] & rows[:-2]
@@ -123,7 +127,7 @@ def test_sums_of_blocks_are_those_of_their_rows(seed):
     assert isinstance(cell, Cell)
     for b, block in enumerate(blocks):
         inside = kept & (time >= block.start) & (time < block.end)
-        near = kept & (time >= block.start - GAP) & (time < block.end + GAP)
+        near = kept & (time >= block.start - THRESHOLDS.blocks.gap) & (time < block.end + THRESHOLDS.blocks.gap)
         np.testing.assert_allclose(cell.test[b], white[inside].T @ white[inside], atol=1e-9)
         np.testing.assert_allclose(cell.held[b], white[near].T @ white[near], atol=1e-9)
         assert (cell.test_rows[b], cell.held_rows[b]) == (inside.sum(), near.sum())

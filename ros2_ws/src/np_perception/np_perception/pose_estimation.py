@@ -181,7 +181,8 @@ class _Fit:
     def refine(self, position, rotation, *, planar: bool) -> tuple[np.ndarray, np.ndarray, float]:
         """Gauss-Newton on Huber-weighted reprojection errors: position (3,), rotation (3, 3), rms px.
 
-        planar: only x, y and yaw move.
+        planar: only x, y and yaw move. (scipy.optimize.least_squares finds the same poses in 10.6 ms an image, this in
+        4.3 ms of CPU time; its Huber loss is of each coordinate, while a wrong keypoint is off in both.)
         """
         free = [0, 1, 5] if planar else list(range(6))
         for _ in range(_ITERATIONS):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
+
+from tqdm import tqdm
 
 from np_description.released import WeightsError, sha256, weights_folder
 
@@ -55,27 +56,54 @@ def interrupt_on_sigterm() -> None:
 
 
 class Progress:
-    """A bar on a terminal; elsewhere a line now and then."""
+    """A bar with the time left on a terminal; elsewhere a line now and then."""
 
     def __init__(self, total: int, what: str):
         self._total, self._what = total, what
-        self._began = time.monotonic()
-        self._live = sys.stderr.isatty()
-        self._next = 0
+        self._bar: _Bar | None = None
 
     def show(self, done: float, text: str = "") -> None:
         """Show `done` of the total and a few words; not on a terminal, a line every 5 % at most."""
-        if not self._live:
-            if done < min(self._next, self._total):
-                return
-            self._next = int(done) + max(1, self._total // 20)
-        share = done / max(self._total, 1)
-        filled = int(24 * share)
-        line = (
-            f"{self._what} [{'#' * filled}{'.' * (24 - filled)}] {int(done)}/{self._total} "
-            f"{time.monotonic() - self._began:4.0f} s  {text}"
-        )
-        if self._live:
-            print(f"\r\x1b[K{line}", end="" if done < self._total else "\n", file=sys.stderr, flush=True)
-        else:
+        if self._bar is None:
+            is_live = sys.stderr.isatty()
+            self._bar = _Bar(
+                total=self._total,
+                initial=done,
+                desc=self._what,
+                postfix=text,
+                file=sys.stderr if is_live else _Lines(),
+                mininterval=0.1 if is_live else 0.0,
+                miniters=0 if is_live else max(1, self._total // 20),
+                dynamic_ncols=is_live,
+                bar_format="{desc} |{bar:24}| {done}/{total_fmt} {elapsed}<{remaining}{postfix}",
+            )
+        self._bar.set_postfix_str(text, refresh=False)
+        self._bar.update(done - self._bar.n)
+        if done >= self._total:
+            self._bar.close()
+
+
+class _Bar(tqdm):
+    """A bar without the thread that would redraw it: what is forked must not have threads."""
+
+    monitor_interval = 0
+
+    @property
+    def format_dict(self) -> dict:
+        return {**super().format_dict, "done": int(self.n)}
+
+
+class _Lines:
+    """A stream on which every state of a bar is a line of its own, since it cannot be drawn over."""
+
+    def __init__(self):
+        self._last = ""
+
+    def write(self, text: str) -> None:
+        line = text.strip()
+        if line and line != self._last:  # the end is drawn twice
             print(line, file=sys.stderr, flush=True)
+            self._last = line
+
+    def flush(self) -> None:
+        sys.stderr.flush()

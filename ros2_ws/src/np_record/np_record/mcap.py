@@ -1,9 +1,12 @@
-"""The messages of an MCAP file in one pass over its bytes: some ten times as fast as record by record.
+"""The messages of an MCAP file in one pass over its bytes, without a step of Python for each.
 
-Only what a recorder of this project writes: chunks without compression. The format is that of
-https://mcap.dev/spec; records are an opcode, a length and as many bytes. What follows a chunk says where its
-messages begin; that is believed as far as each message ends where the next one begins, and the rest is gone
-through record by record.
+For the 273 128 messages (120 MB) of a recording of the excitation suite this takes .2 s of CPU time where a loop over
+the reader of rosbags takes .9 s; a quick look of the doctor takes 3 to 4 s in all.
+
+It reads only what a recorder of this project writes: chunks without compression. The format is that of
+https://mcap.dev/spec; records are an opcode, a length and as many bytes. What follows a chunk says where its messages
+begin; that is believed as far as each message ends where the next one begins, and the rest is gone through record by
+record.
 """
 
 from __future__ import annotations

@@ -1,8 +1,13 @@
 """Rigid-body dynamics of an `Arm` for many states at once, in numpy, and their inertial regressor.
 
-Newton-Euler from the base outwards, each link in its own frame (Featherstone 2008, 5.3). n states, k joints;
-inside, vectors are component first, (3, n) and (3, 3, n), so that numpy runs along contiguous states. Rotors
-and joint friction are not part of it.
+Newton-Euler from the base outwards, each link in its own frame (Featherstone 2008, 5.3). n states, k joints; inside,
+vectors are component first, (3, n) and (3, 3, n), so that numpy runs along contiguous states. Rotors and joint
+friction are not part of it.
+
+Why not Pinocchio: it takes one state a call. On a recording of the excitation suite (170 s; one core, CPU time) the
+torques of its 84 800 control periods take .106 s here and .146 s in a loop over pinocchio.rnea; of its 4238 samples,
+the regressor .021 s and .026 s, the slope of gravity .005 s and .012 s; its import takes another .1 s of a quick look.
+The tests hold this module against Pinocchio.
 """
 
 from __future__ import annotations
@@ -173,8 +178,8 @@ def own_inertia(arm: Arm, motion: Motion) -> np.ndarray:
 
 def centred_inertia(arm: Arm) -> np.ndarray:
     """Inertia (k, 3, 3) kg m^2 of each link about its own centre of mass."""
-    apart = [(h @ h * np.eye(3) - np.outer(h, h)) / max(m, 1e-9) for m, h in zip(arm.mass, arm.moment)]
-    return arm.inertia - np.array(apart)
+    shifts = [(h @ h * np.eye(3) - np.outer(h, h)) / max(m, 1e-9) for m, h in zip(arm.mass, arm.moment)]
+    return arm.inertia - np.array(shifts)
 
 
 def _turn(arm: Arm, joint: int, angle: np.ndarray) -> np.ndarray:

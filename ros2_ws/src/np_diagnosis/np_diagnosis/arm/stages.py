@@ -16,20 +16,20 @@ from np_control.impedance import torque as impedance_torque
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import Arm
 from np_diagnosis.recordings.signals import Log, Samples
+from np_diagnosis.thresholds import THRESHOLDS
 
-STICTION_SPEED = 0.003  # rad/s at which the direction of motion becomes sure
-STANDSTILL = 0.02  # rad/s up to which a joint counts as standing
+RECORDINGS, ROWS = THRESHOLDS.recordings, THRESHOLDS.rows
 
 
 def sign(velocity: np.ndarray) -> np.ndarray:
     """Direction of motion, smooth through standstill."""
-    return np.tanh(velocity / STICTION_SPEED)
+    return np.tanh(velocity / ROWS.stiction_speed)
 
 
 def slides(samples: Samples, joint: int) -> np.ndarray:
     """Rows (n,) of the samples whose whole filter window saw the joint slide in one direction."""
     slowest, fastest = (samples.filtered_extreme(joint, extreme) for extreme in (np.min, np.max))
-    return (slowest > STANDSTILL) | (fastest < -STANDSTILL)
+    return (slowest > ROWS.standstill) | (fastest < -ROWS.standstill)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +121,12 @@ def drive(logs: list[Log], arm: Arm) -> Drive | None:
         period = float(np.median(np.diff(log.time)))
         follows = c.rows + 1 < len(log.time)
         rows = c.rows[follows]
-        kept = np.flatnonzero(follows)[np.abs(log.time[rows + 1] - log.time[rows] - period) < 0.5 * period]
+        kept = np.flatnonzero(follows)[
+            np.abs(log.time[rows + 1] - log.time[rows] - period) < RECORDINGS.answer * period
+        ]
         rows = c.rows[kept]
         law, error = _replay(log, arm, kept)
-        begins = np.flatnonzero(np.diff(log.time[rows], prepend=-1.0) > 1.5 * period)
+        begins = np.flatnonzero(np.diff(log.time[rows], prepend=-1.0) > RECORDINGS.command_gap * period)
         starts.append(count + np.union1d(begins, [0]))
         count += len(rows)
         still = rigid.gravity_torque(arm, log.position[rows])

@@ -1,1 +1,1 @@
-"""What must hold before and after: plausible numbers, nothing left, nothing that changes with time."""
+"""What must hold before and after the inference: plausible recordings, no lack of fit, effects that do not change with time."""

@@ -1,20 +1,18 @@
-"""Is what was found the same all the time, and all there is? Questions to what the chosen effects leave.
+"""Does an effect have one size all the time, and is it all there is? Questions to what the chosen effects leave.
 
-A fault that the catalogue lacks is often the form of one that it has: a torque scale that fades, a rotor
-that is on a spring, a stiffness that begins at some angle. The nearest effect of the catalogue then explains
-most, and what it leaves, however small beside it, has a shape. Questions are columns, and an answer is what
-they predict of blocks that their fit has not seen (as in `omnibus`):
+A fault that the catalogue lacks often resembles one that it has: a torque scale that fades, a rotor on a spring, a
+stiffness that begins at some angle. The nearest effect of the catalogue then explains most of it, and what it leaves,
+however small beside it, follows a pattern. A question is a set of columns, and its answer is how well they predict
+blocks that their fit has not seen (as in `omnibus`):
 
-- size: what each effect does, times time and its square, in every stage: an effect of the catalogue has one
-  size. Where a drift is named, that is in r1 only;
-- place: the same times its joint's angle, its square, and the joint's speed;
-- memory: the joint's acceleration up to a third of a second ago, of which rigid links know nothing;
-- any: what `omnibus` asks, of which as much as what is above must be left, and not as much as of the whole
-  effect;
-- twist: of the joint's angle, the load, and the directions of both: a gear that yields twists with the load
-  alone.
+- size: what each effect does, times time and its square, at every stage. An effect of the catalogue has one size.
+  Where a thermal drift is in the model, this is asked of r1 only;
+- place: the same times the joint's angle, its square, and the joint's speed;
+- memory: the joint's acceleration up to a third of a second ago, on which the torque of rigid links does not depend;
+- any: the flexible model of the omnibus test, with the bounds of this module;
+- twist: the joint's angle, the load, and the directions of both. The twist of a gear follows the load alone.
 
-What happens once cannot be predicted from other blocks, and is looked for by itself (`slipped`).
+What happens once cannot be predicted from other blocks, and has a test of its own (`slipped`).
 """
 
 from __future__ import annotations
@@ -24,53 +22,44 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_diagnosis.checks.omnibus import Rest, predicted
+from np_diagnosis.checks.omnibus import LackOfFit, predicted
 from np_diagnosis.inference.cells import Cell
-from np_diagnosis.inference.fit import places
-from np_diagnosis.inference.nuisances import REVERSAL
-from np_diagnosis.inference.residuals import rung
-from np_diagnosis.inference.search import Search, fits_of, held_out
+from np_diagnosis.inference.fit import held_out, places
+from np_diagnosis.inference.search import Search, fits_of
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context
+from np_effects.stage import Stage
 
-SURE = 60.0  # nats by which the columns must predict better
-ERRORS = 1.5  # standard errors over blocks that these must be: what changes with time is in some blocks only
-OF_LEFT = 0.15  # share of the squares that the effects leave
-# And of what there was without effects: to a twentieth of its size any model of an effect is off.
-OF_ALL = 0.003
-MATERIAL = 0.0002  # of the torque limit
-TWISTED = 3e-5  # rad of twist, likewise
-BESIDE = 10.0  # s on either side of a jump
-# A jump lasts where its sides are apart by so many times what they stay within, but for a tenth of their samples.
-LASTING, USUAL = 10.0, 0.9
-# It comes at once where so many samples on either side of it hold so much of it.
-AT_ONCE, MOST_OF = 2, 0.7
-LAGS = (1, 2, 3, 4, 6, 8)  # samples
+CONSTANCY = THRESHOLDS.constancy
+
 DRIFT = "thermal_drift"  # the one effect whose size may change with time
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """What the columns of a question predict of what the effects leave at one stage of one joint: gain nats and
-    its standard error over blocks; mean squares: removed by the columns, left by the effects, of the residual
-    itself (about its mean in r3, where the zero of the motor's encoder is anybody's)."""
+    """How well the columns of a question predict what the effects leave at one stage of one joint.
+
+    gain: nats, with its standard error over blocks. Mean squares: removed by the columns; left by the effects; null:
+    of the residual without effects (in r3 about its mean, for the zero of the motor's encoder is arbitrary).
+    """
 
     question: str
-    stage: str
+    stage: Stage
     joint: int
     gain: float
     error: float
     removed: float
     left: float
-    nothing: float
+    null: float
 
     def stands_out(self, least: float) -> bool:
-        """Whether it is no noise, no error of a model that holds, and larger than `least` (RMS)."""
-        is_sure = self.gain > max(SURE, ERRORS * self.error)
-        return is_sure and self.removed > max(least**2, OF_LEFT * self.left, OF_ALL * self.nothing)
+        """Whether it is neither noise nor the usual error of an effect's law, and larger than `least` (RMS)."""
+        is_sure = self.gain > max(CONSTANCY.gain, CONSTANCY.gain_errors * self.error)
+        return is_sure and self.removed > max(least**2, CONSTANCY.of_left * self.left, CONSTANCY.of_null * self.null)
 
 
-def shapes_left(search: Search, members: tuple[int, ...], rests: Iterable[Rest]) -> list[Misfit]:
-    """All that stands out of what these candidates leave; rests: of `omnibus.examine`."""
+def unexplained_patterns(search: Search, members: tuple[int, ...], lack_of_fit: Iterable[LackOfFit]) -> list[Misfit]:
+    """All that stands out of what these members leave. lack_of_fit: of `omnibus.omnibus_test`."""
     arm = search.design.context.arm
     asked = (
         Misfit(
@@ -79,33 +68,35 @@ def shapes_left(search: Search, members: tuple[int, ...], rests: Iterable[Rest])
             r.joint,
             r.gain,
             r.error,
-            (r.structure - r.flexible) / r.rows,
-            r.structure / r.rows,
-            r.nothing / r.rows,
+            (r.chosen - r.flexible) / r.rows,
+            r.chosen / r.rows,
+            r.null / r.rows,
         )
-        for r in rests
-        if rung(r.stage) == "r2"
+        for r in lack_of_fit
+        if r.stage is Stage.DYNAMICS
     )
     return [
         m
         for m in (*misfits(search, members), *asked)
-        if m.stands_out(TWISTED if m.stage == "r3" else MATERIAL * arm.torque_limit[m.joint])
+        if m.stands_out(
+            CONSTANCY.twist if m.stage is Stage.TRANSMISSION else CONSTANCY.torque * arm.torque_limit[m.joint]
+        )
     ]
 
 
 def misfits(search: Search, members: tuple[int, ...]) -> Iterator[Misfit]:
-    """Every question to every stage of every joint with enough rows."""
+    """The answers of every stage of every joint with enough rows to every question."""
     design = search.design
     fits = fits_of(search, members)
     for cell in design.cells:
-        if cell.stage in (REVERSAL, "r0") or cell.used.sum() < 4:
+        if cell.at_reversal or cell.stage is Stage.CONTROLLER or cell.used.sum() < CONSTANCY.blocks:
             continue
         ids, fit = fits[cell.joint]
         left = held_out(cell, ids, fit)
         values = np.zeros(len(design.parameters))
         values[ids] = fit.parameters.mean(axis=0)
         rows = cell.rows
-        base = cell.residual[rows] - (cell.residual[rows].mean() if cell.stage == "r3" else 0.0)
+        base = cell.residual[rows] - (cell.residual[rows].mean() if cell.stage is Stage.TRANSMISSION else 0.0)
         for question, columns in _questions(search, cell, members, values):
             gain, error, after = predicted(design, cell, left, columns)
             removed = float(np.mean(left[rows] ** 2) - np.mean(after[rows] ** 2))
@@ -122,10 +113,10 @@ def misfits(search: Search, members: tuple[int, ...]) -> Iterator[Misfit]:
 
 
 def slipped(search: Search, members: tuple[int, ...]) -> set[int]:
-    """Joints of which the two encoders part at once and for good: a disc has slipped on its shaft."""
+    """Joints whose two encoders jump apart once and for good: a disc has slipped on its shaft."""
     found, fits, samples = set(), fits_of(search, members), search.design.context.samples
     for cell in search.design.cells:
-        if cell.stage == "r3" and cell.used.sum() >= 4:
+        if cell.stage is Stage.TRANSMISSION and cell.used.sum() >= CONSTANCY.blocks:
             ids, fit = fits[cell.joint]
             columns, at = places(cell, ids)
             left = cell.residual - cell.matrix[:, columns] @ fit.parameters.mean(axis=0)[at]
@@ -135,24 +126,33 @@ def slipped(search: Search, members: tuple[int, ...]) -> set[int]:
 
 
 def _has_slipped(left: np.ndarray, time: np.ndarray, trajectory: np.ndarray) -> bool:
-    """Whether the largest jump of what is left (n,) rad at times (n,) s of a trajectory lasts on both sides."""
+    """Whether the largest jump of a residual (n,) rad at times (n,) s of a trajectory comes at once and lasts.
+
+    It lasts if the medians on both sides differ by many times what either side stays within.
+    """
     jumps = np.where(trajectory[1:] == trajectory[:-1], np.abs(np.diff(left)), 0.0)
     at = int(np.argmax(jumps)) + 1
-    near = (trajectory == trajectory[at]) & (np.abs(time - time[at]) < BESIDE)
+    near = (trajectory == trajectory[at]) & (np.abs(time - time[at]) < CONSTANCY.slip_window)
     later = np.arange(len(left)) >= at
     sides = [left[near & side] for side in (~later, later)]
-    if min(map(len, sides)) < 10:
+    if min(map(len, sides)) < CONSTANCY.slip_samples:
         return False
     levels = [float(np.median(side)) for side in sides]
-    usual = max(float(np.quantile(np.abs(side - level), USUAL)) for side, level in zip(sides, levels))
-    apart, at_once = abs(levels[1] - levels[0]), abs(left[at + AT_ONCE - 1] - left[at - AT_ONCE])
-    return apart > max(TWISTED, LASTING * usual) and at_once > MOST_OF * apart
+    usual = max(float(np.quantile(np.abs(side - level), CONSTANCY.slip_quantile)) for side, level in zip(sides, levels))
+    difference, at_once = (
+        abs(levels[1] - levels[0]),
+        abs(left[at + CONSTANCY.slip_steps - 1] - left[at - CONSTANCY.slip_steps]),
+    )
+    return (
+        difference > max(CONSTANCY.twist, CONSTANCY.slip_lasting * usual)
+        and at_once > CONSTANCY.slip_share * difference
+    )
 
 
 def _questions(
     search: Search, cell: Cell, members: tuple[int, ...], values: np.ndarray
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """(name, columns (n, count)) of what is asked of a cell."""
+    """(name, columns (n, count)) of the questions to a cell."""
     context, j = search.design.context, cell.joint
     shown, names = [], []
     for m in members:
@@ -162,10 +162,10 @@ def _questions(
             place = j if candidate.place is None else candidate.place
             shown.append((cell.matrix[:, at] @ values[cell.ids[at]], place))
             names.append(candidate.effect.id)
-    if shown and (rung(cell.stage) != "r2" or DRIFT not in names):
+    if shown and (cell.stage is not Stage.DYNAMICS or DRIFT not in names):
         elapsed = when(context, cell)
         yield "size", np.column_stack([c * elapsed**power for c, _ in shown for power in (1, 2)])
-    if rung(cell.stage) == "r2":
+    if cell.stage is Stage.DYNAMICS:
         s = context.samples
         if shown:
             speed = np.abs(s.velocity[:, j])
@@ -175,13 +175,13 @@ def _questions(
                 np.column_stack([c * factor for c, k in shown for factor in (angle[:, k], angle[:, k] ** 2, speed)]),
             )
         yield "memory", _past(s.acceleration[:, j], s.trajectory)
-    if cell.stage == "r3":
+    if cell.stage is Stage.TRANSMISSION:
         yield "twist", _twist(context, j)
 
 
 def when(context: Context, cell: Cell) -> np.ndarray:
     """Time (n,) of a cell's rows, -1..1 from the beginning of the first recording to the end of the last."""
-    source = context.drive if rung(cell.stage) in ("r0", "r1") else context.samples
+    source = context.drive if cell.stage in (Stage.CONTROLLER, Stage.DRIVE) else context.samples
     begin = np.concatenate([[0.0], np.cumsum([log.duration for log in context.logs])[:-1]])
     time = source.time + begin[source.trajectory]
     return 2 * (time - time.min()) / max(np.ptp(time), 1e-9) - 1
@@ -190,7 +190,7 @@ def when(context: Context, cell: Cell) -> np.ndarray:
 def _past(values: np.ndarray, trajectory: np.ndarray) -> np.ndarray:
     """values (n,) now and some samples ago (n, 1 + lags), zero before the trajectory began."""
     columns = [values]
-    for lag in LAGS:
+    for lag in CONSTANCY.lags:
         late = np.concatenate([np.zeros(lag), values[:-lag]])
         late[lag:][trajectory[lag:] != trajectory[:-lag]] = 0.0
         columns.append(late)

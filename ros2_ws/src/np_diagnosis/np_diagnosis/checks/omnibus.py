@@ -1,8 +1,8 @@
-"""Is anything left? A flexible model of no physical meaning tries to predict what the chosen effects leave.
+"""An omnibus test of lack of fit: does a flexible model without physical meaning predict what the chosen model leaves?
 
-It has what a smooth unknown mechanism would need: harmonics of the joint's angle, alone and signed by the
-direction of motion, powers of velocity and of torque, and what the other joints do. Where it predicts unseen
-blocks clearly better than the catalogue, the catalogue has no explanation, however well its best effect fits.
+The flexible model has what a smooth unknown mechanism would need: harmonics of the joint's angle, alone and signed by
+the direction of motion, powers of velocity and of torque, and the motion of the other joints. Where it predicts unseen
+blocks clearly better than the chosen model, the catalogue has no explanation, however well its best effect fits.
 """
 
 from __future__ import annotations
@@ -14,31 +14,35 @@ import numpy as np
 from np_diagnosis.arm.rigid import felt_inertia
 from np_diagnosis.inference.cells import Cell, make_cell
 from np_diagnosis.inference.design import Design
-from np_diagnosis.inference.fit import score
-from np_diagnosis.inference.nuisances import REVERSAL
-from np_diagnosis.inference.residuals import Stages, rung
-from np_diagnosis.inference.search import Search, fits_of, held_out
+from np_diagnosis.inference.fit import Fit, held_out, score
+from np_diagnosis.inference.residuals import Stages
+from np_diagnosis.inference.search import Search, fits_of
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context
 from np_effects.signature import Parameter
+from np_effects.stage import Stage
 
-HARMONICS = 6
-FAR = 5.0  # standard deviations, which one value in two million of normal noise passes
+OMNIBUS = THRESHOLDS.omnibus
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
-    """What a flexible model adds at one stage of one joint: gain nats and its standard error over blocks;
-    energies: squared held-out residual of nothing, of the structure, of the structure with the model. white:
-    standard deviation of noise: the part that has no memory at all, from third differences, and no more than
-    the sensors have where they show it. outlying: mean square of what lies further out than noise does, of nothing
-    and of the structure."""
+class LackOfFit:
+    """What the omnibus test finds at one stage of one joint.
 
-    stage: str
+    gain: nats by which the flexible model predicts unseen blocks better, with its standard error over blocks.
+    null, chosen, flexible: sums of squared held-out residuals over `rows` rows of the model without effects, of the
+    chosen one, and of the chosen one with the flexible model. white: standard deviation of the noise, that is of the
+    part of the residual without any memory (from third differences), and no more than the sensors have where they
+    show it. outlying: mean squares of what lies further out than noise does, without effects and with the chosen
+    model.
+    """
+
+    stage: Stage
     joint: int
     gain: float
     error: float
-    nothing: float
-    structure: float
+    null: float
+    chosen: float
     flexible: float
     rows: int
     white: float
@@ -46,33 +50,33 @@ class Rest:
 
     @property
     def excess(self) -> float:
-        """Mean square of what the structure leaves, beyond white noise."""
-        return max(self.structure / self.rows - self.white**2, 0.0)
+        """Mean square of what the chosen model leaves, beyond white noise."""
+        return max(self.chosen / self.rows - self.white**2, 0.0)
 
     @property
     def removed(self) -> float:
-        """Share of what is no white noise that the structure takes away."""
-        reducible = self.nothing / self.rows - self.white**2
+        """Share of the mean square beyond white noise that the chosen model removes."""
+        reducible = self.null / self.rows - self.white**2
         return 1.0 if reducible <= 0 else float(np.clip(1 - self.excess / reducible, 0.0, 1.0))
 
 
-def examine(search: Search, members: tuple[int, ...]) -> list[Rest]:
-    """Every stage of every joint with enough rows."""
+def omnibus_test(search: Search, members: tuple[int, ...]) -> list[LackOfFit]:
+    """Lack of fit of the model with these members, at every stage of torques of every joint with enough rows."""
     design, found = search.design, []
     fits = fits_of(search, members)
     for cell in design.cells:
-        if cell.stage in (REVERSAL, "r3") or cell.used.sum() < 4:
+        if cell.at_reversal or cell.stage is Stage.TRANSMISSION or cell.used.sum() < OMNIBUS.blocks:
             continue
-        found.append(_rest(design, cell, *fits[cell.joint]))
+        found.append(_lack_of_fit(design, cell, *fits[cell.joint]))
     return found
 
 
-def _rest(design: Design, cell: Cell, ids: np.ndarray, fit) -> Rest:
-    """The model is fitted to what the structure leaves of blocks that it has not seen."""
+def _lack_of_fit(design: Design, cell: Cell, ids: np.ndarray, fit: Fit) -> LackOfFit:
+    """Of one cell. The flexible model is fitted to residuals of blocks that the chosen model has not seen."""
     left = held_out(cell, ids, fit)
     gain, error, after = predicted(design, cell, left, _flexible(design.context, cell))
     rows = cell.rows
-    return Rest(
+    return LackOfFit(
         cell.stage,
         cell.joint,
         gain,
@@ -87,16 +91,20 @@ def _rest(design: Design, cell: Cell, ids: np.ndarray, fit) -> Rest:
 
 
 def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray) -> tuple[float, float, np.ndarray]:
-    """(gain nats, its standard error over blocks, residual (n,) after it) of columns (n, count) that are fitted
-    to what is `left` (n,) of a cell, each block predicted from the others."""
+    """How well columns (n, count) predict what is `left` (n,) of a cell, each block from a fit to the others.
+
+    Returns the gain in nats, its standard error over blocks, and the residual (n,) after it.
+    """
     scale = np.sqrt(np.mean(columns[cell.rows] ** 2, axis=0)) + 1e-12
     spread = float(np.sqrt(np.mean(left[cell.rows] ** 2))) + 1e-12
     parameters = [Parameter("any", "", -1e9, 1e9, spread / s) for s in scale]
     ids = np.arange(len(scale))
     own = _Residual(design.stages, left, cell.rows)
-    flexible = make_cell(own, cell.stage, cell.joint, ids, columns, design.blocks, parameters)
-    nothing, full = (score([flexible], used, parameters) for used in (ids[:0], ids))
-    difference = full.density - nothing.density
+    flexible = make_cell(
+        own, cell.stage, cell.joint, ids, columns, design.blocks, parameters, at_reversal=cell.at_reversal
+    )
+    null, full = (score([flexible], used, parameters) for used in (ids[:0], ids))
+    difference = full.density - null.density
     return (
         float(difference.sum()),
         float(np.sqrt(len(difference)) * difference.std(ddof=1)),
@@ -105,16 +113,21 @@ def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray)
 
 
 def _outlying(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
-    """Mean square of residuals (n,) beyond `FAR` standard deviations of what is usual after the structure. What
-    happens now and then has no shape that a flexible model could learn; noise never goes so far."""
+    """Mean squares of the parts of two residuals (n,) that lie beyond `outlying` standard deviations of `after`.
+
+    What happens now and then has no shape that a flexible model could learn, but noise never goes so far.
+    """
     usual = 1.4826 * np.median(np.abs(after - np.median(after)))
-    return tuple(float(np.mean(np.where(np.abs(r) > FAR * usual, r, 0.0) ** 2)) for r in (before, after))
+    return tuple(float(np.mean(np.where(np.abs(r) > OMNIBUS.outlying * usual, r, 0.0) ** 2)) for r in (before, after))
 
 
 def _sensors(context: Context, cell: Cell) -> float:
-    """Standard deviation Nm that the noise of the sensors leaves in r2 of a recording without commands: what a
-    joint shakes with is no noise, though at the samples' rate it has no memory either. Else no bound."""
-    if rung(cell.stage) != "r2" or context.drive is not None:
+    """Largest standard deviation Nm that the sensors' noise can have in a residual.
+
+    It is known for r2 of a recording without commands, and infinite elsewhere. A joint that shakes has no memory at
+    the rate of the samples either, and is no noise.
+    """
+    if cell.stage is not Stage.DYNAMICS or context.drive is not None:
         return np.inf
     j = cell.joint
     inertia = felt_inertia(context.arm, np.median(context.samples.position, axis=0))[j]
@@ -123,26 +136,26 @@ def _sensors(context: Context, cell: Cell) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Residual:
-    """A stage with another residual."""
+    """The stages with another residual, and other rows that count."""
 
     stages: Stages
     left: np.ndarray
     kept: np.ndarray
 
-    def times(self, stage: str):
+    def times(self, stage: Stage):
         return self.stages.times(stage)
 
-    def residual(self, stage: str, joint: int) -> np.ndarray:
+    def residual(self, stage: Stage, joint: int) -> np.ndarray:
         return self.left
 
-    def rows(self, stage: str, joint: int) -> np.ndarray:
+    def rows(self, stage: Stage, joint: int, at_reversal: bool) -> np.ndarray:
         return self.kept
 
 
 def _flexible(context: Context, cell: Cell) -> np.ndarray:
-    """Columns (n, count)."""
+    """Columns (n, count) of the flexible model for a cell."""
     j = cell.joint
-    if rung(cell.stage) == "r2":
+    if cell.stage is Stage.DYNAMICS:
         s, p = context.samples, context.prediction
         q, v, direction = s.position[:, j], s.velocity[:, j], p.direction[:, j]
         others = [s.velocity[:, k] for k in range(len(context.arm)) if k != j]
@@ -151,12 +164,12 @@ def _flexible(context: Context, cell: Cell) -> np.ndarray:
     else:
         d = context.drive
         v, torque = d.velocity[:, j], d.commanded[:, j]
-        direction = np.tanh(v / 0.01)
+        direction = np.tanh(v / OMNIBUS.direction_speed)
         others = [np.gradient(d.commanded[:, j])]
         q = np.zeros_like(v)
     columns = [np.ones_like(v), direction, v, v * np.abs(v), v**3, np.abs(v), direction * np.abs(torque), *others]
     columns += [torque, np.abs(torque), torque * np.abs(torque), torque**3]
-    if rung(cell.stage) == "r2":
-        for k in range(1, HARMONICS + 1):
+    if cell.stage is Stage.DYNAMICS:
+        for k in range(1, OMNIBUS.harmonics + 1):
             columns += [np.sin(k * q), np.cos(k * q), direction * np.sin(k * q), direction * np.cos(k * q)]
     return np.array(columns).T

@@ -7,16 +7,12 @@ from itertools import combinations
 import numpy as np
 
 from np_diagnosis.arm.model import Arm, panda
-from np_diagnosis.arm.stages import STANDSTILL, expected_torque
+from np_diagnosis.arm.stages import expected_torque
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.recordings.signals import Log, Samples, sample
+from np_diagnosis.thresholds import THRESHOLDS
 
-RANGE_SLACK = 0.05  # rad beyond the joint limits
-SPEED_SLACK = 1.5  # times the speed limit
-USUAL = 75  # percent of the time that a joint keeps to its speed; where it does not, its torques say its unit
-ROWS = 300  # samples that the dynamics are tried on
-DECISIVE = 3.0  # nats a joint's log residual energy must fall by under a transposition or reversed sign
-SLOPE = (0.7, 1.4)  # of the derivative of position against velocity
+PLAUSIBILITY = THRESHOLDS.plausibility
 
 
 def check(log: Log, arm: Arm | None = None) -> None:
@@ -35,7 +31,7 @@ def _check_range(log: Log, arm: Arm) -> None:
     for j, joint in enumerate(arm.joints):
         low, high = log.position[:, j].min(), log.position[:, j].max()
         lower, upper = arm.position_lower[j], arm.position_upper[j]
-        if low < lower - RANGE_SLACK or high > upper + RANGE_SLACK:
+        if low < lower - PLAUSIBILITY.range_slack or high > upper + PLAUSIBILITY.range_slack:
             hint = _hint(np.radians([low, high]), np.array([-high, -low]), lower, upper)
             raise ContractViolation(
                 f"{log.name}: position of {joint}: expected {lower} to {upper} rad, got {low:.3f} to {high:.3f}{hint}"
@@ -44,14 +40,14 @@ def _check_range(log: Log, arm: Arm) -> None:
 
 def _hint(in_radians: np.ndarray, reversed_sign: np.ndarray, lower: float, upper: float) -> str:
     for bounds, text in ((in_radians, " (degrees?)"), (reversed_sign, " (reversed sign?)")):
-        if bounds[0] >= lower - RANGE_SLACK and bounds[1] <= upper + RANGE_SLACK:
+        if bounds[0] >= lower - PLAUSIBILITY.range_slack and bounds[1] <= upper + PLAUSIBILITY.range_slack:
             return text
     return ""
 
 
 def _check_velocity(log: Log, arm: Arm) -> None:
     """Velocity is the derivative of position."""
-    step = max(1, round(0.01 / np.median(np.diff(log.time))))
+    step = max(1, round(PLAUSIBILITY.velocity_step / np.median(np.diff(log.time))))
     time = log.time[::step]
     derived = np.diff(log.position[::step], axis=0) / np.diff(time)[:, None]
     # The mean velocity over each step, by the trapezoidal rule on the full rate.
@@ -63,11 +59,11 @@ def _check_velocity(log: Log, arm: Arm) -> None:
     )
     measured = np.diff(area[::step], axis=0) / np.diff(time)[:, None]
     for j, joint in enumerate(arm.joints):
-        if derived[:, j].std() < STANDSTILL and measured[:, j].std() < STANDSTILL:
+        if derived[:, j].std() < THRESHOLDS.rows.standstill and measured[:, j].std() < THRESHOLDS.rows.standstill:
             continue
         energy = (measured[:, j] ** 2).sum()
         slope = (measured[:, j] * derived[:, j]).sum() / energy if energy > 0 else np.inf
-        if not SLOPE[0] < slope < SLOPE[1]:
+        if not PLAUSIBILITY.slope[0] < slope < PLAUSIBILITY.slope[1]:
             raise ContractViolation(
                 f"{log.name}: velocity of {joint}: expected the derivative of position, which "
                 f"is {slope:.3g} times what was found: wrong unit"
@@ -77,14 +73,17 @@ def _check_velocity(log: Log, arm: Arm) -> None:
 
 
 def _is_radian(slope: float) -> bool:
-    return SLOPE[0] < np.degrees(slope) < SLOPE[1]
+    return PLAUSIBILITY.slope[0] < np.degrees(slope) < PLAUSIBILITY.slope[1]
 
 
 def _check_speed(log: Log, arm: Arm, samples: Samples, rows: np.ndarray) -> None:
     """A joint beyond its speed moves in degrees, if the torques say so: an arm that swings is too fast, and no
     violation."""
     for j, joint in enumerate(arm.joints):
-        fastest, limit = np.percentile(np.abs(log.velocity[:, j]), USUAL), SPEED_SLACK * arm.velocity_limit[j]
+        fastest, limit = (
+            np.percentile(np.abs(log.velocity[:, j]), PLAUSIBILITY.speed_percentile),
+            PLAUSIBILITY.speed_slack * arm.velocity_limit[j],
+        )
         if fastest <= limit:
             continue
         position, velocity, acceleration = (
@@ -96,9 +95,9 @@ def _check_speed(log: Log, arm: Arm, samples: Samples, rows: np.ndarray) -> None
             moved = expected_torque(
                 position * factor, velocity * factor, acceleration * factor, arm, samples.with_gravity
             )
-            error = (1e-3 * arm.torque_limit[j]) ** 2
+            error = (PLAUSIBILITY.torque_error * arm.torque_limit[j]) ** 2
             left.append(np.log((samples.torque[rows, j] - moved[:, j]).var() + error))
-        if left[0] - left[1] > DECISIVE:
+        if left[0] - left[1] > PLAUSIBILITY.decisive:
             raise ContractViolation(
                 f"{log.name}: velocity of {joint}: expected at most {limit:.2f} rad/s, got "
                 f"{fastest:.2f} (degrees?): in degrees its torques fit {np.exp((left[0] - left[1]) / 2):.0f} times better"
@@ -130,10 +129,10 @@ def _check_torque(log: Log, arm: Arm, samples: Samples, rows: np.ndarray) -> Non
         ("torque", answered - moved[0]),
         ("position, velocity and torque", answered - moved),
     ):
-        # An error of a thousandth of the torque limit is none; offsets are allowed.
-        energy = np.log(residual.var(axis=1) + (1e-3 * arm.torque_limit) ** 2)
+        # Offsets are allowed: what counts is how much the residual varies.
+        energy = np.log(residual.var(axis=1) + (PLAUSIBILITY.torque_error * arm.torque_limit) ** 2)
         for (text, joints, _, _), fall in zip(trials[1:], energy[0] - energy[1:]):
-            if fall[list(joints)].min() > DECISIVE and fall.sum() > DECISIVE:
+            if fall[list(joints)].min() > PLAUSIBILITY.decisive and fall.sum() > PLAUSIBILITY.decisive:
                 raise ContractViolation(
                     f"{log.name}: {what}: expected torques of the nominal arm in the order of its joints, "
                     f"found that {what} {text} fit {np.exp(fall[list(joints)].min() / 2):.0f} times better"
@@ -141,6 +140,10 @@ def _check_torque(log: Log, arm: Arm, samples: Samples, rows: np.ndarray) -> Non
 
 
 def _most_motion(samples: Samples) -> np.ndarray:
-    """At most ROWS rows in which something moves."""
-    moving = np.flatnonzero(np.abs(samples.velocity).max(axis=1) > STANDSTILL)
-    return moving[np.linspace(0, moving.size - 1, min(ROWS, moving.size)).astype(int)] if moving.size else moving
+    """At most `rows` rows in which something moves."""
+    moving = np.flatnonzero(np.abs(samples.velocity).max(axis=1) > THRESHOLDS.rows.standstill)
+    return (
+        moving[np.linspace(0, moving.size - 1, min(PLAUSIBILITY.rows, moving.size)).astype(int)]
+        if moving.size
+        else moving
+    )

@@ -1,4 +1,4 @@
-"""How far: the held-out gap before and after, over the rungs of the ladder, with what no model could remove."""
+"""How far: the held-out gap before and after, summed over the stages, with the part that no model could remove."""
 
 from __future__ import annotations
 
@@ -7,20 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_diagnosis.checks.floor import repeatability, white_noise
-from np_diagnosis.inference.residuals import rung
-from np_diagnosis.inference.search import Search, Structure, held_out
+from np_diagnosis.inference.fit import held_out
+from np_diagnosis.inference.search import Model, Search, fits_of
+from np_diagnosis.thresholds import THRESHOLDS
+from np_effects.stage import Stage
 
-BOOTSTRAPS = 300
+SHRINKAGE = THRESHOLDS.shrinkage
+
 REGIMES = ("standstill", "reversal", "slow", "fast", "accelerating")
-LEAST_BLOCKS = 3  # in which a joint must move to be judged
 
 
 @dataclass(frozen=True, eq=False)
 class Gap:
-    """Joint by joint (k,) Nm: root mean square over time, summed over rungs, before and after, and the floor;
-    moved (k,): joints that were excited enough. before, after, floor: their mean; shrink with interval.
-    nominal, residuals: cell number -> held out without any effect, and after. Both have what any arm has
-    (nuisances) taken out: no effect is praised for it, and no patch carries it."""
+    """The gap of a model.
+
+    By joint (k,), Nm: root mean square over time, summed over the stages of torques, before (without effects) and
+    after (with the model), and the floor; moved (k,): joints that were excited enough. before, after, floor: means
+    over the joints that moved; shrink with its 95 % interval. nominal, residuals: by number of the cell, the held-out
+    residual without effects and with the model. Both are without what any arm has (nuisances): no effect is credited
+    with it, and no patch carries it.
+    """
 
     before_joint: np.ndarray
     after_joint: np.ndarray
@@ -51,32 +57,40 @@ class Gap:
         """Share by which one effect alone shrinks the gap of the joints that it shows in."""
         return _share(search, (), (member,))
 
-    def removed(self, search: Search, chosen: Structure, member: int) -> float:
-        """Mean square Nm^2, summed over joints and rungs, that the others leave without this one."""
+    def removed(self, search: Search, chosen: Model, member: int) -> float:
+        """Mean square Nm^2, summed over joints and stages, that the model without this member leaves beyond the model."""
         less = tuple(m for m in chosen.members if m != member)
         return float(_squares(search, less).sum() - _squares(search, chosen.members).sum())
 
 
-def measure(search: Search, chosen: Structure, seed: int) -> Gap:
-    """The gap of the chosen structure."""
+def measure(search: Search, chosen: Model, seed: int) -> Gap:
+    """The gap of the chosen model. Raises ValueError where no joint moves in enough blocks."""
     design = search.design
     cells, joints = design.cells, len(design.context.arm)
     nominal, after = _residuals(search, ()), _residuals(search, chosen.members)
     floor, is_measured = _floor(design, joints)
     before_block, after_block, rows = _by_block(cells, nominal, after, len(design.blocks))
     moved = np.array(
-        [any(c.joint == j and c.stage == "r2" and c.used.sum() >= LEAST_BLOCKS for c in cells) for j in range(joints)]
+        [
+            any(
+                c.joint == j and c.stage is Stage.DYNAMICS and not c.at_reversal and c.used.sum() >= SHRINKAGE.blocks
+                for c in cells
+            )
+            for j in range(joints)
+        ]
     )
     if not moved.any():
-        raise ValueError(f"expected a joint that moves in {LEAST_BLOCKS} blocks of the recording, got none")
+        raise ValueError(f"expected a joint that moves in {SHRINKAGE.blocks} blocks of the recording, got none")
     every = np.ones((1, len(design.blocks)))
     old, new = (_rms(cells, part, rows, every, joints)[0] for part in (before_block, after_block))
     rng = np.random.default_rng(seed)
-    weights = rng.multinomial(len(design.blocks), np.full(len(design.blocks), 1 / len(design.blocks)), BOOTSTRAPS)
+    weights = rng.multinomial(
+        len(design.blocks), np.full(len(design.blocks), 1 / len(design.blocks)), SHRINKAGE.bootstraps
+    )
     olds, news = (_rms(cells, part, rows, weights, joints) for part in (before_block, after_block))
     shrink = 1 - new[moved].mean() / max(old[moved].mean(), 1e-12)
     draws = 1 - news[:, moved].mean(axis=1) / np.maximum(olds[:, moved].mean(axis=1), 1e-12)
-    half = 2.0 * draws.std()
+    half = THRESHOLDS.estimates.t95 * draws.std()
     return Gap(
         old,
         new,
@@ -92,39 +106,35 @@ def measure(search: Search, chosen: Structure, seed: int) -> Gap:
 
 def regimes(velocity: np.ndarray, acceleration: np.ndarray, reversing: np.ndarray) -> dict[str, np.ndarray]:
     """Masks (n, k): each sample of a joint is in exactly one regime. reversing (n, k) bool."""
-    standing = (np.abs(velocity) <= 0.02) & ~reversing
-    masks, rest = {}, np.ones_like(standing)
+    standing = (np.abs(velocity) <= SHRINKAGE.standing) & ~reversing
+    masks, remaining = {}, np.ones_like(standing)
     for name, mask in (
         ("standstill", standing),
         ("reversal", reversing),
-        ("accelerating", np.abs(acceleration) > 2.0),
-        ("fast", np.abs(velocity) > 0.3),
+        ("accelerating", np.abs(acceleration) > SHRINKAGE.accelerating),
+        ("fast", np.abs(velocity) > SHRINKAGE.fast),
     ):
-        masks[name], rest = rest & mask, rest & ~mask
-    return {name: masks.get(name, rest) for name in REGIMES}
+        masks[name], remaining = remaining & mask, remaining & ~mask
+    return {name: masks.get(name, remaining) for name in REGIMES}
 
 
 def _residuals(search: Search, members: tuple[int, ...]) -> list[np.ndarray]:
-    fits = {}
-    for joints, inside in search.groups(tuple(sorted(members))):
-        result, _ = search.group(joints, inside)
-        for j in joints:
-            fits[j] = (search.ids(joints, inside), result.fit)
+    fits = fits_of(search, members)
     return [held_out(cell, *fits[cell.joint]) for cell in search.design.cells]
 
 
 def _counted(cell) -> bool:
-    return rung(cell.stage) != "r3"
+    return cell.stage is not Stage.TRANSMISSION
 
 
 def _squares(search: Search, members: tuple[int, ...]) -> np.ndarray:
-    """Mean square (cells,) of the held-out residual of every cell; r3 is no torque and counts by its share."""
+    """Mean square (cells,) of the held-out residual of every cell; r3 is a twist, no torque, and weighed."""
     cells = search.design.cells
     total = []
     for cell, left in zip(cells, _residuals(search, members)):
         rows = cell.rows
         square = float(np.square(left[rows]).mean()) if rows.any() else 0.0
-        total.append(square if _counted(cell) else square * 1e8)  # 0.1 mrad weighs as 1 Nm
+        total.append(square if _counted(cell) else square * SHRINKAGE.twist_weight)
     return np.array(total)
 
 
@@ -156,11 +166,11 @@ def _by_block(cells, old, new, blocks: int):
 
 
 def _rms(cells, squares, rows, weights, joints: int) -> np.ndarray:
-    """(draws, joints): root of the sum over rungs of the mean square."""
+    """(draws, joints): root of the sum over stages of the mean square."""
     total = np.zeros((len(weights), joints))
     for joint in range(joints):
-        for name in ("r0", "r1", "r2"):
-            mine = [n for n, c in enumerate(cells) if c.joint == joint and rung(c.stage) == name]
+        for stage in (Stage.CONTROLLER, Stage.DRIVE, Stage.DYNAMICS):
+            mine = [n for n, c in enumerate(cells) if c.joint == joint and c.stage is stage]
             if mine:
                 count = np.maximum(sum(weights @ rows[n] for n in mine), 1)
                 total[:, joint] += sum(weights @ squares[n] for n in mine) / count

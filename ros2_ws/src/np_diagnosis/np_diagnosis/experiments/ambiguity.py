@@ -1,26 +1,29 @@
-"""What a recording leaves open: other structures that explain it about as well as the chosen one."""
+"""What a recording leaves open: other models that explain it about as well as the chosen one."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
-from np_diagnosis.diagnosis import CERTAIN, Diagnosis, Finding
+from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.inference.design import Design
-from np_diagnosis.inference.ranking import larger
-from np_diagnosis.inference.search import TRIED, Search, Structure
+from np_diagnosis.inference.ranking import generalisations
+from np_diagnosis.inference.search import Model, Search
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.catalogue import equivalence_classes
 
-RIVALS = 3  # at most
-NEAR = 8.0  # nats behind, up to which a structure is a rival
+AMBIGUITY = THRESHOLDS.ambiguity
 
 
 @dataclass(frozen=True, eq=False)
 class Ambiguity:
-    """What a recording leaves open: structures that explain it about as well; `names` of what tells each from
-    the others, the joints (by number) in which they differ, and at which component."""
+    """Models that explain a recording about equally well.
 
-    structures: tuple[Structure, ...]
+    names: ids of the effects that tell each model from the others; joints: by number, in which the models differ;
+    component: at which they do.
+    """
+
+    models: tuple[Model, ...]
     names: tuple[tuple[str, ...], ...]
     joints: tuple[int, ...]
     component: str
@@ -43,50 +46,56 @@ def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
         )
         if member is None:
             continue
-        likely = {f.effect.id for f in diagnosis.findings if not f.is_chosen and f.probability > 1 - CERTAIN}
+        likely = {
+            f.effect.id
+            for f in diagnosis.findings
+            if not f.is_chosen and f.probability > 1 - THRESHOLDS.verdict.certain
+        }
         question = ambiguity(search, chosen, member, likely.union(finding.rivals))
         if question is not None:
             return finding, question
     return None
 
 
-def ambiguity(search: Search, chosen: Structure, member: int, equivalent: Collection[str]) -> Ambiguity | None:
-    """The chosen structure with those in which something else stands in a member's place: those named in
-    `equivalent`, or where none is, what comes near. None where nothing does."""
+def ambiguity(search: Search, chosen: Model, member: int, equivalent: Collection[str]) -> Ambiguity | None:
+    """The chosen model together with those in which something else stands in a member's place.
+
+    equivalent: ids that may; where none of them comes near, whatever does. None where nothing does.
+    """
     design, joints = search.design, search.design.context.arm.joints
     place = design.candidates[member].at(joints)
-    rest = tuple(m for m in chosen.members if m != member)
-    inside = larger(search, member)  # they say the same, and no experiment can tell
+    remaining = tuple(m for m in chosen.members if m != member)
+    inside = generalisations(search, member)  # no experiment can tell them from the member
     near = [
         (n,)
-        for n in search.promising(search.structure(rest), TRIED)
+        for n in search.promising(search.model(remaining), THRESHOLDS.search.tried)
         if _fits(design, member, n) and design.candidates[n].effect.id not in inside
     ]
-    found: dict[tuple[str, ...], Structure] = {}
+    found: dict[tuple[str, ...], Model] = {}
     for replaced, others in (((member,), near), *_sums(search, chosen, member)):
         kept = tuple(m for m in chosen.members if m not in replaced)
         for added in others:
             if any(_same(design, n, m) for n in added for m in kept):
                 continue
-            structure = search.structure((*kept, *added))
+            model = search.model((*kept, *added))
             names = tuple(sorted(design.candidates[n].effect.id for n in added))
-            if names not in found or search.value(structure) > search.value(found[names]):
-                found[names] = structure
-    found["nothing",] = search.structure(rest)
+            if names not in found or search.value(model) > search.value(found[names]):
+                found[names] = model
+    found["nothing",] = search.model(remaining)
     mine = (design.candidates[member].effect.id,)
     found.pop(mine, None)
-    near = {names: s for names, s in found.items() if search.value(s) > search.value(chosen) - NEAR}
+    near = {names: s for names, s in found.items() if search.value(s) > search.value(chosen) - AMBIGUITY.near}
     listed = {names: s for names, s in near.items() if len(names) == 1 and names[0] in equivalent}
     for name in set(equivalent).difference(*listed, inside):  # it is no rival alone, but beside something else
         listed |= {n: s for n, s in _beside(search, chosen, member, name).items() if n not in listed}
     found = listed | {n: s for n, s in near.items() if len(n) > 1} if listed else near
-    ranked = sorted(found.items(), key=lambda item: -search.value(item[1]))[:RIVALS]
+    ranked = sorted(found.items(), key=lambda item: -search.value(item[1]))[: AMBIGUITY.rivals]
     if not ranked:
         return None
-    structures = (chosen, *(s for _, s in ranked))
-    differing = {m for s in structures for m in s.members} - set.intersection(*(set(s.members) for s in structures))
+    models = (chosen, *(s for _, s in ranked))
+    differing = {m for s in models for m in s.members} - set.intersection(*(set(s.members) for s in models))
     touched = sorted({j for m in differing for j in reach(search, m)})
-    return Ambiguity(structures, (mine, *(names for names, _ in ranked)), tuple(touched), place)
+    return Ambiguity(models, (mine, *(names for names, _ in ranked)), tuple(touched), place)
 
 
 def reach(search: Search, member: int) -> tuple[int, ...]:
@@ -95,16 +104,16 @@ def reach(search: Search, member: int) -> tuple[int, ...]:
     return search.reach(candidate) if candidate.joint is None else (candidate.joint,)
 
 
-def _beside(search: Search, chosen: Structure, member: int, name: str) -> dict[tuple[str, ...], Structure]:
-    """The best structure with the effect `name` at a member's place and without the member, where it comes
+def _beside(search: Search, chosen: Model, member: int, name: str) -> dict[tuple[str, ...], Model]:
+    """The best model with the effect `name` at a member's place and without the member, where it comes
     near; called by all that it has and the chosen one has not."""
     design, joints = search.design, search.design.context.arm.joints
     place, found = design.candidates[member].at(joints), []
-    for structure in search.tried.values():
-        at_place = [c for c in map(design.candidates.__getitem__, structure.members) if c.at(joints) == place]
-        is_near = search.value(structure) > search.value(chosen) - NEAR
-        if is_near and member not in structure.members and name in {c.effect.id for c in at_place}:
-            found.append(structure)
+    for model in search.tried.values():
+        at_place = [c for c in map(design.candidates.__getitem__, model.members) if c.at(joints) == place]
+        is_near = search.value(model) > search.value(chosen) - AMBIGUITY.near
+        if is_near and member not in model.members and name in {c.effect.id for c in at_place}:
+            found.append(model)
     if not found:
         return {}
     best = max(found, key=search.value)
@@ -118,7 +127,7 @@ def _fits(design: Design, member: int, other: int) -> bool:
     return its.effect.id != mine.effect.id and (None in (its.joint, mine.joint) or its.joint == mine.joint)
 
 
-def _sums(search: Search, chosen: Structure, member: int) -> Iterator[tuple[tuple[int, ...], list[tuple[int, ...]]]]:
+def _sums(search: Search, chosen: Model, member: int) -> Iterator[tuple[tuple[int, ...], list[tuple[int, ...]]]]:
     """(members replaced, what stands for them) where a class of effects has a sum, as "a + b"."""
     design = search.design
     mine = design.candidates[member]

@@ -1,8 +1,6 @@
 """What an experiment would record, before anybody runs it: its motion, followed perfectly by the nominal arm.
 
-The recordings planned have no noise and no gap. They are there for what effects would do to such a motion,
-not
-for what it measures.
+The recordings planned have neither noise nor gap: they are there for what effects would do to such a motion.
 """
 
 from __future__ import annotations
@@ -27,8 +25,8 @@ from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.recordings.signals import Commands, Log
 from np_effects import RECORDS
 from np_effects.evidence import Context
-from np_effects.registry import all_signatures as all_effects
-from np_effects.signature import Signature as Effect
+from np_effects.registry import all_signatures
+from np_effects.signature import Signature
 
 PERIOD = LIMITS.period
 COARSE = 4  # periods
@@ -54,8 +52,7 @@ def planned_log(segment: Segment, arm: Arm, like: Log) -> Log:
 
 
 def planned_context(names: Sequence[str], context: Context) -> Context:
-    """The context of recordings of these experiments, one trajectory each, as the recorded one would see
-    them."""
+    """The context of recordings of these experiments, one trajectory each, by the arm and setup of a recorded one."""
     logs = [planned_log(experiment(name), context.arm, context.logs[0]) for name in names]
     planned = make_context(logs, context.arm)
     held = None
@@ -73,17 +70,16 @@ def planned_context(names: Sequence[str], context: Context) -> Context:
 
 
 def planned_cells(design: Design, names: Sequence[str], members: Sequence[int], joints: Sequence[int]) -> list[Cell]:
-    """Sums of what these candidates and the nuisances would do in each experiment at each stage of some
-    joints.
+    """Sums of what these candidates and the nuisances would do in each experiment at each stage of some joints.
 
-    As the cells of the design they have its whitening and its parameters; one block an experiment.
+    They have the whitening and the parameters of the design's cells, and one block an experiment.
     """
     context = planned_context(names, design.context)
     stages, cells = Stages(context), []
     effects = {m: _in(context, design.candidates[m].effect) for m in members}
     blocks = tuple(Block(n, -np.inf, np.inf) for n in range(len(names)))
     for cell in design.cells:
-        if cell.joint not in joints or cell.stage not in stages.names:
+        if cell.joint not in joints or cell.stage not in stages.stages:
             continue
         own = [i for i in cell.ids if i in design.nuisances[cell.joint]]
         ids, matrix = [np.array(own, int)], [nuisances.columns(context, cell.stage, cell.joint)]
@@ -104,29 +100,28 @@ def planned_cells(design: Design, names: Sequence[str], members: Sequence[int], 
                 blocks,
                 design.parameters,
                 cell.whiten,
+                cell.at_reversal,
             )
         )
     return cells
 
 
 def _motion(segment: Segment, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity and acceleration (n, 7) of the segment as the controller follows it; at rest
-    outside."""
+    """Position, velocity and acceleration (n, 7) of a segment that is followed perfectly; at rest outside of it."""
     path = CubicHermiteSpline(segment.times, segment.positions, segment.velocities)
     inside = np.clip(time, 0.0, segment.duration)
     return path(inside), path(inside, 1), np.gradient(path(inside, 1), time, axis=0)
 
 
 def _rigid(arm: Arm, segment: Segment, time: np.ndarray) -> np.ndarray:
-    """Torque (n, 7) Nm of the motion without gravity and friction, of every few rows and smooth in
-    between."""
+    """Torque (n, 7) Nm of the motion without gravity and friction: of every few rows, and smooth in between."""
     coarse = np.linspace(0.0, time[-1], 2 + len(time) // COARSE)
     q, dq, rate = _motion(segment, coarse)
     return CubicSpline(coarse, rigid.torque(arm, q, dq, rate, np.zeros(3)) + arm.armature * rate)(time)
 
 
-def _in(context: Context, effect: Effect) -> Effect:
+def _in(context: Context, effect: Signature) -> Signature:
     """The same effect with columns for another context: those of rigid bodies are tied to their motion."""
     if RECORDS[effect.id].module != "rigid_body":
         return effect
-    return next(e for e in all_effects(context) if e.key == effect.key and e.component == effect.component)
+    return next(e for e in all_signatures(context) if e.key == effect.key and e.component == effect.component)

@@ -1,8 +1,8 @@
 """The next experiment: which motion would split what a recording leaves open, and how probably.
 
-For an ambiguity there are the chosen structure and its rivals. An experiment's planned motion (`planning`) says
+For an ambiguity there are the chosen model and its rivals. An experiment's planned motion (`forecast`) says
 what each would predict there, with the uncertainty of its parameters after what has been recorded, and the noise
-found. So the log Bayes factor that the experiment would give can be drawn in advance, with the one structure true
+found. So the log Bayes factor that the experiment would give can be drawn in advance, with the one model true
 or the other (expected information of a linear Gaussian design: Chaloner and Verdinelli, Stat. Sci. 1995).
 """
 
@@ -22,15 +22,12 @@ from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.fit import fit, places
 from np_diagnosis.inference.search import Search
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
 from np_effects.catalogue import equivalence_classes
 
-DECISIVE = 5.0  # nats by which the true structure must lead in the end: odds of 150 to 1
-DRAWS = 200
-KNOWN = 3.0  # nats of lead that count so far: held-out density of one recording is no surer
-LEAST = 0.1  # probability below which no experiment is worth suggesting: the forces are the same, or nearly
-WORTH = 0.05  # of probability, for which a longer experiment is preferred
-LIKELY = 0.5  # probability below which an experiment would leave the question open more often than not
+POWER = THRESHOLDS.power
+
 NONE = "none of them can"
 UNLIKELY = "none of them is likely to"
 
@@ -53,9 +50,11 @@ EXPERIMENTS = (
 
 @dataclass(frozen=True)
 class Power:
-    """What an experiment is expected to say. probability: of the true structure leading all it can be told from
-    by `DECISIVE` nats in the end; nats: expected log Bayes factor against the nearest one; sigma: the same as a
-    distance in standard deviations, sqrt(2 nats)."""
+    """What an experiment is expected to say.
+
+    probability: that the true model leads all it can be told from by `POWER.decisive` nats in the end; nats: expected
+    log Bayes factor against the nearest of them; sigma: the same as a distance in standard deviations, sqrt(2 nats).
+    """
 
     name: str
     duration: float
@@ -80,28 +79,28 @@ def candidates_for(joints: Sequence[int]) -> tuple[str, ...]:
 
 
 def powers(search: Search, open_question: Ambiguity, names: Sequence[str], seed: int = 0) -> list[list[Power]]:
-    """For each rival, what each experiment is expected to say of it against the chosen structure."""
-    design, structures = search.design, open_question.structures
+    """For each rival, what each experiment is expected to say of it against the chosen model."""
+    design, models = search.design, open_question.models
     here = [
-        m
-        for m in sorted({m for s in structures for m in s.members})
-        if set(reach(search, m)) & set(open_question.joints)
+        m for m in sorted({m for s in models for m in s.members}) if set(reach(search, m)) & set(open_question.joints)
     ]
     cells = [c for c in design.cells if c.joint in open_question.joints]
     planned = planned_cells(design, names, here, open_question.joints)
     nuisance = np.concatenate([design.nuisances[j] for j in open_question.joints])
-    believed = [_Belief.of(design, cells, nuisance, [m for m in s.members if m in here]) for s in structures]
+    believed = [_Belief.of(design, cells, nuisance, [m for m in s.members if m in here]) for s in models]
     ids = np.unique(np.concatenate([b.ids for b in believed]))
     duration = [experiment(name).duration for name in names]
     table = []
-    for rival, other in zip(structures[1:], believed[1:]):
-        lead = float(np.clip(structures[0].total - rival.total, -KNOWN, KNOWN))
-        odds = 1 / (1 + np.exp(np.clip(search.value(rival) - search.value(structures[0]), -30, 30)))
+    for rival, other in zip(models[1:], believed[1:]):
+        lead = float(np.clip(models[0].total - rival.total, -POWER.known, POWER.known))
+        log_odds = search.value(rival) - search.value(models[0])
+        probability = 1 / (1 + np.exp(np.clip(log_odds, -POWER.largest_log_odds, POWER.largest_log_odds)))
         row = []
         for number, name in enumerate(names):
             normal = _normal(cells, planned, believed[0].variance, ids, number)
             one, two = (_factors(normal, ids, *pair, seed) for pair in ((believed[0], other), (other, believed[0])))
-            right = odds * np.mean(lead + one > DECISIVE) + (1 - odds) * np.mean(two - lead > DECISIVE)
+            found, missed = np.mean(lead + one > POWER.decisive), np.mean(two - lead > POWER.decisive)
+            right = probability * found + (1 - probability) * missed
             row.append(Power(name, duration[number], float(right), float(min(one.mean(), two.mean()))))
         table.append(row)
     return table
@@ -133,12 +132,12 @@ def _answer(search: Search, question: Ambiguity, seed: int) -> dict:
     names = candidates_for(question.joints)
     table = powers(search, question, names, seed)
     text = [" + ".join(parts) for parts in question.names]
-    can = [max(p.probability for p in row) >= LEAST for row in table]
+    can = [max(p.probability for p in row) >= POWER.least for row in table]
     weights = (
         np.array(
             [
-                np.exp(np.clip(search.value(s) - search.value(question.structures[0]), -KNOWN, 0.0))
-                for s in question.structures[1:]
+                np.exp(np.clip(search.value(s) - search.value(question.models[0]), -POWER.known, 0.0))
+                for s in question.models[1:]
             ]
         )
         * can
@@ -165,9 +164,9 @@ def _answer(search: Search, question: Ambiguity, seed: int) -> dict:
         for column in columns
     ]
     top = max(p.probability for p in ranked)
-    best = min((p for p in ranked if p.probability >= top - WORTH), key=lambda p: p.duration)
+    best = min((p for p in ranked if p.probability >= top - POWER.worth), key=lambda p: p.duration)
     ranked.sort(key=lambda p: -p.probability)
-    is_likely = best.probability >= LIKELY
+    is_likely = best.probability >= POWER.likely
     command = {"command": f"ros2 run np_diagnosis excite --only {best.name} --out BAG"} if is_likely else {}
     return {
         "name": best.name if is_likely else UNLIKELY,
@@ -184,14 +183,14 @@ def _answer(search: Search, question: Ambiguity, seed: int) -> dict:
                 "probability": round(p.probability, 3),
                 "expected_sigma": round(p.sigma, 2),
             }
-            for p in ranked[:6]
+            for p in ranked[: POWER.ranked]
         ],
     }
 
 
 @dataclass(frozen=True, eq=False)
 class _Belief:
-    """A structure after the recording: parameters (p,) by id N(mean, covariance), noise variance by cell."""
+    """A model after the recording: parameters (p,) by id N(mean, covariance), noise variance by cell."""
 
     ids: np.ndarray
     mean: np.ndarray
@@ -212,7 +211,7 @@ class _Belief:
             ids,
             whole.parameters[0],
             whole.covariance[0],
-            {(c.stage, c.joint): float(v[0]) for c, v in zip(cells, whole.variance)},
+            {(c.name, c.joint): float(v[0]) for c, v in zip(cells, whole.variance)},
         )
 
 
@@ -222,23 +221,23 @@ def _normal(cells, planned, variance, ids, number) -> np.ndarray:
     for cell in planned:
         columns, at = places(cell, ids)
         gram = cell.test[number][np.ix_(columns, columns)]
-        normal[np.ix_(at, at)] += gram / variance[cell.stage, cell.joint]
+        normal[np.ix_(at, at)] += gram / variance[cell.name, cell.joint]
     return normal
 
 
 def _factors(normal: np.ndarray, ids: np.ndarray, true: _Belief, other: _Belief, seed: int) -> np.ndarray:
-    """Log Bayes factors (draws,) nats for the true structure in experiments drawn from what it predicts."""
+    """Log Bayes factors (draws,) nats for the true model in experiments drawn from what it predicts."""
     rng = np.random.default_rng(seed)
     mine = np.searchsorted(ids, true.ids)
-    parameters = rng.multivariate_normal(true.mean, true.covariance, DRAWS, method="eigh")
+    parameters = rng.multivariate_normal(true.mean, true.covariance, POWER.draws, method="eigh")
     values, vectors = np.linalg.eigh(normal)
-    noise = rng.normal(size=(DRAWS, len(ids))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    noise = rng.normal(size=(POWER.draws, len(ids))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     moments = parameters @ normal[mine] + noise
     return _evidence(normal, moments, ids, true) - _evidence(normal, moments, ids, other)
 
 
 def _evidence(normal: np.ndarray, moments: np.ndarray, ids: np.ndarray, belief: _Belief) -> np.ndarray:
-    """Log density (draws,) of data with these moments (draws, p), up to what all structures share."""
+    """Log density (draws,) of data with these moments (draws, p), up to what all models share."""
     at = np.searchsorted(ids, belief.ids)
     precision = np.linalg.inv(belief.covariance)
     posterior, n = precision + normal[np.ix_(at, at)], moments[:, at]

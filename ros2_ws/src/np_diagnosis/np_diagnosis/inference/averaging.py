@@ -1,7 +1,7 @@
-"""What the structures still in play make of a parameter: an interval that knows only one is too narrow.
+"""Intervals that know of rival models: what the other probable models say of a parameter.
 
-Bayesian model averaging with the weights of `ranking` (pseudo-BMA+), over all groups of effects that were
-scored and hold the effect: with and without what stands beside it, and with its other shapes.
+Bayesian model averaging with the weights of `ranking` (pseudo-BMA+), over all groups of effects that were scored and
+hold the effect: with and without other effects, and with its other shapes.
 """
 
 from __future__ import annotations
@@ -11,20 +11,20 @@ import numpy as np
 from np_diagnosis.inference.design import Candidate
 from np_diagnosis.inference.ranking import spans, weigh
 from np_diagnosis.inference.search import Search
+from np_diagnosis.thresholds import THRESHOLDS
 
-LEADERS = 60  # groups that count
-LEAST = 1e-3  # weight of a group that does
+AVERAGING = THRESHOLDS.averaging
 
 
 def spread(
     search: Search, joints: tuple[int, ...], inside: tuple[int, ...], member: int, seed: int
 ) -> dict[str, float]:
-    """Standard deviation of each parameter (by name) of a member of a group, about what the group says."""
+    """Standard deviation of each parameter (by name) of a member of a group between models, about the group's value."""
     design, mine = search.design, search.design.candidates[member]
     rivals, known = [], {}
 
     def overlap(one: int, other: int) -> bool:
-        """Whether the data cannot share out between two members, since one can say what the other says."""
+        """Whether the columns of one of two members span those of the other: data cannot divide a torque between them."""
         if (one, other) not in known:
             pair = design.candidates[one], design.candidates[other]
             near = pair[0].joint == pair[1].joint and pair[0].effect.component == pair[1].effect.component
@@ -35,7 +35,7 @@ def spread(
         same = [n for n in others if _is_same(design.candidates[n], mine)]
         if same and not any(overlap(same[0], n) for n in others if n != same[0]):
             rivals.append((search.group_value(joints, others), others, same[0]))
-    rivals = sorted(rivals, key=lambda r: -r[0])[:LEADERS]
+    rivals = sorted(rivals, key=lambda r: -r[0])[: AVERAGING.leaders]
     if (inside, member) not in [r[1:] for r in rivals]:
         return {}
     scores = [search.group(joints, others)[0] for _, others, _ in rivals]
@@ -45,7 +45,7 @@ def spread(
     own = _meaning(search, joints, inside, member)
     variance = dict.fromkeys(own, 0.0)
     for weight, (_, others, number) in zip(weights, rivals):
-        if weight < LEAST:
+        if weight < AVERAGING.weight:
             continue
         for name, value in _meaning(search, joints, others, number).items():
             if name in own:
@@ -60,7 +60,7 @@ def _is_same(one: Candidate, other: Candidate) -> bool:
 
 
 def _meaning(search: Search, joints: tuple[int, ...], inside: tuple[int, ...], member: int) -> dict[str, float]:
-    """What a group says of a member's parameters, by the names that a report gives them."""
+    """Values of a member's parameters in the fit of a group, by the names that a report gives them."""
     candidate = search.design.candidates[member]
     ids = search.ids(joints, inside)
     values = search.group(joints, inside)[0].fit.parameters.mean(axis=0)

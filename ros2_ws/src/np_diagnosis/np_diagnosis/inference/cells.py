@@ -1,8 +1,8 @@
-"""From residuals and columns to sums: all that a least-squares question about one stage of one joint needs.
+"""Cells: the sums of squares and products that a least-squares question about one stage of one joint needs.
 
-Both are prewhitened by the autoregression of what all columns together leave (Cochrane and Orcutt 1949), so that
-neighbouring rows count for no more than they say. Held are the Gram matrices of each block, and of each block
-with its surroundings: any fit to all other blocks, and its error on this one, is a few small matrices.
+Residuals and columns are prewhitened by the autoregression of what all columns together leave (Cochrane and Orcutt
+1949), so that neighbouring rows count for no more than they say. A cell holds the Gram matrices of each block, and of
+each block with its surroundings: any fit to all other blocks, and its error on this one, takes a few small matrices.
 """
 
 from __future__ import annotations
@@ -14,14 +14,12 @@ from functools import cached_property
 import numpy as np
 
 from np_diagnosis.inference.residuals import Stages
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context
 from np_effects.signature import Parameter
+from np_effects.stage import Stage
 
-BLOCKS = 10  # at least
-BLOCK_DURATION = 3.0  # s, where there are more
-LEAST_ROWS = 8  # in a block, below which it says nothing of a cell
-GAP = 0.5  # s left out of training on either side of the block that is predicted
-ORDER = 2  # of the autoregression
+VALIDATION = THRESHOLDS.blocks
 
 
 @dataclass(frozen=True)
@@ -35,13 +33,16 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """One stage of one joint. ids (p,): parameters with columns here, those of nuisances first; test, held
-    (m, p + 1, p + 1): Gram matrices of columns and residual, of each block and of what its fit must not see;
-    test_rows, held_rows (m,). plain (m, p + 1, p + 1): of each block before whitening; outside: squared residual
-    of rows in no block. matrix (n, p), residual (n,), rows (n,) bool and block (n,): before whitening, which
-    rows count, the block each is in (-1: none). whiten: coefficients of the autoregression."""
+    """One stage of one joint; at_reversal: of its rows about reversals (`Stages.rows`).
 
-    stage: str
+    ids (p,): parameters with columns here, those of nuisances first. test, held (m, p + 1, p + 1): Gram matrices of
+    columns and residual, of each block and of what its fit must not see; test_rows, held_rows (m,): their rows. plain
+    (m, p + 1, p + 1): of each block before whitening; outside: squared residual of rows in no block. Before
+    whitening: matrix (n, p), residual (n,), rows (n,) bool that count, and block (n,) that each is in (-1: none).
+    whiten: coefficients of the autoregression.
+    """
+
+    stage: Stage
     joint: int
     ids: np.ndarray
     test: np.ndarray
@@ -55,6 +56,12 @@ class Cell:
     rows: np.ndarray
     block: np.ndarray
     whiten: np.ndarray
+    at_reversal: bool = False
+
+    @property
+    def name(self) -> str:
+        """Its residual's name in reports: "r2" or "r2 at reversal"."""
+        return f"{self.stage} at reversal" if self.at_reversal else str(self.stage)
 
     @cached_property
     def total(self) -> np.ndarray:
@@ -67,7 +74,7 @@ class Cell:
         return self.total - self.held
 
     def parts(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`train` and `test` of some columns and the residual, residual first; kept, for many structures of a
+        """`train` and `test` of some columns and the residual, residual first; kept, for many models of a
         search share them."""
         key = columns.tobytes()
         if key not in self._parts:
@@ -83,10 +90,10 @@ class Cell:
     @property
     def used(self) -> np.ndarray:
         """Blocks (m,) with enough rows to be predicted."""
-        return self.test_rows >= LEAST_ROWS
+        return self.test_rows >= VALIDATION.rows
 
 
-def make_blocks(context: Context, gap: float = GAP) -> tuple[Block, ...]:
+def make_blocks(context: Context, gap: float = VALIDATION.gap) -> tuple[Block, ...]:
     """Contiguous stretches of one trajectory each, of about equal length.
 
     Raises ValueError where a block would not be three gaps long.
@@ -97,15 +104,15 @@ def make_blocks(context: Context, gap: float = GAP) -> tuple[Block, ...]:
         time = samples.time[samples.trajectory == number]
         spans.append((int(number), float(time[0]), float(time[-1]) + 1e-6))
     total = sum(end - start for _, start, end in spans)
-    count = max(BLOCKS, int(total / BLOCK_DURATION))
+    count = max(VALIDATION.least, int(total / VALIDATION.duration))
     pieces = [1] * len(spans)
     while sum(pieces) < count:
         pieces[int(np.argmax([(e - s) / n for (_, s, e), n in zip(spans, pieces)]))] += 1
     blocks = []
     for (number, start, end), n in zip(spans, pieces):
-        if (end - start) / n < 3 * gap:
+        if (end - start) / n < VALIDATION.gaps_per_block * gap:
             raise ValueError(
-                f"expected blocks of at least {3 * gap} s, {count} in all; got {(end - start) / n:.2f} s: record more"
+                f"expected blocks of at least {VALIDATION.gaps_per_block * gap} s, {count} in all; got {(end - start) / n:.2f} s: record more"
             )
         edges = np.linspace(start, end, n + 1)
         blocks += [Block(number, a, b) for a, b in zip(edges[:-1], edges[1:])]
@@ -114,21 +121,22 @@ def make_blocks(context: Context, gap: float = GAP) -> tuple[Block, ...]:
 
 def make_cell(
     stages: Stages,
-    stage: str,
+    stage: Stage,
     joint: int,
     ids: np.ndarray,
     matrix: np.ndarray,
     blocks: Sequence[Block],
     parameters: Sequence[Parameter],
     whiten: np.ndarray | None = None,
+    at_reversal: bool = False,
 ) -> Cell:
     """Sums of one stage of one joint, with columns (n, p) `matrix` of the parameters `ids`.
 
-    whiten: autoregression to use; None: from the data.
+    whiten: autoregression to use; None: from the data. at_reversal: of the rows about reversals, see `Stages.rows`.
     """
     trajectory, time = stages.times(stage)
     residual = stages.residual(stage, joint)
-    kept = _kept(stages.rows(stage, joint), trajectory)
+    kept = _kept(stages.rows(stage, joint, at_reversal), trajectory)
     pieces = _pieces(trajectory, time, blocks)
     plain = _sums(matrix, residual, kept, np.zeros(0), pieces).sum(axis=0)
     if whiten is None:
@@ -147,25 +155,41 @@ def make_cell(
         block[start:end] = b
     outside = float(np.square(residual[kept & (block < 0)]).sum())
     return Cell(
-        stage, joint, ids, test, held, test_rows, held_rows, plain, outside, matrix, residual, kept, block, whiten
+        stage,
+        joint,
+        ids,
+        test,
+        held,
+        test_rows,
+        held_rows,
+        plain,
+        outside,
+        matrix,
+        residual,
+        kept,
+        block,
+        whiten,
+        at_reversal,
     )
 
 
 def _kept(rows: np.ndarray, trajectory: np.ndarray) -> np.ndarray:
     """Rows (n,) that count and all of whose past that the autoregression sees counts."""
     kept = rows.copy()
-    for lag in range(1, ORDER + 1):
+    for lag in range(1, VALIDATION.order + 1):
         kept[lag:] &= rows[:-lag] & (trajectory[lag:] == trajectory[:-lag])
         kept[:lag] = False
     return kept
 
 
 def _pieces(trajectory: np.ndarray, time: np.ndarray, blocks: Sequence[Block]) -> np.ndarray:
-    """Rows (m, 4) at which each block starts, its first `GAP` ends, its last `GAP` starts, and it ends."""
+    """Rows (m, 4) at which each block starts, its first `VALIDATION.gap` ends, its last `VALIDATION.gap` starts, and it ends."""
     pieces = []
     for part in blocks:
         first, last = np.searchsorted(trajectory, [part.trajectory, part.trajectory + 1])
-        edges = np.searchsorted(time[first:last], [part.start, part.start + GAP, part.end - GAP, part.end])
+        edges = np.searchsorted(
+            time[first:last], [part.start, part.start + VALIDATION.gap, part.end - VALIDATION.gap, part.end]
+        )
         pieces.append(first + np.maximum.accumulate(edges))
     return np.array(pieces)
 
@@ -174,7 +198,7 @@ def _sums(
     matrix: np.ndarray, residual: np.ndarray, kept: np.ndarray, whiten: np.ndarray, pieces: np.ndarray
 ) -> np.ndarray:
     """Gram matrices (3, m, p + 1, p + 1) of columns and residual through the autoregression's inverse, of the
-    first `GAP` of each block, of its last, and of what is between. A block at a time fits into the cache."""
+    first `VALIDATION.gap` of each block, of its last, and of what is between. A block at a time fits into the cache."""
     size, lags = matrix.shape[1] + 1, len(whiten)
     parts = np.zeros((3, len(pieces), size, size))
     for b, edges in enumerate(pieces):
@@ -209,14 +233,14 @@ def _autoregression(matrix, residual, kept, normal, prior) -> np.ndarray:
     """Coefficients of what all columns together leave in the rows `kept`, by Yule and Walker; zeros where too
     short. normal (p + 1, p + 1): Gram matrix of columns and residual."""
     side = residual[kept]
-    if len(side) < 50:
-        return np.zeros(ORDER)
+    if len(side) < VALIDATION.order_rows:
+        return np.zeros(VALIDATION.order)
     if len(prior):
         spread = max(np.median(np.abs(side)) ** 2, 1e-12)
         scaled = normal[:-1, :-1] * np.outer(prior, prior) + spread * np.eye(len(prior))
         side = side - (matrix @ (prior * np.linalg.solve(scaled, prior * normal[:-1, -1])))[kept]
-    correlation = np.array([np.mean(side[lag:] * side[: len(side) - lag]) for lag in range(ORDER + 1)])
+    correlation = np.array([np.mean(side[lag:] * side[: len(side) - lag]) for lag in range(VALIDATION.order + 1)])
     if correlation[0] <= 1e-20:
-        return np.zeros(ORDER)
-    table = correlation[np.abs(np.subtract.outer(np.arange(ORDER), np.arange(ORDER)))]
-    return np.linalg.solve(table + 1e-3 * correlation[0] * np.eye(ORDER), correlation[1:])
+        return np.zeros(VALIDATION.order)
+    table = correlation[np.abs(np.subtract.outer(np.arange(VALIDATION.order), np.arange(VALIDATION.order)))]
+    return np.linalg.solve(table + VALIDATION.order_ridge * correlation[0] * np.eye(VALIDATION.order), correlation[1:])

@@ -10,16 +10,16 @@ from np_diagnosis.arm.at_samples import RigidAtSamples
 from np_diagnosis.arm.model import Arm
 from np_diagnosis.arm.stages import Prediction, drive, predict
 from np_diagnosis.recordings.signals import Log, Samples, sample
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context
 from np_effects.sensing.encoder_quantisation import find_quantum
 from np_effects.timing.packet_loss import find_held
 
-RIPPLES = 2  # orders tried a joint
-ORDERS = (20, 400)  # per radian of the joint
+HINTS = THRESHOLDS.hints
+
 BINS = 4096
 SMOOTH = 25  # samples of the fine grid to either side
 HANN = np.hanning(2 * SMOOTH + 3)[1:-1] / np.hanning(2 * SMOOTH + 3).sum()
-PLAY = 1e-5  # rad, some standard deviations of a smoothed encoder
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +66,8 @@ def _transmission(logs: list[Log], samples: Samples, prediction: Prediction) -> 
 
     trajectory = np.concatenate([np.full(len(log.time), number) for number, log in enumerate(logs)])
     time = np.concatenate([log.time for log in logs])
-    apart = np.concatenate([log.motor - log.position for log in logs])
-    twist = _projected(samples, trajectory, time, apart)
+    measured = np.concatenate([log.motor - log.position for log in logs])
+    twist = _projected(samples, trajectory, time, measured)
     # What moves the links, not what the motor gives: friction and rotor lie before the gear.
     load = prediction.load
     rate = np.gradient(load, axis=0) / np.gradient(samples.time)[:, None]
@@ -80,7 +80,7 @@ def _transmission(logs: list[Log], samples: Samples, prediction: Prediction) -> 
         first, last = samples.time[mine][[0, -1]]
         straight = yields * CubicSpline(samples.time[mine], load[mine])(np.clip(grid, first, last))
         rows = trajectory == number
-        seen = np.column_stack([_between(grid, time[rows], c) for c in apart[rows].T])
+        seen = np.column_stack([_between(grid, time[rows], c) for c in measured[rows].T])
         wound.append(straight + _quiet(seen - straight))
     return Transmission(samples.time, samples.trajectory, twist, load, rate, tuple(wound))
 
@@ -103,7 +103,7 @@ def _quiet(twist: np.ndarray) -> np.ndarray:
     smooth = np.column_stack([np.convolve(np.pad(c, SMOOTH, mode="edge"), HANN, mode="valid") for c in twist.T])
     followed = np.empty_like(smooth)
     last = smooth[0]
-    for i, (low, high) in enumerate(zip(smooth - PLAY, smooth + PLAY)):
+    for i, (low, high) in enumerate(zip(smooth - HINTS.play, smooth + HINTS.play)):
         last = np.minimum(np.maximum(last, low), high)
         followed[i] = last
     return followed
@@ -124,19 +124,19 @@ def _ripples(samples: Samples, prediction: Prediction) -> dict[int, tuple[int, .
     residual = samples.torque - prediction.total
     found = {}
     for j in range(residual.shape[1]):
-        moving = np.abs(samples.velocity[:, j]) > 0.02
-        if moving.sum() < 200:
+        moving = np.abs(samples.velocity[:, j]) > HINTS.ripple_speed
+        if moving.sum() < HINTS.ripple_rows:
             continue
         left = residual[moving, j] - residual[moving, j].mean()
         left = left - prediction.direction[moving, j] * (left * prediction.direction[moving, j]).mean()
         angle = np.floor(samples.position[moving, j] / (2 * np.pi) * BINS).astype(int) % BINS
         power = np.abs(np.fft.rfft(np.bincount(angle, left, BINS)))
-        ranked = np.argsort(power[ORDERS[0] : ORDERS[1]])[::-1] + ORDERS[0]
+        ranked = np.argsort(power[slice(*HINTS.orders)])[::-1] + HINTS.orders[0]
         chosen: list[int] = []
         for order in ranked:
-            if all(abs(order - other) > 2 for other in chosen):
+            if all(abs(order - other) > HINTS.order_distance for other in chosen):
                 chosen.append(int(order))
-            if len(chosen) == RIPPLES:
+            if len(chosen) == HINTS.ripples:
                 break
         found[j] = tuple(chosen)
     return found

@@ -8,19 +8,18 @@ import numpy as np
 
 from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, Cell, make_blocks, make_cell
-from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.inference.residuals import Stages
 from np_effects.evidence import Context
-from np_effects.registry import all_signatures as all_effects
-from np_effects.signature import Parameter
-from np_effects.signature import Signature as Effect
+from np_effects.registry import all_signatures
+from np_effects.signature import Parameter, Signature
+from np_effects.stage import Stage
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """An effect at a place: joint number or None for the arm; ids of its parameters."""
 
-    effect: Effect
+    effect: Signature
     joint: int | None
     ids: np.ndarray
     component_joint: int | None = None  # that an effect of the arm sits at
@@ -62,11 +61,11 @@ def make_design(context: Context) -> Design:
 
     stages = Stages(context)
     nuisance = [
-        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.names if stage != REVERSAL}
+        {stage: new(nuisances.parameters(context, stage, joint)) for stage in stages.stages}
         for joint in range(len(context.arm))
     ]
     candidates = []
-    for effect in all_effects(context):
+    for effect in all_signatures(context):
         places = [None] if effect.is_arm else range(len(context.arm))
         for joint in places:
             if effect.only_joint is None or effect.only_joint == joint:
@@ -75,11 +74,7 @@ def make_design(context: Context) -> Design:
     blocks = make_blocks(context)
     cells = []
     for joint in range(len(context.arm)):
-        for stage in stages.names:
-            if stage == REVERSAL:  # the same columns in other rows, the same nuisances too
-                same = cells[-1]
-                cells.append(make_cell(stages, stage, joint, same.ids, same.matrix, blocks, parameters))
-                continue
+        for stage in stages.stages:
             matrix, ids = [nuisances.columns(context, stage, joint).T], [nuisance[joint][stage]]
             for candidate in candidates:
                 if candidate.joint in (None, joint):
@@ -87,7 +82,9 @@ def make_design(context: Context) -> Design:
                     if columns is not None:
                         matrix.append(columns.T)
                         ids.append(candidate.ids)
-            columns = np.concatenate(matrix).T  # each one contiguous
-            cells.append(make_cell(stages, stage, joint, np.concatenate(ids), columns, blocks, parameters))
+            shown, columns = np.concatenate(ids), np.concatenate(matrix).T  # each column contiguous
+            cells.append(make_cell(stages, stage, joint, shown, columns, blocks, parameters))
+            if stage is Stage.DYNAMICS:  # the same columns and nuisances in the rows about reversals
+                cells.append(make_cell(stages, stage, joint, shown, columns, blocks, parameters, at_reversal=True))
     ids = tuple(np.concatenate(list(own.values())) for own in nuisance)
     return Design(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks, stages)

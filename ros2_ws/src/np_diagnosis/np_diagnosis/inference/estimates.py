@@ -1,4 +1,4 @@
-"""How large: values and 95 % intervals of a chosen effect's parameters, its shape settled first."""
+"""How large: values and 95 % intervals of an effect's parameters, its shape settled first."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from np_diagnosis.inference.averaging import spread
 from np_diagnosis.inference.cells import Cell, make_cell
 from np_diagnosis.inference.design import Candidate, Design
 from np_diagnosis.inference.fit import fit, places
-from np_diagnosis.inference.search import Search, Structure, absorbed
-from np_effects.signature import Signature as Effect
+from np_diagnosis.inference.search import Model, Search, absorbed
+from np_diagnosis.thresholds import THRESHOLDS
+from np_effects.signature import Signature
 
-T95 = 2.0
-BOOTSTRAPS = 200
-ROUNDS = 5
-STEPS = 12  # each of which narrows a shape to .6 of what it was, or moves it
+ESTIMATES = THRESHOLDS.estimates
 
 
 @dataclass(frozen=True)
@@ -30,12 +28,12 @@ class Estimate:
 
 
 def estimate(
-    search: Search, structure: Structure, member: int, seed: int, refined: bool = True
-) -> tuple[Effect, dict[str, Estimate]]:
-    """(the effect with its shape settled, parameters by name) of a member of a structure."""
+    search: Search, model: Model, member: int, seed: int, refined: bool = True
+) -> tuple[Signature, dict[str, Estimate]]:
+    """(the effect with its shape settled, parameters by name) of a member of a model."""
     design = search.design
     candidate = design.candidates[member]
-    joints, inside = next(g for g in search.groups(structure.members) if member in g[1])
+    joints, inside = next(g for g in search.groups(model.members) if member in g[1])
     ids = search.ids(joints, inside)
     cells = [_narrow(cell, ids) for j in joints for cell in design.of(j)]
     effect, width = candidate.effect, 0.0
@@ -52,7 +50,7 @@ def estimate(
         half = np.hypot(half, _shift(design, cells, ids, candidate, effect, width))
     at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
     known = np.array([p.background for p in effect.parameters])
-    half[at] = np.hypot(np.hypot(half[at], T95 * known), effect.model * np.abs(whole[at]))
+    half[at] = np.hypot(np.hypot(half[at], ESTIMATES.t95 * known), effect.model * np.abs(whole[at]))
     found = {
         p.name: Estimate(float(whole[i]), float(whole[i] - half[i]), float(whole[i] + half[i]), p.unit)
         for p, i in zip(effect.parameters, at)
@@ -61,11 +59,11 @@ def estimate(
     if shape is not None and shape.linear:
         share = found.pop(effect.parameters[0].name)
         value, width = shape.value * share.value, shape.value * (share.high - share.value)
-        width = float(np.hypot(width, T95 * shape.background))
+        width = float(np.hypot(width, ESTIMATES.t95 * shape.background))
         found[shape.name] = Estimate(value, value - width, value + width, shape.unit)
     elif shape is not None:
         found.pop("share", None)
-        width = float(np.hypot(np.hypot(width, T95 * shape.background), effect.model * shape.value))
+        width = float(np.hypot(np.hypot(width, ESTIMATES.t95 * shape.background), effect.model * shape.value))
         value = float(shape.value)
         found[shape.name] = Estimate(value, value - width, value + width, shape.unit)
     if effect.absorbs:
@@ -75,7 +73,7 @@ def estimate(
         }
     if refined:
         unsure = spread(search, joints, inside, member, seed)
-        found = {name: _widened(e, T95 * unsure.get(name, 0.0)) for name, e in found.items()}
+        found = {name: _widened(e, ESTIMATES.t95 * unsure.get(name, 0.0)) for name, e in found.items()}
     return effect, found
 
 
@@ -85,12 +83,12 @@ def _widened(one: Estimate, half: float) -> Estimate:
     return replace(one, low=float(one.value - low), high=float(one.value + high))
 
 
-def settled(search: Search, structure: Structure, member: int) -> Effect:
-    """The effect of a member of a structure with its shape where the likelihood is greatest."""
+def settled(search: Search, model: Model, member: int) -> Signature:
+    """The effect of a member of a model with its shape where the likelihood is greatest."""
     design, candidate = search.design, search.design.candidates[member]
     if candidate.effect.shape is None:
         return candidate.effect
-    joints, inside = next(g for g in search.groups(structure.members) if member in g[1])
+    joints, inside = next(g for g in search.groups(model.members) if member in g[1])
     ids = search.ids(joints, inside)
     cells = [_narrow(cell, ids) for j in joints for cell in design.of(j)]
     return _settle(design, cells, ids, candidate)[0]
@@ -100,7 +98,7 @@ def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> 
     """(values (p,), half widths (p,)): from all blocks; the wider of posterior and bootstrap of blocks."""
     blocks = len(design.blocks)
     rng = np.random.default_rng(seed)
-    weights = rng.multinomial(blocks, np.full(blocks, 1 / blocks), BOOTSTRAPS).astype(float)
+    weights = rng.multinomial(blocks, np.full(blocks, 1 / blocks), ESTIMATES.bootstraps).astype(float)
     whole = _whole(cells, ids, design)
     drawn = fit(
         cells,
@@ -110,7 +108,7 @@ def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> 
         design.parameters,
     )
     posterior = np.sqrt(np.diagonal(whole.covariance[0]))
-    return whole.parameters[0], T95 * np.maximum(drawn.parameters.std(axis=0), posterior)
+    return whole.parameters[0], ESTIMATES.t95 * np.maximum(drawn.parameters.std(axis=0), posterior)
 
 
 def _narrow(cell: Cell, ids: np.ndarray) -> Cell:
@@ -128,21 +126,23 @@ def _settle(design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candi
     level = _likelihood(cells, ids, design)
     if effect.shape.linear:
         trail: list[tuple[float, float]] = []  # log of shape and of the share that the data want of it
-        for _ in range(ROUNDS):
+        for _ in range(ESTIMATES.rounds):
             share = _value(best_cells, ids, design, candidate)
-            if not 0.02 < share < 3.0 or abs(share - 1) < 0.003:
+            if not ESTIMATES.shares[0] < share < ESTIMATES.shares[1] or abs(share - 1) < ESTIMATES.settled_share:
                 break
             trail.append((np.log(best.shape.value), np.log(share)))
             slope = -1.0
             if len(trail) > 1 and trail[-1][0] != trail[-2][0]:
                 slope = (trail[-1][1] - trail[-2][1]) / (trail[-1][0] - trail[-2][0])
-            step = -trail[-1][1] / min(slope, -0.3)
-            best = best.shape.rebuild(best.shape.value * float(np.exp(np.clip(step, -1.0, 1.0))))
+            step = -trail[-1][1] / min(slope, ESTIMATES.slope)
+            best = best.shape.rebuild(
+                best.shape.value * float(np.exp(np.clip(step, -ESTIMATES.longest_step, ESTIMATES.longest_step)))
+            )
             best_cells = with_effect(design, cells, candidate, best)
         return best, best_cells, 0.0
-    step = 0.25  # of the value
+    step = ESTIMATES.first_step
     trace = {effect.shape.value: level}
-    for _ in range(STEPS):
+    for _ in range(ESTIMATES.steps):
         value = best.shape.value
         for other in (value * (1 - step), value * (1 + step)):
             trial = best.shape.rebuild(other)
@@ -150,17 +150,20 @@ def _settle(design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candi
             trace[other] = _likelihood(changed, ids, design)
             if trace[other] > level:
                 best, best_cells, level = trial, changed, trace[other]
-        step *= 0.6 if best.shape.value == value else 1.0
+        step *= ESTIMATES.narrowing if best.shape.value == value else 1.0
     return best, best_cells, _width(best.shape.value, level, trace)
 
 
 def _shift(
-    design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candidate, effect: Effect, width: float
+    design: Design, cells: list[Cell], ids: np.ndarray, candidate: Candidate, effect: Signature, width: float
 ) -> np.ndarray:
-    """By how much the parameters (p,) move with the shape over its half width. What `_interval` says holds for one shape:
-    of a stroke and a width that wind up nearly the same torque, each is as unsure as the other makes it."""
+    """By how much the parameters (p,) move while the shape moves over its half width.
+
+    The intervals of `_interval` hold for one shape. Where a stroke and a stiffness wind up nearly the same torque,
+    each is as uncertain as the other makes it.
+    """
     value = effect.shape.value
-    ends = max(value - width, 0.2 * value), value + width
+    ends = max(value - width, ESTIMATES.smallest_shape * value), value + width
     low, high = (
         _whole(with_effect(design, cells, candidate, effect.shape.rebuild(end)), ids, design).parameters[0]
         for end in ends
@@ -169,12 +172,12 @@ def _shift(
 
 
 def _width(value: float, level: float, trace: dict[float, float]) -> float:
-    """Half width at which the likelihood has fallen by 2 nats, from a parabola through the points near it."""
-    points = [(x - value, level - y) for x, y in trace.items() if 0 < level - y < 50]
+    """Half width at which the likelihood has fallen by `interval_fall`, from a parabola through the points near it."""
+    points = [(x - value, level - y) for x, y in trace.items() if 0 < level - y < ESTIMATES.parabola_fall]
     if not points:
-        return 0.05 * abs(value)
+        return ESTIMATES.unknown_width * abs(value)
     curvature = np.median([2 * fall / x**2 for x, fall in points if x])
-    return float(min(2.0 / np.sqrt(max(curvature, 1e-30)), abs(value)))
+    return float(min(np.sqrt(2 * ESTIMATES.interval_fall) / np.sqrt(max(curvature, 1e-30)), abs(value)))
 
 
 def _value(cells: list[Cell], ids: np.ndarray, design: Design, candidate: Candidate) -> float:
@@ -192,7 +195,7 @@ def _likelihood(cells: list[Cell], ids: np.ndarray, design: Design) -> float:
     return float(sum(-0.5 * c.test_rows.sum() * np.log(v[0]) for c, v in zip(cells, whole.variance)))
 
 
-def with_effect(design: Design, cells: list[Cell], candidate: Candidate, effect: Effect) -> list[Cell]:
+def with_effect(design: Design, cells: list[Cell], candidate: Candidate, effect: Signature) -> list[Cell]:
     """The cells with the columns of another shape of the candidate's effect, whitened as before."""
     stages, changed = design.stages, []
     for cell in cells:
@@ -204,6 +207,16 @@ def with_effect(design: Design, cells: list[Cell], candidate: Candidate, effect:
         matrix = cell.matrix.copy(order="K")
         matrix[:, places] = columns
         changed.append(
-            make_cell(stages, cell.stage, cell.joint, cell.ids, matrix, design.blocks, design.parameters, cell.whiten)
+            make_cell(
+                stages,
+                cell.stage,
+                cell.joint,
+                cell.ids,
+                matrix,
+                design.blocks,
+                design.parameters,
+                cell.whiten,
+                cell.at_reversal,
+            )
         )
     return changed

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_diagnosis.inference.cells import Cell
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.signature import Parameter
 
-PASSES = 3  # noise and parameters determine each other; three rounds settle
-LEAST_VARIANCE = 1e-16
+FIT = THRESHOLDS.fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +89,9 @@ def _fit(where: Sequence[np.ndarray], grams: np.ndarray, rows: np.ndarray, chose
         at[n, : len(own)] = own
     rows = np.maximum(rows, 1.0)
     spare = np.maximum(rows - np.array([[len(own)] for own in where]), 1.0)
-    variance = np.maximum(grams[:, :, 0, 0] / rows, LEAST_VARIANCE)
+    variance = np.maximum(grams[:, :, 0, 0] / rows, FIT.variance)
     solved, covariance = np.zeros((count, size)), np.zeros((count, size, size))
-    for number in range(PASSES):
+    for number in range(FIT.passes):
         normal, moment = np.zeros_like(covariance), np.tile(centre * prior**-2, (count, 1))
         normal[:, np.arange(size), np.arange(size)] = prior**-2
         scaled = grams[:, :, 1:] / variance[..., None, None]
@@ -99,7 +99,7 @@ def _fit(where: Sequence[np.ndarray], grams: np.ndarray, rows: np.ndarray, chose
             if len(own):
                 normal[:, own[:, None], own] += part_[:, : len(own), 1 : len(own) + 1]
                 moment[:, own] += part_[:, : len(own), 0]
-        if number == PASSES - 1:
+        if number == FIT.passes - 1:
             covariance = np.linalg.inv(normal)
             solved = np.matmul(covariance, moment[..., None])[..., 0]
         else:
@@ -108,7 +108,7 @@ def _fit(where: Sequence[np.ndarray], grams: np.ndarray, rows: np.ndarray, chose
         if outside.any():
             solved = _bounded(normal, moment, solved, lower, upper, outside)
         values = np.concatenate([solved, np.zeros((count, 1))], axis=1)[:, at].transpose(1, 0, 2)
-        variance = np.maximum(remaining(grams, values) / spare, LEAST_VARIANCE)
+        variance = np.maximum(remaining(grams, values) / spare, FIT.variance)
     return Fit(solved, covariance, variance)
 
 
@@ -131,10 +131,23 @@ def score(cells: Sequence[Cell], ids: np.ndarray, parameters: Sequence[Parameter
     return Score((density * np.array([cell.used for cell in cells])).sum(axis=0), fitted)
 
 
+def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:
+    """Sum of squares of `held_out` over the rows that count, from the cell's Gram matrices."""
+    columns, at = places(cell, ids)
+    return float(remaining(part(cell.plain, columns), fit.parameters[:, at]).sum() + cell.outside)
+
+
+def held_out(cell: Cell, ids: np.ndarray, fit: Fit) -> np.ndarray:
+    """Residual (n,) of a cell that a fit leaves of blocks it has not seen; the residual itself outside of blocks."""
+    columns, at = places(cell, ids)
+    values = np.where((cell.block >= 0)[:, None], fit.parameters[np.maximum(cell.block, 0)][:, at], 0.0)
+    return cell.residual - sum((cell.matrix[:, k] * values[:, n] for n, k in enumerate(columns)), 0.0)
+
+
 def _bounded(normal, moment, solved, lower, upper, outside) -> np.ndarray:
     """Least squares in a box: what leaves it is held at its side, and the rest is solved again, twice."""
     held = np.zeros_like(outside)
-    for _ in range(2):
+    for _ in range(FIT.bound_passes):
         held |= outside
         side = np.clip(solved, lower, upper)
         stiff = np.where(held, 1e9 * np.einsum("bii->bi", normal), 0.0)

@@ -1,8 +1,8 @@
-"""The delay of the loop, from the recording itself: one number for all joints, whatever else is wrong with one.
+"""The delay of the loop, estimated from the recording before the search: one number for all joints.
 
-Every loop is late by some tenths of a millisecond. Commanded and measured torque tell it to hundredths of one in
-each joint, and the median over the joints is not moved by a drive that lags. Up to what any loop has it is no
-gap, and every structure may use it; what is beyond is left to the effects.
+Every loop is late by some tenths of a millisecond. Commanded and measured torque tell the delay of each joint to some
+hundredths of a millisecond, and the median over the joints is not moved by one drive that lags. A delay up to what any
+loop has is no gap, and every model may use it; what is beyond is left to the effects.
 """
 
 from __future__ import annotations
@@ -13,12 +13,15 @@ import numpy as np
 
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.fit import fit
+from np_diagnosis.thresholds import THRESHOLDS
+from np_effects.stage import Stage
 from np_effects.timing.command_delay import USUAL
 
-UNKNOWN = 3e-3  # s, prior of the delay before the recording is asked
-# s by which joints differ: drives hardly; motion by what the noise of velocity feigns, for it is in the command
-# through the damping gain, and in the acceleration.
-APART = {"command_delay": 2e-5, "motion_delay": 1.5e-4}
+DELAY = THRESHOLDS.loop_delay
+
+# The spread over the joints: drives hardly differ; motion differs by what the noise of the velocity feigns, which is
+# in the command through the damping gain and in the acceleration.
+SPREAD = {"command_delay": DELAY.command_spread, "motion_delay": DELAY.motion_spread}
 BESIDE = ("packet_loss", "torque_scale", "torque_offset")  # effects that a delay is told from
 
 
@@ -29,7 +32,7 @@ def settle_delay(design: Design) -> Design:
     usual = float(np.clip(loop_delay(design), 0.0, USUAL))
     own = set(np.concatenate(design.nuisances).tolist())
     settled = tuple(
-        replace(p, centre=usual, prior=APART[p.name]) if i in own and p.name in APART else p
+        replace(p, centre=usual, prior=SPREAD[p.name]) if i in own and p.name in SPREAD else p
         for i, p in enumerate(design.parameters)
     )
     return replace(design, parameters=settled)
@@ -39,7 +42,7 @@ def loop_delay(design: Design) -> float:
     """Delay s of measured against commanded torque: the median over the joints."""
     found = []
     for joint in range(len(design.context.arm)):
-        cell = next(c for c in design.of(joint) if c.stage == "r1")
+        cell = next(c for c in design.of(joint) if c.stage is Stage.DRIVE)
         delay = next(i for i in design.nuisances[joint] if design.parameters[i].name == "command_delay")
         beside = [
             c.ids
@@ -47,7 +50,9 @@ def loop_delay(design: Design) -> float:
             if c.effect.id in BESIDE and c.joint in (None, joint) and np.isin(c.ids, cell.ids).all()
         ]
         wide = list(design.parameters)
-        wide[delay] = replace(wide[delay], lower=-UNKNOWN, upper=30 * UNKNOWN, prior=UNKNOWN, centre=0.0)
+        wide[delay] = replace(
+            wide[delay], lower=-DELAY.prior, upper=DELAY.longest * DELAY.prior, prior=DELAY.prior, centre=0.0
+        )
         ids = np.concatenate([[delay], *beside])
         found.append(fit([cell], [cell.total[None]], [cell.test_rows.sum()[None]], ids, wide).parameters[0, 0])
     return float(np.median(found))

@@ -1,9 +1,9 @@
-"""What every structure may use besides its effects: what any arm has, and no prediction can know.
+"""Nuisance parameters: what any arm has and no prediction knows, which every model may use besides its effects.
 
-Random effects with a prior of their own, stage by stage of each joint: the delay between command and torque
-(r1) and between torque and motion (r2), an error of each link's inertia, how far a joint yields before it
-slides the other way, the zero of the motor's encoder and what even a stiff gear yields (r3). Rows at reversal
-have those of r2: whoever leaves them out there finds the links' errors in the rotors.
+They are random effects with priors of their own, stage by stage of each joint: the delay between command and torque
+(r1) and between torque and motion (r2), an error of each link's inertia, how far a joint yields before it slides the
+other way, the zero of the motor's encoder and what even a stiff gear yields (r3). Rows at reversal have those of r2:
+without them, errors of the links would be found in the rotors.
 """
 
 from __future__ import annotations
@@ -12,70 +12,66 @@ import numpy as np
 
 from np_diagnosis.arm.rigid import carried, felt_inertia
 from np_diagnosis.arm.stages import sign, slides
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.background import INERTIA_ERROR
 from np_effects.evidence import Context
 from np_effects.signature import Parameter
+from np_effects.stage import Stage
 from np_effects.sums import SMOOTH
 
-REVERSAL = "r2 at reversal"
-
-DELAY = 2e-4  # s between command and torque that a loop has before its recording is asked (loop_delay.py)
-# rad over which a joint yields before friction turns over: two span what lies between. The larger is also that of
-# a joint with more friction on the same bristles, which low-speed friction would otherwise be blamed for.
-BREAKAWAYS = (1e-4, 2e-4)
-ACCELERATION_ERROR = 0.001  # of what a filtered derivative says of a motion without noise
-GEAR_YIELD = 1e-5  # rad/Nm: no gear is stiffer than some 1e5 Nm/rad, and a rigid one is no worse a model of that
+NUISANCES = THRESHOLDS.nuisances
 
 _NONE: tuple[Parameter, ...] = ()
 _DELAYED = {
-    "r1": Parameter("command_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
-    "r2": Parameter("motion_delay", "s", -3e-4, 8e-4, 1.5e-4, centre=DELAY),
+    Stage.DRIVE: Parameter("command_delay", "s", -3e-4, 8e-4, NUISANCES.delay_spread, centre=NUISANCES.delay),
+    Stage.DYNAMICS: Parameter("motion_delay", "s", -3e-4, 8e-4, NUISANCES.delay_spread, centre=NUISANCES.delay),
 }
-# Shares of the nominal friction that turn over late.
+# Shares of the nominal friction that turn over late, within the one and the other of `NUISANCES.breakaways`: two span
+# what lies between. The larger is also that of a joint with more friction on the same bristles.
 _TURNING = (
-    Parameter("breakaway", "1", 0.0, 10.0, 0.7, centre=1.0),
-    Parameter("late breakaway", "1", -2.0, 10.0, 1.0),
+    Parameter("breakaway", "1", 0.0, 10.0, NUISANCES.breakaway_spread, centre=1.0),
+    Parameter("late breakaway", "1", -2.0, 10.0, NUISANCES.late_breakaway_spread),
 )
 # Without commands, measured torque and motion may come from clocks of their own.
-_LOOSE = Parameter("motion_delay", "s", -0.01, 0.01, 1e-3)
+_LOOSE = Parameter("motion_delay", "s", -0.01, 0.01, NUISANCES.loose_delay_spread)
 
 
-def parameters(context: Context, stage: str, joint: int) -> tuple[Parameter, ...]:
-    """Of one stage of one joint, in the order of `columns`."""
-    if stage == "r1":
-        return (_DELAYED["r1"],)
-    if stage in ("r2", REVERSAL):
-        late = _DELAYED["r2"] if context.drive is not None else _LOOSE
+def parameters(context: Context, stage: Stage, joint: int) -> tuple[Parameter, ...]:
+    """The nuisance parameters of one stage of one joint, in the order of `columns`."""
+    if stage is Stage.DRIVE:
+        return (_DELAYED[stage],)
+    if stage is Stage.DYNAMICS:
+        late = _DELAYED[stage] if context.drive is not None else _LOOSE
         whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
         links = (
             Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in carried(context.arm, joint)
         )
         return (late, whole, *_TURNING, *links)
-    if stage == "r3":
+    if stage is Stage.TRANSMISSION:
         return (
-            Parameter("zero", "rad", -0.1, 0.1, 0.01),
-            Parameter("yield", "rad/Nm", -2 * GEAR_YIELD, 2 * GEAR_YIELD, GEAR_YIELD),
+            Parameter("zero", "rad", -0.1, 0.1, NUISANCES.zero_spread),
+            Parameter("yield", "rad/Nm", -2 * NUISANCES.gear_yield, 2 * NUISANCES.gear_yield, NUISANCES.gear_yield),
         )
     return _NONE
 
 
-def columns(context: Context, stage: str, joint: int) -> np.ndarray:
-    """Columns (n, count) of the `parameters`."""
+def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
+    """Columns (n, count) of the `parameters` of one stage of one joint."""
     c = context
-    if stage in ("r2", REVERSAL):
+    if stage is Stage.DYNAMICS:
         # A joint turns what is beyond it: each link's inertia may be off by itself. (One factor for all of them
         # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
         links = c.prediction.inertia[:, joint, carried(c.arm, joint)]
         # After a reversal friction is late, and resists the acceleration less: it looks like less inertia.
         late = (
             c.arm.frictionloss[joint] * c.samples.filtered(joint, lambda q, v, x=reach: bent(q, x) - sign(v))
-            for reach in BREAKAWAYS
+            for reach in NUISANCES.breakaways
         )
         motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]
         return np.column_stack([*motion, *late, links])
-    if stage == "r3":
+    if stage is Stage.TRANSMISSION:
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
-    if stage == "r1":
+    if stage is Stage.DRIVE:
         # Commands are held for a period: to be late by less than that is a share of the one before.
         step = np.diff(c.drive.commanded[:, joint], prepend=c.drive.commanded[0, joint])
         step[c.drive.starts] = 0.0
@@ -89,12 +85,14 @@ def _attenuation(context: Context, joint: int) -> float:
     felt = felt_inertia(context.arm, np.median(context.samples.position, axis=0))[joint]
     moved = context.samples.acceleration[slides(context.samples, joint), joint]
     noise = context.samples.shaking[joint] ** 2 / (np.mean(moved**2) if moved.size else 1.0)
-    return float(felt * (ACCELERATION_ERROR + min(noise, 0.1)))
+    return float(felt * (NUISANCES.acceleration_error + min(noise, NUISANCES.noise_share)))
 
 
 def bent(position: np.ndarray, reach: float) -> np.ndarray:
-    """How far (m,), -1..1 of its reach rad, a bristle is bent that a joint drags along: what the play operator
-    leaves."""
+    """How far a bristle is bent that a joint drags along, as a share (m,), -1 to 1, of its reach rad.
+
+    It is what the play operator leaves of a smoothed position (m,) rad.
+    """
     padded = np.pad(position, SMOOTH // 2, mode="edge")
     smooth = np.convolve(padded, np.full(SMOOTH, 1 / SMOOTH), mode="valid")
     foot, feet = smooth[0], []

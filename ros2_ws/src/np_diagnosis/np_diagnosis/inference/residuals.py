@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis.arm.stages import slides
-from np_diagnosis.inference.nuisances import REVERSAL
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
 from np_effects.evidence import Context
-from np_effects.signature import Signature as Effect
+from np_effects.signature import Signature
+from np_effects.stage import Stage
 
-KINK = 0.02  # rad/s^2 by which the target's acceleration may jump for what was fed forward to be known
-SLOWEST = 0.002  # rad/s, below which a joint may be standing
+ROWS = THRESHOLDS.rows
 
 
 class Stages:
@@ -20,45 +20,46 @@ class Stages:
     def __init__(self, context: Context):
         self.context = context
         # Of the last joint asked for.
-        self._drive_columns: tuple[int, dict[int, tuple[Effect, np.ndarray]]] = (-1, {})
-        self._projected: dict[tuple[int, int], tuple[Effect, np.ndarray]] = {}
-        self.names = ["r2", REVERSAL]
+        self._drive_columns: tuple[int, dict[int, tuple[Signature, np.ndarray]]] = (-1, {})
+        self._projected: dict[tuple[int, int], tuple[Signature, np.ndarray]] = {}
+        self.stages = [Stage.DYNAMICS]
         self._slides = np.column_stack([slides(context.samples, j) for j in range(len(context.arm))])
         if context.drive is not None:
-            self.names += ["r0", "r1"]
+            self.stages += [Stage.CONTROLLER, Stage.DRIVE]
             self._is_smooth = _smooth(context)
             drive = context.drive
             self._projector = context.samples.projector(drive.trajectory, drive.time + drive.period / 2)
         if context.transmission is not None:
-            self.names.append("r3")
+            self.stages.append(Stage.TRANSMISSION)
 
-    def times(self, stage: str) -> tuple[np.ndarray, np.ndarray]:
+    def times(self, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
         """(trajectory (n,), time (n,)) of the rows."""
-        source = {"r2": self.context.samples, "r3": self.context.transmission}.get(rung(stage), self.context.drive)
+        c = self.context
+        source = {Stage.DYNAMICS: c.samples, Stage.TRANSMISSION: c.transmission}.get(stage, c.drive)
         return source.trajectory, source.time
 
-    def residual(self, stage: str, joint: int) -> np.ndarray:
+    def residual(self, stage: Stage, joint: int) -> np.ndarray:
         """Residual (n,)."""
         c = self.context
-        if rung(stage) == "r2":
+        if stage is Stage.DYNAMICS:
             return c.samples.torque[:, joint] - c.prediction.total[:, joint]
-        if stage == "r3":
+        if stage is Stage.TRANSMISSION:
             return c.transmission.twist[:, joint]
-        if stage == "r0":
+        if stage is Stage.CONTROLLER:
             return c.drive.commanded[:, joint] - c.drive.law[:, joint]
         return c.drive.measured[:, joint] - c.drive.commanded[:, joint]
 
-    def columns(self, effect: Effect, stage: str, joint: int) -> np.ndarray | None:
-        """Columns (n, parameters) of an effect, None where it does not show.
+    def columns(self, effect: Signature, stage: Stage, joint: int) -> np.ndarray | None:
+        """Columns (n, parameters) of an effect at a stage of a joint, None where it does not show.
 
-        With commands, r2 is taken from the commanded torque: its noise is then none of r1's. What the drive
-        makes of a command is missing from it, whatever the sensor says.
+        With commands, r2 is taken from the commanded torque, so that the noise of the torque sensor is in r1 alone.
+        What the drive makes of a command is then missing from r2, whatever the sensor says.
         """
         c = self.context
-        own = effect.columns.get(rung(stage))
-        if rung(stage) == "r1" and own is not None:
+        own = effect.columns.get(stage)
+        if stage is Stage.DRIVE and own is not None:
             return self._of_drive(effect, joint)
-        if rung(stage) != "r2" or c.drive is None or "r1" not in effect.columns:
+        if stage is not Stage.DYNAMICS or c.drive is None or Stage.DRIVE not in effect.columns:
             return None if own is None else own(c, joint)
         if RECORDS[effect.id].module == "sensing":
             return None
@@ -69,33 +70,32 @@ class Stages:
             self._projected[key] = effect, projected  # kept too, lest another effect gets its id
         return self._projected[key][1]
 
-    def _of_drive(self, effect: Effect, joint: int) -> np.ndarray:
+    def _of_drive(self, effect: Signature, joint: int) -> np.ndarray:
         """Columns (n, parameters) in r1, kept while this joint is asked for."""
         if self._drive_columns[0] != joint:
             self._drive_columns = joint, {}
         kept = self._drive_columns[1]
         if id(effect) not in kept:
-            kept[id(effect)] = effect, effect.columns["r1"](self.context, joint)
+            kept[id(effect)] = effect, effect.columns[Stage.DRIVE](self.context, joint)
         return kept[id(effect)][1]
 
-    def rows(self, stage: str, joint: int) -> np.ndarray:
-        """Rows (n,) that count. A joint that stands is held by friction of any size up to its level: its
-        torque says nothing of the motion. Reversals are apart, since friction there is another matter."""
+    def rows(self, stage: Stage, joint: int, at_reversal: bool = False) -> np.ndarray:
+        """Rows (n,) bool that count.
+
+        At the stage of the dynamics those are either the rows in which the joint slides in one direction, or
+        those about its reversals, where friction behaves differently. A joint that stands is held by friction
+        of any size up to its level, so that its torque says nothing of the motion: such rows never count.
+        """
         c = self.context
-        if stage == "r2":
+        if stage is Stage.DYNAMICS and not at_reversal:
             return self._slides[:, joint]
-        if stage == REVERSAL:
-            return (np.abs(c.samples.velocity[:, joint]) > SLOWEST) & ~self._slides[:, joint]
-        if stage == "r3":
+        if stage is Stage.DYNAMICS:
+            return (np.abs(c.samples.velocity[:, joint]) > ROWS.slowest) & ~self._slides[:, joint]
+        if stage is Stage.TRANSMISSION:
             return np.isfinite(c.transmission.twist[:, joint])
-        if stage == "r0":
+        if stage is Stage.CONTROLLER:
             return self._is_smooth
         return np.ones(len(c.drive.time), bool)
-
-
-def rung(stage: str) -> str:
-    """The rung of the ladder (r0 .. r3) that a stage is of."""
-    return stage[:2]
 
 
 def _smooth(context: Context) -> np.ndarray:
@@ -109,11 +109,11 @@ def _smooth(context: Context) -> np.ndarray:
             continue
         bend = np.diff(c.target_velocity, 2, axis=0) / d.period
         around = 0.5 * (bend[:-4] + bend[4:])
-        kink = np.abs(bend[2:-2] - around).max(axis=1) > KINK
+        kink = np.abs(bend[2:-2] - around).max(axis=1) > ROWS.kink
         times = log.time[c.rows][3:-3][kink]
         rows = np.flatnonzero(d.trajectory == number)
         kinked[rows] = np.isin(np.round(d.time[rows] / d.period), np.round(times / d.period))
     edges = np.concatenate([[0], d.starts, [len(d.time)]])
     for start in edges:
-        kinked[max(0, start - 4) : start + 4] = True
+        kinked[max(0, start - ROWS.kink_margin) : start + ROWS.kink_margin] = True
     return ~kinked

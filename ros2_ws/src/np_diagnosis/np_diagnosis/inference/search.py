@@ -1,7 +1,7 @@
-"""Structures compete: nothing, every effect at every place, and sets of them, grown from the leaders.
+"""Models compete: the empty one, every effect at every place, and sets of effects, grown from the best ones.
 
-A structure falls into groups of joints that no effect of the arm ties together; each group is scored once, so
-that a set of effects in different joints costs nothing new.
+A model is a set of candidates. It falls apart into groups of joints that share no parameter; each group is scored
+once and remembered, so that a model whose effects sit in different joints costs nothing new.
 """
 
 from __future__ import annotations
@@ -11,27 +11,28 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.design import Candidate, Design
-from np_diagnosis.inference.fit import Fit, Score, part, places, remaining, score
-from np_effects.signature import Signature as Effect
+from np_diagnosis.inference.fit import Fit, Score, energy, score
+from np_diagnosis.thresholds import THRESHOLDS
+from np_effects.signature import Signature
+from np_effects.stage import Stage
 
-WIDTH = 6  # structures that are grown further
-BROAD = 3  # effects up to which several structures are grown
-CROWD = 2  # effects in a joint
-TRIED = 30  # candidates that each structure is grown by
-ADDED = 3.0  # nats that an effect must bring beyond its prior odds
-CERTAINTY = 1.5  # standard errors over blocks that it must bring
-LEAST_SHARE = 0.02  # of the stage's held-out energy at its place, below which an effect is not worth naming
-# Of the joint's torque limit, likewise; no sensor blurs what a controller says of itself.
-VISIBLE_OF = {"r0": 0.00001, "r1": 0.0001, "r2": 0.0001}
-VISIBLE_TWIST = 5e-7  # rad, RMS: a sixth of the noise that a sample has of two encoders of 10 urad
-TIE = 2.0  # nats within which fewer parameters are preferred
+SEARCH = THRESHOLDS.search
+VISIBLE = {
+    Stage.CONTROLLER: SEARCH.visible_controller,
+    Stage.DRIVE: SEARCH.visible_drive,
+    Stage.DYNAMICS: SEARCH.visible_dynamics,
+}
+"""Smallest RMS that matters at a stage of torques, as a share of the joint's torque limit."""
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
-    """Candidates by number, log predictive density (m,) of the blocks, and what priors of nuisances cost."""
+class Model:
+    """A set of candidates that competes with other sets.
+
+    members: the candidates by number; density (m,): held-out log predictive density of each block, nats; penalty:
+    nats by which the nuisances lie off their priors.
+    """
 
     members: tuple[int, ...]
     density: np.ndarray
@@ -45,46 +46,47 @@ class Structure:
 
 @dataclass(eq=False)
 class Search:
-    """All structures tried, best of each size; `chosen` is the simplest that no larger one beats clearly.
+    """The models of a design, each scored when it is first asked for.
 
-    intervals: (values, half widths) of the parameters of groups whose size was estimated.
+    tried: models by their members. intervals: (values, half widths) of the parameters of the groups that were
+    estimated (`estimates.estimate`).
     """
 
     design: Design
-    tried: dict[tuple[int, ...], Structure] = field(default_factory=dict)
+    tried: dict[tuple[int, ...], Model] = field(default_factory=dict)
     intervals: dict[tuple, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     _groups: dict[tuple, tuple[Score, float]] = field(default_factory=dict)
     _reaches: dict[int, tuple[int, ...]] = field(default_factory=dict)
 
-    def structure(self, members: tuple[int, ...]) -> Structure:
-        """The structure of these candidates, scored when first asked for."""
+    def model(self, members: tuple[int, ...]) -> Model:
+        """The model of these candidates by number, in any order."""
         members = tuple(sorted(members))
         if members not in self.tried:
             density, penalty = 0.0, 0.0
             for joints, inside in self.groups(members):
                 result, cost = self.group(joints, inside)
                 density, penalty = density + result.density, penalty + cost
-            self.tried[members] = Structure(members, density, penalty)
+            self.tried[members] = Model(members, density, penalty)
         return self.tried[members]
 
     def on(self, design: Design, changed: Collection[int]) -> Search:
-        """A search of a design whose cells of the joints `changed` are others; of the rest it knows the same."""
+        """A search of another design, which differs in the cells of the joints `changed` only: other scores are kept."""
         return Search(design, _groups={k: v for k, v in self._groups.items() if not set(k[0]) & set(changed)})
 
     def groups(self, members: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-        """(joints, members) of each part that shares no parameter with the others."""
+        """(joints, members) of each group of joints that shares no parameter with the others."""
         chosen = [(m, self.design.candidates[m]) for m in members]
-        tied = {j for _, c in chosen if c.joint is None for j in self.reach(c)}
+        coupled = {j for _, c in chosen if c.joint is None for j in self.reach(c)}
         parts = []
-        if tied:
-            parts.append((tuple(sorted(tied)), tuple(m for m, c in chosen if c.joint is None or c.joint in tied)))
+        if coupled:
+            parts.append((tuple(sorted(coupled)), tuple(m for m, c in chosen if c.joint is None or c.joint in coupled)))
         for joint in range(len(self.design.context.arm)):
-            if joint not in tied:
+            if joint not in coupled:
                 parts.append(((joint,), tuple(m for m, c in chosen if c.joint == joint)))
         return parts
 
     def group(self, joints: tuple[int, ...], inside: tuple[int, ...]) -> tuple[Score, float]:
-        """Score of some joints with these candidates, and the cost of their nuisances."""
+        """Score of some joints with these candidates, and the penalty of their nuisances, nats."""
         key = (joints, inside)
         if key not in self._groups:
             design = self.design
@@ -99,13 +101,13 @@ class Search:
         return self._groups[key]
 
     def scored(self, joints: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """Candidates inside of each group of exactly these joints that was scored."""
+        """The candidates of each group of exactly these joints that has been scored."""
         return [inside for other, inside in self._groups if other == joints]
 
     def group_value(self, joints: tuple[int, ...], inside: tuple[int, ...]) -> float:
-        """Log predictive density and prior of one group."""
+        """Held-out log predictive density of one group with its log prior, nats."""
         result, cost = self.group(joints, inside)
-        return float(result.density.sum() - cost + sum(self.odds(m) for m in inside))
+        return float(result.density.sum() - cost + sum(self.log_prior(m) for m in inside))
 
     def ids(self, joints: tuple[int, ...], inside: tuple[int, ...]) -> np.ndarray:
         """Parameters of a group: nuisances of its joints, then those of its candidates in order."""
@@ -113,7 +115,7 @@ class Search:
         return np.concatenate([*(design.nuisances[j] for j in joints), *(design.candidates[m].ids for m in inside)])
 
     def reach(self, candidate: Candidate) -> tuple[int, ...]:
-        """Joints in which an effect of the arm shows at all."""
+        """The joints, by number, in which a candidate has a column that is not zero."""
         if id(candidate) in self._reaches:
             return self._reaches[id(candidate)]
         found = []
@@ -124,34 +126,40 @@ class Search:
         self._reaches[id(candidate)] = tuple(sorted(set(found)))
         return self._reaches[id(candidate)]
 
-    def odds(self, number: int) -> float:
-        """Log prior odds of a candidate: one effect among as many, and a preference for few parameters."""
-        return -np.log(40.0) - (len(self.design.candidates[number].ids) - 1.0)
+    def log_prior(self, number: int) -> float:
+        """Log prior of a candidate, nats: one effect of many that are equally probable, the less so the more
+        parameters it has."""
+        count = len(self.design.candidates[number].ids)
+        return -np.log(SEARCH.prior_candidates) - SEARCH.prior_parameter * (count - 1.0)
 
-    def value(self, structure: Structure) -> float:
-        """Log predictive density and prior."""
-        return structure.total + sum(self.odds(m) for m in structure.members)
+    def value(self, model: Model) -> float:
+        """Held-out log predictive density of a model with its log prior, nats."""
+        return model.total + sum(self.log_prior(m) for m in model.members)
 
-    def run(self, width: int = WIDTH, largest: int | None = None) -> Structure:
-        """Grow structures: broadly while they are small, then the best one only; returns the chosen one."""
-        chosen = self.structure(())
+    def run(self, width: int = SEARCH.width, largest: int | None = None) -> Model:
+        """Grow models effect by effect and return the chosen one: the simplest that no larger one beats clearly.
+
+        width: models that are grown further while they are small; later only the best one is. largest: effects of
+        the largest model; None: as many as all joints may have together.
+        """
+        chosen = self.model(())
         front = [chosen]
-        for size in range(1, (largest or CROWD * len(self.design.context.arm)) + 1):
-            grown: dict[tuple[int, ...], Structure] = {}
+        for size in range(1, (largest or SEARCH.per_joint * len(self.design.context.arm)) + 1):
+            grown: dict[tuple[int, ...], Model] = {}
             for parent in front:
-                for number in self.promising(parent, TRIED if size > 1 else 2 * TRIED):
+                for number in self.promising(parent, SEARCH.tried if size > 1 else SEARCH.first_tried):
                     if self._is_new(parent, number):
-                        child = self.structure((*parent.members, number))
+                        child = self.model((*parent.members, number))
                         grown[child.members] = child
             if not grown:
                 break
             ranked = sorted(grown.values(), key=self.value, reverse=True)
-            ranked = [s for s in ranked if not any(self.is_trifle(s, m) for m in s.members)]
+            ranked = [s for s in ranked if not any(self.is_negligible(s, m) for m in s.members)]
             if not ranked:
                 break
-            front = _distinct(ranked, self.design, width if size < BROAD else 1)
+            front = _distinct(ranked, self.design, width if size < SEARCH.broad else 1)
             best = ranked[0]
-            near = [s for s in ranked[: 4 * width] if self.value(s) > self.value(best) - TIE]
+            near = [s for s in ranked[: SEARCH.tied * width] if self.value(s) > self.value(best) - SEARCH.tie]
             best = min(near, key=lambda s: (self._parameters(s), -self.value(s)))
             if self.beats(best, chosen):
                 chosen = best
@@ -159,8 +167,8 @@ class Search:
                 break
         return self.pruned(chosen)
 
-    def promising(self, parent: Structure, count: int) -> list[int]:
-        """Candidates whose addition would raise the likelihood most, to second order, best first."""
+    def promising(self, parent: Model, count: int) -> list[int]:
+        """The `count` candidates whose addition would raise the likelihood most, to second order, best first."""
         design = self.design
         size = len(design.parameters)
         normal, slope = np.zeros((size, size)), np.zeros(size)
@@ -183,62 +191,64 @@ class Search:
         # What the parameters in use can take up themselves is not gained.
         used = np.flatnonzero(inside)
         taken = np.linalg.solve(normal[np.ix_(used, used)], normal[used])
-        rest = slope - taken.T @ slope[used]
+        gradient = slope - taken.T @ slope[used]
         gains = []
         for c in design.candidates:
             i = c.ids
             left = normal[np.ix_(i, i)] - normal[np.ix_(used, i)].T @ taken[:, i]
             centre = np.array([design.parameters[k].centre for k in i]) / prior[i] ** 2
-            gains.append(0.5 * rest[i] @ np.linalg.solve(left + 1e-9 * np.diag(np.diag(normal)[i]), rest[i] + centre))
+            gains.append(
+                0.5 * gradient[i] @ np.linalg.solve(left + 1e-9 * np.diag(np.diag(normal)[i]), gradient[i] + centre)
+            )
         ranked = np.argsort(gains)[::-1]
         return [int(n) for n in ranked[:count]]
 
-    def beats(self, one: Structure, other: Structure) -> bool:
-        """Whether `one` predicts clearly better, beyond its prior odds and by an amount worth naming."""
+    def beats(self, one: Model, other: Model) -> bool:
+        """Whether `one` predicts unseen blocks clearly better than `other`.
+
+        Its gain must exceed what the log priors ask for, be sure (many standard errors over the blocks), and come
+        with a residual that falls by an amount that matters.
+        """
         difference = one.density - other.density
         gain = one.total - other.total
         error = float(np.sqrt(len(difference)) * difference.std(ddof=1))
-        extra = sum(self.odds(m) for m in one.members) - sum(self.odds(m) for m in other.members)
-        is_sure = gain > CERTAINTY * error or gain > 40.0
-        return is_sure and gain + extra > ADDED and self.is_material(one, other)
+        extra = sum(self.log_prior(m) for m in one.members) - sum(self.log_prior(m) for m in other.members)
+        is_sure = gain > SEARCH.gain_errors * error or gain > SEARCH.sure_gain
+        return is_sure and gain + extra > SEARCH.gain and self.is_material(one, other)
 
-    def is_material(self, one: Structure, other: Structure) -> bool:
-        """Whether some stage of some joint gets better by an amount that matters, through what is no trifle."""
-        if any(self.is_trifle(one, m) for m in one.members if m not in other.members):
+    def is_material(self, one: Model, other: Model) -> bool:
+        """Whether a residual falls by an amount that matters, by effects none of which is negligible."""
+        if any(self.is_negligible(one, m) for m in one.members if m not in other.members):
             return False
         before, after = self.energies(other.members), self.energies(one.members)
         for cell, old, new in zip(self.design.cells, before, after):
             rows = max(cell.rows.sum(), 1)
             limit = self.design.context.arm.torque_limit[cell.joint]
-            least = (VISIBLE_OF[cell.stage[:2]] * limit) ** 2 if cell.stage != "r3" else VISIBLE_TWIST**2
-            if old - new > max(LEAST_SHARE * old, least * rows):
+            least = SEARCH.visible_twist if cell.stage is Stage.TRANSMISSION else VISIBLE[cell.stage] * limit
+            if old - new > max(SEARCH.energy_share * old, least**2 * rows):
                 return True
         return False
 
-    def is_trifle(self, structure: Structure, member: int) -> bool:
-        """Whether a member's parameters all are within what any arm has."""
+    def is_negligible(self, model: Model, member: int) -> bool:
+        """Whether all parameters of a member are so small that any arm has as much."""
         ids, shape = self.design.candidates[member].ids, self.design.candidates[member].effect.shape
         least = np.array([self.design.parameters[i].least for i in ids])
         if shape is not None and shape.least:
             least = least + shape.least / shape.value
         if not least.any():
             return False
-        joints, inside = next(g for g in self.groups(structure.members) if member in g[1])
+        joints, inside = next(g for g in self.groups(model.members) if member in g[1])
         group = self.ids(joints, inside)
         found = self.group(joints, inside)[0].fit.parameters.mean(axis=0)
         values = found[np.isin(group, ids)] + absorbed(self.design, group, found, self.design.candidates[member].effect)
         return bool((np.abs(values) <= least).all())
 
     def energies(self, members: tuple[int, ...]) -> list[float]:
-        """Squared held-out residual of each cell, before whitening, of blocks predicted from the others."""
-        fits = {}
-        for joints, inside in self.groups(tuple(sorted(members))):
-            result, _ = self.group(joints, inside)
-            for j in joints:
-                fits[j] = (self.ids(joints, inside), result.fit)
+        """Sum of the squared held-out residuals of each cell, before whitening."""
+        fits = fits_of(self, members)
         return [energy(cell, *fits[cell.joint]) for cell in self.design.cells]
 
-    def _is_new(self, parent: Structure, number: int) -> bool:
+    def _is_new(self, parent: Model, number: int) -> bool:
         mine = self.design.candidates[number]
         for m in parent.members:
             other = self.design.candidates[m]
@@ -250,22 +260,22 @@ class Search:
                 return False
         here = [self.design.candidates[m] for m in (*parent.members, number)]
         crowds = [sum(c.place == j for c in here) for j in range(len(self.design.context.arm))]
-        return max(crowds) <= CROWD and bool(mine.joint is not None or self.reach(mine))
+        return max(crowds) <= SEARCH.per_joint and bool(mine.joint is not None or self.reach(mine))
 
-    def _parameters(self, structure: Structure) -> int:
-        return sum(len(self.design.candidates[m].ids) + 1 for m in structure.members)
+    def _parameters(self, model: Model) -> int:
+        return sum(len(self.design.candidates[m].ids) + 1 for m in model.members)
 
-    def pruned(self, chosen: Structure) -> Structure:
-        """The structure without what is superfluous in it, and with simpler effects that do as well."""
+    def pruned(self, chosen: Model) -> Model:
+        """The model without members that it does not need, and with simpler effects where those do as well."""
         for m in chosen.members:
-            rest = self.structure(tuple(n for n in chosen.members if n != m))
-            if not self.beats(chosen, rest):
-                return self.pruned(rest)
+            fewer = self.model(tuple(n for n in chosen.members if n != m))
+            if not self.beats(chosen, fewer):
+                return self.pruned(fewer)
             size = len(self.design.candidates[m].ids)
             simpler = [
-                self.structure((*rest.members, n))
-                for n in self.promising(rest, TRIED)
-                if len(self.design.candidates[n].ids) < size and self._is_new(rest, n)
+                self.model((*fewer.members, n))
+                for n in self.promising(fewer, SEARCH.tried)
+                if len(self.design.candidates[n].ids) < size and self._is_new(fewer, n)
             ]
             equals = [s for s in simpler if not self.beats(chosen, s)]
             if equals:
@@ -273,9 +283,12 @@ class Search:
         return chosen
 
 
-def absorbed(design: Design, ids: np.ndarray, values: np.ndarray, effect: Effect) -> float:
-    """What the nuisances that say the same have taken of an effect, on average over the joints: a delay of commands
-    is all there is of it; states are late by what is beyond the delay of the commands."""
+def absorbed(design: Design, ids: np.ndarray, values: np.ndarray, effect: Signature) -> float:
+    """The part of an effect that its nuisance (`Signature.absorbs`) has taken up, on average over the joints.
+
+    Of a delay of commands that is all of the nuisance; of a delay of states it is what the nuisance has beyond the
+    delay of the commands, its centre.
+    """
     beside = [n for n, i in enumerate(ids) if design.parameters[i].name == effect.absorbs]
     if not beside:
         return 0.0
@@ -283,41 +296,28 @@ def absorbed(design: Design, ids: np.ndarray, values: np.ndarray, effect: Effect
     return float(np.mean(values[beside])) - known
 
 
-def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:
-    """Sum of squares of `held_out` over the rows that count."""
-    columns, at = places(cell, ids)
-    return float(remaining(part(cell.plain, columns), fit.parameters[:, at]).sum() + cell.outside)
-
-
 def fits_of(search: Search, members: tuple[int, ...]) -> dict[int, tuple[np.ndarray, Fit]]:
     """Parameters, and their fit, of the group that each joint is in."""
     return {
         j: (search.ids(joints, inside), search.group(joints, inside)[0].fit)
-        for joints, inside in search.groups(members)
+        for joints, inside in search.groups(tuple(sorted(members)))
         for j in joints
     }
 
 
-def held_out(cell: Cell, ids: np.ndarray, fit: Fit) -> np.ndarray:
-    """Residual (n,) of a cell, each block from a fit that has not seen it; as it is where in no block."""
-    columns, at = places(cell, ids)
-    values = np.where((cell.block >= 0)[:, None], fit.parameters[np.maximum(cell.block, 0)][:, at], 0.0)
-    return cell.residual - sum((cell.matrix[:, k] * values[:, n] for n, k in enumerate(columns)), 0.0)
-
-
-def _distinct(ranked: list[Structure], design: Design, width: int) -> list[Structure]:
-    """The leaders, variants of the same effects at the same places counted once."""
+def _distinct(ranked: list[Model], design: Design, width: int) -> list[Model]:
+    """The first `width` models, counting variants of the same effects at the same places once."""
     kept, seen = [], set()
-    for structure in ranked:
+    for model in ranked:
         name = tuple(
             sorted(
                 (design.candidates[m].effect.id, str(design.candidates[m].joint), design.candidates[m].effect.component)
-                for m in structure.members
+                for m in model.members
             )
         )
         if name not in seen:
             seen.add(name)
-            kept.append(structure)
+            kept.append(model)
         if len(kept) == width:
             break
     return kept

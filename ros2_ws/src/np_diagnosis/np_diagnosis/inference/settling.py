@@ -1,9 +1,9 @@
-"""Shapes settled before the answer: what a coarse variant leaves, no other effect shall be called for.
+"""Nonlinear parameters (shapes) of the chosen effects are estimated before the answer, and the search is repeated.
 
-The competition knows shapes (a stroke, a lag, a speed) on a grid. Between two of its values the nearest one
-leaves a residual of its own, and a second effect that takes it up predicts better, although nothing is there.
-So the shapes of the chosen effects are settled by likelihood, all structures are scored again with them, and
-what is superfluous then goes.
+The competition knows a shape (a stroke, a lag, a speed) on a grid only. Between two values of the grid the nearest one
+leaves a residual of its own, and a second effect that takes it up predicts better although nothing is there. So the
+shapes of the chosen effects are settled by likelihood, all models are scored again with them, and members that are
+then not needed are removed.
 """
 
 from __future__ import annotations
@@ -12,40 +12,40 @@ from dataclasses import replace
 
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.estimates import settled, with_effect
-from np_diagnosis.inference.search import Search, Structure
-from np_effects.signature import Signature as Effect
+from np_diagnosis.inference.search import Model, Search
+from np_effects.signature import Signature
 
 
-def settle_shapes(search: Search, chosen: Structure) -> tuple[Search, Structure]:
-    """The search with the chosen structure's shapes where the likelihood is greatest, and what it chooses.
+def settle_shapes(search: Search, chosen: Model) -> tuple[Search, Model]:
+    """A search with the chosen model's shapes at their greatest likelihood, and the model that it chooses.
 
-    The effect that says most alone, its shape settled, comes first, and each beside those before it only: beside
-    what takes up its misfit it would settle on keeping that.
+    Shapes are settled one after the other, that of the effect which says most alone first, each in a model with those
+    before it only: together with an effect that takes up its misfit, it would settle where that effect is kept.
     """
     shaped = [m for m in chosen.members if search.design.candidates[m].effect.shape is not None]
     if len(shaped) > 1:
         alone = {m: _settled(search, (), m) for m in shaped}
-        shaped.sort(key=lambda m: -alone[m].value(alone[m].structure((m,))))
+        shaped.sort(key=lambda m: -alone[m].value(alone[m].model((m,))))
     trial = search
     for number, m in enumerate(shaped):
         trial = _settled(trial, tuple(shaped[:number]), m)
     if trial is search:
         return search, chosen
     for members in search.tried:
-        trial.structure(members)
-    return trial, trial.pruned(trial.structure(chosen.members))
+        trial.model(members)
+    return trial, trial.pruned(trial.model(chosen.members))
 
 
 def _settled(search: Search, beside: tuple[int, ...], member: int) -> Search:
     """The search with the shape of one candidate settled beside these others; as it is where that is its own."""
-    effect = settled(search, search.structure((*beside, member)), member)
+    effect = settled(search, search.model((*beside, member)), member)
     candidate = search.design.candidates[member]
     if effect is candidate.effect:
         return search
     return search.on(_replaced(search.design, member, effect), search.reach(candidate))
 
 
-def _replaced(design: Design, member: int, effect: Effect) -> Design:
+def _replaced(design: Design, member: int, effect: Signature) -> Design:
     """The design with another effect, of the same parameters, in the place of a candidate's."""
     candidate = design.candidates[member]
     candidates = list(design.candidates)

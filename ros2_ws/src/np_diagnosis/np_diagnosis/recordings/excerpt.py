@@ -1,5 +1,4 @@
-"""A part of each recording for a quick look: stretches of it, evenly spread, that are compared instead of
-all."""
+"""A part of each recording for a quick look: stretches of it, evenly spread, that are compared instead of all."""
 
 from __future__ import annotations
 
@@ -9,25 +8,24 @@ from dataclasses import fields, replace
 import numpy as np
 
 from np_diagnosis.recordings.signals import Commands, Log
+from np_diagnosis.thresholds import THRESHOLDS
 
-STRETCH = 6.0  # s, two blocks of the design
-SHORT = 45.0  # s in all, below which nothing is left out
+RECORDINGS = THRESHOLDS.recordings
 
 
-def excerpts(logs: Sequence[Log], most: float = SHORT) -> list[Log]:
-    """Stretches of the logs, as logs of their own, of about `most` s in all; the logs where they are no
-    longer."""
+def excerpts(logs: Sequence[Log], most: float = RECORDINGS.short) -> list[Log]:
+    """Stretches of the logs, as logs of their own, of about `most` s in all; the logs themselves if they are no longer."""
     total = sum(log.duration for log in logs)
     if total <= most:
         return list(logs)
     found = []
     for log in logs:
-        count = max(2, round(log.duration / total * most / STRETCH))
-        starts = np.linspace(0.0, log.duration - STRETCH, count)
-        if count * STRETCH >= log.duration:
+        count = max(2, round(log.duration / total * most / RECORDINGS.stretch))
+        starts = np.linspace(0.0, log.duration - RECORDINGS.stretch, count)
+        if count * RECORDINGS.stretch >= log.duration:
             found.append(log)
         else:
-            found += [_cut(log, start, start + STRETCH) for start in starts]
+            found += [_cut(log, start, start + RECORDINGS.stretch) for start in starts]
     return found
 
 

@@ -12,13 +12,14 @@ import numpy as np
 from np_control.impedance import STIFFNESS_MAX, damping
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_diagnosis.recordings.signals import Commands, Log
+from np_diagnosis.thresholds import THRESHOLDS
 from np_record.bag import BagError, Recording
 from np_record.bulk import BulkError, decoded, joint_states
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
 
+RECORDINGS = THRESHOLDS.recordings
+
 PERIOD = 0.002  # s between joint states
-PERIOD_TOLERANCE = 0.05
-LARGEST_LOSS = 0.02  # share of joint states that may be missing
 SECOND = 1e9
 NPZ_KEYS = {"t_s": 1, "q_rad": 2, "dq_rad_s": 2, "tau_J_Nm": 2}  # name: dimensions
 PD_KEYS = {
@@ -82,7 +83,7 @@ def _commands(name, stamp, time, commanded, answers, gains) -> Commands | None:
         return None
     _check_order(f"{name}: effort_command", commanded / SECOND)
     common, rows, answer = np.intersect1d(stamp, commanded, return_indices=True)
-    if len(common) < (1 - LARGEST_LOSS) * len(commanded):
+    if len(common) < (1 - RECORDINGS.loss) * len(commanded):
         raise ContractViolation(
             f"{name}: effort_command: expected the stamps of joint_states, "
             f"{len(commanded) - len(common)} of {len(commanded)} have others"
@@ -159,15 +160,17 @@ def _check_times(name: str, time: np.ndarray, period: float | None) -> None:
     steps = np.diff(time)
     median = float(np.median(steps))
     if period is None:
-        if not 1e-4 < median < 1e-2:
+        slowest, fastest = RECORDINGS.rates
+        if not 1 / fastest < median < 1 / slowest:
             raise ContractViolation(
-                f"{name}: expected 100 to 10000 rows a second, got {1 / median:.4g}: times must be in seconds"
+                f"{name}: expected {slowest:g} to {fastest:g} rows a second, got {1 / median:.4g}: "
+                "times must be in seconds"
             )
         return
-    if abs(median / period - 1) > PERIOD_TOLERANCE:
+    if abs(median / period - 1) > RECORDINGS.period_tolerance:
         raise ContractViolation(f"{name}: joint_states: expected {1 / period:.0f} Hz, got {1 / median:.4g} Hz")
     lost = int(np.round(steps / period - 1).clip(0).sum())
-    if lost > LARGEST_LOSS * (len(time) + lost):
+    if lost > RECORDINGS.loss * (len(time) + lost):
         raise ContractViolation(
-            f"{name}: joint_states: expected at most {LARGEST_LOSS:.0%} missing, got {lost} of {len(time) + lost}"
+            f"{name}: joint_states: expected at most {RECORDINGS.loss:.0%} missing, got {lost} of {len(time) + lost}"
         )

@@ -9,11 +9,13 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from np_description.phases import PhaseState
+from np_diagnosis.thresholds import THRESHOLDS
+
+RECORDINGS = THRESHOLDS.recordings
 
 GRID = 0.002  # s
 SMOOTHING = 0.012  # s, standard deviation of the Gaussian kernel: half power at 11 Hz
 DECIMATION = 20  # samples come at 25 Hz: a kernel is about as wide as their distance, so noise stays white
-LARGEST_GAP = 0.05  # s without data over which nothing is interpolated
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +147,7 @@ def sample(logs: list[Log], commanded: bool = False) -> Samples:
     parts = [part for number, log in enumerate(logs) for part in _sample_one(log, number, commanded)]
     if not parts:
         raise ValueError(
-            f"expected at least {_SHORTEST} s without a gap of {LARGEST_GAP} s, got none in "
+            f"expected at least {RECORDINGS.shortest} s without a gap of {RECORDINGS.largest_gap} s, got none in "
             f"{', '.join(log.name for log in logs)}"
         )
     *columns, segments, grids = zip(*parts)
@@ -161,7 +163,6 @@ def sample(logs: list[Log], commanded: bool = False) -> Samples:
     )
 
 
-_SHORTEST = 1.0  # s
 _UNHELD = 1 / 6
 _HALF = round(4 * SMOOTHING / GRID)
 _OFFSETS = np.arange(-_HALF, _HALF + 1) * GRID
@@ -174,9 +175,9 @@ _SLOPE = -_OFFSETS * _KERNEL / (_OFFSETS**2 * _KERNEL).sum()
 def _sample_one(log: Log, number: int, commanded: bool):
     c = log.commands
     torque_time, torque_values = (c.torque_time, c.torque) if commanded else (log.torque_time, log.torque)
-    edges = np.flatnonzero(np.diff(log.time) > LARGEST_GAP) + 1
+    edges = np.flatnonzero(np.diff(log.time) > RECORDINGS.largest_gap) + 1
     for rows in np.split(np.arange(len(log.time)), edges):
-        if not rows.size or log.time[rows[-1]] - log.time[rows[0]] < _SHORTEST:
+        if not rows.size or log.time[rows[-1]] - log.time[rows[0]] < RECORDINGS.shortest:
             continue
         grid = np.arange(log.time[rows[0]], log.time[rows[-1]], GRID)
 

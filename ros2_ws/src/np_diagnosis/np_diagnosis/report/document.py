@@ -12,14 +12,12 @@ import numpy as np
 from np_diagnosis.checks.shrinkage import REGIMES, regimes
 from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.experiments.ambiguity import open_question
-from np_diagnosis.inference.nuisances import REVERSAL
 from np_diagnosis.recordings.signals import Log
-from np_diagnosis.report.schema import validate
 from np_diagnosis.simulation.patching import make_patch, tried_patch
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
 from np_effects.patch import dump_patch
-
-REFITTED = 3  # structures at most: the chosen one and its nearest rivals
+from np_effects.stage import Stage
 
 
 def make_report(
@@ -33,11 +31,9 @@ def make_report(
 ) -> dict:
     """The report as a JSON object; shots, left_out: of `patching.tried_patch`; experiment: of
     `power.next_experiment`; forward: of `refit.second_opinion`.
-
-    Raises ValueError if it breaks the schema.
     """
     gap, joints = diagnosis.gap, diagnosis.context.arm.joints
-    report = {
+    return {
         "schema_version": 1,
         "verdict": diagnosis.verdict,
         "where": where(diagnosis),
@@ -78,8 +74,22 @@ def make_report(
         },
         "runtime_s": runtime,
     }
-    validate(report, json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text()))
-    return report
+
+
+def to_json(report: dict, quick: bool = False) -> str:
+    """A report as text; quick: not held against its schema, data/gap_report.schema.json.
+
+    Raises ValueError naming where a report breaks its schema, or for a number that is not finite.
+    """
+    if not quick:  # the import alone takes a tenth of a second
+        from jsonschema import Draft202012Validator
+        from jsonschema.exceptions import best_match
+
+        schema = json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text(encoding="utf-8"))
+        error = best_match(Draft202012Validator(schema).iter_errors(report))
+        if error is not None:
+            raise ValueError(f"report: {error.json_path}: {error.message}")
+    return json.dumps(report, indent=1, allow_nan=False) + "\n"
 
 
 def where(diagnosis: Diagnosis) -> list[dict]:
@@ -92,7 +102,7 @@ def where(diagnosis: Diagnosis) -> list[dict]:
             key = (RECORDS[f.effect.id].module, f.component)
             energy[key] = energy.get(key, 0.0) + f.energy
     for j in diagnosis.unexplained:
-        left = sum((r.structure - r.flexible) / r.rows for r in diagnosis.rests if r.joint == j)
+        left = sum((r.chosen - r.flexible) / r.rows for r in diagnosis.lack_of_fit if r.joint == j)
         if left > 0:
             energy["unknown", diagnosis.context.arm.joints[j]] = left
     total = sum(energy.values())
@@ -105,7 +115,8 @@ def write(
 ) -> dict:
     """Write report.json, patch.yaml and report.html into `out`; returns the report.
 
-    runtime: s it has taken so far; quick: without closed loop, refit, next experiment and page.
+    runtime: s it has taken so far; quick: without closed loop, refit, next experiment, page, and the check against
+    the schema. Raises ValueError as `to_json` does.
     """
     experiment = forward = shots = None
     patch, left_out = make_patch(diagnosis), ()
@@ -117,10 +128,11 @@ def write(
         question = open_question(diagnosis)
         experiment = next_experiment(diagnosis, question)
         patch, left_out, shots = tried_patch(diagnosis)
-        forward = second_opinion(diagnosis, question[1].structures[1:REFITTED] if question else ())
+        forward = second_opinion(diagnosis, question[1].models[1 : THRESHOLDS.refit.models] if question else ())
     report = make_report(diagnosis, logs, round(runtime(), 2), shots, experiment, forward, left_out)
+    text = to_json(report, quick)
     out.mkdir(parents=True, exist_ok=True)
-    (out / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    (out / "report.json").write_text(text, encoding="utf-8")
     (out / "patch.yaml").write_text(dump_patch(patch), encoding="utf-8")
     if not quick:
         from np_diagnosis.report.page import render  # drawing is slow to import
@@ -145,12 +157,12 @@ def _effect(finding: Finding) -> dict:
 
 
 def _ladder(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
-    """RMS before and after of each rung."""
+    """RMS before and after at each stage."""
     table = {}
     for n, cell in enumerate(diagnosis.design.cells):
         if cell.joint == joint and cell.rows.any():
             after = diagnosis.gap.residuals[n]
-            table[cell.stage] = {
+            table[cell.name] = {
                 "before": float(np.sqrt(np.mean(diagnosis.gap.nominal[n][cell.rows] ** 2))),
                 "after": float(np.sqrt(np.mean(after[cell.rows] ** 2))),
             }
@@ -160,8 +172,8 @@ def _ladder(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
 def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | None]:
     """RMS Nm of r2 before and after in each regime; None where the joint was not in it while moving."""
     samples, cells = diagnosis.context.samples, diagnosis.design.cells
-    slide = next(n for n, c in enumerate(cells) if c.joint == joint and c.stage == "r2")
-    turn = next(n for n, c in enumerate(cells) if c.joint == joint and c.stage == REVERSAL)
+    mine = [n for n, c in enumerate(cells) if c.joint == joint and c.stage is Stage.DYNAMICS]
+    slide, turn = (next(n for n in mine if cells[n].at_reversal is at_reversal) for at_reversal in (False, True))
     reversing = np.zeros(samples.velocity.shape, bool)
     reversing[:, joint] = cells[turn].rows
     table = {}
@@ -180,11 +192,11 @@ def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | N
 
 
 def _worse(diagnosis: Diagnosis) -> list[str]:
-    """Joint and regime in which the gap grows by more than a twentieth."""
+    """Joint and regime in which the gap grows by more than the threshold `shrinkage.worse`."""
     found = []
     for j, joint in enumerate(diagnosis.context.arm.joints):
         for name in REGIMES:
             r = _regimes(diagnosis, j)[name]
-            if r and r["after"] > 1.05 * r["before"]:
+            if r and r["after"] > THRESHOLDS.shrinkage.worse * r["before"]:
                 found.append(f"{joint}: {name}")
     return found

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from np_diagnosis.diagnosis import Diagnosis
 from np_diagnosis.recordings.signals import DECIMATION, GRID
+from np_effects.stage import Stage
 from np_record.report.pages import style, svg
 
 WIDTH = 9.6
@@ -49,7 +50,7 @@ def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: fl
         panels = figure.subplots(2, columns).ravel()
         stride = max(1, len(samples) // 1500)
         for n, cell in enumerate(diagnosis.design.cells):
-            if cell.stage != "r2":
+            if cell.stage is not Stage.DYNAMICS or cell.at_reversal:
                 continue
             axes = panels[cell.joint]
             x = np.arange(len(samples)) / RATE if over_time else samples.velocity[:, cell.joint]

@@ -1,11 +1,9 @@
 """r4: the closed loop in the simulator, from recorded targets and gains, against the recorded motion.
 
-The torque domain says what the arm lacks; this says what that means for where it goes. The simulator is
-started
-from recorded states again and again (multiple shooting), each time for a short while, under the impedance law
-with the recorded targets: nominal, or with a patch. What was fed forward is taken from the recording. All
-windows
-and patches are stepped side by side (mujoco.batch).
+The torque domain says what the arm lacks; this says what that means for where the arm goes. The simulator is started
+from recorded states again and again (multiple shooting), each time for a short while, under the impedance law with
+the recorded targets: nominal, or with a patch. What was fed forward is taken from the recording. All windows and
+patches are stepped side by side (mujoco.batch).
 """
 
 from __future__ import annotations
@@ -21,15 +19,12 @@ from mujoco.batch import Batch
 from np_description.panda import JOINT_NAMES
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.simulation.simulated_arm import panda_plant
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.arm_effects import ArmEffects
 from np_effects.patch import Patch
 
-WINDOW = 0.6  # s that each shot goes on
-EVERY = 1.5  # s from one shot to the next
-SETTLED = 0.1  # s of a shot that do not count: rest of the start
-WARM = 0.1  # s before it, in which drives and sensors with a memory are shown what was recorded
-SMOOTH = 9  # rows over which the speed at the start is averaged
-SAMPLE = 0.01  # s between the moments that are compared
+SHOT = THRESHOLDS.simulation
+
 _BAD = [
     int(w)
     for w in (
@@ -42,11 +37,11 @@ _BAD = [
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """W stretches of recordings, m rows each, one a control period: position rad, velocity rad/s, lead
-    (target with
-    what it is ahead by) rad, stiffness, damping, fed forward Nm, commanded Nm: all (W, m, 7). start (W,) s
-    since
-    the recording began. The first `warm` rows lie before the shot.
+    """W stretches of recordings of m rows each, one row a control period.
+
+    All (W, m, 7): position rad, velocity rad/s, lead (target with what it is ahead by) rad, stiffness Nm/rad, damping
+    Nms/rad, fed (forward) Nm, commanded Nm. start (W,) s since the recording began. The first `warm` rows lie before
+    the simulation starts.
     """
 
     period: float
@@ -70,11 +65,11 @@ class Windows:
     @property
     def sampled(self) -> np.ndarray:
         """Rows that are compared."""
-        first = self.warm + round(SETTLED / self.period)
-        return np.arange(first, self.position.shape[1], max(1, round(SAMPLE / self.period)))
+        first = self.warm + round(SHOT.settled / self.period)
+        return np.arange(first, self.position.shape[1], max(1, round(SHOT.sample / self.period)))
 
 
-def windows(logs: Sequence[Log], every: float = EVERY) -> Windows | None:
+def windows(logs: Sequence[Log], every: float = SHOT.every) -> Windows | None:
     """Windows of all recordings of the Panda with commands at one rate; None where there are none."""
     parts, period = [], None
     for log in logs:
@@ -82,14 +77,14 @@ def windows(logs: Sequence[Log], every: float = EVERY) -> Windows | None:
         if c is None or log.position.shape[1] != len(JOINT_NAMES):
             continue
         own = float(np.median(np.diff(log.time)))
-        if period is not None and abs(own - period) > 1e-3 * period:
+        if period is not None and abs(own - period) > SHOT.period_tolerance * period:
             continue
         period = own
         lead = c.target + c.damping / c.stiffness * c.target_velocity
         q, dq = log.position[c.rows], log.velocity[c.rows]
         fed = c.torque - c.stiffness * (lead - q) + c.damping * dq
-        rows = round((WARM + WINDOW) / period) + 1
-        for first in range(SMOOTH, len(c.rows) - rows - SMOOTH, max(1, round(every / period))):
+        rows = round((SHOT.warm + SHOT.window) / period) + 1
+        for first in range(SHOT.smooth, len(c.rows) - rows - SHOT.smooth, max(1, round(every / period))):
             s = slice(first, first + rows)
             if c.rows[first + rows] - c.rows[first] == rows:
                 parts.append(
@@ -106,7 +101,7 @@ def windows(logs: Sequence[Log], every: float = EVERY) -> Windows | None:
                 )
     if not parts:
         return None
-    return Windows(period, round(WARM / period), *(np.array(column) for column in zip(*parts)))
+    return Windows(period, round(SHOT.warm / period), *(np.array(column) for column in zip(*parts)))
 
 
 def departures(recorded: Windows, patches: Sequence[Patch]) -> np.ndarray:
@@ -157,12 +152,13 @@ def rms(errors: np.ndarray) -> np.ndarray:
 
 
 def _true(position: np.ndarray, velocity: np.ndarray, late: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angles and speeds (S, m, 7) as they were, of recorded ones that are `late` (S, 7) periods old; the
-    last ones
-    are held. Speeds are averaged: an encoder's noise at the start is no motion."""
-    kernel = np.ones(SMOOTH) / SMOOTH
-    padded = np.pad(velocity, ((0, 0), (SMOOTH // 2, SMOOTH // 2), (0, 0)), mode="edge")
-    smooth = np.stack([padded[:, k : k + velocity.shape[1]] for k in range(SMOOTH)]).transpose(1, 2, 3, 0) @ kernel
+    """Angles and speeds (S, m, 7) as they were, of recorded ones that are `late` (S, 7) periods old.
+
+    The last ones are held. Speeds are averaged, for the noise of an encoder at the start is no motion.
+    """
+    kernel = np.ones(SHOT.smooth) / SHOT.smooth
+    padded = np.pad(velocity, ((0, 0), (SHOT.smooth // 2, SHOT.smooth // 2), (0, 0)), mode="edge")
+    smooth = np.stack([padded[:, k : k + velocity.shape[1]] for k in range(SHOT.smooth)]).transpose(1, 2, 3, 0) @ kernel
     rows = np.arange(position.shape[1])[None, :, None] + late[:, None]
     below = np.minimum(np.floor(rows).astype(int), position.shape[1] - 1)
     above = np.minimum(below + 1, position.shape[1] - 1)

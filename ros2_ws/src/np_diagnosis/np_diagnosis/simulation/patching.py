@@ -12,16 +12,17 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from np_diagnosis.diagnosis import Diagnosis
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.patch import Patch, PatchEffect
 
-WORSE = 1.0005  # times the nominal departure, beyond which a patch does harm: below, it moves nothing
+PATCHING = THRESHOLDS.patching
 
 
 def make_patch(diagnosis: Diagnosis) -> Patch:
     """The chosen effects, for the simulated arm and for training; none of a joint that stays unexplained."""
     joints = diagnosis.context.arm.joints
-    apart = {joints[j] for j in diagnosis.unexplained}
-    chosen = [f for f in diagnosis.findings if f.is_chosen and f.component not in apart]
+    unexplained = {joints[j] for j in diagnosis.unexplained}
+    chosen = [f for f in diagnosis.findings if f.is_chosen and f.component not in unexplained]
     return Patch(
         tuple(
             PatchEffect(
@@ -50,7 +51,7 @@ def tried_patch(diagnosis: Diagnosis) -> tuple[Patch, list[str], dict[str, dict[
     if recorded is None:
         return patch, left_out, None
     old, new = _departures(recorded, [Patch(), patch])
-    while patch.effects and np.linalg.norm(new) > WORSE * np.linalg.norm(old):
+    while patch.effects and np.linalg.norm(new) > PATCHING.worse * np.linalg.norm(old):
         fewer = [Patch(tuple(e for e in patch.effects if e is not one)) for one in patch.effects]
         without = _departures(recorded, fewer)
         least = int(np.argmin(np.linalg.norm(without, axis=1)))

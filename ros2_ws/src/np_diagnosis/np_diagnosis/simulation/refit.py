@@ -1,14 +1,10 @@
-"""A second opinion: the parameters of a structure refitted in the forward simulator.
+"""A second opinion: the parameters of a model refitted in the forward simulator.
 
-The torque domain needs accelerations and a model that is linear in what it looks for; the closed loop needs
-neither. Here the same effects are fitted to the motion itself, by Gauss-Newton on the departures of short
-shots
-(`forward`), with the delay of the loop as a nuisance of every fit. Sensitivities are finite differences, all
-of them
-and all windows side by side. Intervals are those of a robust (sandwich) covariance with windows as units:
-what
-neighbouring samples share is not counted twice. Half of the windows are fitted to, the other half says how
-far.
+The torque domain needs accelerations and a model that is linear in its parameters; the closed loop needs neither.
+Here the same effects are fitted to the motion itself, by Gauss-Newton on the departures of short simulations
+(`forward`), with the delay of the loop as a nuisance of every fit. Sensitivities are finite differences, all of them
+and all windows side by side. Intervals are those of a robust (sandwich) covariance with windows as units, so that
+what neighbouring samples share is not counted twice. Half of the windows are fitted to; the others judge the fit.
 """
 
 from __future__ import annotations
@@ -21,21 +17,14 @@ import numpy as np
 from np_description.panda import NOMINAL
 from np_diagnosis.diagnosis import Diagnosis
 from np_diagnosis.inference.estimates import Estimate, estimate
-from np_diagnosis.inference.nuisances import DELAY
-from np_diagnosis.inference.search import Structure
+from np_diagnosis.inference.search import Model
 from np_diagnosis.simulation.forward import Windows, departures, rms, windows
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
 from np_effects.patch import Patch, PatchEffect
 from np_effects.record import ARM
 
-ROUNDS = 3  # of Gauss-Newton: the torque domain's answer is a good start
-MOST = 48  # windows fitted to
-DELAY_SPREAD = 1.5e-4  # s, standard deviation of the delay that any loop has
-T95 = 2.0
-LEAST_STEP = 1e-3  # of a value, for its sensitivity
-FINEST = 2e-6  # rad, of what two simulators can agree on
-LARGEST_SHIFT = 10.0  # of a parameter in one round, in half widths of its interval in the torque domain
-AGREE = 0.02  # of a value, to which two simulators agree about the same law
+REFIT = THRESHOLDS.refit
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +44,11 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """Parts with forward estimates (by number of the part, by name); rms (7,) rad over held-out windows:
-    nominal,
-    with the torque domain's values, with the forward ones; windows fitted to and held out."""
+    """Parts with forward estimates (by number of the part, by name).
+
+    rms (7,) rad over held-out windows: nominal, with the torque domain's values, with the forward ones. fitted,
+    held_out: numbers of windows.
+    """
 
     parts: tuple[Part, ...]
     values: tuple[Mapping[str, Estimate], ...]
@@ -68,46 +59,45 @@ class Refit:
     held_out: int
 
 
-def parts_of(diagnosis: Diagnosis, structure: Structure | None = None, seed: int = 0) -> tuple[Part, ...]:
-    """What the chosen structure, or another one, says. Joints that stay unexplained are left out."""
+def parts_of(diagnosis: Diagnosis, model: Model | None = None, seed: int = 0) -> tuple[Part, ...]:
+    """What the chosen model, or another one, says. Joints that stay unexplained are left out."""
     joints = diagnosis.context.arm.joints
-    apart = {joints[j] for j in diagnosis.unexplained}
-    if structure is None:
+    unexplained = {joints[j] for j in diagnosis.unexplained}
+    if model is None:
         return tuple(
             Part(f.effect.id, f.component, f.parameters, f.effect.constants)
             for f in diagnosis.findings
-            if f.is_chosen and f.component not in apart
+            if f.is_chosen and f.component not in unexplained
         )
     found = []
-    for m in structure.members:
+    for m in model.members:
         place = diagnosis.design.candidates[m].at(joints)
-        if place not in apart:
-            effect, values = estimate(diagnosis.search, structure, m, seed, refined=False)
+        if place not in unexplained:
+            effect, values = estimate(diagnosis.search, model, m, seed, refined=False)
             found.append(Part(effect.id, place, values, effect.constants))
     return tuple(found)
 
 
-def refit(recorded: Windows, parts: Sequence[Part], delay: float = DELAY) -> Refit | None:
-    """The parts refitted together; None where the simulator carries none of them. delay: s that the loop
-    has, about.
+def refit(recorded: Windows, parts: Sequence[Part], delay: float = THRESHOLDS.nuisances.delay) -> Refit | None:
+    """The parts refitted together; None where the simulator carries none of them.
 
-    Raises FloatingPointError where the simulation diverges at the start.
+    delay: s that the loop has, about. Raises FloatingPointError where the simulation diverges at the start.
     """
     parts = tuple(part for part in parts if part.is_carried and part.parameters)
     if not parts:
         return None
-    fitted, rest = recorded[0::2], recorded[1::2]
-    if len(fitted) > MOST:
-        fitted = fitted[np.linspace(0, len(fitted) - 1, MOST).astype(int)]
-    if len(rest) > MOST:
-        rest = rest[np.linspace(0, len(rest) - 1, MOST).astype(int)]
+    fitted, judged_on = recorded[0::2], recorded[1::2]
+    if len(fitted) > REFIT.windows:
+        fitted = fitted[np.linspace(0, len(fitted) - 1, REFIT.windows).astype(int)]
+    if len(judged_on) > REFIT.windows:
+        judged_on = judged_on[np.linspace(0, len(judged_on) - 1, REFIT.windows).astype(int)]
     names = [(n, name) for n, part in enumerate(parts) for name in part.parameters]
     x = np.array([parts[n].parameters[name].value for n, name in names])
     half = np.array([0.5 * (parts[n].parameters[name].high - parts[n].parameters[name].low) for n, name in names])
-    scale = np.maximum(half, LEAST_STEP * np.abs(x))
+    scale = np.maximum(half, REFIT.smallest_step * np.abs(x))
     has_delay = any(part.effect == "command_delay" for part in parts)
     if not has_delay:
-        x, scale = np.append(x, delay), np.append(scale, DELAY_SPREAD)
+        x, scale = np.append(x, delay), np.append(scale, THRESHOLDS.nuisances.delay_spread)
     start = x.copy()
 
     def patch(values: np.ndarray) -> Patch:
@@ -116,10 +106,10 @@ def refit(recorded: Windows, parts: Sequence[Part], delay: float = DELAY) -> Ref
     prior = np.zeros(len(x))
     if not has_delay:
         prior[-1] = 1.0  # in units of its scale
-    for _ in range(ROUNDS):
+    for _ in range(REFIT.rounds):
         trials = [x, *(x + row for row in np.diag(scale))]
         errors = departures(fitted, [patch(values) for values in trials])
-        spread = np.maximum(rms(errors[0]), FINEST)
+        spread = np.maximum(rms(errors[0]), REFIT.finest)
         residual = errors[0] / spread
         slope = np.moveaxis(errors[1:] - errors[0], 0, -1) / spread[:, None]  # (W, samples, 7, p)
         normal = np.einsum("wsjp,wsjq->pq", slope, slope) + np.diag(prior)
@@ -128,17 +118,17 @@ def refit(recorded: Windows, parts: Sequence[Part], delay: float = DELAY) -> Ref
             normal + 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(x)),
             -pull.sum(axis=0) - prior * (x - start) / scale,
         )
-        x = x + scale * np.clip(shift, -LARGEST_SHIFT, LARGEST_SHIFT)
+        x = x + scale * np.clip(shift, -REFIT.largest_shift, REFIT.largest_shift)
     inverse = np.linalg.inv(normal + 1e-12 * np.eye(len(x)))
     few = len(fitted) / max(len(fitted) - len(x), 1)
     covariance = inverse @ (few * pull.T @ pull + np.diag(prior)) @ inverse
-    error = T95 * scale * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    judged = departures(rest, [Patch(), patch(start), patch(x)])
+    error = THRESHOLDS.estimates.t95 * scale * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    judged = departures(judged_on, [Patch(), patch(start), patch(x)])
     values: list[dict[str, Estimate]] = [{} for _ in parts]
     for (n, name), value, width in zip(names, x, error):
         unit = parts[n].parameters[name].unit
         values[n][name] = Estimate(float(value), float(value - width), float(value + width), unit)
-    return Refit(parts, tuple(values), *rms(judged), len(fitted), len(rest))
+    return Refit(parts, tuple(values), *rms(judged), len(fitted), len(judged_on))
 
 
 def _patch(parts: Sequence[Part], names: Sequence[tuple[int, str]], values: np.ndarray) -> Patch:
@@ -151,19 +141,22 @@ def _patch(parts: Sequence[Part], names: Sequence[tuple[int, str]], values: np.n
     return Patch(tuple(effects))
 
 
-def second_opinion(diagnosis: Diagnosis, rivals: Sequence[Structure] = (), seed: int = 0) -> dict | None:
-    """The chosen structure and its rivals refitted, as the report says it; None for another arm, recordings
-    without
-    commands, or where nothing is to be refitted."""
+def second_opinion(diagnosis: Diagnosis, rivals: Sequence[Model] = (), seed: int = 0) -> dict | None:
+    """The chosen model and its rivals refitted, as the report says it.
+
+    None for another arm, for recordings without commands, or where nothing is to be refitted.
+    """
     if diagnosis.context.arm.joints != NOMINAL.joints:
         return None
     recorded = windows(diagnosis.context.logs)
-    if recorded is None or len(recorded) < 8:
+    if recorded is None or len(recorded) < REFIT.windows_least:
         return None
-    delay = next((p.centre for p in diagnosis.design.parameters if p.name == "command_delay"), DELAY)
+    delay = next(
+        (p.centre for p in diagnosis.design.parameters if p.name == "command_delay"), THRESHOLDS.nuisances.delay
+    )
     found = []
-    for structure in (None, *rivals):
-        parts = parts_of(diagnosis, structure, seed)
+    for model in (None, *rivals):
+        parts = parts_of(diagnosis, model, seed)
         try:
             done = refit(recorded, parts, delay)
         except (
@@ -179,11 +172,10 @@ def second_opinion(diagnosis: Diagnosis, rivals: Sequence[Structure] = (), seed:
 
 
 def disagree(one: Estimate, other: Estimate) -> bool:
-    """Whether two estimates lie apart by more than both intervals together, and than two simulators
-    differ."""
-    apart = abs(one.value - other.value)
+    """Whether two estimates differ by more than both intervals together, and than two simulators do."""
+    difference = abs(one.value - other.value)
     halves = 0.5 * np.hypot(one.high - one.low, other.high - other.low)
-    return bool(apart > halves and apart > AGREE * max(abs(one.value), abs(other.value)))
+    return bool(difference > halves and difference > REFIT.agree * max(abs(one.value), abs(other.value)))
 
 
 def _titles(parts: Sequence[Part]) -> list[str]:

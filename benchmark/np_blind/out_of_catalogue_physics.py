@@ -1,4 +1,4 @@
-"""What no catalogue has, as it acts on the arms: the physics of the strangers that strangers.py deals out."""
+"""The physics of the faults that are in no catalogue (out_of_catalogue.py), as they act on the arms."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ DROPOUT, DROPOUT_EVERY = 0.06, 1.5  # s that a drive gives way for, s between on
 BRAKE_STAYS = 6.0  # s that a brake drags, or does not, on average
 
 
-class Strange:
-    """State and torques of the strangers of B arms; all arrays (B, 7).
+class OutOfCatalogue:
+    """State and torques of the faults out of the catalogue of B arms; all arrays (B, 7).
 
     used: what of `physics` is not its default; q: where the links begin; period, step: s.
     """

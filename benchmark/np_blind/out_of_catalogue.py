@@ -8,8 +8,8 @@ from np_blind.blind_arm import Physics
 from np_blind.faults import Fault, Parameters
 from np_diagnosis.experiments.excitation import READY, SECOND, THIRD
 
-LATER_FROM = 100  # the seed from which on sets have strangers that came after the first doctor
-ALL_FROM = 200  # from which on they have all, and those that came after the doctor had met the later ones
+LATER_FROM = 100  # seed from which on sets have the kinds that were added after the first doctor
+ALL_FROM = 200  # seed from which on they have all kinds, with those added after the doctor had met the later ones
 SCALE = np.array([0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015])  # Nm of size 1
 
 LOAD = np.array([3.0, 20.0, 8.0, 16.0, 1.0, 2.0, 0.4])  # Nm that the drives give now and then
@@ -174,17 +174,19 @@ NEWEST = {
     "dress_pack": (_pack, _ANY),
     "thinning_grease": (_grease, _ANY),
 }
-STRANGERS = FIRST | LATER | NEWEST
+OUT_OF_CATALOGUE = FIRST | LATER | NEWEST
 """By name: what gives an arm the fault, and the joints (0..6) where it is drawn."""
 
 
-def strangers_of(seed: int) -> tuple[str, ...]:
-    """The kinds that sets of a seed draw from: those that the first doctor was developed on, none of them, or
-    all that there are."""
-    return tuple(FIRST if seed < LATER_FROM else LATER if seed < ALL_FROM else STRANGERS)
+def kinds_of(seed: int) -> tuple[str, ...]:
+    """The kinds that sets of a seed draw from.
+
+    They are those that the first doctor was developed on, or only later ones, or all that there are.
+    """
+    return tuple(FIRST if seed < LATER_FROM else LATER if seed < ALL_FROM else OUT_OF_CATALOGUE)
 
 
-def apply_stranger(physics: Physics, arm: int, fault: Fault, rng: np.random.Generator) -> Parameters:
-    """Give an arm the stranger that the fault names; what exactly it got."""
-    function, _ = STRANGERS[fault.effect]
+def apply_out_of_catalogue(physics: Physics, arm: int, fault: Fault, rng: np.random.Generator) -> Parameters:
+    """Give an arm the fault that is in no catalogue; what exactly it got."""
+    function, _ = OUT_OF_CATALOGUE[fault.effect]
     return function(physics, arm, fault.joint, fault.size * SCALE[fault.joint], rng)

@@ -1,0 +1,44 @@
+"""Every number by which the doctor decides, each with its unit and where it comes from.
+
+`THRESHOLDS` is the one set in use; `python -m np_diagnosis.thresholds` prints it as a table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from np_diagnosis.thresholds import checks, consequences, inference
+
+__all__ = ["THRESHOLDS", "Thresholds"]
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """All thresholds, in the order in which a recording meets them."""
+
+    recordings: checks.Recordings = checks.Recordings()
+    plausibility: checks.Plausibility = checks.Plausibility()
+    rows: inference.Rows = inference.Rows()
+    hints: inference.Hints = inference.Hints()
+    blocks: inference.Blocks = inference.Blocks()
+    fit: inference.Fitting = inference.Fitting()
+    nuisances: inference.Nuisances = inference.Nuisances()
+    loop_delay: inference.LoopDelay = inference.LoopDelay()
+    search: inference.Searching = inference.Searching()
+    ranking: inference.Ranking = inference.Ranking()
+    averaging: inference.Averaging = inference.Averaging()
+    estimates: inference.Estimating = inference.Estimating()
+    omnibus: checks.Omnibus = checks.Omnibus()
+    constancy: checks.Constancy = checks.Constancy()
+    standstill: checks.Standstill = checks.Standstill()
+    verdict: checks.Verdict = checks.Verdict()
+    floor: checks.Floor = checks.Floor()
+    shrinkage: checks.Shrinkage = checks.Shrinkage()
+    ambiguity: consequences.Ambiguity = consequences.Ambiguity()
+    power: consequences.Power = consequences.Power()
+    simulation: consequences.Simulating = consequences.Simulating()
+    patching: consequences.Patching = consequences.Patching()
+    refit: consequences.Refitting = consequences.Refitting()
+
+
+THRESHOLDS = Thresholds()
