@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from np_blind.arms.physics import Physics, nominal_physics
 from np_blind.faults import EFFECTS, Fault, Parameters, apply, limit_of, visible
 from np_blind.out_of_catalogue import OUT_OF_CATALOGUE, apply_out_of_catalogue, kinds_of
-from np_blind.physics import Physics, nominal_physics
 
 OUT_OF_CATALOGUE_KIND = "stranger"  # as sealed keys and published results say it
 KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, OUT_OF_CATALOGUE_KIND: 0.175}

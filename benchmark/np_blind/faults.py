@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_blind.physics import Physics
-from np_blind.rigid_arm import nominal_inertials, tcp_in_link7
+from np_blind.arms.physics import Physics
+from np_blind.arms.rigid_arm import nominal_inertials, tcp_in_link7
 from np_control.impedance import STIFFNESS_MAX
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_effects import RECORDS

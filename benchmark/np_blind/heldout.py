@@ -7,10 +7,10 @@ from functools import cache
 
 import numpy as np
 
+from np_blind.arms.physics import Physics, stack
 from np_blind.cases import Case, make_physics
 from np_blind.loop import Targets, make_targets, run_staying
 from np_blind.patched import patched_physics
-from np_blind.physics import Physics, stack
 from np_control.impedance import STIFFNESS_MAX
 from np_diagnosis.experiments.excitation import READY, SCALE, Segment
 from np_diagnosis.experiments.motions import Motion, visits, waves

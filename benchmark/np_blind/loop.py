@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_blind.blind_arm import PERIOD, Plant
-from np_blind.out_of_catalogue_physics import off_centre, slipped
-from np_blind.physics import Physics
-from np_blind.rigid_arm import JOINTS
+from np_blind.arms.blind_arm import PERIOD, Plant
+from np_blind.arms.out_of_catalogue_physics import off_centre, slipped
+from np_blind.arms.physics import Physics
+from np_blind.arms.rigid_arm import JOINTS
 from np_control.impedance import lead
 from np_control.impedance import torque as impedance_torque
 from np_control.safety import LIMITS, limit_torque, slew_gains

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_blind.blind_arm import Physics
+from np_blind.arms.blind_arm import Physics
 from np_blind.faults import Fault, Parameters
 from np_diagnosis.experiments.excitation import READY, SECOND, THIRD
 

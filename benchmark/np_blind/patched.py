@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from np_blind.blind_arm import LONGEST_DELAY
+from np_blind.arms.blind_arm import LONGEST_DELAY
+from np_blind.arms.physics import Physics, nominal_physics
+from np_blind.arms.rigid_arm import tcp_in_link7
 from np_blind.faults import ROTOR_FIXED, soften
-from np_blind.physics import Physics, nominal_physics
-from np_blind.rigid_arm import tcp_in_link7
 from np_control.impedance import STIFFNESS_MAX
 from np_description.panda import JOINT_NAMES, NOMINAL
 

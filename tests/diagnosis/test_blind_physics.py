@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from np_blind.blind_arm import PERIOD, Plant
+from np_blind.arms.blind_arm import PERIOD, Plant
+from np_blind.arms.hysteresis import bouc_wen, lugre, prandtl
+from np_blind.arms.physics import nominal_physics, stack
+from np_blind.arms.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
 from np_blind.cases import Case, draw_cases, make_physics
 from np_blind.faults import EFFECTS, Fault, soften, visible
 from np_blind.heldout import LOST, gaps, motions
-from np_blind.hysteresis import bouc_wen, lugre, prandtl
 from np_blind.loop import Diverged, make_targets, run
 from np_blind.out_of_catalogue import ALL_FROM, FIRST, LATER, LATER_FROM, NEWEST, OUT_OF_CATALOGUE, SCALE
 from np_blind.patched import patched_physics
-from np_blind.physics import nominal_physics, stack
-from np_blind.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
 from np_blind.scoring import modules
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS

@@ -13,8 +13,8 @@ from policy_weights import write_policies
 from safetensors.torch import load_file, save_file
 
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
-from np_description import scene
 from np_description.camera import CAMERA
+from np_description.contact import OBJECT_FRICTION, SOFT
 from np_description.contact_definition import contact_definition
 from np_description.contract import KEY
 from np_description.domains import BUMP, CARD, DOMAINS, find_domain
@@ -151,16 +151,15 @@ def test_metadata_are_replaced_without_touching_a_tensor(tmp_path):
     assert tensors_sha256(path) != before
 
 
-def test_the_contact_definition_is_that_of_the_scene(monkeypatch):
+def test_the_contact_definition_is_that_of_the_scene():
     before = contact_definition(BUMP)
     for partner, friction in (
-        ("surroundings", scene.TABLE_FRICTION),
-        ("fingers", scene.FINGER_FRICTION),
-        ("object", scene.OBJECT_FRICTION),
+        ("surroundings", SOFT.table),
+        ("fingers", SOFT.finger),
+        ("object", OBJECT_FRICTION),
     ):
         assert [row[0] for row in before[partner]["friction"]] == [friction]
-    monkeypatch.setattr(scene, "TABLE_FRICTION", 0.7)
-    after = contact_definition(BUMP)
+    after = contact_definition(BUMP, replace(SOFT, table=0.7))
     assert after["surroundings"] != before["surroundings"] and after["fingers"] == before["fingers"]
 
 

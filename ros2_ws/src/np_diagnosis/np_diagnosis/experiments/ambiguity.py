@@ -86,7 +86,7 @@ def ambiguity(search: Search, chosen: Model, member: int, equivalent: Collection
     found.pop(mine, None)
     near = {names: s for names, s in found.items() if search.value(s) > search.value(chosen) - AMBIGUITY.near}
     listed = {names: s for names, s in near.items() if len(names) == 1 and names[0] in equivalent}
-    for name in set(equivalent).difference(*listed, inside):  # it is no rival alone, but beside something else
+    for name in sorted(set(equivalent).difference(*listed, inside)):  # it is no rival alone, but beside something else
         listed |= {n: s for n, s in _beside(search, chosen, member, name).items() if n not in listed}
     found = listed | {n: s for n, s in near.items() if len(n) > 1} if listed else near
     ranked = sorted(found.items(), key=lambda item: -search.value(item[1]))[: AMBIGUITY.rivals]

@@ -10,10 +10,10 @@ from dataclasses import fields
 
 import numpy as np
 
-from np_blind.hysteresis import bouc_wen, lugre, prandtl
-from np_blind.out_of_catalogue_physics import OutOfCatalogue, off_centre, slipped
-from np_blind.physics import Physics
-from np_blind.rigid_arm import JOINTS, RigidArms, nominal_inertials
+from np_blind.arms.hysteresis import bouc_wen, lugre, prandtl
+from np_blind.arms.out_of_catalogue_physics import OutOfCatalogue, off_centre, slipped
+from np_blind.arms.physics import Physics
+from np_blind.arms.rigid_arm import JOINTS, RigidArms, nominal_inertials
 from np_description.panda import NOMINAL
 
 PERIOD = 0.002  # s, of control

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from np_blind.rigid_arm import JOINTS, Inertials, nominal_inertials
+from np_blind.arms.rigid_arm import JOINTS, Inertials, nominal_inertials
 from np_description.panda import NOMINAL
 
 NEVER = 1e9  # a limit that is never reached

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from np_blind.physics import Physics
+from np_blind.arms.physics import Physics
 from np_description.panda import NOMINAL
 
 MOVING = 0.005  # rad/s, beyond which grease does not set
