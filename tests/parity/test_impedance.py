@@ -79,6 +79,7 @@ def training():
                 wp.array(command, dtype=float, device="cpu"),
                 delay,
                 none,
+                wp.full(1, 1.0, dtype=float, device="cpu"),
             ],
         )
         return out.numpy()[0].astype(float)

@@ -1,13 +1,17 @@
 """What the batched simulator counts: steps beyond the arm's limits, worlds without room for contacts."""
 
+import mujoco
 import numpy as np
 import pytest
 import torch
 
-from np_description.domains import BUMP, WALL
+from np_description.contact import HARD
+from np_description.domains import BUMP, CARD, WALL
 from np_description.panda import NOMINAL
 from np_policy.action import Target
-from np_training.physics.batched import ARM, CONTROLLERS, BatchedPhysics, PhysicsConfig
+from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.physics.batched import ARM, CONTROLLERS, BatchedPhysics, PhysicsConfig, physics_for
+from np_training.tasks.randomisation import ROBUST
 
 WORLDS, SUBSTEPS = 4, 3
 
@@ -74,3 +78,48 @@ def test_objects_rest_on_obstacles_as_deep_as_they_were_sunk(domain):
         for _ in range(3):
             physics.advance()
         assert torch.allclose(physics.qpos[:, 11], top - sunk + half, atol=1e-3)
+
+
+def test_hard_contact_is_stepped_twice_as_often_and_holds_a_policy_period():
+    soft, hard = physics_for("soft"), physics_for("hard")
+    for config in (soft, hard):
+        assert config.timestep * config.substeps == pytest.approx(0.1)
+    assert soft == PhysicsConfig() and hard.contact is HARD
+    physics = BatchedPhysics(CARD, 1, "cpu", physics_for("hard", substeps=1))
+    assert physics.host_model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+    assert physics.host_model.opt.ls_iterations >= HARD.line_search
+    with pytest.raises(ValueError, match="expected one of soft, hard, got 'rigid'"):
+        physics_for("rigid")
+
+
+def test_stiffness_and_damping_of_contacts_differ_between_worlds():
+    physics = BatchedPhysics(CARD, 3, "cpu", physics_for("hard", substeps=1))
+    nominal = physics._solimp.clone(), physics._solref.clone()
+    where, one = torch.tensor([0, 2]), torch.ones(2)
+    physics.stiffen(where, torch.tensor([0.25, 4.0]), torch.tensor([1.0, 2.0]))
+    share = physics._solimp[:, 0, 1] / (1 - physics._solimp[:, 0, 1])
+    assert torch.allclose(share / share[1], torch.tensor([0.25, 1.0, 4.0]), rtol=1e-3)
+    assert torch.allclose(physics._solref[:, 0, 1], nominal[1][0, 0, 1] * torch.tensor([1.0, 1.0, 2.0]))
+    assert torch.equal(physics._solimp[:, :, 2:], nominal[0][:, :, 2:])  # width and the transition's shape stay
+    physics.stiffen(where, one, one)
+    assert torch.allclose(physics._solimp, nominal[0]) and torch.allclose(physics._solref, nominal[1])
+
+
+def test_a_margin_of_speed_counts_before_the_data_sheet_does():
+    physics = BatchedPhysics(CARD, 2, "cpu", PhysicsConfig(substeps=1))
+    physics.margin[1] = 0.75
+    physics.qvel[:, 0] = 0.9 * float(NOMINAL.velocity_limit[0])
+    physics.advance()
+    assert physics.over[0, 0, 0] == 0 and physics.over[0, 1, 0] == 1
+
+
+def test_robust_conditions_reach_the_physics():
+    config = EnvironmentConfig(worlds=64, conditions=ROBUST, physics=physics_for("hard", substeps=1))
+    env = Environment(CARD, "cpu", config)
+    env._draw_conditions(torch.arange(64))
+    share = env.physics._solimp[:, 0, 1] / (1 - env.physics._solimp[:, 0, 1])
+    nominal = HARD.hard.impedance[1] / (1 - HARD.hard.impedance[1])
+    assert 0.24 * nominal < share.min() < 0.6 * nominal and 1.8 * nominal < share.max() < 4.2 * nominal
+    assert 0.75 <= env.physics.margin.min() < env.physics.margin.max() <= 0.95
+    low, high = (2 * steps for steps in ROBUST.delay)  # steps of 2.5 ms
+    assert low <= env.physics.delay.min() and env.physics.delay.max() <= high and (env.physics.delay % 2 == 0).all()

@@ -30,10 +30,10 @@ from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.environment.fixed_contact import STARTS, FixedContact
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
 from np_training.episodes.recording import save_recording
-from np_training.physics.batched import CONTROLLERS, PhysicsConfig
+from np_training.physics.batched import CONTROLLERS, STEPPING, PhysicsConfig, physics_for
 from np_training.physics.carried_effects import load_effects
 from np_training.ppo.networks import ActorCritic
-from np_training.tasks.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
+from np_training.tasks.randomisation import CONDITIONS, GROUPS, PAPER, widen
 from np_training.tasks.registry import find_task
 
 SETTING = {
@@ -43,7 +43,6 @@ SETTING = {
     "cartesian_stiffness": CartesianGains.position,
     "limit": 100,
 }
-CONDITIONS = {"nominal": NOMINAL_CONDITIONS, "paper": PAPER, "twice": TWICE}
 
 
 def rate(success: np.ndarray) -> dict:
@@ -176,6 +175,7 @@ def main() -> None:
     parser.add_argument(
         "--effects", type=Path, help="patch.yaml of the gap doctor: friction, damping, armature, link inertia"
     )
+    parser.add_argument("--contact", choices=list(STEPPING), default="soft", help="see np_description.contact")
     parser.add_argument("--out", type=Path, help="file to which the lines are appended")
     parser.add_argument(
         "--record", type=Path, help="file (.npz) for the joint positions of the last condition's episodes"
@@ -206,7 +206,8 @@ def main() -> None:
             hold=arguments.hold,
             reflex=arguments.reflex,
             limit=setting["limit"],
-            physics=PhysicsConfig(
+            physics=physics_for(
+                arguments.contact,
                 contacts=arguments.contacts,
                 constraints=arguments.constraints,
                 controller=setting["controller"],
@@ -224,6 +225,7 @@ def main() -> None:
                 "conditions": conditions,
                 "student": bool(student),
                 **setting,
+                "contact": arguments.contact,
                 "effects": [f"{e.effect} at {e.component}" for e in effects.effects],
                 "seeds": arguments.seeds,
                 "steps": steps,

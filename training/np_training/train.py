@@ -22,7 +22,7 @@ import torch
 from np_control.operational_space import CartesianGains, uniform_gains
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.environment.fixed_contact import STARTS
-from np_training.physics.batched import CONTROLLERS, PhysicsConfig
+from np_training.physics.batched import CONTROLLERS, STEPPING, PhysicsConfig, physics_for
 from np_training.physics.carried_effects import load_effects
 from np_training.ppo import distributed
 from np_training.ppo.curriculum import CurriculumConfig
@@ -30,7 +30,7 @@ from np_training.ppo.learner import PPOConfig
 from np_training.ppo.log import Log
 from np_training.ppo.progress import Progress
 from np_training.ppo.trainer import TrainConfig, Trainer
-from np_training.tasks.randomisation import PAPER
+from np_training.tasks.randomisation import CONDITIONS
 from np_training.tasks.registry import TASKS, find_task
 from np_training.tasks.rewards import RewardConfig
 
@@ -77,6 +77,13 @@ def parse() -> argparse.Namespace:
     )
     parser.add_argument(
         "--effects", type=Path, help="patch.yaml of the gap doctor: friction, damping, armature, link inertia"
+    )
+    parser.add_argument("--contact", choices=list(STEPPING), default="soft", help="see np_description.contact")
+    parser.add_argument(
+        "--conditions",
+        choices=("paper", "robust"),
+        default=TrainConfig.conditions,
+        help="what is randomised at the end: paper; robust: also stiffness of contacts, housing, limits of speed",
     )
     parser.add_argument("--adaptive-joint-range", action="store_true", help="see np_training.tasks.joint_range")
     parser.add_argument(
@@ -141,7 +148,8 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
             seed=arguments.seed,
             limit=arguments.limit,
             reward=RewardConfig(turn=arguments.turn, far=arguments.far),
-            physics=PhysicsConfig(
+            physics=physics_for(
+                arguments.contact,
                 contacts=arguments.contacts,
                 constraints=arguments.constraints,
                 controller=arguments.controller,
@@ -160,6 +168,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         deviation=arguments.deviation,
         tolerance=arguments.tolerance,
         reflex=arguments.reflex,
+        conditions=arguments.conditions,
         curriculum=curriculum,
         adaptive_joint_range=arguments.adaptive_joint_range,
     )
@@ -204,7 +213,7 @@ def write_config(trainer: Trainer, path: Path) -> None:
         "environment": trainer.environment.config,
         "train": trainer.config,
         "ppo": trainer.ppo,
-        "randomisation": PAPER,
+        "randomisation": CONDITIONS[trainer.config.conditions],
     }
     device = trainer.environment.device
     path.write_text(

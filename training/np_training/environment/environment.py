@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+import numpy as np
 import torch
 
 from np_description.domains import Domain, is_lost, is_success, pose_error
@@ -29,6 +30,7 @@ from np_training.tasks.randomisation import NOMINAL_CONDITIONS, Conditions
 from np_training.tasks.rewards import Measures, RewardConfig, reward_terms
 
 PRE_STATE_SIZE = 18
+DELAY_STEP = 0.005  # s, of `Conditions.delay`
 PRIVILEGED_SIZE = 18 + 6 + 3 + 2
 
 
@@ -217,17 +219,22 @@ class Environment:
 
     def _draw_conditions(self, where: torch.Tensor) -> None:
         c, n = self.config.conditions, len(where)
-        self.physics.delay[where] = torch.randint(
-            c.delay[0], c.delay[1] + 1, (n,), generator=self.generator, device=self.device, dtype=torch.int32
-        )
+        delay = torch.randint(c.delay[0], c.delay[1] + 1, (n,), generator=self.generator, device=self.device)
+        self.physics.delay[where] = (delay * round(DELAY_STEP / self.config.physics.timestep)).int()
         self.keypoint_bias[where] = c.keypoint_bias * self._normal(n, 2)[:, None]
         if c.randomises_physics:
-            factors = [
-                low + (high - low) * torch.rand(n, generator=self.generator, device=self.device)
-                for low, high in (c.table_friction, c.finger_friction, c.mass)
-            ]
+            factors = [self._uniform(n, *ends) for ends in (c.table_friction, c.finger_friction, c.mass)]
             self.conditions[where] = torch.stack(factors, -1)
-            self.physics.randomise(where, *factors)
+            is_same = c.housing_friction == (1.0, 1.0)
+            self.physics.randomise(where, *factors, None if is_same else self._uniform(n, *c.housing_friction))
+        if c.randomises_contact:
+            harder, calmer = (torch.exp(self._uniform(n, *np.log(ends))) for ends in (c.stiffness, c.damping))
+            self.physics.stiffen(where, harder, calmer)
+        low, high = c.speed_margin
+        self.physics.margin[where] = self._uniform(n, low, high) if low != high else low
+
+    def _uniform(self, count: int, low: float, high: float) -> torch.Tensor:
+        return low + (high - low) * torch.rand(count, generator=self.generator, device=self.device)
 
     # --- step ----------------------------------------------------------------------------------------------------
 

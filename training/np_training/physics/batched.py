@@ -16,6 +16,7 @@ import torch
 import warp as wp
 
 from np_control.operational_space import CartesianGains
+from np_description.contact import SOFT, ContactModel, find_contact
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
 from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
@@ -28,7 +29,7 @@ from np_training.physics.carried_effects import check_carried
 from np_training.physics.chain import make_chain
 
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.
-RANDOMISED = ("geom_friction", "body_mass", "body_subtreemass", "body_inertia")
+RANDOMISED = ("geom_friction", "body_mass", "body_subtreemass", "body_inertia", "geom_solimp", "geom_solref")
 CONTROLLERS = ("impedance", "osc")
 CAPACITY = (
     mjw.OverflowType.NEFC
@@ -44,6 +45,7 @@ ARM, OBJECT_POSITION, OBJECT_QUATERNION = slice(0, 7), slice(9, 12), slice(12, 1
 @dataclass(frozen=True)
 class PhysicsConfig:
     """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
+    contact: how rough and how hard everything is;
     controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, with
     the gains `cartesian`); effects: what the arm has besides the nominal one, as far as np_training.physics.carried_effects carries it."""
 
@@ -56,11 +58,25 @@ class PhysicsConfig:
     controller: str = "impedance"
     cartesian: CartesianGains = CartesianGains()
     effects: Patch = Patch()
+    contact: ContactModel = SOFT
 
     def __post_init__(self) -> None:
         check_carried(self.effects)
         if self.controller not in CONTROLLERS:
             raise ValueError(f"controller: expected one of {', '.join(CONTROLLERS)}, got {self.controller!r}")
+
+
+# Hard contacts are stable with steps of 2.5 ms, and their friction needs the line search (np_description.contact).
+STEPPING = {
+    "soft": dict(timestep=0.005, substeps=20, iterations=8, ls_iterations=10),
+    "hard": dict(timestep=0.0025, substeps=40, iterations=16, ls_iterations=50),
+}
+
+
+def physics_for(contact: str, **options) -> PhysicsConfig:
+    """The physics in which a contact definition is stepped; options: further fields. Raises ValueError for an unknown name."""
+    model = find_contact(contact)
+    return PhysicsConfig(contact=model, **{**STEPPING[contact], **options})
 
 
 @wp.kernel
@@ -74,14 +90,15 @@ def impedance_kernel(
     command: wp.array3d(dtype=float),
     delay: wp.array(dtype=int),
     noise: wp.array2d(dtype=float),
+    margin: wp.array(dtype=float),
     ctrl: wp.array2d(dtype=float),
     over: wp.array3d(dtype=int),
 ):
     """np_control.impedance.torque for joint j of world i; a test holds both to the same result.
 
     command (6, worlds, 7): joint target, stiffness, damping ratio of the last period, then of this one, which
-    takes effect after `delay` substeps. limit (2, 7): of velocity and torque; over (2, worlds, 7): substeps
-    of this period beyond them. Reckoned in double precision: in single, 80 Nm come out up to 2e-5 Nm off.
+    takes effect after `delay` substeps. limit (2, 7): of velocity and torque; margin (worlds,): share of the former that is
+    allowed; over (2, worlds, 7): substeps of this period beyond them. Reckoned in double precision: in single, 80 Nm come out up to 2e-5 Nm off.
     """
     i, j = wp.tid()
     new = 0
@@ -93,8 +110,8 @@ def impedance_kernel(
     coriolis = wp.float64(bias[i, j]) - wp.float64(gravity[i, j])
     wanted = stiffness * error - damping * wp.float64(qvel[i, j]) + coriolis + wp.float64(noise[i, j])
     torque = wp.float32(wanted)
-    count_excess(substep, 0, i, j, qvel[i, j], limit, over)
-    count_excess(substep, 1, i, j, torque, limit, over)
+    count_excess(substep, 0, i, j, qvel[i, j], margin[i] * limit[0, j], over)
+    count_excess(substep, 1, i, j, torque, limit[1, j], over)
     ctrl[i, j] = wp.clamp(torque, -limit[1, j], limit[1, j])
 
 
@@ -104,13 +121,14 @@ class BatchedPhysics:
     qpos (worlds, 16): 7 joints, 2 fingers, object position, object quaternion wxyz; qvel (worlds, 15);
     command (6, worlds, 7), see `impedance_kernel` and `operational_space_kernel`; delay (worlds,) substeps;
     noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
-    the limits of joint velocity, and of torque as commanded.
+    the limits of joint velocity, and of torque as commanded; margin (worlds,): share of the data sheet's joint velocity that
+    counts as the limit.
     """
 
     def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
         self.config, self.worlds, self.device = config, worlds, torch.device(device)
         panda = config.effects.panda()
-        model = load_model(domain, timestep=config.timestep, arm_collision=False, panda=panda)
+        model = load_model(domain, timestep=config.timestep, arm_collision=False, panda=panda, contact=config.contact)
         model.opt.iterations, model.opt.ls_iterations = config.iterations, config.ls_iterations
         # Boxes then meet by their faces and edges, as in MuJoCo itself, not by the general convex algorithm, which takes
         # three to five times as long.
@@ -133,19 +151,22 @@ class BatchedPhysics:
             self._noise = wp.zeros((worlds, 7), dtype=float)
             self._limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float)
             self._over = wp.zeros((2, worlds, 7), dtype=int)
+            self._margin = wp.full(worlds, 1.0, dtype=float)
             self._chain = make_chain(self._wp_device.alias)
             self._gains = make_gains(model.M_rowadr[ARM], self._wp_device, config.cartesian)
         d = self.data
         self._overflow = wp.to_torch(d.overflow)
         self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))
         self._stale = [wp.to_torch(a) for a in (d.qacc_warmstart, d.qfrc_bias, d.qfrc_gravcomp)]
-        self.command, self.delay, self.noise, self.over = (
-            wp.to_torch(a) for a in (self._command, self._delay, self._noise, self._over)
+        self.command, self.delay, self.noise, self.over, self.margin = (
+            wp.to_torch(a) for a in (self._command, self._delay, self._noise, self._over, self._margin)
         )
         self.hold(torch.arange(worlds, device=self.device), self.qpos[:, ARM])
-        self.friction, self.mass, self.subtree_mass, self.inertia = (
+        self.friction, self.mass, self.subtree_mass, self.inertia, self._solimp, self._solref = (
             wp.to_torch(getattr(self.model, name)) for name in RANDOMISED
         )
+        self._impedance = torch.tensor(model.geom_solimp[:, :2], dtype=torch.float32, device=self.device)
+        self._damping_ratio = torch.tensor(model.geom_solref[:, 1], dtype=torch.float32, device=self.device)
         self.object_body = model.body(OBJECT).id
         self._object_mass, self._whole_mass = float(model.body_mass[self.object_body]), float(model.body_mass.sum())
         self._object_inertia = torch.tensor(
@@ -153,12 +174,13 @@ class BatchedPhysics:
         )
         fixed = {"table", *(box.name for box in domain.obstacles)}
         names = [model.geom(geom).name for geom in range(model.ngeom)]
-        # Indices of the geoms of the surroundings and of the fingers, and their friction.
+        # Indices of the geoms of the surroundings, of the fingers and of housing and links, and their friction.
         self._rubbing = [
             (torch.tensor(geoms, device=self.device), torch.tensor(model.geom_friction[geoms, 0]).to(self.friction))
             for geoms in (
                 [geom for geom, name in enumerate(names) if name in fixed],
                 [geom for geom, name in enumerate(names) if name.startswith("panda_finger")],
+                [geom for geom, name in enumerate(names) if name.startswith(("panda_hand", "panda_link"))],
             )
         ]
         # Where fixed geoms are in the world is worked out once, when the data are made: it may be moved there.
@@ -209,7 +231,7 @@ class BatchedPhysics:
         d = self.data
         for substep in range(self.config.substeps):
             state = [d.qpos, d.qvel, d.qfrc_bias, d.qfrc_gravcomp]
-            command = [self._command, self._delay, self._noise]
+            command = [self._command, self._delay, self._noise, self._margin]
             out = [d.ctrl, self._over]
             if self.config.controller == "osc":
                 wp.launch(
@@ -236,14 +258,33 @@ class BatchedPhysics:
         for geom, height in self._obstacles.items():
             self._geom_position[where, geom, 2] = height - sunk
 
-    def randomise(self, where: torch.Tensor, table: torch.Tensor, finger: torch.Tensor, mass: torch.Tensor) -> None:
-        """Scale nominal friction of the surroundings and fingers, and the object's mass, by factors (n,)."""
-        for (geoms, friction), factor in zip(self._rubbing, (table, finger)):
-            self.friction[where[:, None], geoms, 0] = friction * factor[:, None]
+    def randomise(
+        self,
+        where: torch.Tensor,
+        table: torch.Tensor,
+        finger: torch.Tensor,
+        mass: torch.Tensor,
+        housing: torch.Tensor | None = None,
+    ) -> None:
+        """Scale nominal friction of the surroundings, of the fingers and (None: not) of housing and links, and the object's
+        mass, by factors (n,)."""
+        for (geoms, friction), factor in zip(self._rubbing, (table, finger, housing)):
+            if factor is not None:
+                self.friction[where[:, None], geoms, 0] = friction * factor[:, None]
         self.mass[where, self.object_body] = self._object_mass * mass
         self.subtree_mass[where, self.object_body] = self._object_mass * mass
         self.subtree_mass[where, 0] = self._whole_mass + self._object_mass * (mass - 1)
         self.inertia[where, self.object_body] = self._object_inertia * mass[:, None]
+
+    def stiffen(self, where: torch.Tensor, stiffness: torch.Tensor, damping: torch.Tensor) -> None:
+        """Scale stiffness and damping ratio of every contact by factors (n,).
+
+        At rest a contact gives way by (1 - d) / d of what it would without its spring's share d of the impedance, so that
+        stiffness is scaled by scaling d / (1 - d); the time constant, which sets the step, stays.
+        """
+        odds = self._impedance / (1 - self._impedance) * stiffness[:, None, None]
+        self._solimp[where, :, :2] = odds / (1 + odds)
+        self._solref[where, :, 1] = self._damping_ratio * damping[:, None]
 
     def take_overflowed(self) -> torch.Tensor:
         """Number () of worlds that lacked room for a contact or a constraint since the last call: these were

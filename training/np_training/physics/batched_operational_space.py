@@ -55,13 +55,13 @@ def count_excess(
     i: int,
     j: int,
     value: float,
-    limit: wp.array2d(dtype=float),
+    limit: float,
     over: wp.array3d(dtype=int),
 ):
     """Count a substep of joint j in world i whose value is beyond its limit; the first begins anew."""
     if substep == 0:
         over[kind, i, j] = 0
-    if wp.abs(value) > limit[kind, j]:
+    if wp.abs(value) > limit:
         over[kind, i, j] = over[kind, i, j] + 1
 
 
@@ -79,13 +79,14 @@ def operational_space_kernel(
     command: wp.array3d(dtype=float),
     delay: wp.array(dtype=int),
     noise: wp.array2d(dtype=float),
+    margin: wp.array(dtype=float),
     ctrl: wp.array2d(dtype=float),
     over: wp.array3d(dtype=int),
 ):
     """np_control.operational_space_torque for world i; a test holds both to the same result.
 
     command (6, worlds, 7): posture, T_E as position and quaternion (scalar last), and a row that is not used,
-    of the last period, then of this one, which takes effect after `delay` substeps. limit, over: see
+    of the last period, then of this one, which takes effect after `delay` substeps. limit, margin, over: see
     `physics.impedance_kernel`.
     """
     i = wp.tid()
@@ -153,6 +154,6 @@ def operational_space_kernel(
         torque = inner[j] + bias[i, j] - gravity[i, j] + noise[i, j]
         for k in range(6):
             torque = torque + jac[k, j] * force[k]
-        count_excess(substep, 0, i, j, qvel[i, j], limit, over)
-        count_excess(substep, 1, i, j, torque, limit, over)
+        count_excess(substep, 0, i, j, qvel[i, j], margin[i] * limit[0, j], over)
+        count_excess(substep, 1, i, j, torque, limit[1, j], over)
         ctrl[i, j] = wp.clamp(torque, -limit[1, j], limit[1, j])

@@ -19,7 +19,7 @@ from np_training.ppo.learner import Batch, Learner, PPOConfig, advantages
 from np_training.ppo.networks import ActorCritic, sample
 from np_training.tasks.breakdown import groups
 from np_training.tasks.joint_range import JointRange
-from np_training.tasks.randomisation import NOMINAL_CONDITIONS, PAPER
+from np_training.tasks.randomisation import CONDITIONS, NOMINAL_CONDITIONS
 from np_training.tasks.registry import find_task
 
 
@@ -30,7 +30,8 @@ class TrainConfig:
     limits end an episode then; pre_least: episodes without which the pre-contact policy is left as it is;
     start: contact where the pre-contact policy chooses, else see `fixed_contact`; stiffness: that an untrained
     policy commands, -1 to 1 of its range; deviation: that actions are drawn with at most, of their range: what a robot runs
-    is the mean, which goes round in circles that drawn actions leave; adaptive_joint_range: see `joint_range`."""
+    is the mean, which goes round in circles that drawn actions leave; adaptive_joint_range: see `joint_range`; conditions: what is randomised
+    once the limits are tight, by its name in `CONDITIONS`."""
 
     rollout: int = 12
     hold: int = 3
@@ -41,6 +42,7 @@ class TrainConfig:
     stiffness: float = 0.0
     deviation: float | None = None
     adaptive_joint_range: bool = False
+    conditions: str = "paper"
     curriculum: CurriculumConfig = CurriculumConfig()
 
 
@@ -101,7 +103,7 @@ class Trainer:
         env.limits = stage_limits(self.curriculum.stage)
         env.config = dataclasses.replace(
             env.config,
-            conditions=PAPER if on else NOMINAL_CONDITIONS,
+            conditions=CONDITIONS[self.config.conditions] if on else NOMINAL_CONDITIONS,
             hold=self.config.hold if on else 1,
             tolerance=self.config.tolerance if on else 1.0,
             reflex=self.config.reflex and on,

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class Conditions:
     """Ranges of factors drawn an episode: table_friction, finger_friction, mass; delay: physics steps (5 ms)
-    until a target takes effect; keypoint_bias: standard deviation an episode, normalised image units.
+    until a target takes effect, whatever the step; keypoint_bias: standard deviation an episode, normalised image units.
     Standard deviations drawn a step: torque_noise Nm, keypoint_noise normalised, joint_noise rad,
     velocity_noise rad/s. start_position m, start_rotation rad: how far an episode's start misses the chosen
-    contact."""
+    contact. stiffness, damping: factors of every contact's, drawn evenly in their logarithm; housing_friction: of housing and
+    links; speed_margin: share of the data sheet's joint speed beyond which the robot's reflex ends an episode."""
 
     table_friction: tuple[float, float] = (1.0, 1.0)
     finger_friction: tuple[float, float] = (1.0, 1.0)
@@ -26,11 +27,21 @@ class Conditions:
     velocity_noise: float = 0.0
     start_position: float = 0.0
     start_rotation: float = 0.0
+    stiffness: tuple[float, float] = (1.0, 1.0)
+    damping: tuple[float, float] = (1.0, 1.0)
+    housing_friction: tuple[float, float] = (1.0, 1.0)
+    speed_margin: tuple[float, float] = (1.0, 1.0)
 
     @property
     def randomises_physics(self) -> bool:
         """Whether any model field differs between worlds."""
-        return any(r != (1.0, 1.0) for r in (self.table_friction, self.finger_friction, self.mass))
+        ranges = (self.table_friction, self.finger_friction, self.mass, self.housing_friction)
+        return self.randomises_contact or any(r != (1.0, 1.0) for r in ranges)
+
+    @property
+    def randomises_contact(self) -> bool:
+        """Whether stiffness or damping of contacts differs between worlds."""
+        return self.stiffness != (1.0, 1.0) or self.damping != (1.0, 1.0)
 
 
 NOMINAL_CONDITIONS = Conditions()
@@ -49,6 +60,15 @@ PAPER = Conditions(
     start_rotation=0.03,
 )
 """Friction, mass, torque, keypoints and sensors are the paper's; delay, bias and start errors are ours."""
+
+ROBUST = dataclasses.replace(
+    PAPER,
+    stiffness=(0.25, 4.0),
+    damping=(0.5, 2.0),
+    housing_friction=(0.5, 2.0),
+    speed_margin=(0.75, 0.95),
+)
+"""The paper's, and what no simulator knows of a contact; with room to the limits at which a robot stops itself."""
 
 GROUPS = {
     "friction": ("table_friction", "finger_friction"),
@@ -72,3 +92,6 @@ def widen(conditions: Conditions, groups: Iterable[str], factor: float = 2.0) ->
 
 TWICE = widen(PAPER, GROUPS)
 """Friction, mass and noise at twice the range that training draws from."""
+
+CONDITIONS = {"nominal": NOMINAL_CONDITIONS, "paper": PAPER, "robust": ROBUST, "twice": TWICE}
+"""By the names that commands know."""
