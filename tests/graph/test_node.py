@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Int64
 from std_srvs.srv import Trigger
 
-from np_bringup.backends import BACKENDS, REAL
+from np_bringup.backends import REAL, SIMULATED
 from np_bringup.task_graph import task_graph
 from np_ros.node import SUBSCRIBERS, Diagnostics, parameter
 from np_ros.parameters import declared
@@ -270,7 +270,7 @@ def test_help_of_a_node_tells_every_parameter_and_starts_nothing(name, module, c
 
 
 @pytest.mark.parametrize("keypoints, controller", [("camera", "impedance"), ("truth", "osc")])
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", [SIMULATED, REAL])
 def test_a_graph_gives_its_nodes_only_parameters_that_they_have(keypoints, controller, backend):
     asked = {"keypoints": keypoints, "controller": controller, "effects": "x", "bag": "x", "backend": backend}
     if backend == REAL:
