@@ -42,8 +42,9 @@ ros2_ws/install/.built: .venv/.ros2 $(BUILT_FROM)
 	@$(ACTIVATE) cd ros2_ws && colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
 	@touch $@
 
-demo: setup ## card episodes through the graph: bag, report, video
-	@$(ACTIVATE) exec ros2 run np_bringup demo $(ARGS)
+demo: setup ## DOMAIN EPISODES SEED KEYPOINTS: three episodes through the graph: bag, report, video
+	@$(ACTIVATE) exec ros2 run np_bringup demo --domain $(DOMAIN) --seed $(SEED) --keypoints $(KEYPOINTS) \
+		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
 evaluate: setup ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT EFFECTS: success rate as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup evaluate --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \

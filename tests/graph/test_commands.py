@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 
@@ -96,13 +97,14 @@ def test_an_evaluation_counts_and_goes_on_where_it_stopped(tmp_path, untrained):
     options = ("--keypoints", "camera", "--seed", 3, "--out", tmp_path / "eval")
     status, first, _, err = finish(start("evaluate", untrained, "--episodes", 1, *options))
     assert status == 0, err
-    assert first["episodes"] == 1 and first["warnings"] == []
+    assert first["episodes"] == 1 and first["warnings"] == [] and first["kept"] == 0 and "kept from" not in err
     status, second, _, err = finish(start("evaluate", untrained, "--episodes", 2, *options))
     assert status == 0, err
     lines = [json.loads(line) for line in open(second["results"])]
     assert [line["episode"] for line in lines[1:]] == [0, 1] and first["results"] == second["results"]
     assert second["ci95"][0] <= second["success"] <= second["ci95"][1]
     assert sum(second["failures"].values()) == 2 - round(2 * second["success"])
+    assert second["kept"] == 1 and re.search(r"kept from 20\d\d-.*, 1 of 2 episodes", err)
     # Of the first nothing was run again: its wall time is in the sum, not in this run.
     assert second["episodes"] == 2 and second["wall_s"] > sum(line["wall_s"] for line in lines[1:])
 

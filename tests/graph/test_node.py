@@ -1,5 +1,6 @@
 """np_ros.node and np_ros.spin: every kind of callback runs, both ways of spinning; parameters and diagnostics."""
 
+import importlib
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from pages.parameters import executables, node_classes
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -16,11 +18,15 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Int64
 from std_srvs.srv import Trigger
 
+from np_bringup.backends import REAL, SIMULATED
+from np_bringup.task_graph import task_graph
 from np_ros.node import SUBSCRIBERS, Diagnostics, parameter
+from np_ros.parameters import declared
 from np_ros.qos import EVENT, LOCKSTEP
 from np_ros.spin import Spinner
 
 TIMEOUT = 60.0  # s; only how long a broken spinner takes to fail
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(params=[True, False], ids=["kept wait set", "executor"])
@@ -248,6 +254,65 @@ def test_the_middleware_runs_at_the_loops_priority(graph, probe):
     }
     assert len(policies) > 1
     assert len(set(policies.values())) == 1, policies  # that of the loop, whatever was permitted
+
+
+EXECUTABLES = [(name, module) for _, name, module in executables(ROOT / "ros2_ws/src") if ".nodes." in module]
+
+
+@pytest.mark.parametrize("name, module", EXECUTABLES, ids=[name for name, _ in EXECUTABLES])
+def test_help_of_a_node_tells_every_parameter_and_starts_nothing(name, module, capsys):
+    loaded = importlib.import_module(module)
+    assert loaded.main(["--help"]) == 0 and not rclpy.ok()
+    said = " ".join(capsys.readouterr().out.split())
+    for p in declared(node_classes(loaded)[-1]):
+        assert f"{p.name}: {type(p.default).__name__}, default " in said and " ".join(p.meaning.split()) in said
+        assert p.allowed in said
+
+
+@pytest.mark.parametrize("keypoints, controller", [("camera", "impedance"), ("truth", "osc")])
+@pytest.mark.parametrize("backend", [SIMULATED, REAL])
+def test_a_graph_gives_its_nodes_only_parameters_that_they_have(keypoints, controller, backend):
+    asked = {"keypoints": keypoints, "controller": controller, "effects": "x", "bag": "x", "backend": backend}
+    if backend == REAL:
+        asked |= {"mode": "realtime", "hostname": "x", "calibration": "x", "keypoints": "camera"}
+    modules = dict(EXECUTABLES)
+    for spec in task_graph(asked):
+        known = {p.name for p in declared(node_classes(importlib.import_module(modules[spec.executable]))[-1])}
+        assert set(spec.parameters) <= known, spec.name
+
+
+GIVEN = """
+import sys
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from np_ros.node import parameter, run
+
+class Asks(Node):
+    def __init__(self):
+        super().__init__("asks")
+        parameter(self, "mode", "lockstep", "Who waits.")
+        self.create_timer(0.001, self.context.shutdown, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+sys.exit(run(Asks, sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(
+    "given, refused",
+    [
+        (["mode:=realtime", "use_sim_time:=true", "qos_overrides./x.publisher.depth:=3"], ""),
+        (["start_type_description_service:=false"], ""),
+        (["modus:=realtime"], "cannot start: parameter modus: not one of this node's, which are mode\n"),
+    ],
+)
+def test_a_parameter_that_a_node_does_not_have_is_refused_in_one_line(graph, given, refused):
+    arguments = ["--ros-args", *(part for each in given for part in ("-p", each))]
+    environment = {**os.environ, **graph.environment, "ROS_DOMAIN_ID": str(graph.domain_id)}
+    command = [sys.executable, "-c", GIVEN, *arguments]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIMEOUT)
+    said = done.stdout + done.stderr
+    assert done.returncode == bool(refused), said
+    assert said.endswith(refused) and said.count("\n") == bool(refused)
 
 
 INTERRUPTED = """

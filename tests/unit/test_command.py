@@ -4,10 +4,27 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
+from np_bringup.commands import demo
+from np_description.domains import DOMAINS
 from np_record.command import Progress
 
+ROOT = Path(__file__).resolve().parents[2]
 SHOWN = "from np_record.command import Progress; p = Progress(4, 'part'); [p.show(n, f'at {n}') for n in range(5)]"
+
+
+def made(*arguments):
+    """What `make` would run, of an environment that is there."""
+    command = ["make", "-n", "-o", "setup", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+def test_the_demo_takes_every_domain():
+    assert "demo --domain wall" in made("demo", "DOMAIN=wall")
+    assert "demo --domain card --seed 3 --keypoints truth" in made("demo", "SEED=3", "KEYPOINTS=truth")
+    assert "--episodes" not in made("demo") and "--episodes 1" in made("demo", "EPISODES=1")
+    assert [demo.parse(["--domain", name]).domain for name in DOMAINS] == list(DOMAINS)
 
 
 def test_elsewhere_than_on_a_terminal_there_are_few_lines(capsys):

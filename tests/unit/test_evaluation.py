@@ -3,9 +3,10 @@
 import json
 
 import pytest
+from packages import packages_of, sources
 
 from np_bringup.commands import evaluate as command
-from np_bringup.evaluation import Results, breakdown, result_of, summary
+from np_bringup.evaluation import CODE, Results, breakdown, code_sha256, result_of, summary
 from np_bringup.results_plot import results_plot
 from np_bringup.task_graph import task_graph
 from np_description.domains import CARD
@@ -54,6 +55,52 @@ def test_other_settings_have_another_file(tmp_path):
         for change in ({}, {"seed": 1}, {"keypoints": "camera"}, {"weights_sha256": {"a": "2"}})
     }
     assert len(paths) == 4
+
+
+def test_the_revision_is_told_and_does_not_part_results(tmp_path):
+    first = Results(tmp_path, {**SETTINGS, "revision": "1a2b"})
+    first.add(good(0))
+    again = Results(tmp_path, {**SETTINGS, "revision": "1a2b-dirty"})
+    assert (again.path, again.kept) == (first.path, 1) and again.kept_from.startswith("20")
+    assert json.loads(again.path.read_text().splitlines()[0])["settings"]["revision"] == "1a2b"
+
+
+def test_fresh_results_begin_anew(tmp_path):
+    Results(tmp_path, SETTINGS).add(good(0))
+    fresh = Results(tmp_path, SETTINGS, fresh=True)
+    assert (fresh.results, fresh.kept, fresh.kept_from) == ([], 0, "")
+    assert Results(tmp_path, SETTINGS).results == []
+
+
+def test_edited_code_is_other_code(tmp_path, monkeypatch):
+    package = tmp_path / "np_edited"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    source = package / "policy.py"
+    source.write_text("GAIN = 1\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr("np_bringup.evaluation.CODE", ("np_edited",))
+    before = code_sha256()
+    assert code_sha256() == before
+    (package / "__pycache__").mkdir()
+    (package / "__pycache__/policy.pyc").write_bytes(b"1")
+    assert code_sha256() == before
+    source.write_text("GAIN = 2\n")
+    assert code_sha256() != before
+
+
+def test_the_code_of_an_evaluation_is_all_that_its_nodes_import():
+    """Else an edit could be overlooked, and results be kept that it would change."""
+    wanted = {"np_bringup"} | {node.package for node in task_graph({"bag": "x"})}
+    while (
+        further := {name for p in wanted for path in sources(p) for name in packages_of(path)}
+        - wanted
+        - {
+            "np_training"  # that of `make bench`, which is no part of an evaluation
+        }
+    ):
+        wanted |= further
+    assert wanted == set(CODE)
 
 
 def test_foreign_results_are_named(tmp_path):

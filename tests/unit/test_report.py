@@ -171,6 +171,18 @@ def test_the_report_is_one_file_with_everything(tmp_path, capsys):
     assert 'src="http' not in text and 'href="http' not in text.replace('href="http://www.w3.org', "")
 
 
+def test_a_report_is_called_by_its_domain_and_says_where_the_angle_does_not_count(tmp_path):
+    bags = [record_episode(tmp_path / name, count=200, information={"domain": name}) for name in ("card", "wall")]
+    card, wall = (make_section(bag) for bag in bags)
+    for sections, title, said in (([card], "Card episodes", False), ([wall], "Wall episodes", True)):
+        write_report(tmp_path / "r.html", sections)
+        text = (tmp_path / "r.html").read_text()
+        assert f"<h1>{title}</h1>" in text and ("° (position only)" in text) is said
+        assert ("(position only)" in dict(sections[0].facts)["angle to goal"]) is said
+    write_report(tmp_path / "r.html", [card, wall])
+    assert "<h1>Card and wall episodes</h1>" in (tmp_path / "r.html").read_text()
+
+
 def test_a_reason_cannot_break_the_page(tmp_path):
     bag = record_episode(
         tmp_path / "bag", phases={0: PhaseState("pre"), 700: PhaseState("failed", "pre: <script>alert(1)</script>")}

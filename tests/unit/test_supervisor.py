@@ -2,7 +2,9 @@
 
 import multiprocessing
 import os
+import select
 import signal
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -48,6 +50,51 @@ def test_stop_ends_every_process(supervisor):
     supervisor.wait(lambda: is_up(supervisor, "a")() and is_up(supervisor, "b")(), 20, "both nodes")
     supervisor.stop()
     assert not any(map(alive, pids)) and supervisor.names == []
+
+
+# As a shell starts a command in the background, and nodes that have not got as far as their own handlers.
+KILLED = """
+import signal, sys
+from np_ros.graph import NodeSpec
+from np_ros.supervisor import Supervisor
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+patient = lambda package, executable: [sys.executable, "-c", "import signal; print('up', flush=True); signal.pause()"]
+supervisor = Supervisor(sys.argv[1], locate=patient)
+supervisor.start([NodeSpec("p", "patient", "a"), NodeSpec("p", "patient", "b")])
+supervisor.wait(lambda: all(supervisor.last_lines(name) == ["up"] for name in "ab"), 20, "both nodes")
+print(supervisor.pid("a"), supervisor.pid("b"), flush=True)
+signal.pause()
+"""
+
+
+def test_nodes_end_with_a_supervisor_that_is_killed(tmp_path):
+    with subprocess.Popen([sys.executable, "-c", KILLED, tmp_path], stdout=subprocess.PIPE, text=True) as process:
+        pids = [int(word) for word in process.stdout.readline().split()]
+        handles = [os.pidfd_open(pid) for pid in pids]
+        try:
+            assert len(pids) == 2 and all(map(alive, pids))
+            process.kill()
+            ended = [select.select([handle], [], [], 20)[0] for handle in handles]
+        finally:
+            for handle in handles:
+                try:
+                    signal.pidfd_send_signal(handle, signal.SIGKILL)
+                except ProcessLookupError:  # as it should be
+                    pass
+                os.close(handle)
+    assert all(ended)
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
+def test_a_command_is_interrupted_by_a_closed_terminal_too(number):
+    code = (
+        "import signal; from np_record.command import interrupt_on_sigterm; interrupt_on_sigterm()\n"
+        "try:\n    print('up', flush=True); signal.pause()\nexcept KeyboardInterrupt:\n    print('ended')"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "up\n"
+        process.send_signal(number)
+        assert process.communicate(timeout=20)[0] == "ended\n"
 
 
 def test_a_node_that_ends_is_reported_with_its_name_and_last_lines(supervisor):

@@ -6,63 +6,17 @@ import ast
 import importlib
 import inspect
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.node import Node
 
 from np_bringup.task_graph import ARGUMENTS
+from np_ros.parameters import Parameter, declared
 from pages.markdown import head, number, table
 
-# What keeps a node from going on to what it needs besides: weights, a robot, a thread that draws.
-UNAVAILABLE = {
-    "weights": "none",
-    "effects": "none",
-    "hostname": "",
-    "source": "",
-    "camera": False,
-    "record_at_start": False,
-}
 INTRODUCTION = """Written from the code. A parameter is set at the start (`--ros-args -p name:=value`) and read-only from
-then on; a value of another type or out of range is refused by name. The meaning says the unit."""
-
-
-@dataclass(frozen=True)
-class Value:
-    """What a node reads of a parameter."""
-
-    value: object
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A declared parameter: name, default, allowed values as text, meaning."""
-
-    name: str
-    default: object
-    allowed: str
-    meaning: str
-
-
-class Declaring(Node):
-    """Stands below a node's class while its constructor runs: keeps what is declared, and starts nothing."""
-
-    def __init__(self, name: str):
-        self.called = name
-        self.declared: dict[str, Parameter] = {}
-
-    def declare_parameter(self, name, default, descriptor):
-        """Keep the parameter; the default is what the constructor goes on with."""
-        ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-        allowed = [f"{number(r.from_value)} to {number(r.to_value)}" for r in ranges]
-        allowed += [descriptor.additional_constraints] if descriptor.additional_constraints else []
-        self.declared[name] = Parameter(name, default, "; ".join(allowed), descriptor.description)
-        return Value(UNAVAILABLE.get(name, default))
-
-    def create_publisher(self, *_, **__):
-        """No topic is opened."""
-
-    create_subscription = create_service = create_timer = create_publisher
+then on; a value of another type or out of range is refused by name, and so is a parameter that the node does not have.
+The meaning says the unit. `ros2 run PACKAGE NODE --help` prints the same."""
 
 
 def node_classes(module: object) -> list[type[Node]]:
@@ -72,16 +26,6 @@ def node_classes(module: object) -> list[type[Node]]:
         for kind in vars(module).values()
         if inspect.isclass(kind) and issubclass(kind, Node) and kind.__module__ == module.__name__
     ]
-
-
-def declared(kind: type[Node]) -> list[Parameter]:
-    """The parameters that a node's constructor declares before it needs what is not here."""
-    node = object.__new__(type("Offline", (kind, Declaring), {}))
-    try:
-        node.__init__()
-    except Exception:  # noqa: BLE001  a robot, weights or a camera is missing: `check` holds that nothing was missed
-        pass
-    return list(node.declared.values())
 
 
 def executables(source: Path) -> Iterator[tuple[str, str, str]]:

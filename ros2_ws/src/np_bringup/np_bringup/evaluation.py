@@ -4,14 +4,32 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import time
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from np_description.phases import SUCCEEDED
+from np_description.released import sha256
+from np_effects.registry import FOLDERS
 from np_record.intervals import wilson_interval
 from np_record.recorded_episode import Outcome
+
+CODE = (
+    "np_description",
+    "np_ros",
+    "np_record",
+    "np_effects",
+    "np_control",
+    "np_perception",
+    "np_policy",
+    "np_sim_bridge",
+    "np_bringup",
+)
+"""The packages whose code takes part in an evaluation."""
 
 
 @dataclass(frozen=True)
@@ -53,18 +71,25 @@ class Results:
     """Results so far, in a file that a killed run leaves complete up to its last finished episode.
 
     The file is <folder>/<hash of settings>.jsonl; its first line holds the settings. Episodes found in it
-    are not run again. Raises ValueError for a file that holds something else.
+    are not run again, unless `fresh`; `kept` says how many these are, `kept_from` when the last of them was run. The
+    setting `revision` is only told: what it names may be edited, and another commit may hold the same code.
+    Raises ValueError for a file that holds something else.
     """
 
-    def __init__(self, folder: Path, settings: Mapping[str, object]):
+    def __init__(self, folder: Path, settings: Mapping[str, object], fresh: bool = False):
         text = json.dumps({"settings": dict(settings)}, sort_keys=True)
+        key = _key(text)
         name = "_".join(str(settings[key]) for key in ("domain", "keypoints", "controller", "seed") if key in settings)
-        self.path = folder / f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.jsonl"
+        self.path = folder / f"{name}_{hashlib.sha256(key.encode()).hexdigest()[:8]}.jsonl"
         self.results: list[Result] = []
+        self.kept_from = ""
         folder.mkdir(parents=True, exist_ok=True)
-        lines = self.path.read_text().splitlines(keepends=True) if self.path.exists() else []
-        if lines and lines[0].rstrip("\n") != text:
+        lines = self.path.read_text().splitlines(keepends=True) if self.path.exists() and not fresh else []
+        if lines and _key(lines[0]) != key:
             raise ValueError(f"{self.path}: expected results for {text}, found {lines[0].strip()}")
+        if lines:
+            text = lines[0].rstrip("\n")
+            self.kept_from = time.strftime("%Y-%m-%d %H:%M", time.localtime(self.path.stat().st_mtime))
         for number, line in enumerate(lines[1:]):
             if not line.endswith("\n"):
                 break  # cut off while it was written: that episode is run again
@@ -77,6 +102,7 @@ class Results:
             if result.episode != number:
                 raise ValueError(f"{self.path}, line {number + 2}: expected episode {number}, found {result.episode}")
             self.results.append(result)
+        self.kept = len(self.results)
         complete = [text + "\n", *(_line(result) for result in self.results)]
         if lines != complete:
             self.path.write_text("".join(complete))
@@ -104,6 +130,27 @@ def summary(results: list[Result]) -> dict[str, object]:
         "missed": sum(r.declared != SUCCEEDED and r.success for r in results),
         "wall_s": round(sum(r.wall_s for r in results), 1),
     }
+
+
+def code_sha256() -> str:
+    """SHA-256 (hex) of every file of the packages that an evaluation runs, whatever git says of them, and of the effects of
+    one's own."""
+    folders = [Path(find_spec(package).submodule_search_locations[0]) for package in CODE]
+    own = [Path(folder) for folder in os.environ.get(FOLDERS, "").split(":") if folder]
+    total = hashlib.sha256()
+    for root in (*folders, *own):
+        for path in sorted(path for path in root.rglob("*") if path.is_file() and "__pycache__" not in path.parts):
+            total.update(f"{root.name}/{path.relative_to(root)} {sha256(path)}\n".encode())
+    return total.hexdigest()
+
+
+def _key(header: str) -> str:
+    """What a first line says of how episodes were run; the line itself where it is no such line."""
+    try:
+        settings = json.loads(header)["settings"]
+        return json.dumps({name: value for name, value in settings.items() if name != "revision"}, sort_keys=True)
+    except (TypeError, ValueError, KeyError, AttributeError):
+        return header
 
 
 def _line(result: Result) -> str:

@@ -51,8 +51,10 @@ def new_folder(base: Path) -> Path:
 
 
 def interrupt_on_sigterm() -> None:
-    """Let SIGTERM end the command as Ctrl-C does, with everything cleaned up."""
+    """Let SIGTERM, and the SIGHUP of a terminal that is closed, end the command as Ctrl-C does, with everything cleaned up."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup
+        signal.signal(signal.SIGHUP, signal.default_int_handler)
 
 
 class Progress:

@@ -48,6 +48,11 @@ class Outcome:
         return POST if self.declared == SUCCEEDED else self.declared
 
 
+def position_only(domain: Domain) -> str:
+    """What stands beside an angle that does not count towards the domain's success, "" where it does."""
+    return " (position only)" if domain.tolerance_angle is None else ""
+
+
 def score(domain: Domain, declared: str, reason: str, pose: Pose, goal: Pose, duration: float) -> Outcome:
     """The outcome for an object that ended at `pose` (truth)."""
     distance, angle = pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion)

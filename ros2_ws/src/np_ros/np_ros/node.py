@@ -13,6 +13,7 @@ def main(args=None):
 from __future__ import annotations
 
 import signal
+import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -24,6 +25,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
+from np_ros.parameters import HELP, check_known, help_text
 from np_ros.qos import EVENT
 from np_ros.spin import Spinner
 
@@ -39,11 +41,15 @@ def run(
 ) -> int:
     """Construct a node and spin it until SIGINT, SIGTERM or rclpy.shutdown(); the exit status of the process.
 
-    A node that cannot start (ValueError, OSError or a refused parameter in its constructor) ends with one
-    line that says why and status 1; any other exception is a bug and keeps its traceback. `destroy_node` is
+    `--help` prints its parameters and ends. A node that cannot start (ValueError, OSError or a refused parameter in its
+    constructor, a parameter that it does not know) ends with one line that says why and status 1; any other exception
+    is a bug and keeps its traceback. `destroy_node` is
     called in every case, and is where a node flushes or brings to rest what it owns. `fast=False` uses
     rclpy's executor. `spin`: a loop of the node's own in place of the spinner's, calling its `spin_once`.
     """
+    if set(HELP) & set(sys.argv[1:] if args is None else args):
+        print(help_text(make_node))
+        return 0
     node = spinner = None
     interrupts = 0
 
@@ -61,6 +67,7 @@ def run(
         rclpy.init(args=args)
         try:
             node = make_node()
+            check_known(node)
         except (ValueError, OSError, ParameterException) as error:
             name = getattr(make_node, "__name__", "node")
             rclpy.logging.get_logger(name).fatal(f"cannot start: {error}")

@@ -160,9 +160,9 @@ class Supervisor:
                     stderr=subprocess.STDOUT,
                     env={**os.environ, **self.environment, **(environment or {})},
                     # Own session: Ctrl-C in the terminal reaches only us, who stop the nodes in order.
-                    # If we are killed outright, the kernel interrupts the nodes.
+                    # If we are killed outright, the kernel ends the nodes.
                     start_new_session=True,
-                    preexec_fn=partial(_prepare, spec.nice, spec.realtime),
+                    preexec_fn=partial(_prepare, os.getpid(), spec.nice, spec.realtime),
                 )
 
     def pid(self, name: str) -> int:
@@ -240,9 +240,12 @@ class Supervisor:
         return arguments
 
 
-def _prepare(nice: int, realtime: int) -> None:
+def _prepare(parent: int, nice: int, realtime: int) -> None:
     """In the new process, before the node is executed, so that its middleware's threads inherit it all."""
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+    # SIGTERM, not SIGINT: what a shell starts in the background ignores that one until it has made its own handler.
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it died before we could ask to be told
+        os._exit(128 + signal.SIGTERM)
     os.nice(nice)
     if realtime:
         try:

@@ -1,4 +1,4 @@
-"""`demo`: card episodes through the graph, in lockstep, with bag, report and video."""
+"""`demo`: episodes through the graph, in lockstep, with bag, report and video."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ import numpy as np
 
 from np_bringup.commands.common import running_graph
 from np_bringup.task_graph import KEYPOINT_SOURCES
+from np_description.domains import DOMAINS, find_domain
 from np_description.phases import PhaseState
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_record.intervals import wilson_interval
-from np_record.recorded_episode import Outcome
+from np_record.recorded_episode import Outcome, position_only
 from np_record.report.episodes import make_section, write_report
 from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied
@@ -24,6 +25,7 @@ from np_ros.supervisor import NodeDied
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
+    parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--episodes", type=int, default=3)
     parser.add_argument("--seed", type=int, default=0, help="names the tasks, together with the episode's number")
     parser.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="camera")
@@ -38,7 +40,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcomes: list[Outcome]) -> None:
     """Run the episodes; bags and outcomes are appended to as they come, and so survive an interruption."""
+    domain = find_domain(options.domain)
     arguments = {
+        "domain": options.domain,
         "seed": str(options.seed),
         "keypoints": options.keypoints,
         "image_rate": str(options.image_rate),
@@ -74,7 +78,7 @@ def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcom
             outcomes.append(outcome)
             say(
                 f"  {'SUCCESS' if outcome.success else 'FAILURE'} by the true pose: "
-                f"{100 * outcome.distance:.2f} cm, {np.degrees(outcome.angle):.1f} deg from the goal "
+                f"{100 * outcome.distance:.2f} cm, {np.degrees(outcome.angle):.1f} deg{position_only(domain)} from the goal "
                 f"after {outcome.duration:.1f} s"
             )
 

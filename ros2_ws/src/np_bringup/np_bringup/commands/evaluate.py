@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from np_bringup.commands.common import running_graph
-from np_bringup.evaluation import Result, Results, breakdown, result_of, summary
+from np_bringup.evaluation import Result, Results, breakdown, code_sha256, result_of, summary
 from np_bringup.results_plot import results_plot
 from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
@@ -37,6 +37,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
     parser.add_argument("--bags", action="store_true", help="record every episode (slower)")
+    parser.add_argument(
+        "--fresh", action="store_true", help="run every episode anew, whatever is kept of the same code"
+    )
     parser.add_argument("--out", type=Path, default=Path("runs/evaluate"), help="folder for results, logs and bags")
     options = parser.parse_args(arguments)
     if options.episodes < 1:
@@ -67,9 +70,17 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         "controller": options.controller,
         "object": options.object,
         "effects": "none" if options.effects == "none" else Path(options.effects).read_text(encoding="utf-8"),
+        "code_sha256": code_sha256(),
         **origin(options.weights),
     }
-    results = Results(options.out, settings)
+    results = Results(options.out, settings, options.fresh)
+    kept = min(results.kept, options.episodes)
+    if kept:
+        print(
+            f"kept from {results.kept_from}, {kept} of {options.episodes} episodes: code and weights are the same; "
+            "--fresh runs them anew",
+            file=sys.stderr,
+        )
     progress = Progress(options.episodes, f"evaluate {options.domain}")
     started = time.monotonic()
     seconds_ready = 0.0
@@ -109,7 +120,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     figures["this_run_s"] = round(time.monotonic() - started, 1)
     picture = results.path.with_suffix(".svg")
     picture.write_text(results_plot(results.results[: options.episodes], find_domain(options.domain)))
-    return {**figures, "warnings": warnings, "results": str(results.path), "plot": str(picture)}
+    return {**figures, "kept": kept, "warnings": warnings, "results": str(results.path), "plot": str(picture)}
 
 
 def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:

@@ -13,7 +13,7 @@ from np_description.panda import NOMINAL
 from np_description.phases import PhaseState
 from np_record.bag import Recording
 from np_record.intervals import wilson_interval
-from np_record.recorded_episode import EpisodeData, images, load_episode
+from np_record.recorded_episode import EpisodeData, images, load_episode, position_only
 from np_record.report import plots
 from np_record.report.pages import page
 from np_record.report.video import write_video
@@ -56,7 +56,7 @@ class Section:
             ),
             (
                 "angle to goal",
-                f"{np.degrees(episode.angle.values[0]):.0f}° → {np.degrees(outcome.angle):.1f}°",
+                f"{np.degrees(episode.angle.values[0]):.0f}° → {np.degrees(outcome.angle):.1f}°{position_only(episode.domain)}",
             ),
             ("simulated time", f"{outcome.duration:.1f} s"),
             (
@@ -94,17 +94,24 @@ def make_section(bag: str | Path, video_file: Path | None = None) -> Section:
     return Section(Path(bag).name, episode, drawn, f"data:video/webm;base64,{data}" if data else "")
 
 
-def write_report(path: str | Path, sections: list[Section], title: str = "Card episodes") -> None:
+def title_of(sections: list[Section]) -> str:
+    """What a report of these episodes is called: by their domains."""
+    names = list(dict.fromkeys(section.episode.domain.name for section in sections))
+    return f"{' and '.join(names)} episodes".capitalize()
+
+
+def write_report(path: str | Path, sections: list[Section]) -> None:
     """Write the report of `sections` to `path`."""
     successes = sum(section.episode.outcome.success for section in sections)
     low, high = wilson_interval(successes, len(sections))
     text = page(
         "np_record",
-        title=title,
+        title=title_of(sections),
         sections=sections,
         successes=successes,
         low=low,
         high=high,
         colours=plots.PHASE_COLOURS,
+        position_only=position_only,
     )
     Path(path).write_text(text, encoding="utf-8")
