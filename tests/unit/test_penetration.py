@@ -1,12 +1,14 @@
 """Depths of contact: what is put into each other is as deep as it was put, and summed up by what touches."""
 
+import json
+
 import numpy as np
 import pytest
 
 from np_control.kinematics import forward_kinematics, solve_ik
 from np_description.domains import CARD, WALL, Pose
 from np_description.panda import NOMINAL
-from np_description.penetration import PAIRS, Penetration, summarise
+from np_description.penetration import PAIRS, Penetration, Tally
 from np_description.rotations import matrix_from_quaternion
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -61,8 +63,20 @@ def test_what_is_not_finite_is_refused():
 def test_the_summary_leaves_rubber_out_and_counts_who_pushes():
     moments = [{"finger-object": 0.004}, {"finger-object": 0.002, "object-surroundings": 0.0002}, {}]
     moments += [{"housing-object": 0.001, "finger-object": 0.001}] + [{"object-surroundings": 0.0002}] * 6
-    found = summarise(moments)
+    parts = [Tally(), Tally()]
+    for number, moment in enumerate(moments):
+        parts[number % 2].add(moment)
+    found = Tally.summary(Tally(json.loads(json.dumps(part.as_dict()))) for part in parts)
     assert (found.median, found.largest) == (0.2, 1.0)
     assert found.by_pair["finger-object"] == {"median": 2.0, "q99": pytest.approx(3.96), "max": 4.0}
     assert found.pushed_otherwise == pytest.approx(1 / 3) and set(found.by_pair) <= set(PAIRS)
-    assert summarise([]).as_dict()["median"] is None
+
+
+def test_of_nothing_there_is_nothing_to_say():
+    assert Tally.summary([]).as_dict() == {
+        "median": None,
+        "q99": None,
+        "max": None,
+        "by_pair": {},
+        "pushed_by_housing_or_links": None,
+    }

@@ -5,7 +5,8 @@ Judged by the shapes of the scene at recorded configurations, so that it means t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -18,6 +19,8 @@ from np_description.scene import OBJECT, load_model
 PUSHERS = ("finger", "housing", "link")
 PAIRS = (*(f"{pusher}-object" for pusher in PUSHERS), *(f"{p}-surroundings" for p in PUSHERS), "object-surroundings")
 SOFT_PAIRS = ("finger-object", "finger-surroundings")  # of rubber
+PUSHED = "pushed"
+STEP = 0.02  # mm
 
 
 class Penetration:
@@ -72,23 +75,44 @@ class Depths:
         }
 
 
-def summarise(moments: Iterable[Mapping[str, float]]) -> Depths:
-    """What the depths (m, by pair) of many moments come to."""
-    moments = list(moments)
-    by_pair = {pair: [1e3 * m[pair] for m in moments if pair in m] for pair in PAIRS}
-    hard = [depth for pair, depths in by_pair.items() if pair not in SOFT_PAIRS for depth in depths]
-    touching = [{p for p in PUSHERS if f"{p}-object" in m} for m in moments]
-    pushed = [bool(touch - {"finger"}) for touch in touching if touch]
-    return Depths(
-        *_quantiles(hard),
-        {pair: dict(zip(("median", "q99", "max"), _quantiles(depths))) for pair, depths in by_pair.items() if depths},
-        float(np.mean(pushed)) if pushed else None,
-    )
+class Tally:
+    """How often which depth was seen, in steps of `STEP` mm: small enough to be kept for every episode."""
+
+    def __init__(self, counts: Mapping[str, Mapping[str, int]] | None = None):
+        """counts: what `as_dict` gave."""
+        self._counts = {name: Counter({int(k): n for k, n in row.items()}) for name, row in (counts or {}).items()}
+
+    def add(self, moment: Mapping[str, float]) -> None:
+        """One moment: depth m of each pair that touches."""
+        for pair, depth in moment.items():
+            self._counts.setdefault(pair, Counter())[round(1e3 * depth / STEP)] += 1
+        touching = {pusher for pusher in PUSHERS if f"{pusher}-object" in moment}
+        if touching:
+            self._counts.setdefault(PUSHED, Counter())[int(touching != {"finger"})] += 1
+
+    def as_dict(self) -> dict[str, dict[str, int]]:
+        """For JSON: by pair, how often which number of steps; and how often housing or links pushed (1) or fingers only (0)."""
+        return {name: {str(k): n for k, n in sorted(row.items())} for name, row in sorted(self._counts.items())}
+
+    @staticmethod
+    def summary(tallies: Iterable[Tally]) -> Depths:
+        """What several come to together."""
+        whole: dict[str, Counter] = {}
+        for tally in tallies:
+            for name, row in tally._counts.items():
+                whole[name] = whole.get(name, Counter()) + row
+        pushed = whole.pop(PUSHED, Counter())
+        hard = sum((row for pair, row in whole.items() if pair not in SOFT_PAIRS), Counter())
+        by_pair = {
+            pair: dict(zip(("median", "q99", "max"), _quantiles(whole[pair]))) for pair in PAIRS if pair in whole
+        }
+        return Depths(*_quantiles(hard), by_pair, pushed[1] / pushed.total() if pushed else None)
 
 
-def _quantiles(depths: Sequence[float]) -> tuple[float | None, float | None, float | None]:
-    if not depths:
+def _quantiles(counts: Counter) -> tuple[float | None, float | None, float | None]:
+    if not counts:
         return None, None, None
+    depths = np.repeat(*np.array(sorted(counts.items())).T) * STEP
     return tuple(round(float(value), 3) for value in np.quantile(depths, (0.5, 0.99, 1.0)))
 
 

@@ -120,7 +120,14 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     figures["this_run_s"] = round(time.monotonic() - started, 1)
     picture = results.path.with_suffix(".svg")
     picture.write_text(results_plot(results.results[: options.episodes], find_domain(options.domain)))
-    return {**figures, "kept": kept, "warnings": warnings, "results": str(results.path), "plot": str(picture)}
+    return {
+        **figures,
+        "kept": kept,
+        "warnings": warnings,
+        "engine": "mujoco",
+        "results": str(results.path),
+        "plot": str(picture),
+    }
 
 
 def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
@@ -134,7 +141,7 @@ def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
             conductor.stop_recording()
     except (NodeDied, GraphError, TimeoutError) as error:
         return breakdown(number, str(error), time.monotonic() - began), False
-    return result_of(number, outcome, time.monotonic() - began), outcome.declared != FAULT
+    return result_of(number, outcome, time.monotonic() - began, conductor.depths), outcome.declared != FAULT
 
 
 def rate(results: Results) -> str:

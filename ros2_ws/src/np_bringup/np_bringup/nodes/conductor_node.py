@@ -10,19 +10,24 @@ from collections.abc import Callable, Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
 
 from np_description.domains import Domain, Pose
-from np_description.panda import BASE_FRAME
+from np_description.panda import BASE_FRAME, STATE_NAMES
+from np_description.penetration import Penetration, Tally
 from np_description.phases import PhaseState, first_end
+from np_record.cdr import header_stamp
 from np_record.recorded_episode import Outcome, score
 from np_ros import qos
 from np_ros.graph import NodeSpec
-from np_ros.messages import pose_arrays, stamp_nanoseconds
+from np_ros.messages import joint_state_arrays, pose_arrays, stamp_nanoseconds
 from np_ros.participant import SERVICE_TIMEOUT, GraphError, Participant
 from np_ros.phases import phase_state
 from np_ros.supervisor import Supervisor
 
 _QUIET = 0.1  # s
+_KEPT = 50  # states that wait for the pose of their stamp
 
 
 class Conductor(Participant):
@@ -49,11 +54,15 @@ class Conductor(Participant):
         self._poses: list[tuple[int, Pose]] = []
         self._goal: tuple[int, Pose] | None = None
         self._now = 0
+        self._penetration, self._tally = Penetration(domain), Tally()
+        self._states: dict[int, bytes] = {}
+        self._waiting: dict[int, Pose] = {}
         node, stream = self._node, qos.LOCKSTEP if lockstep else qos.REALTIME_SUBSCRIBER
         node.create_subscription(DiagnosticArray, "episode/phase", self._receive_phase, qos.LATCHED)
         node.create_subscription(PoseStamped, "goal_pose", self._receive_goal, qos.LATCHED)
         node.create_subscription(PoseStamped, "object_pose", self._receive_pose, stream)
         node.create_subscription(DiagnosticArray, "episode/tick", self._receive_tick, stream)
+        node.create_subscription(JointState, "joint_states", self._receive_state, stream, raw=True)
 
     def listen(self, seconds: float) -> None:
         """Let so much wall time pass. Raises NodeDied."""
@@ -102,6 +111,7 @@ class Conductor(Participant):
         )
         began, goal = self._goal
         self._phases.clear()
+        self._tally = Tally()
         self._poses = [item for item in self._poses if item[0] >= began]
         self._succeed("episode/start")
         self._wait(lambda: self._has_ended or time.monotonic() > until, timeout, "the end of the episode")
@@ -113,6 +123,11 @@ class Conductor(Participant):
         end = first_end(self._phases)
         ended, pose = self._poses[-1]
         return score(self._domain, end.phase, end.reason, pose, goal, (ended - began) / 1e9)
+
+    @property
+    def depths(self) -> Tally:
+        """How deep things were in each other in the last episode, at every true pose of the object."""
+        return self._tally
 
     def recover(self, timeout: float = SERVICE_TIMEOUT) -> None:
         """Make a backend that has stopped follow commands again, once the arm rests. Raises GraphError."""
@@ -142,6 +157,22 @@ class Conductor(Participant):
     def _receive_pose(self, message: PoseStamped) -> None:
         self._now = stamp_nanoseconds(message.header.stamp)
         self._poses.append((self._now, Pose(*pose_arrays(message, BASE_FRAME))))
+        self._waiting[self._now] = self._poses[-1][1]
+        self._pair()
+
+    def _receive_state(self, data: bytes) -> None:
+        self._states[header_stamp(data)] = data  # read where a pose has its stamp: one in some fifteen
+        while len(self._states) > _KEPT:
+            del self._states[next(iter(self._states))]
+        if self._waiting:
+            self._pair()
+
+    def _pair(self) -> None:
+        for stamp in [stamp for stamp in self._waiting if stamp in self._states]:
+            joints = joint_state_arrays(deserialize_message(self._states[stamp], JointState), STATE_NAMES)[0]
+            self._tally.add(self._penetration.depths(joints, self._waiting.pop(stamp)))
+        while len(self._waiting) > _KEPT:
+            del self._waiting[next(iter(self._waiting))]
 
     def _receive_tick(self, message: DiagnosticArray) -> None:
         self._now = stamp_nanoseconds(message.header.stamp)
