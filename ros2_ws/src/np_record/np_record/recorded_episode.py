@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from np_description.camera import CAMERA
 from np_description.domains import Domain, Pose, find_domain, is_success, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
+from np_description.penetration import PAIRS, Penetration
 from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, PhaseState, first_end, split_reason
 from np_record.bag import BagError, Message, Recording
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
@@ -76,8 +78,8 @@ class EpisodeData:
 
     position, effort: joints (n, 7) rad, Nm measured; command: torque (n, 7) Nm asked for; target: (n, 7)
     rad; object_position (n, 3) m, object_quaternion (n, 4) wxyz; keypoints (n, 8, 3) u, v px, score;
-    keypoint_error (n, 8) px to the projected truth of the same stamp; phases: (time s, phase); counts by
-    topic; duration s.
+    keypoint_error (n, 8) px to the projected truth of the same stamp; depths: by pair, how deep (n,) m
+    shapes are in each other, 0 where they do not touch; phases: (time s, phase); counts by topic; duration s.
     """
 
     domain: Domain
@@ -93,6 +95,7 @@ class EpisodeData:
     distance: Series
     angle: Series
     goal: Pose
+    depths: Mapping[str, Series]
     phases: list[tuple[float, PhaseState]]
     counts: dict[str, int]
     duration: float
@@ -144,6 +147,7 @@ def load_episode(recording: Recording) -> EpisodeData:
         distance=Series(poses.time, distance),
         angle=Series(poses.time, angle),
         goal=goal,
+        depths=_depths(Series(states.time, states.values[:, 0]), poses, domain),
         phases=phases,
         counts=recording.counts,
         duration=duration,
@@ -155,6 +159,18 @@ def images(recording: Recording):
     """(time s, pixels (height, width, 3) uint8) of the recorded images, one after the other."""
     for message in recording.messages("camera/image_raw"):
         yield (message.stamp - recording.start) / SECOND, image_array(message.decode())
+
+
+def _depths(joints: Series, poses: Series, domain: Domain) -> dict[str, Series]:
+    """At every true pose that has a state of its stamp; pairs that never touch are left out."""
+    common, i, j = np.intersect1d(joints.time, poses.time, return_indices=True)
+    penetration = Penetration(domain)
+    rows = [
+        penetration.depths(q, Pose(pose[:3], pose[3:]))
+        for q, pose in zip(joints.values[i], poses.values[j], strict=True)
+    ]
+    touching = [pair for pair in PAIRS if any(pair in row for row in rows)]
+    return {pair: Series(common, np.array([row.get(pair, 0.0) for row in rows])) for pair in touching}
 
 
 def _keypoint_error(keypoints: Series, poses: Series, domain: Domain) -> Series:

@@ -83,6 +83,7 @@ def make_section(bag: str | Path, video_file: Path | None = None) -> Section:
             "Distance and angle to the goal": plots.progress_plot(episode),
             "Commanded torque": plots.torque_plot(episode),
             "Joint tracking": plots.tracking_plot(episode),
+            "Depth of contact": plots.depth_plot(episode),
             "Keypoints against the projected truth": plots.keypoint_plot(episode),
             "From above": plots.path_plot(episode),
         }

@@ -71,6 +71,19 @@ def tracking_plot(episode: EpisodeData) -> str:
         return svg(figure)
 
 
+def depth_plot(episode: EpisodeData) -> str:
+    """How deep shapes are in each other: what a real robot could not do."""
+    with style():
+        figure, (axes,) = _figure(1, 2.4, episode)
+        for pair, depth in episode.depths.items():
+            axes.plot(depth.time, 1e3 * depth.values, lw=0.9, label=pair.replace("-", " in "))
+        axes.set_ylabel("depth (mm)")
+        axes.set_ylim(bottom=0)
+        if episode.depths:
+            figure.legend(fontsize=7, loc="outside right center", frameon=False)
+        return svg(figure)
+
+
 def keypoint_plot(episode: EpisodeData) -> str:
     """Detected keypoints against the projected truth, and their scores."""
     with style():
