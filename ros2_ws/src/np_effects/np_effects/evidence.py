@@ -1,6 +1,6 @@
 """What a recording shows, as far as effects may look at it. The doctor fills it; effects only read it.
 
-The arm's model, the samples and what is predicted of them are the doctor's: here stands what effects use of them.
+The arm's model, its dynamics and the samples are the doctor's: here stands what effects use of them.
 """
 
 from __future__ import annotations
@@ -57,14 +57,25 @@ class Samples(Protocol):
         """Values (m,) on the fine grid of each stretch, through the filter: (n,)."""
 
 
-class Prediction(Protocol):
-    """Nominal torques (n, k) Nm of the samples; direction (n, k) of motion, -1..1; gravity_slope (n, k, k) Nm/rad; inertia
-    (n, k, k): torque of joint i that turns link j about its own centre."""
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Nominal torques of samples, all (n, k) Nm.
+
+    gravity: holds the arm; inertial: accelerates it, Coriolis included, rotors not; rotors; friction. `total`
+    is what the sensor should have shown (with gravity only if the sensor does); load: through the gear;
+    direction (n, k): that of motion, -1..1. motion: of the links, as the doctor
+    has it; gravity_slope (n, k, k): change of joint i's
+    gravity torque with position j; inertia (n, k, k): torque of joint i that turns link j about its own centre.
+    """
 
     gravity: np.ndarray
+    inertial: np.ndarray
+    rotors: np.ndarray
     friction: np.ndarray
+    total: np.ndarray
     load: np.ndarray
     direction: np.ndarray
+    motion: object
     gravity_slope: np.ndarray
     inertia: np.ndarray
 
@@ -85,12 +96,18 @@ class RigidBody(Protocol):
         """Links that a joint turns."""
 
 
-class Drive(Protocol):
-    """Commands and their answers, one row a period: time (n,) s; law, commanded, measured, gravity (n, k) Nm; error (n, k)
-    rad: target with its lead minus position; velocity, target_velocity (n, k) rad/s; stiffness (n, k) Nm/rad, damping (n, k)
-    Nms/rad: gains in force. starts: rows at which a stretch without a gap begins; period s."""
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Commands and their answers, one row a period: n rows, k joints.
+
+    time (n,) s, trajectory (n,); period s; starts: rows at which a stretch without a gap begins. law,
+    commanded, measured (n, k) Nm without gravity: the law replayed, what was asked for, what came; error
+    (n, k) rad: joint target with its lead, minus position; velocity, target_velocity (n, k) rad/s; stiffness
+    (n, k) Nm/rad, damping (n, k) Nms/rad: the gains in force; gravity (n, k) Nm.
+    """
 
     time: np.ndarray
+    trajectory: np.ndarray
     period: float
     starts: np.ndarray
     law: np.ndarray
@@ -104,10 +121,16 @@ class Drive(Protocol):
     gravity: np.ndarray
 
 
-class Transmission(Protocol):
-    """The motor side: load (n, k) Nm through the gear, load_rate (n, k) Nm/s, wound: twist (m, k) rad of each stretch on the
-    samples' fine grid, without the noise of its two encoders."""
+@dataclass(frozen=True, eq=False)
+class Transmission:
+    """Motor side: time (n,), trajectory (n,), twist (n, k) rad = motor - joint, load (n, k) Nm through the
+    gear with gravity, load_rate (n, k) Nm/s. wound: the twist of each stretch (m, k) on the samples' fine
+    grid, without the noise of its two encoders: what the load winds up in proportion, and of the rest what is
+    no noise."""
 
+    time: np.ndarray
+    trajectory: np.ndarray
+    twist: np.ndarray
     load: np.ndarray
     load_rate: np.ndarray
     wound: tuple[np.ndarray, ...]

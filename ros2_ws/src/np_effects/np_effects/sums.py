@@ -9,6 +9,7 @@ from np_effects.evidence import Drive
 NOTHING = 1e-18  # of a value is lost in rounding
 TINY = 1e-300  # where nothing moves at all
 SMOOTH = 5  # samples of the fine grid
+SURE_SPEED = 0.003  # rad/s at which the direction of recorded motion is sure
 
 
 def recurrence(decay: np.ndarray, inflow: np.ndarray) -> np.ndarray:
@@ -53,5 +54,5 @@ def sliding(moved: np.ndarray, stroke: float, shaken: float = 0.0) -> np.ndarray
 
 
 def sign(velocity: np.ndarray) -> np.ndarray:
-    """Direction of recorded motion, -1..1, smooth through standstill (3 mrad/s)."""
-    return np.tanh(velocity / 0.003)
+    """Direction of recorded motion, -1..1, smooth through standstill."""
+    return np.tanh(velocity / SURE_SPEED)

@@ -6,8 +6,8 @@ import numpy as np
 
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import Arm
-from np_diagnosis.arm.stages import Prediction
 from np_diagnosis.recordings.signals import Samples
+from np_effects.evidence import Prediction
 
 
 class RigidAtSamples:

@@ -8,8 +8,6 @@ angle. Residuals are what the arm shows beyond its nominal simulator.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from np_control.impedance import torque as impedance_torque
@@ -17,41 +15,16 @@ from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import Arm
 from np_diagnosis.recordings.signals import Log, Samples
 from np_diagnosis.thresholds import THRESHOLDS
+from np_effects.evidence import Drive, Prediction
+from np_effects.sums import sign
 
 RECORDINGS, ROWS = THRESHOLDS.recordings, THRESHOLDS.rows
-
-
-def sign(velocity: np.ndarray) -> np.ndarray:
-    """Direction of motion, smooth through standstill."""
-    return np.tanh(velocity / ROWS.stiction_speed)
 
 
 def slides(samples: Samples, joint: int) -> np.ndarray:
     """Rows (n,) of the samples whose whole filter window saw the joint slide in one direction."""
     slowest, fastest = (samples.filtered_extreme(joint, extreme) for extreme in (np.min, np.max))
     return (slowest > ROWS.standstill) | (fastest < -ROWS.standstill)
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """Nominal torques of samples, all (n, k) Nm.
-
-    gravity: holds the arm; inertial: accelerates it, Coriolis included, rotors not; rotors; friction. `total`
-    is what the sensor should have shown (with gravity only if the sensor does); load: through the gear;
-    direction (n, k): that of motion, -1..1. motion: of the links; gravity_slope (n, k, k): change of joint i's
-    gravity torque with position j; inertia (n, k, k): torque of joint i that turns link j about its own centre.
-    """
-
-    gravity: np.ndarray
-    inertial: np.ndarray
-    rotors: np.ndarray
-    friction: np.ndarray
-    total: np.ndarray
-    load: np.ndarray
-    direction: np.ndarray
-    motion: rigid.Motion
-    gravity_slope: np.ndarray
-    inertia: np.ndarray
 
 
 def predict(samples: Samples, arm: Arm) -> Prediction:
@@ -83,31 +56,6 @@ def expected_torque(position, velocity, acceleration, arm: Arm, with_gravity: bo
     still = None if with_gravity else np.zeros(3)
     rigid_part = rigid.torque(arm, position, velocity, acceleration, still)
     return rigid_part + acceleration * arm.armature + sign(velocity) * arm.frictionloss + velocity * arm.damping
-
-
-@dataclass(frozen=True, eq=False)
-class Drive:
-    """Commands and their answers, one row a period: n rows, k joints.
-
-    time (n,) s, trajectory (n,); period s; starts: rows at which a stretch without a gap begins. law,
-    commanded, measured (n, k) Nm without gravity: the law replayed, what was asked for, what came; error
-    (n, k) rad: joint target with its lead, minus position; velocity, target_velocity (n, k) rad/s; stiffness
-    (n, k) Nm/rad, damping (n, k) Nms/rad: the gains in force; gravity (n, k) Nm.
-    """
-
-    time: np.ndarray
-    trajectory: np.ndarray
-    period: float
-    starts: np.ndarray
-    law: np.ndarray
-    commanded: np.ndarray
-    measured: np.ndarray
-    error: np.ndarray
-    velocity: np.ndarray
-    target_velocity: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
-    gravity: np.ndarray
 
 
 def drive(logs: list[Log], arm: Arm) -> Drive | None:

@@ -15,7 +15,6 @@ from np_control.impedance import damping
 from np_control.safety import LIMITS
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import Arm
-from np_diagnosis.arm.stages import sign
 from np_diagnosis.experiments.excitation import Segment, experiment
 from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, Cell, make_cell
@@ -27,6 +26,7 @@ from np_effects import RECORDS
 from np_effects.evidence import Context
 from np_effects.registry import all_signatures
 from np_effects.signature import Signature
+from np_effects.sums import sign
 
 PERIOD = LIMITS.period
 COARSE = 4  # periods

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from np_diagnosis.arm.at_samples import RigidAtSamples
@@ -11,7 +9,7 @@ from np_diagnosis.arm.model import Arm
 from np_diagnosis.arm.stages import Prediction, drive, predict
 from np_diagnosis.recordings.signals import Log, Samples, sample
 from np_diagnosis.thresholds import THRESHOLDS
-from np_effects.evidence import Context
+from np_effects.evidence import Context, Transmission
 from np_effects.sensing.encoder_quantisation import find_quantum
 from np_effects.timing.packet_loss import find_held
 
@@ -20,21 +18,6 @@ HINTS = THRESHOLDS.hints
 BINS = 4096
 SMOOTH = 25  # samples of the fine grid to either side
 HANN = np.hanning(2 * SMOOTH + 3)[1:-1] / np.hanning(2 * SMOOTH + 3).sum()
-
-
-@dataclass(frozen=True, eq=False)
-class Transmission:
-    """Motor side: time (n,), trajectory (n,), twist (n, k) rad = motor - joint, load (n, k) Nm through the
-    gear with gravity, load_rate (n, k) Nm/s. wound: the twist of each stretch (m, k) on the samples' fine
-    grid, without the noise of its two encoders: what the load winds up in proportion, and of the rest what is
-    no noise."""
-
-    time: np.ndarray
-    trajectory: np.ndarray
-    twist: np.ndarray
-    load: np.ndarray
-    load_rate: np.ndarray
-    wound: tuple[np.ndarray, ...]
 
 
 def make_context(logs: list[Log], arm: Arm) -> Context:

@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis.arm.rigid import carried, felt_inertia
-from np_diagnosis.arm.stages import sign, slides
+from np_diagnosis.arm.stages import slides
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.background import INERTIA_ERROR
 from np_effects.evidence import Context
 from np_effects.signature import Parameter
 from np_effects.stage import Stage
-from np_effects.sums import SMOOTH
+from np_effects.sums import SMOOTH, sign
 
 NUISANCES = THRESHOLDS.nuisances
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from np_diagnosis.thresholds.entry import DEVELOPMENT, JUDGEMENT, NUMERICS, threshold
+from np_effects.sums import SURE_SPEED
 
 
 @dataclass(frozen=True)
 class Rows:
     """Which rows of a recording count at which stage (arm/stages.py, inference/residuals.py)."""
 
-    stiction_speed: float = threshold(0.003, "rad/s", "speed at which the direction of motion is sure", JUDGEMENT)
+    stiction_speed: float = threshold(SURE_SPEED, "rad/s", "speed at which the direction of motion is sure", JUDGEMENT)
     standstill: float = threshold(0.02, "rad/s", "speed up to which a joint does not count as sliding", DEVELOPMENT)
     slowest: float = threshold(0.002, "rad/s", "speed below which a joint may be standing at a reversal", JUDGEMENT)
     kink: float = threshold(
