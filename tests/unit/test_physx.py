@@ -1,5 +1,6 @@
 """The second engine: the same arm and the same coefficients as in MuJoCo, told by masses, motion and Coulomb's law."""
 
+import sys
 from dataclasses import replace
 from functools import partial
 
@@ -193,6 +194,13 @@ def test_nothing_sinks_in_and_a_card_comes_along():
 
 def test_a_tall_box_tips_where_theory_says():
     assert bench.tip_over(MAKE)["of_theory"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_where_it_is_not_installed_the_error_names_the_command(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sapien", None)  # as if it were not there
+    assert "`make physx` installs" in missing()
+    with pytest.raises(OSError, match="expected the package sapien, which `make physx` installs"):
+        PhysxEngine(CARD)
 
 
 def test_joint_names_lead_to_the_joints_of_the_same_name():

@@ -16,7 +16,7 @@ from np_record.recorded_episode import Outcome
 
 @dataclass(frozen=True)
 class Result:
-    """One episode: number, how it ended, wall time s. `declared` is "graph" where the graph broke down."""
+    """One episode: number, how it ended, wall time s, engine. `declared` is "graph" where the graph broke down."""
 
     episode: int
     success: bool
@@ -27,9 +27,10 @@ class Result:
     angle: float | None
     duration: float
     wall_s: float
+    engine: str = "mujoco"
 
 
-def result_of(episode: int, outcome: Outcome, wall_s: float) -> Result:
+def result_of(episode: int, outcome: Outcome, wall_s: float, engine: str = "mujoco") -> Result:
     """The result of an episode that came to an end."""
     return Result(
         episode,
@@ -41,12 +42,13 @@ def result_of(episode: int, outcome: Outcome, wall_s: float) -> Result:
         round(outcome.angle, 6),
         round(outcome.duration, 3),
         round(wall_s, 2),
+        engine,
     )
 
 
-def breakdown(episode: int, reason: str, wall_s: float) -> Result:
+def breakdown(episode: int, reason: str, wall_s: float, engine: str = "mujoco") -> Result:
     """The result of an episode in which the graph broke down: a failure."""
-    return Result(episode, False, "graph", reason, "graph", None, None, 0.0, round(wall_s, 2))
+    return Result(episode, False, "graph", reason, "graph", None, None, 0.0, round(wall_s, 2), engine)
 
 
 class Results:
@@ -58,7 +60,8 @@ class Results:
 
     def __init__(self, folder: Path, settings: Mapping[str, object]):
         text = json.dumps({"settings": dict(settings)}, sort_keys=True)
-        name = "_".join(str(settings[key]) for key in ("domain", "keypoints", "controller", "seed") if key in settings)
+        named = ("domain", "keypoints", "controller", "engine", "seed")
+        name = "_".join(str(settings[key]) for key in named if key in settings)
         self.path = folder / f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.jsonl"
         self.results: list[Result] = []
         folder.mkdir(parents=True, exist_ok=True)

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+from np_bringup.backends import ENGINES
 from np_bringup.commands.common import running_graph
 from np_bringup.evaluation import Result, Results, breakdown, result_of, summary
 from np_bringup.results_plot import results_plot
@@ -15,6 +16,7 @@ from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
 from np_description.phases import FAULT
 from np_effects.patch import load_patch
+from np_physx_bridge.library import missing
 from np_policy.contract import check_weights
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.participant import GraphError
@@ -35,12 +37,15 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--effects", default="none", help="patch.yaml of effects that the simulated arm has; none: nominal"
     )
+    parser.add_argument("--engine", choices=list(ENGINES), default="mujoco", help="whose physics the robot has")
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
     parser.add_argument("--bags", action="store_true", help="record every episode (slower)")
     parser.add_argument("--out", type=Path, default=Path("runs/evaluate"), help="folder for results, logs and bags")
     options = parser.parse_args(arguments)
     if options.episodes < 1:
         parser.error(f"--episodes: expected at least 1, got {options.episodes}")
+    if options.engine == "physx" and missing():
+        parser.error(f"--engine physx: {missing()}")
     if options.effects != "none":
         try:
             load_patch(options.effects)
@@ -66,6 +71,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         "keypoints": options.keypoints,
         "controller": options.controller,
         "object": options.object,
+        "engine": options.engine,
         "effects": "none" if options.effects == "none" else Path(options.effects).read_text(encoding="utf-8"),
         **origin(options.weights),
     }
@@ -78,6 +84,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         logs = new_folder(options.out / "log")
         arguments = {
             "domain": options.domain,
+            "backend": ENGINES[options.engine],
             "seed": str(options.seed),
             "first_episode": str(len(results.results)),
             "keypoints": options.keypoints,
@@ -95,7 +102,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         ) as conductor:
             seconds_ready += time.monotonic() - began
             while (number := len(results.results)) < options.episodes:
-                result, whole = run_one(conductor, number, options.bags)
+                result, whole = run_one(conductor, number, options.bags, options.engine)
                 results.add(result)
                 progress.show(number + 1, rate(results))
                 if not whole:
@@ -109,11 +116,17 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     figures["this_run_s"] = round(time.monotonic() - started, 1)
     picture = results.path.with_suffix(".svg")
     picture.write_text(results_plot(results.results[: options.episodes], find_domain(options.domain)))
-    return {**figures, "warnings": warnings, "results": str(results.path), "plot": str(picture)}
+    return {
+        **figures,
+        "engine": options.engine,
+        "warnings": warnings,
+        "results": str(results.path),
+        "plot": str(picture),
+    }
 
 
-def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
-    """One episode, and whether the graph is still whole."""
+def run_one(conductor, number: int, record: bool, engine: str) -> tuple[Result, bool]:
+    """One episode in this engine, and whether the graph is still whole."""
     began = time.monotonic()
     try:
         if record:
@@ -122,8 +135,8 @@ def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
         if record:
             conductor.stop_recording()
     except (NodeDied, GraphError, TimeoutError) as error:
-        return breakdown(number, str(error), time.monotonic() - began), False
-    return result_of(number, outcome, time.monotonic() - began), outcome.declared != FAULT
+        return breakdown(number, str(error), time.monotonic() - began, engine), False
+    return result_of(number, outcome, time.monotonic() - began, engine), outcome.declared != FAULT
 
 
 def rate(results: Results) -> str:
