@@ -1,8 +1,10 @@
 """The second engine: the same arm and the same coefficients as in MuJoCo, told by masses, motion and Coulomb's law."""
 
+import json
 import sys
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -194,6 +196,13 @@ def test_nothing_sinks_in_and_a_card_comes_along():
 
 def test_a_tall_box_tips_where_theory_says():
     assert bench.tip_over(MAKE)["of_theory"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_published_figures_are_what_the_engine_gives():
+    published = json.loads((Path(__file__).parents[2] / "docs/results/static_bench.json").read_text())
+    found = bench.figures(bench.bench(MAKE, HARD.table))
+    for question, value in published["figures"]["PhysX"].items():
+        assert found[question] == pytest.approx(value, rel=1e-3, abs=1e-3), question
 
 
 def test_where_it_is_not_installed_the_error_names_the_command(monkeypatch):
