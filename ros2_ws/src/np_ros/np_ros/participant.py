@@ -59,6 +59,10 @@ class Participant:
         """The response of a Trigger service. Raises TimeoutError or NodeDied."""
         return self._services.call(Trigger, service, Trigger.Request(), SERVICE_TIMEOUT)
 
+    def find(self, service: str, timeout: float = SERVICE_TIMEOUT) -> None:
+        """Wait until a Trigger service is there. Raises TimeoutError or NodeDied."""
+        self._services.find(Trigger, service, timeout)
+
     def stop_recording(self) -> dict:
         """Close the recorder's bag; what it says about it. Raises GraphError with the recorder's reason."""
         return json.loads(self._succeed("recorder/stop").message)

@@ -28,16 +28,20 @@ class Services:
         self._node, self._wait = node, wait
         self._clients: dict[str, tuple[Client, Client]] = {}
 
-    def call(self, kind: type, name: str, request, timeout: float):
-        """The response of the service <node>/<name> of type `kind`; raises what `wait` raises after `timeout` s."""
+    def find(self, kind: type, name: str, timeout: float) -> None:
+        """Wait until the service <node>/<name> of type `kind` is there; raises what `wait` raises after `timeout` s."""
         if name not in self._clients:
             harmless = f"{name.rpartition('/')[0]}/get_parameter_types"
             self._clients[name] = (
                 self._node.create_client(kind, name),
                 self._node.create_client(GetParameterTypes, harmless),
             )
+        self._wait(self._clients[name][0].service_is_ready, timeout, f"the service {name}")
+
+    def call(self, kind: type, name: str, request, timeout: float):
+        """The response of the service <node>/<name> of type `kind`; raises what `wait` raises after `timeout` s."""
+        self.find(kind, name, timeout)
         client, harmless = self._clients[name]
-        self._wait(client.service_is_ready, timeout, f"the service {name}")
         if harmless.service_is_ready():  # found before the other, if it is there: a node makes it first
             self._be_found(harmless, timeout, f"a sign that {name} has found who asks")
         future = client.call_async(request)

@@ -75,7 +75,7 @@ class Conductor(Participant):
         names = {spec.name for spec in specs}
         self._wait(lambda: not self._links.missing(names), timeout, f"diagnostics of {', '.join(sorted(names))}")
         for service in services:
-            self._wait(self._client(service).service_is_ready, timeout, f"the service {service}")
+            self.find(service, timeout)
         self._wait(lambda: self._links.are_complete(names), timeout, "every publisher to find its subscribers")
 
     def start_recording(self, timeout: float = SERVICE_TIMEOUT) -> str:
