@@ -60,8 +60,7 @@ class Results:
 
     def __init__(self, folder: Path, settings: Mapping[str, object]):
         text = json.dumps({"settings": dict(settings)}, sort_keys=True)
-        named = ("domain", "keypoints", "controller", "engine", "seed")
-        name = "_".join(str(settings[key]) for key in named if key in settings)
+        name = "_".join(str(settings[key]) for key in ("domain", "keypoints", "controller", "seed") if key in settings)
         self.path = folder / f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.jsonl"
         self.results: list[Result] = []
         folder.mkdir(parents=True, exist_ok=True)
