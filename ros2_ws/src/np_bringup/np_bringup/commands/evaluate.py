@@ -67,11 +67,11 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         print(f"evaluate: {warning}", file=sys.stderr)
     settings = {
         "domain": options.domain,
+        "engine": options.engine,
         "seed": options.seed,
         "keypoints": options.keypoints,
         "controller": options.controller,
         "object": options.object,
-        "engine": options.engine,
         "effects": "none" if options.effects == "none" else Path(options.effects).read_text(encoding="utf-8"),
         **origin(options.weights),
     }
@@ -111,18 +111,12 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
                         file=sys.stderr,
                     )
                     break
-    figures = summary(results.results[: options.episodes])
+    figures = {"engine": options.engine, **summary(results.results[: options.episodes])}
     figures["wall_s"] = round(figures["wall_s"] + seconds_ready, 1)
     figures["this_run_s"] = round(time.monotonic() - started, 1)
     picture = results.path.with_suffix(".svg")
     picture.write_text(results_plot(results.results[: options.episodes], find_domain(options.domain)))
-    return {
-        **figures,
-        "engine": options.engine,
-        "warnings": warnings,
-        "results": str(results.path),
-        "plot": str(picture),
-    }
+    return {**figures, "warnings": warnings, "results": str(results.path), "plot": str(picture)}
 
 
 def run_one(conductor, number: int, record: bool, engine: str) -> tuple[Result, bool]:
