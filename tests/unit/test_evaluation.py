@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -123,7 +124,7 @@ def test_an_engine_that_is_not_installed_is_named_with_what_installs_it(monkeypa
 
 def test_results_say_in_which_engine(tmp_path):
     results = Results(tmp_path, {**SETTINGS, "engine": "physx"})
-    results.add(result_of(0, Outcome("succeeded", "", 0.004, 0.02, True, 6.0), 3.0, "physx"))
+    results.add(replace(good(0), engine="physx"))
     assert json.loads(results.path.read_text().splitlines()[1])["engine"] == "physx"
     assert Results(tmp_path, {**SETTINGS, "engine": "mujoco"}).results == []
 

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from np_description.phases import SUCCEEDED
@@ -19,6 +19,7 @@ class Result:
     """One episode: number, how it ended, wall time s, engine. `declared` is "graph" where the graph broke down."""
 
     episode: int
+    engine: str = field(default="mujoco", kw_only=True)
     success: bool
     declared: str
     reason: str
@@ -27,10 +28,9 @@ class Result:
     angle: float | None
     duration: float
     wall_s: float
-    engine: str = "mujoco"
 
 
-def result_of(episode: int, outcome: Outcome, wall_s: float, engine: str = "mujoco") -> Result:
+def result_of(episode: int, outcome: Outcome, wall_s: float) -> Result:
     """The result of an episode that came to an end."""
     return Result(
         episode,
@@ -42,13 +42,12 @@ def result_of(episode: int, outcome: Outcome, wall_s: float, engine: str = "mujo
         round(outcome.angle, 6),
         round(outcome.duration, 3),
         round(wall_s, 2),
-        engine,
     )
 
 
-def breakdown(episode: int, reason: str, wall_s: float, engine: str = "mujoco") -> Result:
+def breakdown(episode: int, reason: str, wall_s: float) -> Result:
     """The result of an episode in which the graph broke down: a failure."""
-    return Result(episode, False, "graph", reason, "graph", None, None, 0.0, round(wall_s, 2), engine)
+    return Result(episode, False, "graph", reason, "graph", None, None, 0.0, round(wall_s, 2))
 
 
 class Results:

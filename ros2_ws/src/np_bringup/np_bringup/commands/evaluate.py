@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from np_bringup.backends import ENGINES
@@ -102,8 +103,8 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         ) as conductor:
             seconds_ready += time.monotonic() - began
             while (number := len(results.results)) < options.episodes:
-                result, whole = run_one(conductor, number, options.bags, options.engine)
-                results.add(result)
+                result, whole = run_one(conductor, number, options.bags)
+                results.add(replace(result, engine=options.engine))
                 progress.show(number + 1, rate(results))
                 if not whole:
                     print(
@@ -119,8 +120,8 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     return {**figures, "warnings": warnings, "results": str(results.path), "plot": str(picture)}
 
 
-def run_one(conductor, number: int, record: bool, engine: str) -> tuple[Result, bool]:
-    """One episode in this engine, and whether the graph is still whole."""
+def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
+    """One episode, and whether the graph is still whole."""
     began = time.monotonic()
     try:
         if record:
@@ -129,8 +130,8 @@ def run_one(conductor, number: int, record: bool, engine: str) -> tuple[Result, 
         if record:
             conductor.stop_recording()
     except (NodeDied, GraphError, TimeoutError) as error:
-        return breakdown(number, str(error), time.monotonic() - began, engine), False
-    return result_of(number, outcome, time.monotonic() - began, engine), outcome.declared != FAULT
+        return breakdown(number, str(error), time.monotonic() - began), False
+    return result_of(number, outcome, time.monotonic() - began), outcome.declared != FAULT
 
 
 def rate(results: Results) -> str:
