@@ -8,6 +8,7 @@ SEED ?= 0
 KEYPOINTS ?= camera
 CONTROLLER ?= impedance
 OBJECT ?= default
+ENGINE ?= mujoco
 EFFECTS ?= none
 GPUS ?=
 BAG ?=
@@ -22,7 +23,7 @@ REAL_TIME := realtime or real_time
 ALONE := tests/unit tests/training tests/diagnosis tests/parity
 GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
-.PHONY: help setup demo test test-slow test-driver driver-report hardware bench blind evaluate train identify docs format lock clean distclean
+.PHONY: help setup demo test test-slow test-driver driver-report hardware physx bench blind evaluate train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -46,8 +47,8 @@ demo: setup ## DOMAIN EPISODES SEED KEYPOINTS: three episodes through the graph:
 	@$(ACTIVATE) exec ros2 run np_bringup demo --domain $(DOMAIN) --seed $(SEED) --keypoints $(KEYPOINTS) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
-evaluate: setup ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT EFFECTS: success rate as JSON
-	@$(ACTIVATE) exec ros2 run np_bringup evaluate --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \
+evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT EFFECTS ENGINE=mujoco|physx: success rate as JSON
+	@$(ACTIVATE) exec ros2 run np_bringup evaluate --engine $(ENGINE) --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \
 		--keypoints $(KEYPOINTS) --controller $(CONTROLLER) --object $(OBJECT) --effects $(EFFECTS) $(ARGS)
 
 bench: setup ## latencies, real-time factor, planning time as JSON
@@ -86,6 +87,13 @@ test-slow: setup ## the slowest tests, which say least beyond those of `make tes
 	@unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONHOME; "$$(tools/python.sh)" -m venv --clear .venv-franka-sim \
 		&& .venv-franka-sim/bin/python -m pip --disable-pip-version-check -qq install -r $<
 	@touch $@
+
+# Without dependencies: opencv-python, which SAPIEN asks for, would overwrite opencv-python-headless.
+.venv/.physx: requirements-physx.txt .venv/.installed
+	@.venv/bin/python -m pip --disable-pip-version-check -qq install --no-deps -r $<
+	@touch $@
+
+physx: setup .venv/.physx ## add the second engine: make evaluate ENGINE=physx
 
 hardware: setup .venv/.hardware ## add what the driver of a real arm needs: docs/guide/hardware.md
 

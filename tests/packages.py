@@ -21,7 +21,7 @@ FLOORS = (
     {"np_perception"},
     {"np_policy"},
     {"np_sim_bridge"},
-    {"np_franka", "np_diagnosis"},
+    {"np_franka", "np_diagnosis", "np_physx_bridge"},
     {"np_bringup"},
     {"np_training", "np_blind"},
 )

@@ -22,6 +22,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "driver"))
 
 import simulated_robot  # noqa: E402
 
+from np_physx_bridge import library  # noqa: E402
+
 __all__ = ["BACKENDS", "PERIOD", "Harness", "pushing", "silent", "stay"]
 
 
@@ -68,6 +70,18 @@ BACKENDS = {
             "lockstep": {"mode": "lockstep", "tick_barrier": False, "camera": False},
             "realtime": {"mode": "realtime", "camera": False},
         },
+    ),
+    "physx_bridge": Backend(
+        "np_physx_bridge",
+        "physx_bridge",
+        has_tasks=True,
+        has_camera=True,
+        can_pause=True,
+        modes={
+            "lockstep": {"mode": "lockstep", "tick_barrier": False, "camera": False},
+            "realtime": {"mode": "realtime", "camera": False},
+        },
+        missing=library.missing(),
     ),
     "minimal_backend": Backend("examples", "minimal_backend", modes={"realtime": {}}),
     "franka_driver": Backend(

@@ -24,6 +24,16 @@ def test_the_driver_takes_the_place_of_the_bridge():
         assert nodes["episode"].parameters["backend"] == backend
 
 
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_the_second_engine_stands_where_the_first_stood(mode):
+    first, second = named({"mode": mode}), named({"mode": mode, "backend": "physx_bridge"})
+    assert set(first) - set(second) == {"sim_bridge"} and set(second) - set(first) == {"physx_bridge"}
+    assert second["physx_bridge"].package == "np_physx_bridge"
+    assert second["physx_bridge"].parameters == first["sim_bridge"].parameters
+    assert second["physx_bridge"].realtime == first["sim_bridge"].realtime
+    assert second["episode"].parameters["backend"] == "physx_bridge"
+
+
 def test_with_the_controller_on_board_there_is_no_other():
     real = named({**REAL, "control": "onboard", "camera": "none"})
     assert real["franka_driver"].parameters["control"] == "onboard"

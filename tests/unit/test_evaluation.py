@@ -1,6 +1,8 @@
 """Files of results and their summary."""
 
 import json
+import sys
+from dataclasses import replace
 
 import pytest
 from packages import packages_of, sources
@@ -156,6 +158,22 @@ def test_the_patch_of_an_evaluation_goes_to_the_simulated_arm_and_nowhere_else(t
     assert carrying.pop("sim_bridge") == options.effects and not any(carrying.values())
     nominal = task_graph({"keypoints": "truth", "effects": ""})
     assert "effects" not in next(node.parameters for node in nominal if node.name == "sim_bridge")
+
+
+def test_an_engine_that_is_not_installed_is_named_with_what_installs_it(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "sapien", None)  # as if it were not there
+    with pytest.raises(SystemExit) as ended:
+        command.parse(["--engine", "physx"])
+    assert ended.value.code == 2 and "--engine physx: PhysX needs" in (said := capsys.readouterr().err)
+    assert "`make physx` installs" in said
+    assert command.parse([]).engine == "mujoco"
+
+
+def test_results_say_in_which_engine(tmp_path):
+    results = Results(tmp_path, {**SETTINGS, "engine": "physx"})
+    results.add(replace(good(0), engine="physx"))
+    assert json.loads(results.path.read_text().splitlines()[1])["engine"] == "physx"
+    assert Results(tmp_path, {**SETTINGS, "engine": "mujoco"}).results == []
 
 
 @pytest.mark.parametrize(

@@ -128,7 +128,7 @@ def test_substeps_keep_the_period():
 
 def test_divergence_is_an_error():
     simulation = Simulation(CARD)
-    simulation._data.qvel[:] = 1e12
+    simulation.engine.data.qvel[:] = 1e12
     with pytest.raises(FloatingPointError, match="diverged"):
         simulation.step(ZERO)
 

@@ -49,6 +49,14 @@ def test_an_off_centre_push_turns_the_box_between_its_corners_and_a_patch():
     assert 12.0 < bench.push_off_centre(MAKE)["turned_deg"] < 31.0
 
 
+def test_the_summary_answers_each_question_of_theory():
+    found = bench.figures(bench.bench(MAKE, HARD.table))
+    assert list(found) == list(bench.THEORY)
+    for question, theory in bench.THEORY.items():
+        if isinstance(theory, float):
+            assert found[question] == pytest.approx(theory, rel=0.07, abs=0.5), question
+
+
 def test_another_contact_is_refused_by_name():
     with pytest.raises(ValueError, match="expected one of soft, hard, got 'rigid'"):
         find_contact("rigid")

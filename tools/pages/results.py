@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from pages import doctor, driver, episodes, perception, speed
+from pages import contact, doctor, driver, episodes, perception, speed
 from pages.markdown import head, paragraph, table
 
 SETS = "sets.yaml"
@@ -32,6 +32,7 @@ KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = 
     ("doctor_", "", "doctor", doctor.clean_arm),
     ("identification_z1_delays", "", "identification", doctor.delays),
     ("identification_", "", "identification", doctor.identified),
+    ("static_bench", "", "contact", contact.static_bench),
     ("bench", "", "bench", speed.bench),
     ("throughput_", "", "bench", speed.throughput),
 )

@@ -7,7 +7,11 @@ from collections.abc import Mapping
 from np_ros.graph import LaunchArgument, NodeSpec
 
 SIMULATED, REAL = "sim_bridge", "franka_driver"
-BACKENDS = (SIMULATED, REAL)
+ENGINES = {"mujoco": SIMULATED, "physx": "physx_bridge"}
+"""Which simulated robot has which engine."""
+SIMULATORS = {SIMULATED: "np_sim_bridge", "physx_bridge": "np_physx_bridge"}
+"""The package of each simulated robot."""
+BACKENDS = (*SIMULATORS, REAL)
 CAMERAS = ("realsense", "none")
 CONTROLS = ("topic", "onboard")
 ROBOTS = ("fr3", "panda")
@@ -17,7 +21,8 @@ ARGUMENTS = (
     LaunchArgument(
         "backend",
         SIMULATED,
-        "sim_bridge: simulated robot and camera; franka_driver: real ones, mode realtime.",
+        "sim_bridge: simulated robot and camera; physx_bridge: the same in a second engine, which `make physx` installs; "
+        "franka_driver: real ones, mode realtime.",
     ),
     LaunchArgument("robot", "fr3", "franka_driver: fr3, or panda for the original one."),
     LaunchArgument("hostname", "", "franka_driver: address of the robot."),
@@ -46,7 +51,7 @@ def check(given: Mapping[str, str]) -> None:
     ):
         if given[name] not in allowed:
             raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {given[name]!r}")
-    if given["backend"] == SIMULATED:
+    if given["backend"] in SIMULATORS:
         return
     for name, needed, why in (
         ("mode", "realtime", "a real robot waits for nobody"),

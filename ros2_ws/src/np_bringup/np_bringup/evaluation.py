@@ -35,9 +35,10 @@ CODE = (
 
 @dataclass(frozen=True)
 class Result:
-    """One episode: number, how it ended, wall time s. `declared` is "graph" where the graph broke down."""
+    """One episode: number, how it ended, wall time s, engine. `declared` is "graph" where the graph broke down."""
 
     episode: int
+    engine: str = field(default="mujoco", kw_only=True)
     success: bool
     declared: str
     reason: str

@@ -43,6 +43,13 @@ def simulation_figures(domain: Domain, periods: int = 5000) -> dict[str, object]
     }
 
 
+def static_figures() -> dict[str, object]:
+    """Contact of each engine that is installed beside rigid theory."""
+    from np_physx_bridge import static_bench
+
+    return static_bench.figures(static_bench.results())
+
+
 def renderer_figures(domain: Domain, repeats: int = 30) -> dict[str, object]:
     """One image by each way of drawing; they are each other's peers. None where a way does not work here."""
     from np_sim_bridge.renderer import egl_works, make_renderer

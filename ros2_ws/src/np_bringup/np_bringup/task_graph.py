@@ -63,8 +63,8 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     from_camera = given["keypoints"] == "camera"
     simulated = [
         NodeSpec(
-            "np_sim_bridge",
-            "sim_bridge",
+            backends.SIMULATORS.get(given["backend"], ""),
+            given["backend"],
             parameters={
                 **seeing,
                 "seed": seed,
@@ -122,7 +122,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
         # The loop must not wait for those who think: state in, command out, every 2 ms.
         nodes = [
             replace(node, realtime=20)
-            if node.package in ("np_sim_bridge", "np_control") or node.executable == backends.REAL
+            if node.package == "np_control" or node.executable in backends.BACKENDS
             else replace(node, nice=10)
             for node in nodes
         ]

@@ -126,6 +126,38 @@ def bench(make: Make, friction: float) -> dict:
     }
 
 
+THEORY: dict[str, float | str] = {
+    "finger into card at 20 N, mm": 0.0,
+    "card into table at 20 N, mm": 0.0,
+    "card under a finger that is drawn 30 mm, mm": 30.0,
+    "friction along an edge, over the coefficient": 1.0,
+    "friction along the diagonal, over the coefficient": 1.0,
+    "friction at worst, over the coefficient": 1.0,
+    "creep at .9 of the load that slides, mm/s": 0.0,
+    "force that tips, over theory's": 1.0,
+    "pushed 20 mm beside its middle over 60 mm, degrees": "17 (corners) to 31 (patch)",
+}
+"""What a rigid box does, question by question."""
+
+
+def figures(answer: dict) -> dict[str, float]:
+    """The summary of what `bench` gives, question by question as in THEORY."""
+    pressed = next(row for row in answer["press"]["rows"] if row["force"] == 20.0)
+    friction = {round(row["heading_deg"]): row["of_true"] for row in answer["slide"]}
+    values = (
+        pressed["finger_mm"],
+        pressed["table_mm"],
+        answer["drag"]["followed_mm"],
+        friction[0],
+        friction[45],
+        max(friction.values(), key=lambda share: abs(share - 1)),
+        answer["creep"]["mm_per_s"],
+        answer["tip_over"]["of_theory"],
+        answer["push_off_centre"]["turned_deg"],
+    )
+    return dict(zip(THEORY, values, strict=True))
+
+
 def mujoco(contact: ContactModel, timestep: float = 0.002) -> Make:
     """Makes worlds of MuJoCo with this contact."""
     return partial(MujocoBoxWorld, contact=contact, timestep=timestep)

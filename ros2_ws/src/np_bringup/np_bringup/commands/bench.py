@@ -113,6 +113,7 @@ def main(arguments: list[str] | None = None) -> int:
     domain = find_domain(DOMAIN)
     parts = {
         "simulation": lambda: figures.simulation_figures(domain),
+        "static": figures.static_figures,
         "renderer": lambda: figures.renderer_figures(domain),
         "detector": lambda: figures.detector_figures(domain, options.weights),
         "policy": lambda: figures.policy_figures(domain, options.weights),

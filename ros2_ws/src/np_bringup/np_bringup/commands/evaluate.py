@@ -6,8 +6,10 @@ import argparse
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+from np_bringup.backends import ENGINES
 from np_bringup.commands.common import running_graph
 from np_bringup.evaluation import Result, Results, breakdown, code_sha256, result_of, summary
 from np_bringup.results_plot import results_plot
@@ -15,6 +17,7 @@ from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
 from np_description.phases import FAULT
 from np_effects.patch import load_patch
+from np_physx_bridge.library import missing
 from np_policy.contract import check_weights
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.participant import GraphError
@@ -35,6 +38,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--effects", default="none", help="patch.yaml of effects that the simulated arm has; none: nominal"
     )
+    parser.add_argument("--engine", choices=list(ENGINES), default="mujoco", help="whose physics the robot has")
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
     parser.add_argument("--bags", action="store_true", help="record every episode (slower)")
     parser.add_argument(
@@ -44,6 +48,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.episodes < 1:
         parser.error(f"--episodes: expected at least 1, got {options.episodes}")
+    if options.engine == "physx" and missing():
+        parser.error(f"--engine physx: {missing()}")
     if options.effects != "none":
         try:
             load_patch(options.effects)
@@ -65,6 +71,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         print(f"evaluate: {warning}", file=sys.stderr)
     settings = {
         "domain": options.domain,
+        "engine": options.engine,
         "seed": options.seed,
         "keypoints": options.keypoints,
         "controller": options.controller,
@@ -89,6 +96,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         logs = new_folder(options.out / "log")
         arguments = {
             "domain": options.domain,
+            "backend": ENGINES[options.engine],
             "seed": str(options.seed),
             "first_episode": str(len(results.results)),
             "keypoints": options.keypoints,
@@ -107,7 +115,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
             seconds_ready += time.monotonic() - began
             while (number := len(results.results)) < options.episodes:
                 result, whole = run_one(conductor, number, options.bags)
-                results.add(result)
+                results.add(replace(result, engine=options.engine))
                 progress.show(number + 1, rate(results))
                 if not whole:
                     print(
@@ -115,7 +123,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
                         file=sys.stderr,
                     )
                     break
-    figures = summary(results.results[: options.episodes])
+    figures = {"engine": options.engine, **summary(results.results[: options.episodes])}
     figures["wall_s"] = round(figures["wall_s"] + seconds_ready, 1)
     figures["this_run_s"] = round(time.monotonic() - started, 1)
     picture = results.path.with_suffix(".svg")
@@ -124,7 +132,6 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         **figures,
         "kept": kept,
         "warnings": warnings,
-        "engine": "mujoco",
         "results": str(results.path),
         "plot": str(picture),
     }

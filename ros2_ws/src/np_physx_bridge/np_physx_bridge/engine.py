@@ -1,0 +1,128 @@
+"""The engine of `physx_bridge`: PhysX 5 on the CPU, in single precision."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_description.camera import CAMERA, Camera
+from np_description.contact import HARD, ContactModel
+from np_description.domains import Domain, Pose
+from np_description.panda import (
+    BASE_FRAME,
+    FINGER_FORCE,
+    JOINT_NAMES,
+    NOMINAL,
+    STATE_NAMES,
+    PandaModel,
+)
+from np_description.scene import FINGER_DAMPING, FINGER_STIFFNESS, OBJECT, load_model
+from np_physx_bridge.library import sapien
+from np_physx_bridge.scene import Translator, scene
+from np_sim_bridge.schedule import PERIOD, SECOND
+
+STICTION = 1e4  # Nm s/rad: slope of Coulomb friction about standstill, until its limit is reached
+
+
+class PhysxEngine:
+    """An Engine of PhysX; arguments as for MakeEngine. contact: its coefficients of friction, all else is PhysX's own.
+
+    Coulomb friction of a joint is a drive towards standstill that gives at most `frictionloss`: PhysX solves it implicitly
+    with the contacts, so that a joint sticks. Its own joint friction is a coefficient on the load, which is another law.
+    Raises OSError where SAPIEN is not installed.
+    """
+
+    def __init__(
+        self,
+        domain: Domain,
+        *,
+        substeps: int = 1,
+        camera: Camera = CAMERA,
+        panda: PandaModel = NOMINAL,
+        contact: ContactModel = HARD,
+    ):
+        self._sapien = sapien()
+        self._timestep, self._substeps = PERIOD / SECOND / substeps, substeps
+        self.model = load_model(domain, timestep=self._timestep, camera=camera, panda=panda, contact=contact)
+        self._ready, self._limit = panda.ready, panda.torque_limit
+        self._friction = panda.frictionloss
+        # As the scene's joints have it: the arm's viscous damping is no part of its drives, the fingers' is.
+        self._damping = panda.damping
+        self._finger_damping = FINGER_DAMPING + float(self.model.dof_damping[self._dof(STATE_NAMES[-1])])
+        self._contact = contact
+
+    def _dof(self, joint: str) -> int:
+        return int(self.model.joint(joint).dofadr[0])
+
+    def reset(self, start: Pose) -> None:
+        """As in Engine: the scene is built anew, for PhysX remembers contacts."""
+        self._scene, self._system = scene(self._sapien, self._timestep)
+        translator = Translator(self._sapien, self.model, self._contact)
+        entities, self.articulation, joints = translator.articulation(BASE_FRAME)
+        body, self.object = translator.free_body(OBJECT)
+        body.pose = self._sapien.Pose(start.position, start.quaternion)
+        for entity in (translator.surroundings(), *entities, body):
+            self._scene.add_entity(entity)
+        order = [joint.name for joint in self.articulation.get_active_joints()]
+        self._order = np.array([order.index(name) for name in STATE_NAMES])
+        self._drives = [joints[name] for name in STATE_NAMES[len(JOINT_NAMES) :]]
+        for joint, limit in zip([joints[name] for name in JOINT_NAMES], self._friction):
+            joint.set_drive_properties(0.0, STICTION if limit else 0.0, float(limit))
+            joint.set_drive_velocity_target(0.0)
+        for joint in self._drives:
+            joint.set_drive_properties(FINGER_STIFFNESS, self._finger_damping, FINGER_FORCE)
+            joint.set_drive_target(0.0)
+        position = np.zeros(len(STATE_NAMES))
+        position[: len(JOINT_NAMES)] = self._ready
+        self.articulation.set_qpos(self._as_articulation(position))
+        self.articulation.set_qvel(np.zeros(len(STATE_NAMES)))
+        self._effort = np.zeros(len(STATE_NAMES))
+        self._start: Pose | None = start  # as drawn, until single precision has had its turn
+        self._read()
+        self._position = position
+
+    def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As in Engine."""
+        return self._position.copy(), self._velocity.copy(), self._effort.copy()
+
+    def object_pose(self) -> Pose:
+        """As in Engine."""
+        if self._start is not None:
+            return Pose(np.array(self._start.position), np.array(self._start.quaternion))
+        pose = self.object.entity.pose
+        quaternion = np.asarray(pose.q, float)
+        return Pose(np.asarray(pose.p, float), quaternion / np.linalg.norm(quaternion))
+
+    def configuration(self) -> np.ndarray:
+        """As in Engine."""
+        pose = self.object_pose()
+        return np.concatenate([self._position, pose.position, pose.quaternion])
+
+    def step(self, torque: np.ndarray, extra: np.ndarray, opening: float) -> None:
+        """As in Engine."""
+        arm = len(JOINT_NAMES)
+        self._effort[:arm] = np.clip(torque, -self._limit, self._limit)
+        force = np.zeros(len(STATE_NAMES))
+        for joint in self._drives:
+            joint.set_drive_target(opening)
+        for _ in range(self._substeps):
+            servo = FINGER_STIFFNESS * (opening - self._position[arm:]) - FINGER_DAMPING * self._velocity[arm:]
+            self._effort[arm:] = np.clip(servo, -FINGER_FORCE, FINGER_FORCE)
+            force[:arm] = self._effort[:arm] + extra - self._damping * self._velocity[:arm]
+            self.articulation.set_qf(self._as_articulation(force))
+            self._scene.step()
+            self._start = None
+            self._read()
+        pose = self.object.entity.pose
+        for name, values in (("joints", self._position), ("speeds", self._velocity), (OBJECT, [*pose.p, *pose.q])):
+            if not np.isfinite(values).all():
+                raise FloatingPointError(f"{name} not finite")
+
+    def _read(self) -> None:
+        self._position = np.asarray(self.articulation.get_qpos(), float)[self._order]
+        self._velocity = np.asarray(self.articulation.get_qvel(), float)[self._order]
+
+    def _as_articulation(self, values: np.ndarray) -> np.ndarray:
+        """Values in the order of STATE_NAMES in PhysX's own order."""
+        ordered = np.empty(len(values), dtype=np.float32)
+        ordered[self._order] = values
+        return ordered

@@ -1,0 +1,163 @@
+"""The scene in PhysX: a translation of the compiled MuJoCo scene, so that masses, frames, shapes and limits have one source.
+
+What is translated: bodies with mass, centre of mass and inertia; hinges and slides with range and armature; boxes, capsules,
+spheres and planes with the same collision bits. What is not: how contacts give way. PhysX's do not.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import mujoco
+import numpy as np
+
+from np_description.contact import ContactModel
+from np_description.scene import OBJECT
+
+CONTACT_OFFSET = 0.002  # m, from which on contacts are looked for: well below what the card is thick
+POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1  # with fewer, a box that is pulled at .9 of its friction creeps
+HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def coefficient(contact: ContactModel, friction: float, is_object: bool) -> float:
+    """Coulomb coefficient of one shape, such that a pair's average is what MuJoCo makes of the pair: the partner's with the
+    object, the larger one between robot and surroundings (there a partner less rough than the table has its own instead)."""
+    return contact.table if is_object else 2 * friction - contact.table
+
+
+def scene(library: ModuleType, timestep: float):
+    """An empty scene with gravity and its PhysX system; timestep s."""
+    physx = library.physx
+    physx.set_scene_config(gravity=[0, 0, -9.81], enable_tgs=True, enable_pcm=True, enable_enhanced_determinism=True)
+    system = physx.PhysxCpuSystem()
+    system.set_timestep(timestep)
+    return library.Scene([system]), system
+
+
+class Translator:
+    """Builds the parts of a scene from a compiled model whose frictions are those of `contact`."""
+
+    def __init__(self, library: ModuleType, model: mujoco.MjModel, contact: ContactModel):
+        self._sapien, self._physx = library, library.physx
+        self._model, self._contact = model, contact
+
+    def surroundings(self):
+        """What does not move, as one entity."""
+        component = self._physx.PhysxRigidStaticComponent()
+        self._attach(component, 0)
+        entity = self._sapien.Entity()
+        entity.add_component(component)
+        return entity
+
+    def free_body(self, name: str):
+        """A body with a free joint: its entity and component."""
+        body = self._model.body(name).id
+        component = self._physx.PhysxRigidDynamicComponent()
+        self._attach(component, body)
+        self._weigh(component, body)
+        component.set_linear_damping(0.0)
+        component.set_angular_damping(0.0)
+        component.set_sleep_threshold(0.0)
+        component.set_solver_position_iterations(POSITION_ITERATIONS)
+        component.set_solver_velocity_iterations(VELOCITY_ITERATIONS)
+        entity = self._sapien.Entity()
+        entity.add_component(component)
+        return entity, component
+
+    def articulation(self, root: str):
+        """The tree of bodies below `root`, which stands still, without weight: its entities and, by joint, components."""
+        model, links, entities, joints = self._model, {}, [], {}
+        first = model.body(root).id
+        for body in range(first, model.nbody):  # parents come before their children
+            parent = int(model.body_parentid[body])
+            if body != first and parent not in links:
+                continue
+            link = self._physx.PhysxArticulationLinkComponent(links.get(parent))
+            self._attach(link, body)
+            self._weigh(link, body)
+            link.set_disable_gravity(True)
+            link.set_linear_damping(0.0)
+            link.set_angular_damping(0.0)
+            name = self._join(link.joint, body, is_root=body == first)
+            if name:
+                joints[name] = link.joint
+            entity = self._sapien.Entity()
+            entity.add_component(link)
+            links[body] = link
+            entities.append(entity)
+        articulation = links[first].articulation
+        articulation.set_sleep_threshold(0.0)
+        articulation.set_solver_position_iterations(POSITION_ITERATIONS)
+        articulation.set_solver_velocity_iterations(VELOCITY_ITERATIONS)
+        return entities, articulation, joints
+
+    def _join(self, joint, body: int, is_root: bool) -> str:
+        """Set the joint that moves `body`; its name, empty where it is fixed."""
+        model, pose = self._model, self._sapien.Pose
+        frame = pose(model.body_pos[body], model.body_quat[body])
+        joint.type = "fixed"
+        if is_root:
+            return ""
+        if not model.body_jntnum[body]:
+            joint.pose_in_parent = frame
+            return ""
+        number = int(model.body_jntadr[body])
+        # A joint of PhysX moves along or about its x axis.
+        turned = pose([0, 0, 0], _from_x(model.jnt_axis[number]))
+        joint.pose_in_parent, joint.pose_in_child = frame * turned, turned
+        joint.type = {HINGE: "revolute_unwrapped", SLIDE: "prismatic"}[int(model.jnt_type[number])]
+        joint.set_limits([model.jnt_range[number]])
+        joint.set_armature([model.dof_armature[model.jnt_dofadr[number]]])
+        joint.set_friction(0.0)
+        joint.name = model.joint(number).name
+        return joint.name
+
+    def _weigh(self, component, body: int) -> None:
+        model = self._model
+        component.set_mass(model.body_mass[body])
+        component.set_cmass_local_pose(self._sapien.Pose(model.body_ipos[body], model.body_iquat[body]))
+        component.set_inertia(model.body_inertia[body])
+
+    def _attach(self, component, body: int) -> None:
+        """The colliding shapes of a body."""
+        model = self._model
+        for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
+            kind, affinity = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
+            if not (kind or affinity):
+                continue
+            friction = coefficient(
+                self._contact, float(model.geom_friction[geom, 0]), is_object=model.geom(geom).name == OBJECT
+            )
+            shape = self._shape(geom, self._physx.PhysxMaterial(friction, friction, 0.0))
+            shape.set_collision_groups([kind, affinity, 0, 0])
+            shape.set_contact_offset(CONTACT_OFFSET)
+            shape.set_rest_offset(0.0)
+            component.attach(shape)
+
+    def _shape(self, geom: int, material):
+        model, physx, kind = self._model, self._physx, mujoco.mjtGeom(self._model.geom_type[geom])
+        size, turn = model.geom_size[geom], np.array([1.0, 0, 0, 0])
+        if kind == mujoco.mjtGeom.mjGEOM_BOX:
+            shape = physx.PhysxCollisionShapeBox(size, material)
+        elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+            shape = physx.PhysxCollisionShapeSphere(size[0], material)
+        else:  # along or facing x in PhysX, z in MuJoCo
+            turn = _from_x(np.array([0.0, 0, 1]))
+            shape = (
+                physx.PhysxCollisionShapePlane(material)
+                if kind == mujoco.mjtGeom.mjGEOM_PLANE
+                else physx.PhysxCollisionShapeCapsule(size[0], size[1], material)
+            )
+        pose = self._sapien.Pose(model.geom_pos[geom], model.geom_quat[geom])
+        shape.set_local_pose(pose * self._sapien.Pose([0, 0, 0], turn))
+        return shape
+
+
+def _from_x(axis: np.ndarray) -> np.ndarray:
+    """Quaternion wxyz (4,) of a rotation that takes x to y or z."""
+    half = np.sqrt(0.5)
+    if np.allclose(axis, [0, 0, 1]):
+        return np.array([half, 0, -half, 0])
+    if np.allclose(axis, [0, 1, 0]):
+        return np.array([half, 0, 0, half])
+    raise ValueError(f"joint axis: expected y or z, got {axis}")

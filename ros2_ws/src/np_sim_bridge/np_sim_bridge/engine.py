@@ -1,0 +1,46 @@
+"""What a physics engine owes the bridge: everything else of a simulated robot exists once, in `Simulation`."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from np_description.camera import CAMERA, Camera
+from np_description.domains import Domain, Pose
+from np_description.panda import NOMINAL, PandaModel
+
+
+class Engine(Protocol):
+    """The arm with its object in one engine, stepped by control periods. The same torques give the same bits.
+
+    model: the MuJoCo scene that looks like it, for the renderer, which draws what `configuration` gives.
+    """
+
+    model: mujoco.MjModel
+
+    def reset(self, start: Pose) -> None:
+        """Everything at rest: the arm ready, fingers closed, the object at `start`, as if nothing had been before."""
+
+    def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position (9,) rad, m, velocity (9,) and effort (9,) Nm, N of the drives, seven joints, then two fingers."""
+
+    def object_pose(self) -> Pose:
+        """True pose of the object in the base frame."""
+
+    def configuration(self) -> np.ndarray:
+        """Generalised positions (nq,) of `model`: 7 joints, 2 fingers, position and quaternion wxyz of the object."""
+
+    def step(self, torque: np.ndarray, extra: np.ndarray, opening: float) -> None:
+        """One control period: the drives give `torque` (7,) Nm within their limits, `extra` (7,) Nm acts on the joints besides
+        and is not measured, and each finger is led to `opening` m. Raises FloatingPointError, naming what, on divergence."""
+
+
+class MakeEngine(Protocol):
+    """Builds an engine."""
+
+    def __call__(
+        self, domain: Domain, *, substeps: int = 1, camera: Camera = CAMERA, panda: PandaModel = NOMINAL
+    ) -> Engine:
+        """substeps: physics steps in a control period; camera: that of `model`; panda: the arm's numbers."""

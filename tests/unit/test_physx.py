@@ -1,0 +1,223 @@
+"""The second engine: the same arm and the same coefficients as in MuJoCo, told by masses, motion and Coulomb's law."""
+
+import json
+import sys
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from np_description.contact import HARD
+from np_description.domains import BUMP, CARD, DOMAINS, WALL
+from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_description.scene import OBJECT, load_model
+from np_effects.patch import Patch, PatchEffect
+from np_physx_bridge.box_world import PhysxBoxWorld
+from np_physx_bridge.engine import PhysxEngine
+from np_physx_bridge.library import missing, sapien
+from np_physx_bridge.scene import Translator, coefficient
+from np_sim_bridge import static_bench as bench
+from np_sim_bridge.mujoco_engine import MujocoEngine
+from np_sim_bridge.schedule import PERIOD
+from np_sim_bridge.simulation import Simulation
+
+pytestmark = pytest.mark.skipif(bool(missing()), reason=missing() or "PhysX is here")
+ZERO = np.zeros(7)
+MAKE = partial(PhysxBoxWorld, contact=HARD)
+
+
+def swing(engine, panda=NOMINAL, substeps=1):
+    """Joint angles after half a second of the same torques, and how far they went."""
+    simulated = engine(CARD, panda=panda, substeps=substeps)
+    simulated.reset(Simulation(CARD, seed=1).task.start)
+    for i in range(250):
+        simulated.step(3 * np.sin(0.02 * i + np.arange(7)), ZERO, 0.0)
+    return simulated.joints()[0][:7]
+
+
+def test_masses_frames_and_inertia_are_those_of_the_scene():
+    engine = PhysxEngine(BUMP)
+    engine.reset(Simulation(BUMP).task.start)
+    links, model = engine.articulation.get_links(), engine.model
+    assert len(links) == 11  # base, seven links, hand, two fingers
+    first = model.body(BASE_FRAME).id
+    for body, link in enumerate(links, start=first):
+        assert link.mass == pytest.approx(model.body_mass[body])
+        np.testing.assert_allclose(link.inertia, model.body_inertia[body], rtol=1e-6)
+        np.testing.assert_allclose(link.cmass_local_pose.p, model.body_ipos[body], atol=1e-7)
+        assert link.disable_gravity
+    assert engine.object.mass == pytest.approx(BUMP.mass)
+    np.testing.assert_allclose(engine.object.inertia, model.body_inertia[model.body(OBJECT).id], rtol=1e-6)
+
+
+def test_a_link_stands_where_it_stands_in_mujoco():
+    physx, other = Simulation(WALL, engine=PhysxEngine), Simulation(WALL)
+    other.engine.model.opt.timestep = 1e-9  # only for the frames
+    for simulation in (physx, other):
+        simulation.step(ZERO)
+    first = other.model.body(BASE_FRAME).id
+    for body, link in enumerate(physx.engine.articulation.get_links(), start=first):
+        np.testing.assert_allclose(link.entity.pose.p, other.engine.data.xpos[body], atol=1e-6)
+
+
+def test_rigid_bodies_move_as_in_mujoco():
+    """Without friction, which the engines regularise differently, and damping, in steps of half a millisecond."""
+    bare = replace(NOMINAL, frictionloss=ZERO, damping=ZERO)
+    there, here = (swing(engine, bare, substeps=4) for engine in (MujocoEngine, PhysxEngine))
+    assert np.abs(there - NOMINAL.ready).max() > 1.0
+    np.testing.assert_allclose(here, there, atol=2e-4)
+
+
+def test_the_arm_with_friction_moves_as_in_mujoco_but_for_how_it_sticks():
+    there, here = swing(MujocoEngine), swing(PhysxEngine)
+    np.testing.assert_allclose(here, there, atol=8e-3)
+
+
+@pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
+def test_arm_and_object_rest_without_torque(domain):
+    simulation = Simulation(domain, seed=1, engine=PhysxEngine)
+    start = simulation.task.start
+    for _ in range(250):
+        simulation.step(ZERO)
+    assert simulation.measure().stamp == 250 * PERIOD
+    assert np.abs(simulation.measure().position[:7] - NOMINAL.ready).max() < 1e-6
+    pose = simulation.object_pose()
+    assert np.linalg.norm(pose.position - start.position) < 1e-5
+    assert abs(pose.quaternion @ start.quaternion) > 1 - 1e-9
+
+
+def test_a_joint_sticks_below_its_friction_and_accelerates_by_what_is_above():
+    joint, friction = 6, NOMINAL.frictionloss[6]
+    simulation, torque = Simulation(CARD, engine=PhysxEngine), np.zeros(7)
+    torque[joint] = 0.99 * friction
+    for _ in range(100):
+        simulation.step(torque)
+    np.testing.assert_allclose(simulation.measure().effort[:7], torque)
+    assert abs(simulation.measure().position[joint] - NOMINAL.ready[joint]) < 1e-6
+    torque[joint] = 2 * friction
+    for _ in range(100):
+        simulation.step(torque)
+    other = Simulation(CARD)
+    for _ in range(100):
+        other.step(torque)
+    speed, same = simulation.measure().velocity[joint], other.measure().velocity[joint]
+    assert same > 0.1 and speed == pytest.approx(same, rel=5e-3)
+
+
+def test_fingers_open_as_told():
+    simulation = Simulation(CARD, engine=PhysxEngine)
+    simulation.set_fingers(0.03)
+    for _ in range(350):
+        simulation.step(ZERO)
+    np.testing.assert_allclose(simulation.measure().position[7:], 0.03, atol=1e-5)
+
+
+def test_what_the_renderer_draws_is_the_state():
+    simulation = Simulation(BUMP, seed=3, engine=PhysxEngine)
+    simulation.step(np.full(7, 2.0))
+    configuration, pose = simulation.configuration(), simulation.object_pose()
+    assert configuration.shape == (simulation.model.nq,)
+    joints = [simulation.model.joint(name).qposadr[0] for name in STATE_NAMES]
+    np.testing.assert_array_equal(configuration[joints], simulation.measure().position)
+    at = simulation.model.joint(OBJECT).qposadr[0]
+    np.testing.assert_array_equal(configuration[at : at + 7], [*pose.position, *pose.quaternion])
+
+
+def test_the_state_is_a_function_of_seed_episode_and_torques():
+    fresh = Simulation(BUMP, seed=4, first_episode=2, engine=PhysxEngine)
+    used = Simulation(BUMP, seed=4, first_episode=7, engine=PhysxEngine)
+    for i in range(60):
+        used.set_fingers(0.03)
+        used.step(10 * np.sin(np.arange(7) + i))
+    used.reset(2, used.stamp)
+    for i in range(200):
+        torque = 5 * np.cos(np.arange(7) * i) + [0, 8, 0, 0, 0, 0, 0]  # into the box
+        for simulation in (fresh, used):
+            simulation.step(torque)
+        np.testing.assert_array_equal(fresh.configuration(), used.configuration())
+        np.testing.assert_array_equal(fresh.measure().velocity, used.measure().velocity)
+
+
+def test_effects_of_a_patch_work_alike_for_they_are_outside_of_the_engine():
+    delayed = Patch((PatchEffect("command_delay", "arm", {"delay": 0.02}),))
+    late, prompt = (Simulation(CARD, engine=PhysxEngine, patch=patch) for patch in (delayed, Patch()))
+    torque = np.array([0, 0, 0, 0, 0, 0, 1.0])
+    for k in range(18):
+        late.step(torque * (k >= 10))
+        prompt.step(torque * (k >= 10))
+    assert abs(late.measure().velocity[6]) < 1e-6 < 1e-2 < prompt.measure().velocity[6]
+
+
+def test_divergence_is_an_error():
+    simulation = Simulation(CARD, engine=PhysxEngine)
+    simulation.engine.object.set_linear_velocity([np.nan] * 3)
+    with pytest.raises(FloatingPointError, match="diverged at 2000000 ns: object not finite"):
+        simulation.step(ZERO)
+
+
+def test_pairs_have_the_coefficients_of_the_definition():
+    """PhysX averages the two of a pair."""
+
+    def pair(a, b, **which):
+        one = coefficient(HARD, a, is_object=which.get("object", False))
+        return (one + coefficient(HARD, b, is_object=False)) / 2
+
+    for partner in (HARD.table, HARD.finger, HARD.housing, HARD.links):
+        assert pair(0.1, partner, object=True) == pytest.approx(partner)
+    assert pair(HARD.finger, HARD.table) == pytest.approx(max(HARD.finger, HARD.table))
+
+
+def test_shapes_have_material_and_collision_bits_of_the_scene():
+    model = load_model(BUMP, contact=HARD)
+    component = Translator(sapien(), model, HARD).surroundings().components[0]
+    shapes = component.get_collision_shapes()
+    assert len(shapes) == 1 + len(BUMP.obstacles)
+    for shape in shapes:
+        assert shape.physical_material.static_friction == pytest.approx(HARD.table)
+        assert shape.get_collision_groups()[:2] == [1, 6]
+
+
+def test_friction_is_that_of_coulomb_in_every_direction():
+    found = np.array([bench.slide(MAKE, HARD.table, np.radians(h))["of_true"] for h in bench.HEADINGS])
+    assert np.abs(found - 1).max() < 0.01
+
+
+def test_what_is_pulled_at_less_than_its_friction_stays():
+    assert abs(bench.creep(MAKE, HARD.table)["mm_per_s"]) < 0.01
+
+
+def test_nothing_sinks_in_and_a_card_comes_along():
+    rows = bench.press(MAKE)["rows"]
+    assert max(rows[-1]["finger_mm"], rows[-1]["table_mm"]) < 0.1
+    assert bench.drag(MAKE)["followed_mm"] > 0.98 * 30.0
+
+
+def test_a_tall_box_tips_where_theory_says():
+    assert bench.tip_over(MAKE)["of_theory"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_published_figures_are_what_the_engine_gives():
+    published = json.loads((Path(__file__).parents[2] / "docs/results/static_bench.json").read_text())
+    found = bench.figures(bench.bench(MAKE, HARD.table))
+    for question, value in published["figures"]["PhysX"].items():
+        assert found[question] == pytest.approx(value, rel=1e-3, abs=1e-3), question
+
+
+def test_where_it_is_not_installed_the_error_names_the_command(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sapien", None)  # as if it were not there
+    assert "`make physx` installs" in missing()
+    with pytest.raises(OSError, match="expected the package sapien, which `make physx` installs"):
+        PhysxEngine(CARD)
+
+
+def test_joint_names_lead_to_the_joints_of_the_same_name():
+    engine = PhysxEngine(CARD)
+    engine.reset(Simulation(CARD).task.start)
+    for i in range(len(JOINT_NAMES)):
+        torque = np.zeros(7)
+        torque[i] = 20 * NOMINAL.frictionloss[i]
+        engine.reset(Simulation(CARD).task.start)
+        engine.step(torque, ZERO, 0.0)
+        assert np.argmax(np.abs(engine.joints()[1][:7])) == i
