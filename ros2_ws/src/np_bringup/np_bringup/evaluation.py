@@ -28,6 +28,7 @@ CODE = (
     "np_perception",
     "np_policy",
     "np_sim_bridge",
+    "np_physx_bridge",
     "np_bringup",
 )
 """The packages whose code takes part in an evaluation."""
