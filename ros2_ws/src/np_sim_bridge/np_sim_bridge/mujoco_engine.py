@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
+from np_description.contact import SOFT, ContactModel
 from np_description.domains import Domain, Pose
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES, PandaModel
 from np_description.scene import OBJECT, load_model
@@ -15,10 +16,19 @@ DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, 
 
 
 class MujocoEngine:
-    """An Engine of MuJoCo; arguments as for MakeEngine."""
+    """An Engine of MuJoCo; arguments as for MakeEngine. contact: how rough and how hard everything is."""
 
-    def __init__(self, domain: Domain, *, substeps: int = 1, camera: Camera = CAMERA, panda: PandaModel = NOMINAL):
-        self.model = load_model(domain, timestep=PERIOD / SECOND / substeps, camera=camera, panda=panda)
+    def __init__(
+        self,
+        domain: Domain,
+        *,
+        substeps: int = 1,
+        camera: Camera = CAMERA,
+        panda: PandaModel = NOMINAL,
+        contact: ContactModel = SOFT,
+    ):
+        timestep = PERIOD / SECOND / substeps
+        self.model = load_model(domain, timestep=timestep, camera=camera, panda=panda, contact=contact)
         self.data = mujoco.MjData(self.model)
         self._substeps = substeps
         joints = [self.model.joint(name) for name in STATE_NAMES]
