@@ -83,7 +83,10 @@ class Results:
         self.path = folder / f"{name}_{hashlib.sha256(key.encode()).hexdigest()[:8]}.jsonl"
         self.results: list[Result] = []
         self.kept_from = ""
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OSError(f"{folder}: expected a folder that can be written, got: {error.strerror}") from error
         lines = self.path.read_text().splitlines(keepends=True) if self.path.exists() and not fresh else []
         if lines and _key(lines[0]) != key:
             raise ValueError(f"{self.path}: expected results for {text}, found {lines[0].strip()}")

@@ -107,7 +107,11 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
     interrupt_on_sigterm()
-    out = new_folder(options.out)
+    try:
+        out = new_folder(options.out)
+    except OSError as failure:
+        print(f"demo: {failure}", file=sys.stderr)
+        return 1
     bags: list[str] = []
     outcomes: list[Outcome] = []
     began = time.monotonic()
@@ -116,7 +120,7 @@ def main(arguments: list[str] | None = None) -> int:
         run_episodes(options, out, bags, outcomes)
     except KeyboardInterrupt:
         status, error = INTERRUPTED, "interrupted"
-    except (NodeDied, GraphError, TimeoutError, LookupError, ValueError) as failure:
+    except (NodeDied, GraphError, TimeoutError, LookupError, ValueError, OSError) as failure:
         status, error = 1, str(failure)
         print(f"demo: {error}", file=sys.stderr)
     finished = bags[: len(outcomes)]

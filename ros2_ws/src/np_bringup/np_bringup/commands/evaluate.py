@@ -152,7 +152,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; finished episodes are kept, the same command goes on with the next", file=sys.stderr)
         return INTERRUPTED
-    except (NodeDied, TimeoutError, LookupError, ValueError) as error:
+    except (NodeDied, TimeoutError, LookupError, ValueError, OSError) as error:
         print(f"evaluate: {error}", file=sys.stderr)
         return 1
     print(json.dumps(figures))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from pathlib import Path
 
 from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
 from np_diagnosis.nodes.excite_node import Exciter
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
+from np_ros.domain import ros_domain_id
 from np_ros.graph import NodeSpec
 from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied, Supervisor
@@ -86,7 +86,7 @@ def excite(options: argparse.Namespace) -> dict:
         "revision": origin()["revision"],
     }
     nodes = make_graph(options.out, options.mode, is_sim, options.effects, information)
-    domain = None if is_sim else int(os.environ.get("ROS_DOMAIN_ID", "0"))
+    domain = None if is_sim else ros_domain_id()
     bar: Progress | None = None
 
     def show(name: str, number: int, count: int) -> None:
@@ -112,7 +112,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; the bag is complete up to here", file=sys.stderr)
         return INTERRUPTED
-    except (GraphError, NodeDied, TimeoutError, LookupError) as error:
+    except (GraphError, NodeDied, TimeoutError, LookupError, ValueError, OSError) as error:
         print(f"excite: {error}", file=sys.stderr)
         return 1
     return 0

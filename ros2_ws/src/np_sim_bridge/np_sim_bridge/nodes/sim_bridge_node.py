@@ -29,6 +29,7 @@ from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.scene import CAMERA_NAME
 from np_effects.patch import Patch, load_patch
 from np_ros import qos
+from np_ros.domain import refuse_second
 from np_ros.messages import (
     BadMessage,
     camera_info_message,
@@ -131,6 +132,7 @@ class SimBridge(Node):
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
         self._create_inputs()
         self._stand_at_task()
+        refuse_second(self, "joint_states")
         gc.collect()
         gc.freeze()  # what start-up made stays: later collections need not walk it
 
@@ -380,7 +382,8 @@ class SimBridge(Node):
         if (state, cause) != self._reported:
             self._reported = state, cause
             self.diagnostics.values["state"] = str(state)
-            self.diagnostics.report(LEVELS.get(state, DiagnosticStatus.OK), f"{state}: {cause}")
+            level = LEVELS.get(state, WARN if self._simulation.held_back else DiagnosticStatus.OK)
+            self.diagnostics.report(level, "; ".join((f"{state}: {cause}", *self._simulation.held_back)))
 
     def destroy_node(self) -> None:
         """Finish the images under way."""
