@@ -8,12 +8,14 @@ import sys
 from pathlib import Path
 
 from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
-from np_diagnosis.nodes.excite_node import Exciter
+from np_diagnosis.nodes.excite_node import READY_TIMEOUT, Exciter
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.domain import ros_domain_id
 from np_ros.graph import NodeSpec
 from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied, Supervisor
+
+RUNNING_TIMEOUT = 20.0  # s for an arm that is said to run to be heard
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -97,10 +99,15 @@ def excite(options: argparse.Namespace) -> dict:
     with Supervisor(new_folder(options.logs), domain_id=domain) as supervisor:
         supervisor.start(nodes)
         with Exciter(supervisor, lockstep=options.mode == "lockstep", on_segment=show) as exciter:
-            exciter.wait_until_ready({node.name for node in nodes})
+            limit = READY_TIMEOUT if is_sim else RUNNING_TIMEOUT
+            exciter.wait_until_ready({node.name for node in nodes}, limit, _say)
             segments = exciter.run(options.only)
             bar.show(len(segments), "done")
             return {"segments": segments, **exciter.stop_recording()}
+
+
+def _say(text: str) -> None:
+    print(f"excite: {text}", file=sys.stderr, flush=True)
 
 
 def main(arguments: list[str] | None = None) -> int:
