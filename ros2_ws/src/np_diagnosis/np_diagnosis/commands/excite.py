@@ -9,6 +9,7 @@ from pathlib import Path
 
 from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
 from np_diagnosis.nodes.excite_node import READY_TIMEOUT, Exciter
+from np_diagnosis.thresholds import THRESHOLDS
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.domain import ros_domain_id
 from np_ros.graph import NodeSpec
@@ -96,6 +97,11 @@ def excite(options: argparse.Namespace) -> dict:
         bar = bar or Progress(count, "excite")
         bar.show(number - 1, name)
 
+    motion = sum(segment.duration for segment in suite(options.only))
+    if motion < (enough := THRESHOLDS.blocks.shortest):
+        _say(
+            f"{motion:.1f} s of motion; `diagnose` wants {enough:g} s: name further experiments, or one such as sweep_7"
+        )
     with Supervisor(new_folder(options.logs), domain_id=domain) as supervisor:
         supervisor.start(nodes)
         with Exciter(supervisor, lockstep=options.mode == "lockstep", on_segment=show) as exciter:
