@@ -10,6 +10,8 @@ from pathlib import Path
 from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
 from np_diagnosis.nodes.excite_node import READY_TIMEOUT, Exciter
 from np_diagnosis.thresholds import THRESHOLDS
+from np_record.bag import BagError, Recording
+from np_record.bag_writer import INCOMPLETE
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.domain import ros_domain_id
 from np_ros.graph import NodeSpec
@@ -116,6 +118,19 @@ def _say(text: str) -> None:
     print(f"excite: {text}", file=sys.stderr, flush=True)
 
 
+def _what_is_there(out: Path) -> str:
+    """What an interrupted run has left of its bag."""
+    bag = max(out.parent.glob(f"{out.name}_[0-9]*"), default=None)
+    if bag is None:
+        return "nothing was recorded"
+    try:
+        with Recording(bag) as recording:
+            why = recording.information.get(INCOMPLETE)
+    except BagError as error:
+        return str(error)
+    return f"{bag} ends early: {why}" if why else f"{bag} is complete up to here"
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
@@ -123,7 +138,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         print(json.dumps(excite(options)))
     except KeyboardInterrupt:
-        print("interrupted; the bag is complete up to here", file=sys.stderr)
+        print(f"interrupted; {_what_is_there(options.out)}", file=sys.stderr)
         return INTERRUPTED
     except (GraphError, NodeDied, TimeoutError, LookupError, ValueError, OSError) as error:
         print(f"excite: {error}", file=sys.stderr)
