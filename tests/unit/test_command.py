@@ -69,6 +69,22 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path, capsys):
     assert f"excite: {out}_000: expected a folder that can be made" in capsys.readouterr().err
 
 
+SLOW = ("rclpy", "rosbags", "matplotlib", "mujoco", "onnxruntime", "torch", "cv2")
+
+
+@pytest.mark.parametrize(
+    "module", ["np_bringup.commands.demo", "np_bringup.commands.evaluate", "np_record.commands.report"]
+)
+def test_help_of_a_command_imports_nothing_that_is_slow(module):
+    code = (
+        f"import sys; from {module} import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit as ended:\n    assert not ended.code\n"
+        f"print([name for name in {SLOW} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.startswith("usage: ") and done.stderr == "[]\n"
+
+
 def test_elsewhere_than_on_a_terminal_there_are_few_lines(capsys):
     progress = Progress(1000, "episodes")
     for number in range(1000):

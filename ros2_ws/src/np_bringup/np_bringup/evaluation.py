@@ -11,12 +11,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from np_description.phases import SUCCEEDED
 from np_description.released import sha256
-from np_effects.registry import FOLDERS
 from np_record.intervals import wilson_interval
-from np_record.recorded_episode import Outcome
+
+if TYPE_CHECKING:  # it is slow to import
+    from np_record.recorded_episode import Outcome
 
 CODE = (
     "np_description",
@@ -138,6 +140,8 @@ def summary(results: list[Result]) -> dict[str, object]:
 def code_sha256() -> str:
     """SHA-256 (hex) of every file of the packages that an evaluation runs, whatever git says of them, and of the effects of
     one's own."""
+    from np_effects.registry import FOLDERS  # slow
+
     folders = [Path(find_spec(package).submodule_search_locations[0]) for package in CODE]
     own = [Path(folder) for folder in os.environ.get(FOLDERS, "").split(":") if folder]
     total = hashlib.sha256()
