@@ -73,7 +73,15 @@ SLOW = ("rclpy", "rosbags", "matplotlib", "mujoco", "onnxruntime", "torch", "cv2
 
 
 @pytest.mark.parametrize(
-    "module", ["np_bringup.commands.demo", "np_bringup.commands.evaluate", "np_record.commands.report"]
+    "module",
+    [
+        "np_bringup.commands.demo",
+        "np_bringup.commands.evaluate",
+        "np_diagnosis.commands.diagnose",
+        "np_diagnosis.commands.excite",
+        "np_record.commands.replay",
+        "np_record.commands.report",
+    ],
 )
 def test_help_of_a_command_imports_nothing_that_is_slow(module):
     code = (

@@ -8,14 +8,9 @@ import sys
 from pathlib import Path
 
 from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
-from np_diagnosis.nodes.excite_node import READY_TIMEOUT, Exciter
 from np_diagnosis.thresholds import THRESHOLDS
-from np_record.bag import BagError, Recording
-from np_record.bag_writer import INCOMPLETE
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
-from np_ros.domain import ros_domain_id
 from np_ros.graph import NodeSpec
-from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied, Supervisor
 
 RUNNING_TIMEOUT = 20.0  # s for an arm that is said to run to be heard
@@ -83,6 +78,9 @@ def make_graph(
 
 def excite(options: argparse.Namespace) -> dict:
     """Run the experiments; what was recorded."""
+    from np_diagnosis.nodes.excite_node import READY_TIMEOUT, Exciter  # slow, as what is imported below
+    from np_ros.domain import ros_domain_id
+
     is_sim = options.backend == "sim"
     information = {
         "experiments": options.only or list(NAMES),
@@ -120,6 +118,9 @@ def _say(text: str) -> None:
 
 def _what_is_there(out: Path) -> str:
     """What an interrupted run has left of its bag."""
+    from np_record.bag import BagError, Recording
+    from np_record.bag_writer import INCOMPLETE
+
     bag = max(out.parent.glob(f"{out.name}_[0-9]*"), default=None)
     if bag is None:
         return "nothing was recorded"
@@ -134,6 +135,8 @@ def _what_is_there(out: Path) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
+    from np_ros.participant import GraphError
+
     interrupt_on_sigterm()
     try:
         print(json.dumps(excite(options)))
