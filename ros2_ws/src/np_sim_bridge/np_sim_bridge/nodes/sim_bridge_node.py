@@ -124,10 +124,8 @@ class SimBridge(Node):
             self._camera = CameraThread(make, self._publish_image)
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(mode=mode, domain=domain, seed=seed, effects=effects or "none")
-        if self._simulation.ignored_effects:
-            self.get_logger().warn(
-                f"effects that a backend cannot carry: {', '.join(self._simulation.ignored_effects)}"
-            )
+        if ignored := self._simulation.ignored_effects:
+            self.get_logger().warn(f"effects that a backend cannot carry: {', '.join(ignored)}")
         if priority and not request_realtime(priority):  # for this thread: the camera's has been started
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
         self._create_inputs()
