@@ -31,7 +31,7 @@ help: ## this list
 setup: ros2_ws/install/.built ## .venv from requirements.lock, then colcon build
 
 .venv/.installed: requirements.lock tools/install.sh tools/python.sh
-	@tools/install.sh
+	@tools/check.sh && tools/install.sh
 	@touch $@
 
 .venv/.ros2: .venv/.installed $(wildcard tools/ros2_lite/*.toml tools/ros2_lite/ros2_lite/*.py)
@@ -40,7 +40,7 @@ setup: ros2_ws/install/.built ## .venv from requirements.lock, then colcon build
 
 # Python files are linked, not copied: only new packages, entry points, launch files or settings need a build.
 ros2_ws/install/.built: .venv/.ros2 $(BUILT_FROM)
-	@$(ACTIVATE) cd ros2_ws && colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
+	@tools/check.sh && $(ACTIVATE) cd ros2_ws && colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
 	@touch $@
 
 demo: setup ## DOMAIN EPISODES SEED KEYPOINTS: three episodes through the graph: bag, report, video

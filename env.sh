@@ -2,6 +2,12 @@
 # Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
 _np_root=$(cd "$(dirname "${BASH_SOURCE[0]:-$0}")" && pwd)
 
+if [ ! -f "$_np_root/.venv/bin/activate" ]; then
+    echo "env.sh: expected an environment in $_np_root/.venv, found none: run \`make setup\` there first" >&2
+    unset _np_root
+    return 1
+fi
+
 # Called from another environment of ROS wheels (they set this in every child): its libraries must not be found first.
 if [ -n "${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-}" ]; then
     unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH

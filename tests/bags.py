@@ -9,7 +9,8 @@ from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.phases import PhaseState
 from np_description.rotations import yaw_quaternion
-from np_record.recorder import BagWriter, Sequencer
+from np_record.bag_writer import BagWriter
+from np_record.recorder import Sequencer
 from np_record.topics import BY_NAME, TIMELINE
 from np_ros.messages import (
     image_message,

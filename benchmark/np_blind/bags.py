@@ -13,9 +13,9 @@ from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
 from np_diagnosis.experiments.excitation import TICK_NS
+from np_record.bag_writer import BagWriter
 from np_record.bulk import serialized_joint_states
 from np_record.cdr import TYPESTORE, serialized
-from np_record.recorder import BagWriter
 from np_record.topics import BY_NAME
 
 SECOND = 1_000_000_000

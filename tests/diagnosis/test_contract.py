@@ -15,7 +15,8 @@ from np_diagnosis.checks.plausibility import check
 from np_diagnosis.commands import diagnose as command
 from np_diagnosis.recordings.reading import ContractViolation, read
 from np_diagnosis.recordings.signals import Log
-from np_record.recorder import BagWriter, Sequencer
+from np_record.bag_writer import BagWriter
+from np_record.recorder import Sequencer
 from np_record.topics import BY_NAME, TIMELINE
 from np_ros.messages import joint_state_message
 

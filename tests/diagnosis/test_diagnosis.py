@@ -1,6 +1,7 @@
 """The doctor against arms of known and of unknown gap."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from np_diagnosis.checks.plausibility import check
 from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.recordings.reading import read
 from np_diagnosis.report.document import make_report, to_json
+from np_diagnosis.report.page import render
 from np_diagnosis.simulation.simulated_arm import Z1
 from np_effects.joint_dynamics.presliding_friction import MOST as PRESLIDING_MOST
 from np_effects.joint_dynamics.presliding_friction import STROKES as PRESLIDING_STROKES
@@ -51,6 +53,27 @@ def test_coulomb_friction_is_found_in_its_joint(stuck):
     assert diagnosis.gap.after_joint[3] < 0.5 * diagnosis.gap.before_joint[3]
     assert report["where"][0]["component"] == "panda_joint4"
     assert report["where"][0]["module"] == "joint_dynamics"
+
+
+def test_the_number_beside_a_name_is_that_of_what_is_claimed(stuck):
+    """Of a friction that is plain, or has two levels, plain friction is claimed: no .01 beside what is right."""
+    diagnosis, log = stuck
+    finding = next(f for f in diagnosis.findings if f.is_chosen)
+    larger = "asymmetric_coulomb_friction"
+    assert finding.effect.id == "coulomb_friction" and larger in finding.generalised_by
+    plain = replace(finding, probability=0.01, generalised_by=(larger,), generalised_probability=0.985)
+    uneven = next(c.effect for c in diagnosis.design.candidates if c.effect.id == larger)
+    lead = replace(finding, effect=uneven, probability=0.985, is_chosen=False, generalised_by=())
+    diagnosis = replace(diagnosis, verdict="identified", findings=(plain, lead))
+    report = make_report(diagnosis, [log], 0.0)
+    first = report["effects"][0]
+    assert (first["probability"], first["class_probability"]) == (0.01, pytest.approx(0.995))
+    assert first["special_case_of"] == [larger] and to_json(report)
+    text = " ".join(render(report, diagnosis).split())
+    assert (
+        '<td class="number">0.99<br> <span class="muted">0.98 of it as asymmetric coulomb friction</span></td>' in text
+    )
+    assert ">0.01<" not in text and "Not added" not in text
 
 
 def test_asymmetry_is_found_with_what_it_cannot_be_told_from(uneven):

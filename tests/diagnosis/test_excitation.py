@@ -1,7 +1,11 @@
 """The excitation suite stays where an arm may go, and is what it says."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
+from arm_generator import record
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -9,8 +13,10 @@ from np_control.controller import Controller
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS, check_command, torque_bounds, velocity_bounds
 from np_description.panda import NOMINAL
+from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.experiments.excitation import FURTHER, NAMES, PAUSE, READY, TICK_NS, end_of, schedule, suite
 from np_diagnosis.experiments.motions import chirp, triangle, visits, waves
+from np_diagnosis.thresholds import THRESHOLDS
 
 PLAN = suite()
 EVERYTHING = PLAN + suite(FURTHER)
@@ -45,6 +51,22 @@ def test_no_guard_is_needed_to_follow_it():
             controller.observe(k * LIMITS.period_ns, q, dq)
             limited.update(controller.answer().limited)
         assert not limited, f"{segment.name}: {limited}"
+
+
+@pytest.mark.parametrize("guide", ["hardware.md", "diagnose.md", "your_own_backend.md"])
+def test_what_a_guide_begins_with_is_motion_enough_to_be_judged(guide):
+    text = (Path(__file__).resolve().parents[2] / "docs/guide" / guide).read_text()
+    told = [
+        names.split() for names in re.findall(r"--only ((?:[a-z]+[a-z_0-9]* ?)+)", text) if names.split()[0] != "each"
+    ]
+    assert told
+    for names in told:
+        assert sum(segment.duration for segment in suite(names)) >= THRESHOLDS.blocks.shortest, names
+
+
+def test_a_recording_that_is_too_short_says_how_much_is_wanted():
+    with pytest.raises(ValueError, match="15 s in all; got 4.* s in 1 pieces: record more"):
+        diagnose([record(duration=4.5)], quick=True)
 
 
 def test_it_takes_under_three_minutes_and_joins_up():

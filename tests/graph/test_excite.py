@@ -3,18 +3,21 @@
 import numpy as np
 import pytest
 from graph_tools import Graph
+from sensor_msgs.msg import JointState
 
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
+from np_diagnosis.commands import excite as command
 from np_diagnosis.commands.excite import make_graph
 from np_diagnosis.experiments.excitation import LOW_DAMPING, suite
 from np_diagnosis.nodes.excite_node import Exciter
 from np_record.bag import Recording
-from np_ros.messages import gains_array, joint_state_arrays, trajectory_arrays
+from np_ros.messages import gains_array, joint_state_arrays, joint_state_message, trajectory_arrays
 from np_ros.participant import GraphError
 from np_ros.phases import phase_state
+from np_ros.qos import publisher
 
 SHORT = ["sinusoid_7"]
 
@@ -112,6 +115,29 @@ def test_the_gains_of_an_experiment_hold_from_its_first_state_on(tmp_path):
     )
     damping = ((rest - fed) * error).sum(axis=0) / (error**2).sum(axis=0)
     assert np.allclose(damping, LOW_DAMPING * np.sqrt(gains[0][0]), rtol=0.15)
+
+
+def test_a_backend_that_does_not_run_is_missed_aloud_and_soon(tmp_path, graph, monkeypatch, capsys):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(graph.domain_id))
+    monkeypatch.setattr("np_diagnosis.nodes.excite_node.TOLD_EVERY", 0.2)
+    assert command.RUNNING_TIMEOUT == 20.0
+    monkeypatch.setattr(command, "RUNNING_TIMEOUT", 1.0)
+    options = ["--backend", "running", "--mode", "realtime", "--out", tmp_path / "bag", "--logs", tmp_path / "log"]
+    assert command.main([*map(str, options)]) == 1
+    said = capsys.readouterr().err
+    missed = f"joint_states of a backend in ROS domain {graph.domain_id}, mode realtime"
+    assert f"excite: waiting for {missed}: 0 of 1 s" in said
+    assert said.endswith(f"excite: expected {missed} within 1 s; it did not come\n")
+
+
+def test_joint_states_of_another_arm_are_refused_by_name(graph, probe, monkeypatch):
+    monkeypatch.setattr("np_diagnosis.nodes.excite_node.TOLD_EVERY", 0.05)
+    names = [name.replace("panda", "fr3") for name in STATE_NAMES]
+    states = probe.advertise("joint_states", JointState, publisher(False))
+    state = joint_state_message(0, names, *np.zeros((3, len(names))))
+    with Exciter(graph, lockstep=False) as exciter:
+        with pytest.raises(GraphError, match="joint_states: .*expected .*panda_joint1.*got .*fr3_joint1.*graph.md"):
+            exciter.wait_until_ready(set(), tell=lambda _: states.publish(state))
 
 
 def test_a_backend_that_stops_ends_the_experiment_with_the_reason(tmp_path, graph, probe):

@@ -20,6 +20,8 @@ from std_srvs.srv import Trigger
 
 from np_bringup.backends import REAL, SIMULATED
 from np_bringup.task_graph import task_graph
+from np_diagnosis.commands import excite
+from np_ros.domain import ros_domain_id
 from np_ros.node import SUBSCRIBERS, Diagnostics, parameter
 from np_ros.parameters import declared
 from np_ros.qos import EVENT, LOCKSTEP
@@ -313,6 +315,35 @@ def test_a_parameter_that_a_node_does_not_have_is_refused_in_one_line(graph, giv
     said = done.stdout + done.stderr
     assert done.returncode == bool(refused), said
     assert said.endswith(refused) and said.count("\n") == bool(refused)
+
+
+def test_a_domain_id_that_is_none_is_refused_in_one_line(capsys, monkeypatch, tmp_path):
+    told = "ROS_DOMAIN_ID: expected a whole number from 0 to 232, got 'abc'"
+    environment = {**os.environ, "ROS_DOMAIN_ID": "abc"}
+    done = subprocess.run(
+        [sys.executable, "-c", GIVEN], env=environment, capture_output=True, text=True, timeout=TIMEOUT
+    )
+    assert done.returncode == 1 and (done.stdout + done.stderr).endswith(f"cannot start: {told}\n")
+    monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
+    assert excite.main(["--backend", "running", "--out", str(tmp_path / "x"), "--logs", str(tmp_path / "log")]) == 1
+    assert capsys.readouterr().err == f"excite: {told}\n"
+    for said, number in (("", 0), ("7", 7), ("232", 232)):
+        monkeypatch.setenv("ROS_DOMAIN_ID", said)
+        assert ros_domain_id() == number
+
+
+def test_two_nodes_of_one_name_warn(spun):
+    node, spinner = spun
+    messages = []
+    Diagnostics(node, period=0.01)
+    node.create_subscription(DiagnosticArray, "diagnostics", messages.append, EVENT)
+    spin_until(node, spinner, lambda: messages)
+    assert messages[0].status[0].message == "running"
+    twin = Node(node.get_name(), context=node.context)
+    spin_until(node, spinner, lambda: messages[-1].status[0].level == DiagnosticStatus.WARN)
+    assert "another node of this name is in this ROS domain" in messages[-1].status[0].message
+    twin.destroy_node()
+    spin_until(node, spinner, lambda: messages[-1].status[0].message == "running")
 
 
 INTERRUPTED = """

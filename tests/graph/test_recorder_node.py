@@ -1,11 +1,12 @@
 """The recorder as a process: nothing is lost, however it is ended."""
 
 import json
+import resource
 import signal
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from graph_tools import TIMEOUT
 from rclpy.duration import Duration
@@ -14,9 +15,11 @@ from sensor_msgs.msg import JointState
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import PhaseState
 from np_record.bag import Recording
+from np_record.bag_writer import INCOMPLETE
 from np_ros import qos
 from np_ros.messages import joint_state_message, pose_message
 from np_ros.phases import phase_message, phase_state
+from np_ros.supervisor import NodeDied
 
 PERIOD = 2_000_000
 
@@ -66,6 +69,23 @@ def test_everything_is_in_the_bag_when_the_recorder_is_ended(graph, probe, recor
         assert [(m.stamp, phase_state(m.decode())) for m in recording.messages("episode/phase")] == [
             (0, PhaseState("post"))
         ]
+
+
+def test_a_disk_that_becomes_full_ends_the_recorder_by_name_and_the_bag_can_be_read(graph, probe, recorder):
+    bag = recorder()
+    said = probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
+    probe.wait_until(lambda: said)
+    resource.prlimit(graph.pid("recorder"), resource.RLIMIT_FSIZE, (3 << 19, 3 << 19))  # a chunk and a half
+    publish_run(probe, 0, 4000)
+    told = f"bag {bag}: cannot be written: File too large; it ends early, readable, with "
+    with pytest.raises(NodeDied, match="recorder ended with status 1") as died:
+        probe.wait_until(lambda: False)
+    assert told in str(died.value) and "Traceback" not in str(died.value)
+    assert any(s.level == DiagnosticStatus.ERROR and told in s.message for m in said for s in m.status)
+    with Recording(bag) as recording:
+        assert recording.counts["joint_states"] > 500 and "File too large" in recording.information[INCOMPLETE]
+        stamps = [m.stamp for m in recording.messages("joint_states")]
+        assert stamps == [i * PERIOD for i in range(len(stamps))]
 
 
 def test_one_bag_for_each_start_and_stop(graph, probe, recorder):

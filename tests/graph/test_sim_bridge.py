@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import Image, JointState
 
 from np_description.domains import BUMP
 from np_description.panda import NOMINAL, STATE_NAMES
 from np_effects.patch import Patch, PatchEffect, dump_patch
+from np_ros.graph import NodeSpec
 from np_ros.messages import image_array, joint_state_arrays
+from np_ros.qos import EVENT
 from np_ros.supervisor import NodeDied
 from np_sim_bridge.renderer import WarpRenderer
 from np_sim_bridge.simulation import Simulation
@@ -47,6 +50,27 @@ def patch_file(folder, *effects):
     path = folder / "patch.yaml"
     path.write_text(dump_patch(Patch(tuple(PatchEffect(*effect) for effect in effects))))
     return str(path)
+
+
+def test_an_effect_that_is_not_in_force_as_asked_is_a_warning(graph, probe, tmp_path):
+    patch = patch_file(tmp_path, ("coulomb_friction", "panda_joint2", {"level": -5.0}))
+    said = probe.collect("diagnostics", DiagnosticArray, EVENT)
+    graph.run("np_sim_bridge", "sim_bridge", {"camera": False, "effects": patch})
+    told = "coulomb_friction at panda_joint2: asks for a frictionloss of"
+    probe.wait_until(
+        lambda: any(s.level == DiagnosticStatus.WARN and told in s.message for m in said for s in m.status)
+    )
+
+
+def test_a_second_bridge_refuses_to_start(graph, probe):
+    states = probe.collect("joint_states", JointState)
+    graph.run("np_sim_bridge", "sim_bridge", {"camera": False})
+    probe.wait_until(lambda: states)
+    graph.start(NodeSpec("np_sim_bridge", "sim_bridge", "second", {"camera": False}))
+    with pytest.raises(NodeDied, match="second ended with status 1") as died:
+        probe.wait_until(lambda: False)
+    assert "expected nobody else to publish /joint_states in ROS domain" in str(died.value)
+    assert "found /sim_bridge: end the other graph" in str(died.value)
 
 
 def test_the_arm_carries_the_effects_of_a_patch(graph, probe, tmp_path):

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from np_description.panda import BASE_FRAME
 from np_description.phases import ENDS
 from np_record.bag import Recording
-from np_record.recorder import BagWriter
+from np_record.bag_writer import BagWriter
 from np_record.topics import TOPICS
 from np_ros import qos
 from np_ros.messages import pose_arrays

@@ -23,7 +23,7 @@ from np_perception.calibration.fitting import calibrate, keypoint_bound
 from np_perception.commands.calibrate import main
 from np_perception.commands.calibration_board import main as print_board
 from np_perception.commands.calibration_board import page
-from np_record.recorder import BagWriter
+from np_record.bag_writer import BagWriter
 from np_record.topics import BY_NAME
 from np_ros.messages import camera_info_message, image_message, joint_state_message
 

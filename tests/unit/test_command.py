@@ -2,12 +2,16 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-from np_bringup.commands import demo
+import pytest
+
+from np_bringup.commands import demo, evaluate
 from np_description.domains import DOMAINS
+from np_diagnosis.commands import excite
 from np_record.command import Progress
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,6 +29,68 @@ def test_the_demo_takes_every_domain():
     assert "demo --domain card --seed 3 --keypoints truth" in made("demo", "SEED=3", "KEYPOINTS=truth")
     assert "--episodes" not in made("demo") and "--episodes 1" in made("demo", "EPISODES=1")
     assert [demo.parse(["--domain", name]).domain for name in DOMAINS] == list(DOMAINS)
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not there")
+def test_set_up_refuses_a_path_with_a_space_before_it_installs_anything(tmp_path):
+    clone = tmp_path / "my clones" / "here"
+    clone.mkdir(parents=True)
+    for name in ("Makefile", "requirements.lock", "env.sh"):
+        shutil.copy(ROOT / name, clone / name)
+    shutil.copytree(ROOT / "tools", clone / "tools")
+    done = subprocess.run(["make", "setup"], cwd=clone, capture_output=True, text=True)
+    said = [line for line in done.stderr.splitlines() if not line.startswith("make: ")]
+    assert done.returncode and len(said) == 1 and not (clone / ".venv").exists()
+    assert "expected a path without spaces" in said[0] and "move the clone" in said[0]
+
+
+def test_set_up_refuses_a_checkout_that_cannot_be_written(tmp_path):
+    check = ROOT / "tools/check.sh"
+    done = subprocess.run([check, "/proc"], capture_output=True, text=True)  # where not even root makes a file
+    assert done.returncode == 1 and done.stderr.count("\n") == 1
+    assert "expected a checkout that can be written, cannot make a file in /proc" in done.stderr
+    assert subprocess.run([check, tmp_path], capture_output=True).returncode == 0 and not list(tmp_path.iterdir())
+
+
+def test_the_environment_before_set_up_says_what_to_do(tmp_path):
+    shutil.copy(ROOT / "env.sh", tmp_path)
+    done = subprocess.run(["bash", "-c", ". ./env.sh; echo $?"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout == "1\n" and done.stderr.count("\n") == 1 and "run `make setup` there first" in done.stderr
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "demo"
+    assert demo.main(["--out", str(out)]) == 1
+    assert f"demo: {out}_000: expected a folder that can be made, got: Not a directory" in capsys.readouterr().err
+    assert evaluate.main(["--keypoints", "truth", "--out", str(out)]) == 1
+    assert f"evaluate: {out}: expected a folder that can be written" in capsys.readouterr().err
+    assert excite.main(["--out", str(tmp_path / "bag"), "--logs", str(out)]) == 1
+    assert f"excite: {out}_000: expected a folder that can be made" in capsys.readouterr().err
+
+
+SLOW = ("rclpy", "rosbags", "matplotlib", "mujoco", "onnxruntime", "torch", "cv2")
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "np_bringup.commands.demo",
+        "np_bringup.commands.evaluate",
+        "np_diagnosis.commands.diagnose",
+        "np_diagnosis.commands.excite",
+        "np_record.commands.replay",
+        "np_record.commands.report",
+    ],
+)
+def test_help_of_a_command_imports_nothing_that_is_slow(module):
+    code = (
+        f"import sys; from {module} import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit as ended:\n    assert not ended.code\n"
+        f"print([name for name in {SLOW} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.startswith("usage: ") and done.stderr == "[]\n"
 
 
 def test_elsewhere_than_on_a_terminal_there_are_few_lines(capsys):

@@ -32,6 +32,20 @@ def test_what_is_written_is_read(tmp_path_factory, found):
     assert load_patch(path) == Patch(tuple(found))
 
 
+def test_what_is_less_than_physical_is_told_by_effect_joint_and_what_is_in_force():
+    patch = Patch(
+        (
+            PatchEffect("coulomb_friction", "panda_joint2", {"level": -5.0}),
+            PatchEffect("coulomb_friction", "panda_joint3", {"level": 0.1}),
+            PatchEffect("armature", "panda_joint3", {"change": 0.1}),
+        )
+    )
+    wanted = NOMINAL.frictionloss[1] - 5.0
+    told = f"coulomb_friction at panda_joint2: asks for a frictionloss of {wanted:.4g} Nm, in force is 0"
+    assert patch.held_back() == [told] and patch.panda().frictionloss[1] == 0.0
+    assert Patch(patch.effects[1:]).held_back() == []
+
+
 ENTRY = {"effect": "coulomb_friction", "component": "panda_joint1", "parameters": {"level": 0.1}}
 
 

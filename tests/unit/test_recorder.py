@@ -1,6 +1,12 @@
 """Order, completeness and errors of recordings, on the library half of the recorder."""
 
+import os
 import random
+import re
+import subprocess
+import sys
+from io import FileIO
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +20,8 @@ from std_msgs.msg import String
 from np_description.panda import STATE_NAMES
 from np_description.phases import PhaseState
 from np_record.bag import BagError, Recording
-from np_record.recorder import HORIZON, BagWriter, Sequencer
+from np_record.bag_writer import INCOMPLETE, BagWriter
+from np_record.recorder import HORIZON, Sequencer
 from np_record.topics import BY_NAME, TIMELINE
 from np_ros.messages import gains_message, joint_state_message, pose_message
 from np_ros.phases import phase_message
@@ -191,14 +198,62 @@ def test_a_foreign_bag_is_named(tmp_path):
         Recording(tmp_path / "nothing")
 
 
-def test_a_full_disk_is_reported(tmp_path):
+FULL = """
+import resource, sys
+from test_recorder import TIMELINE, BagWriter, state
+writer = BagWriter(sys.argv[1], {"seed": 3})
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))  # the kernel refuses what is beyond
+written = 0
+try:
+    while True:
+        writer.write(written, TIMELINE, state(written))
+        written += 1
+except OSError:
+    pass
+try:
+    writer.close()
+except OSError as error:
+    sys.exit(str(error))
+"""
+
+
+def test_a_bag_on_a_disk_that_becomes_full_is_closed_readable_and_named_incomplete(tmp_path):
+    """As many whole chunks as there is room for, and every message of them."""
+    path = tmp_path / "bag"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+    command = [sys.executable, "-c", FULL, path, str(5 << 20)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    told = re.fullmatch(
+        rf"bag {path}: cannot be written: File too large; it ends early, readable, with (\d+) messages\n", done.stderr
+    )
+    assert told, done.stderr
+    count = int(told.group(1))
+    with Recording(path) as recording:
+        assert recording.counts["joint_states"] == count > 5000
+        stamps = [message.stamp for message in recording.messages()]
+        assert stamps == list(range(count)) and recording.end == count - 1
+        assert recording.information == {"seed": 3, INCOMPLETE: f"File too large, after {count} messages"}
+    assert sorted(file.name for file in path.iterdir()) == ["bag.mcap", "metadata.yaml"]
+
+
+def test_a_disk_without_room_for_an_index_either_is_told(tmp_path):
     writer = BagWriter(tmp_path / "bag", {})
-    writer._writer.storage.bio.close()
-    writer._writer.storage.bio = open("/dev/full", "wb", buffering=0)
-    for i in range(4000):
-        try:
+    writer._storage.bio.close()
+    writer._storage.bio = FullDevice("/dev/full", "w")
+    with pytest.raises(OSError, match="cannot be written: No space left.*incomplete: without index or metadata"):
+        for i in range(1 << 20):
             writer.write(i, TIMELINE, state(i))
-        except OSError:
-            break
-    with pytest.raises(OSError, match="cannot be written: .*No space left"):
+    with pytest.raises(OSError, match="No space left on device; it is incomplete"):
         writer.close()
+    with pytest.raises(BagError, match="expected metadata.yaml.*cut off"):
+        Recording(tmp_path / "bag")
+
+
+class FullDevice(FileIO):
+    """/dev/full, which cannot be cut short: as a disk that cannot be written at all."""
+
+    def seek(self, *_):
+        return 0
+
+    def truncate(self, *_):
+        return 0

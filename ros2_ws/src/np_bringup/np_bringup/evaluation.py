@@ -11,13 +11,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from np_description.penetration import Tally
 from np_description.phases import SUCCEEDED
 from np_description.released import sha256
-from np_effects.registry import FOLDERS
 from np_record.intervals import wilson_interval
-from np_record.recorded_episode import Outcome
+
+if TYPE_CHECKING:  # it is slow to import
+    from np_record.recorded_episode import Outcome
 
 CODE = (
     "np_description",
@@ -88,7 +90,10 @@ class Results:
         self.path = folder / f"{name}_{hashlib.sha256(key.encode()).hexdigest()[:8]}.jsonl"
         self.results: list[Result] = []
         self.kept_from = ""
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OSError(f"{folder}: expected a folder that can be written, got: {error.strerror}") from error
         lines = self.path.read_text().splitlines(keepends=True) if self.path.exists() and not fresh else []
         if lines and _key(lines[0]) != key:
             raise ValueError(f"{self.path}: expected results for {text}, found {lines[0].strip()}")
@@ -142,6 +147,8 @@ def summary(results: list[Result]) -> dict[str, object]:
 def code_sha256() -> str:
     """SHA-256 (hex) of every file of the packages that an evaluation runs, whatever git says of them, and of the effects of
     one's own."""
+    from np_effects.registry import FOLDERS  # slow
+
     folders = [Path(find_spec(package).submodule_search_locations[0]) for package in CODE]
     own = [Path(folder) for folder in os.environ.get(FOLDERS, "").split(":") if folder]
     total = hashlib.sha256()

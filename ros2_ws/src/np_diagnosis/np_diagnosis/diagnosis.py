@@ -50,6 +50,11 @@ class Finding:
     generalised_probability: float = 0.0
 
     @property
+    def claimed(self) -> float:
+        """Probability of what is claimed: this effect, or one of which it is a special case."""
+        return min(1.0, self.probability + self.generalised_probability)
+
+    @property
     def rivals(self) -> tuple[str, ...]:
         """Those of `equivalent_to` that contradict it."""
         return tuple(name for name in self.equivalent_to if name not in self.generalised_by)
@@ -57,7 +62,7 @@ class Finding:
     @property
     def is_open(self) -> bool:
         """Whether something else may as well be the cause."""
-        return self.probability + self.generalised_probability < VERDICT.certain or bool(self.rivals)
+        return self.claimed < VERDICT.certain or bool(self.rivals)
 
 
 @dataclass(frozen=True, eq=False)

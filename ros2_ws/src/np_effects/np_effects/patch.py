@@ -63,17 +63,41 @@ class Patch:
         return values
 
     def panda(self, nominal: PandaModel = NOMINAL) -> PandaModel:
-        """The arm with all that a rigid-body simulator has a number for."""
-        arm = nominal
-        for e in self.effects:
-            if e.record.panda is not None:
-                arm = e.record.panda(arm, e.component, e.values)
+        """The arm with all that a rigid-body simulator has a number for; none of them below what is physical."""
+        arm = self._asked(nominal)
         return replace(
             arm,
             frictionloss=np.maximum(arm.frictionloss, 0.0),
             damping=np.maximum(arm.damping, 0.0),
             armature=np.maximum(arm.armature, LEAST_ARMATURE),
         )
+
+    def held_back(self, nominal: PandaModel = NOMINAL) -> list[str]:
+        """Where the patch asks for less than is physical: a line for each, with effects, joint, and what is in force."""
+        asked, given = self._asked(nominal), self.panda(nominal)
+        lines = []
+        for name, unit in (("frictionloss", "Nm"), ("damping", "Nm s/rad"), ("armature", "kg m^2")):
+            wanted, has = getattr(asked, name), getattr(given, name)
+            for j in np.flatnonzero(wanted < has):
+                joint = nominal.joints[j]
+                causes = [
+                    e.effect
+                    for e in self.effects
+                    if e.component in (ARM, joint)
+                    and getattr(Patch((e,))._asked(nominal), name)[j] < getattr(nominal, name)[j]
+                ]
+                lines.append(
+                    f"{', '.join(causes)} at {joint}: asks for a {name} of {wanted[j]:.4g} {unit}, in force is {has[j]:.4g}"
+                )
+        return lines
+
+    def _asked(self, nominal: PandaModel) -> PandaModel:
+        """The arm with the sums of all changes, physical or not."""
+        arm = nominal
+        for e in self.effects:
+            if e.record.panda is not None:
+                arm = e.record.panda(arm, e.component, e.values)
+        return arm
 
 
 def load_patch(path: str | Path) -> Patch:

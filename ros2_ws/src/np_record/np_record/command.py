@@ -39,7 +39,7 @@ def origin(weights: str = "") -> dict[str, object]:
 
 
 def new_folder(base: Path) -> Path:
-    """The first of <base>_000, <base>_001, ... that does not exist, made."""
+    """The first of <base>_000, <base>_001, ... that does not exist, made. Raises OSError naming one that cannot be made."""
     number = 0
     while True:
         path = base.with_name(f"{base.name}_{number:03d}")
@@ -48,6 +48,8 @@ def new_folder(base: Path) -> Path:
             return path
         except FileExistsError:
             number += 1
+        except OSError as error:
+            raise OSError(f"{path}: expected a folder that can be made, got: {error.strerror}") from error
 
 
 def interrupt_on_sigterm() -> None:

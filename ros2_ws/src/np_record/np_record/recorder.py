@@ -9,24 +9,16 @@ kept once.
 from __future__ import annotations
 
 import heapq
-import json
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from queue import SimpleQueue
-from threading import Thread
+from collections.abc import Callable
 
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import StoragePlugin, Writer
-
-from np_record.cdr import TYPESTORE, header_stamp, padding_filter
+from np_record.cdr import header_stamp, padding_filter
 from np_record.topics import TIMELINE, TOPICS, Topic
 
 HORIZON = 500_000_000
 """ns of the recorded clock for which a message may be overtaken: five policy ticks."""
 
 _TIMELINE_LENGTH = 10_000
-_FOREVER = QosTime(2147483647, 4294967295)
 
 
 class Sequencer:
@@ -105,73 +97,3 @@ class Sequencer:
         stamp, _, _, topic, data = heapq.heappop(self._heap)
         if stamp >= self._begin:
             self._emit(stamp, topic, data)
-
-
-class BagWriter:
-    """A rosbag2 bag (MCAP) with topics of the contract, written by a thread of its own.
-
-    path: folder to make; information: stored as JSON in the bag's metadata under "run_info". Raises OSError
-    where the bag cannot be made, exists already, or (from `write` and `close`) cannot be written.
-    """
-
-    def __init__(self, path: str | Path, information: Mapping[str, object], topics: Sequence[Topic] = TOPICS):
-        self.path = Path(path)
-        if self.path.exists():
-            raise FileExistsError(f"bag {self.path}: expected a new path, it exists")
-        self._writer = Writer(self.path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
-        self._writer.set_custom_data("run_info", json.dumps(dict(information), sort_keys=True))
-        self._writer.open()
-        self._connections = {
-            topic: self._writer.add_connection(
-                f"/{topic.name}", topic.type, typestore=TYPESTORE, offered_qos_profiles=[_qos(topic)]
-            )
-            for topic in topics
-        }
-        self.count = 0
-        self._error: OSError | None = None
-        self._queue: SimpleQueue = SimpleQueue()
-        self._thread = Thread(target=self._run, name="bag writer")
-        self._thread.start()
-
-    def write(self, stamp: int, topic: Topic, data: bytes) -> None:
-        """Queue one serialized message with its time ns."""
-        self._raise()
-        self.count += 1
-        self._queue.put((stamp, topic, data))
-
-    def close(self) -> None:
-        """Write what is queued, then the index; the bag is complete afterwards."""
-        self._queue.put(None)
-        self._thread.join()
-        try:
-            self._writer.close()
-        except OSError as error:
-            self._error = self._error or error
-        self._raise()
-
-    def _run(self) -> None:
-        while (item := self._queue.get()) is not None:
-            if self._error is None:
-                stamp, topic, data = item
-                try:
-                    self._writer.write(self._connections[topic], stamp, data)
-                except OSError as error:  # a full disk; keep taking, so that the caller learns of it
-                    self._error = error
-
-    def _raise(self) -> None:
-        if self._error is not None:
-            raise OSError(f"bag {self.path}: cannot be written: {self._error}") from self._error
-
-
-def _qos(topic: Topic) -> Qos:
-    return Qos(
-        history=QosHistory.KEEP_LAST,
-        depth=1 if topic.latched else 100,
-        reliability=QosReliability.RELIABLE,
-        durability=QosDurability.TRANSIENT_LOCAL if topic.latched else QosDurability.VOLATILE,
-        deadline=_FOREVER,
-        lifespan=_FOREVER,
-        liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=_FOREVER,
-        avoid_ros_namespace_conventions=False,
-    )

@@ -25,6 +25,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
+from np_ros.domain import ros_domain_id, twins
 from np_ros.parameters import HELP, check_known, help_text
 from np_ros.qos import EVENT
 from np_ros.spin import Spinner
@@ -64,8 +65,9 @@ def run(
 
     try:
         signal.signal(signal.SIGINT, interrupted)
-        rclpy.init(args=args)
         try:
+            ros_domain_id()  # rclpy refuses a bad one with a traceback
+            rclpy.init(args=args)
             node = make_node()
             check_known(node)
         except (ValueError, OSError, ParameterException) as error:
@@ -123,6 +125,7 @@ def parameter(
 SUBSCRIBERS = "subscribers"
 """Key of the diagnostics value that says whom a node has found."""
 _WARNING_PERIOD = 1.0  # s
+_TWIN = "another node of this name is in this ROS domain: two launches? end one, or set another ROS_DOMAIN_ID"
 _INFRASTRUCTURE = ("/rosout", "/parameter_events", "/diagnostics")
 
 
@@ -139,6 +142,7 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, "diagnostics", EVENT)
         self._level, self._message = DiagnosticStatus.OK, "running"
         self._problem = ""
+        self._has_twin = False
         self._next_warning = 0.0
         self.values: dict[str, object] = {}
         self.counts: dict[str, int] = {}
@@ -180,6 +184,8 @@ class Diagnostics:
         level, message = self._level, self._message
         if self._problem and level == DiagnosticStatus.OK:
             level, message = DiagnosticStatus.WARN, self._problem
+        if self._has_twin and level == DiagnosticStatus.OK:
+            level, message = DiagnosticStatus.WARN, _TWIN
         pairs = {**self.values, **self.counts, SUBSCRIBERS: self._subscribers()}
         status = DiagnosticStatus(
             level=level,
@@ -201,5 +207,8 @@ class Diagnostics:
         return " ".join(f"{topic}={count}" for topic, count in counts.items() if topic not in _INFRASTRUCTURE)
 
     def _tick(self) -> None:
+        before, self._has_twin = self._has_twin, twins(self._node) > 0
+        if self._has_twin and not before:
+            self._node.get_logger().warn(f"{self._node.get_fully_qualified_name()}: {_TWIN}")
         self.publish()
         self._problem = ""

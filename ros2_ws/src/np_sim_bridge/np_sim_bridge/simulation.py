@@ -106,6 +106,11 @@ class Simulation:
         return self._measured
 
     @property
+    def held_back(self) -> tuple[str, ...]:
+        """Where the patch asks for less than is physical, a line for each."""
+        return tuple(self._patch.held_back())
+
+    @property
     def ignored_effects(self) -> tuple[str, ...]:
         """Effects of the patch that a backend cannot carry."""
         return self._effects.ignored if self._effects else ()

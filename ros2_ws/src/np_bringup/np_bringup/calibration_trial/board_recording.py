@@ -12,7 +12,7 @@ from np_bringup.calibration_trial.board_scene import BoardScene
 from np_description.panda import STATE_NAMES
 from np_description.scene import CAMERA_NAME
 from np_perception.camera.rectify import Rectifier, view_camera
-from np_record.recorder import BagWriter
+from np_record.bag_writer import BagWriter
 from np_record.topics import BY_NAME
 from np_ros.messages import camera_info_message, image_message, joint_state_message, serialized
 

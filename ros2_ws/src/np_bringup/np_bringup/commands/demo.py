@@ -7,19 +7,19 @@ import json
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from np_bringup.commands.common import running_graph
 from np_bringup.task_graph import KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
-from np_description.phases import PhaseState
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_record.intervals import wilson_interval
-from np_record.recorded_episode import Outcome, position_only
-from np_record.report.episodes import make_section, write_report
-from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied
+
+if TYPE_CHECKING:  # what is slow to import comes after the options are read
+    from np_description.phases import PhaseState
+    from np_record.recorded_episode import Outcome
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -40,6 +40,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcomes: list[Outcome]) -> None:
     """Run the episodes; bags and outcomes are appended to as they come, and so survive an interruption."""
+    from np_bringup.commands.common import running_graph
+    from np_record.recorded_episode import position_only
+
     domain = find_domain(options.domain)
     arguments = {
         "domain": options.domain,
@@ -85,6 +88,8 @@ def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcom
 
 def make_report(out: Path, bags: list[str]) -> list[str]:
     """Report and videos of the bags; the paths of the videos."""
+    from np_record.report.episodes import make_section, write_report
+
     progress = Progress(len(bags), "report")
     sections, videos = [], []
     for number, bag in enumerate(bags):
@@ -106,8 +111,14 @@ def say(text: str) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
+    from np_ros.participant import GraphError
+
     interrupt_on_sigterm()
-    out = new_folder(options.out)
+    try:
+        out = new_folder(options.out)
+    except OSError as failure:
+        print(f"demo: {failure}", file=sys.stderr)
+        return 1
     bags: list[str] = []
     outcomes: list[Outcome] = []
     began = time.monotonic()
@@ -116,7 +127,7 @@ def main(arguments: list[str] | None = None) -> int:
         run_episodes(options, out, bags, outcomes)
     except KeyboardInterrupt:
         status, error = INTERRUPTED, "interrupted"
-    except (NodeDied, GraphError, TimeoutError, LookupError, ValueError) as failure:
+    except (NodeDied, GraphError, TimeoutError, LookupError, ValueError, OSError) as failure:
         status, error = 1, str(failure)
         print(f"demo: {error}", file=sys.stderr)
     finished = bags[: len(outcomes)]

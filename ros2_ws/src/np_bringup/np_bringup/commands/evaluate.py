@@ -10,17 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from np_bringup.backends import ENGINES
-from np_bringup.commands.common import running_graph
 from np_bringup.evaluation import Result, Results, breakdown, code_sha256, result_of, summary
-from np_bringup.results_plot import results_plot
 from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
 from np_description.phases import FAULT
-from np_effects.patch import load_patch
 from np_physx_bridge.library import missing
-from np_policy.contract import check_weights
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
-from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied
 
 IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change nothing
@@ -51,6 +46,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     if options.engine == "physx" and missing():
         parser.error(f"--engine physx: {missing()}")
     if options.effects != "none":
+        from np_effects.patch import load_patch  # slow, as what the functions below import
+
         try:
             load_patch(options.effects)
         except ValueError as error:
@@ -66,6 +63,10 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     were trained for something else raise WeightsError before anything is started. The summary's `warnings` say how the
     weights differ from what runs here without being refused.
     """
+    from np_bringup.commands.common import running_graph
+    from np_bringup.results_plot import results_plot
+    from np_policy.contract import check_weights
+
     warnings = check_weights(find_domain(options.domain), options.controller, options.weights)
     for warning in warnings:
         print(f"evaluate: {warning}", file=sys.stderr)
@@ -139,6 +140,8 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
 
 def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
     """One episode, and whether the graph is still whole."""
+    from np_ros.participant import GraphError
+
     began = time.monotonic()
     try:
         if record:
@@ -166,7 +169,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; finished episodes are kept, the same command goes on with the next", file=sys.stderr)
         return INTERRUPTED
-    except (NodeDied, TimeoutError, LookupError, ValueError) as error:
+    except (NodeDied, TimeoutError, LookupError, ValueError, OSError) as error:
         print(f"evaluate: {error}", file=sys.stderr)
         return 1
     print(json.dumps(figures))

@@ -8,15 +8,11 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from np_diagnosis import lean  # noqa: F401  before NumPy
-from np_diagnosis.arm.model import Arm, load_arm, panda
-from np_diagnosis.checks.plausibility import check
-from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.recordings.excerpt import excerpts
-from np_diagnosis.recordings.reading import ContractViolation, read
-from np_diagnosis.recordings.signals import Log
-from np_diagnosis.report.document import write
+if TYPE_CHECKING:  # what is slow to import comes after the options are read
+    from np_diagnosis.arm.model import Arm
+    from np_diagnosis.recordings.signals import Log
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -44,6 +40,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 def read_all(paths: Sequence[Path], arm: Arm) -> list[Log]:
     """Logs that keep their contract. Raises ContractViolation for one that does not."""
+    from np_diagnosis.checks.plausibility import check
+    from np_diagnosis.recordings.reading import read
+
     logs = []
     for number, path in enumerate(paths):
         print(f"reading {path} ({number + 1} of {len(paths)})", file=sys.stderr)
@@ -56,6 +55,13 @@ def read_all(paths: Sequence[Path], arm: Arm) -> list[Log]:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. Status 2: a log that breaks the contract."""
     options = parse(arguments)
+    from np_diagnosis import lean  # noqa: F401, I001  before NumPy
+    from np_diagnosis.arm.model import load_arm, panda
+    from np_diagnosis.diagnosis import diagnose
+    from np_diagnosis.recordings.excerpt import excerpts
+    from np_diagnosis.recordings.reading import ContractViolation
+    from np_diagnosis.report.document import write
+
     began = time.monotonic()
     try:
         arm = load_arm(options.model) if options.model else panda(not options.no_hand)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from pathlib import Path
 
 from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
-from np_diagnosis.nodes.excite_node import Exciter
+from np_diagnosis.thresholds import THRESHOLDS
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.graph import NodeSpec
-from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied, Supervisor
+
+RUNNING_TIMEOUT = 20.0  # s for an arm that is said to run to be heard
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -78,6 +78,9 @@ def make_graph(
 
 def excite(options: argparse.Namespace) -> dict:
     """Run the experiments; what was recorded."""
+    from np_diagnosis.nodes.excite_node import READY_TIMEOUT, Exciter  # slow, as what is imported below
+    from np_ros.domain import ros_domain_id
+
     is_sim = options.backend == "sim"
     information = {
         "experiments": options.only or list(NAMES),
@@ -86,7 +89,7 @@ def excite(options: argparse.Namespace) -> dict:
         "revision": origin()["revision"],
     }
     nodes = make_graph(options.out, options.mode, is_sim, options.effects, information)
-    domain = None if is_sim else int(os.environ.get("ROS_DOMAIN_ID", "0"))
+    domain = None if is_sim else ros_domain_id()
     bar: Progress | None = None
 
     def show(name: str, number: int, count: int) -> None:
@@ -94,25 +97,53 @@ def excite(options: argparse.Namespace) -> dict:
         bar = bar or Progress(count, "excite")
         bar.show(number - 1, name)
 
+    motion = sum(segment.duration for segment in suite(options.only))
+    if motion < (enough := THRESHOLDS.blocks.shortest):
+        _say(
+            f"{motion:.1f} s of motion; `diagnose` wants {enough:g} s: name further experiments, or one such as sweep_7"
+        )
     with Supervisor(new_folder(options.logs), domain_id=domain) as supervisor:
         supervisor.start(nodes)
         with Exciter(supervisor, lockstep=options.mode == "lockstep", on_segment=show) as exciter:
-            exciter.wait_until_ready({node.name for node in nodes})
+            limit = READY_TIMEOUT if is_sim else RUNNING_TIMEOUT
+            exciter.wait_until_ready({node.name for node in nodes}, limit, _say)
             segments = exciter.run(options.only)
             bar.show(len(segments), "done")
             return {"segments": segments, **exciter.stop_recording()}
 
 
+def _say(text: str) -> None:
+    print(f"excite: {text}", file=sys.stderr, flush=True)
+
+
+def _what_is_there(out: Path) -> str:
+    """What an interrupted run has left of its bag."""
+    from np_record.bag import BagError, Recording
+    from np_record.bag_writer import INCOMPLETE
+
+    bag = max(out.parent.glob(f"{out.name}_[0-9]*"), default=None)
+    if bag is None:
+        return "nothing was recorded"
+    try:
+        with Recording(bag) as recording:
+            why = recording.information.get(INCOMPLETE)
+    except BagError as error:
+        return str(error)
+    return f"{bag} ends early: {why}" if why else f"{bag} is complete up to here"
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
+    from np_ros.participant import GraphError
+
     interrupt_on_sigterm()
     try:
         print(json.dumps(excite(options)))
     except KeyboardInterrupt:
-        print("interrupted; the bag is complete up to here", file=sys.stderr)
+        print(f"interrupted; {_what_is_there(options.out)}", file=sys.stderr)
         return INTERRUPTED
-    except (GraphError, NodeDied, TimeoutError, LookupError) as error:
+    except (GraphError, NodeDied, TimeoutError, LookupError, ValueError, OSError) as error:
         print(f"excite: {error}", file=sys.stderr)
         return 1
     return 0

@@ -112,7 +112,9 @@ def make_blocks(context: Context, gap: float = VALIDATION.gap) -> tuple[Block, .
     for (number, start, end), n in zip(spans, pieces):
         if (end - start) / n < VALIDATION.gaps_per_block * gap:
             raise ValueError(
-                f"expected blocks of at least {VALIDATION.gaps_per_block * gap} s, {count} in all; got {(end - start) / n:.2f} s: record more"
+                f"expected {VALIDATION.least} blocks of motion of at least {VALIDATION.gaps_per_block * gap:g} s, "
+                f"{VALIDATION.shortest:g} s in all; got {total:.1f} s in {len(spans)} "
+                f"pieces: record more (excite --only sweep_7 is enough)"
             )
         edges = np.linspace(start, end, n + 1)
         blocks += [Block(number, a, b) for a, b in zip(edges[:-1], edges[1:])]

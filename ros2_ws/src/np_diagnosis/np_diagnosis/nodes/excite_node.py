@@ -20,12 +20,13 @@ from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
 from np_diagnosis.experiments.excitation import TICK_NS, Segment, end_of, schedule, suite
 from np_ros import qos
-from np_ros.messages import gains_message, joint_state_arrays, stamp_nanoseconds, trajectory_message
+from np_ros.messages import BadMessage, gains_message, joint_state_arrays, stamp_nanoseconds, trajectory_message
 from np_ros.participant import GraphError, Participant
 from np_ros.phases import PhasePublisher
 from np_ros.supervisor import Supervisor
 
-_READY_TIMEOUT = 120.0  # s of wall time
+READY_TIMEOUT = 120.0  # s of wall time
+TOLD_EVERY = 4.0  # s between words while it waits
 GAINS_AHEAD = TICK_NS  # ns by which gains go before their trajectory in real time
 SILENCE = 20.0  # s of wall time without a state
 FAREWELL = 1.0  # s at most, until everyone has the last phase
@@ -63,23 +64,39 @@ class Exciter(Participant):
         self._problem = ""
         self._refused: dict[tuple[str, str], int] = {}
 
-    def wait_until_ready(self, names: set[str]) -> None:
-        """Until the named nodes are up and everyone is matched. Raises NodeDied or TimeoutError."""
-        self._wait(
-            lambda: self._links.are_complete(names) and self._state is not None,
-            _READY_TIMEOUT,
-            f"joint_states, and {', '.join(sorted(names))} matched with everyone",
+    def wait_until_ready(
+        self, names: set[str], arm_timeout: float = READY_TIMEOUT, tell: Callable[[str], None] = lambda _: None
+    ) -> None:
+        """Until arm and controller are heard, the named nodes are up and everyone is matched.
+
+        arm_timeout: s for each of arm and controller; `tell` is told every few seconds what is still waited for. Raises
+        NodeDied, TimeoutError, or GraphError for joint states of another arm.
+        """
+        domain = self._supervisor.domain_id
+        mode = "lockstep" if self._lockstep else "realtime"
+        self._wait_aloud(
+            lambda: self._state is not None,
+            arm_timeout,
+            f"joint_states of a backend in ROS domain {domain}, mode {mode}",
+            tell,
         )
         for publisher in (self._trajectory, self._gains):
-            self._wait(
+            self._wait_aloud(
                 lambda: publisher.get_subscription_count() > 0,
-                _READY_TIMEOUT,
-                f"a controller that listens to {publisher.topic_name}",
+                arm_timeout,
+                f"a controller that listens to {publisher.topic_name} in ROS domain {domain}",
+                tell,
             )
+        self._wait_aloud(
+            lambda: self._links.are_complete(names),
+            READY_TIMEOUT,
+            f"{', '.join(sorted(names))} matched with everyone",
+            tell,
+        )
         # Lockstep repeats its first state until we tick. What went with the one we have may have been sent before the
         # recorder listened; the one after the next was certainly sent after.
         heard = self._states
-        self._wait(lambda: self._states >= heard + 2, _READY_TIMEOUT, "joint_states, again")
+        self._wait(lambda: self._states >= heard + 2, READY_TIMEOUT, "joint_states, again")
 
     def run(self, only: Sequence[str] = ()) -> list[str]:
         """Send the named experiments, from where the arm is; the segments sent.
@@ -99,8 +116,26 @@ class Exciter(Participant):
             self._phases.wait_until_heard(FAREWELL)
         return [segment.name for segment in self._plan]
 
+    def _wait_aloud(
+        self, condition: Callable[[], bool], timeout: float, what: str, tell: Callable[[str], None]
+    ) -> None:
+        begun = told = time.monotonic()
+
+        def holds() -> bool:
+            nonlocal told
+            now = time.monotonic()
+            if now - told >= TOLD_EVERY:
+                told = now
+                tell(f"waiting for {what}: {now - begun:.0f} of {timeout:.0f} s")
+            return condition()
+
+        self._wait(holds, timeout, what)
+
     def _receive_state(self, message: JointState) -> None:
-        position, _, _ = joint_state_arrays(message, STATE_NAMES)
+        try:
+            position, _, _ = joint_state_arrays(message, STATE_NAMES)
+        except BadMessage as error:
+            raise GraphError(f"joint_states: {error}; a backend keeps the names of docs/reference/graph.md") from error
         self._state = stamp_nanoseconds(message.header.stamp), position[: len(JOINT_NAMES)]
         self._states += 1
         self._heard = time.monotonic()

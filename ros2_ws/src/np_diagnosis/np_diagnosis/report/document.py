@@ -146,6 +146,8 @@ def _effect(finding: Finding) -> dict:
         "effect": finding.effect.id,
         "component": finding.component,
         "probability": min(1.0, finding.probability),
+        "class_probability": finding.claimed,
+        "special_case_of": list(finding.generalised_by),
         "equivalent_to": list(finding.equivalent_to),
         "parameters": {
             name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit} for name, e in finding.parameters.items()

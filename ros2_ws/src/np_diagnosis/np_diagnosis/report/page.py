@@ -10,11 +10,15 @@ from np_record.report.pages import page
 
 def render(report: dict, diagnosis: Diagnosis) -> str:
     """The page as text, with its pictures in it."""
+    findings = diagnosis.findings if report["verdict"] != "no_gap" else ()
+    added = [f for f in findings if f.is_chosen]
+    said = {(name, f.component) for f in added for name in f.generalised_by}  # by the number beside what is added
     return page(
         "np_diagnosis",
         report=report,
         blocks=len(diagnosis.design.blocks),
-        findings=diagnosis.findings if report["verdict"] != "no_gap" else (),
+        added=added,
+        leads=[f for f in findings if not f.is_chosen and (f.effect.id, f.component) not in said],
         regimes=REGIMES,
         gap_plot=plots.gap_plot(diagnosis),
         residual_plot=plots.residual_plot(diagnosis),

@@ -39,6 +39,11 @@ class Blocks:
     order_rows: int = threshold(50, "rows", "fewest rows from which an autoregression is estimated", JUDGEMENT)
     order_ridge: float = threshold(1e-3, "1", "ridge of the Yule-Walker equations, of the variance", NUMERICS)
 
+    @property
+    def shortest(self) -> float:
+        """s of motion from which a recording can be cut into as many blocks."""
+        return self.least * self.gaps_per_block * self.gap
+
 
 @dataclass(frozen=True)
 class Fitting:

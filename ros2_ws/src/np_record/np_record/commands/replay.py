@@ -10,15 +10,16 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from np_record.bag import BagError, Recording
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm
-from np_record.nodes.player_node import Player
-from np_record.replay import REQUIRED, Script
 from np_ros.supervisor import NodeDied, Supervisor
 
 
 def replay(bag: Path, weights: str, logs: Path) -> dict[str, object]:
     """Counts by topic and the first difference. Raises BagError, NodeDied, TimeoutError, LookupError."""
+    from np_record.bag import Recording  # slow, as are the others
+    from np_record.nodes.player_node import Player
+    from np_record.replay import REQUIRED, Script
+
     began = time.monotonic()
     with Recording(bag, REQUIRED) as recording:
         script = Script(recording, weights)
@@ -58,6 +59,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("bag", type=Path)
     parser.add_argument("--weights", default="", help="folder with weights; default: those of the recording")
     options = parser.parse_args(arguments)
+    from np_record.bag import BagError
+
     interrupt_on_sigterm()
     try:
         with tempfile.TemporaryDirectory(prefix="replay_") as logs:

@@ -7,9 +7,6 @@ import json
 import sys
 from pathlib import Path
 
-from np_record.bag import BagError
-from np_record.report.episodes import make_section, write_report
-
 
 def main(arguments: list[str] | None = None) -> int:
     """Write the report; the last line printed is one JSON object."""
@@ -17,6 +14,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("bags", nargs="+", type=Path, help="bags, one episode each")
     parser.add_argument("--out", type=Path, default=Path("report.html"), help="file to write (report.html)")
     options = parser.parse_args(arguments)
+    # Slow to import, and not wanted by --help.
+    from np_record.bag import BagError
+    from np_record.report.episodes import make_section, write_report
+
     try:
         sections = [make_section(bag) for bag in options.bags]
     except BagError as error:

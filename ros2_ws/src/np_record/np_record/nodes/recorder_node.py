@@ -8,14 +8,17 @@ import time
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from np_record.recorder import BagWriter, Sequencer
+from np_record.bag_writer import BagWriter
+from np_record.recorder import Sequencer
 from np_record.topics import BY_NAME, TOPICS, Topic
 from np_ros import qos
 from np_ros.node import Diagnostics, parameter, run
 
+_LOOK = 0.2  # s between looks at the writer
 _QUIET = 0.05  # s without a message sent before a stop after which all of these are taken to be here
 _PATIENCE = 1.0  # s after which a stop waits no longer, whatever another host's clock says of its messages
 
@@ -25,7 +28,8 @@ class Recorder(Node):
 
     A bag begun by `~/start` begins with the state of the next reset (the stamp of `goal_pose`). `~/start`
     fails while a topic of `required` has no publisher yet, saying which. `~/stop` answers with JSON: bag,
-    messages, repeated, lost. SIGINT and SIGTERM close an open bag like `~/stop`.
+    messages, repeated, lost. SIGINT and SIGTERM close an open bag like `~/stop`. Where a bag cannot be written further (a
+    full disk) the node says so and ends with status 1; the bag is closed with what it has.
     """
 
     def __init__(self):
@@ -55,6 +59,7 @@ class Recorder(Node):
         unknown = sorted(set(self._required) - set(self._subscriptions_by_topic))
         if unknown:
             raise ValueError(f"parameter required: expected topics that are recorded, got {', '.join(unknown)}")
+        self.create_timer(_LOOK, self._look_after_writer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/stop", self._on_stop)
         if at_once:
@@ -63,8 +68,26 @@ class Recorder(Node):
     def destroy_node(self) -> None:
         """Close an open bag, then the node."""
         if self._writer is not None:
-            self.get_logger().info(json.dumps(self._close()))
+            try:
+                self.get_logger().info(json.dumps(self._close()))
+            except OSError as error:
+                self.get_logger().fatal(str(error))
         super().destroy_node()
+
+    def _look_after_writer(self) -> None:
+        """What it has failed at is told also where no further message comes."""
+        if self._writer is not None and self._writer.has_failed:
+            self._give_up()
+
+    def _give_up(self) -> None:
+        """The writer has failed: tell it, and end, so that whoever has started the node learns of it at once."""
+        writer, self._writer, self._sequencer = self._writer, None, None
+        try:
+            writer.close()
+        except OSError as error:
+            self._diagnostics.report(DiagnosticStatus.ERROR, str(error))
+            self.get_logger().fatal(str(error))
+        raise SystemExit(1)
 
     def _receiver(self, topic: Topic):
         many_publishers = topic.name == "diagnostics"
@@ -78,6 +101,8 @@ class Recorder(Node):
             except ValueError as error:
                 self._diagnostics.count("malformed messages")
                 self.get_logger().error(f"{topic.name}: {error}")
+            except OSError:
+                self._give_up()
 
         return receive
 

@@ -29,6 +29,7 @@ from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.scene import CAMERA_NAME
 from np_effects.patch import Patch, load_patch
 from np_ros import qos
+from np_ros.domain import refuse_second
 from np_ros.messages import (
     BadMessage,
     camera_info_message,
@@ -128,14 +129,13 @@ class Bridge(Node):
             self._camera = CameraThread(make, self._publish_image)
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(mode=mode, domain=domain, seed=seed, effects=effects or "none")
-        if self._simulation.ignored_effects:
-            self.get_logger().warn(
-                f"effects that a backend cannot carry: {', '.join(self._simulation.ignored_effects)}"
-            )
+        if ignored := self._simulation.ignored_effects:
+            self.get_logger().warn(f"effects that a backend cannot carry: {', '.join(ignored)}")
         if priority and not request_realtime(priority):  # for this thread: the camera's has been started
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
         self._create_inputs()
         self._stand_at_task()
+        refuse_second(self, "joint_states")
         gc.collect()
         gc.freeze()  # what start-up made stays: later collections need not walk it
 
@@ -385,7 +385,8 @@ class Bridge(Node):
         if (state, cause) != self._reported:
             self._reported = state, cause
             self.diagnostics.values["state"] = str(state)
-            self.diagnostics.report(LEVELS.get(state, DiagnosticStatus.OK), f"{state}: {cause}")
+            level = LEVELS.get(state, WARN if self._simulation.held_back else DiagnosticStatus.OK)
+            self.diagnostics.report(level, "; ".join((f"{state}: {cause}", *self._simulation.held_back)))
 
     def destroy_node(self) -> None:
         """Finish the images under way."""

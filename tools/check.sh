@@ -1,0 +1,14 @@
+#!/bin/sh
+# Can this checkout be set up where it is? One line that says why not, before minutes of installing. `make setup` calls this.
+root=$(cd "${1:-$(dirname "$0")/..}" && pwd) || exit 1
+case $root in
+    *[[:space:]]*)
+        echo "make setup: expected a path without spaces, got '$root': scripts of venv and colcon name their interpreter" \
+             "by its path, which may hold none; move the clone" >&2
+        exit 1 ;;
+esac
+if ! (probe=$(mktemp "$root/.writable.XXXXXX") && rm "$probe") 2> /dev/null; then
+    echo "make setup: expected a checkout that can be written, cannot make a file in $root: read-only, full, or another" \
+         "user's; clone it where you can write" >&2
+    exit 1
+fi
