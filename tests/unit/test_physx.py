@@ -6,11 +6,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
+from np_control.kinematics import forward_kinematics, solve_ik
 from np_description.contact import HARD
-from np_description.domains import BUMP, CARD, DOMAINS, WALL
+from np_description.domains import BUMP, CARD, DOMAINS, WALL, Pose
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.scene import OBJECT, load_model
 from np_effects.patch import Patch, PatchEffect
@@ -196,6 +198,55 @@ def test_nothing_sinks_in_and_a_card_comes_along():
 
 def test_a_tall_box_tips_where_theory_says():
     assert bench.tip_over(MAKE)["of_theory"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_fingertip_that_slides_over_an_edge_is_seen():
+    """A moment of an episode in which the cache of contact points let it 4 mm into the box, and then threw the arm out."""
+    engine = PhysxEngine(BUMP)
+    position = np.array([0.42504, 0.16374, 0.045])
+    engine.reset(Pose(position, np.array([-0.54761, -0.44735, -0.54761, 0.44735])))
+    at = [-0.14817, 0.17298, 0.36475, -2.58561, 0.92986, 2.70616, -0.20377, 0.0001, 0.00011]
+    speed = [0.2293, -0.7652, 0.1004, -0.9783, 0.1544, 0.0903, 0.3786, -0.0002, -0.0004]
+    engine.articulation.set_qpos(engine._as_articulation(np.array(at)))
+    engine.articulation.set_qvel(engine._as_articulation(np.array(speed)))
+    engine._read()
+    data, depths = mujoco.MjData(engine.model), []
+    tip, box = (engine.model.geom(name).id for name in ("panda_finger1_1", OBJECT))
+    for _ in range(45):
+        engine.step(np.array([4.98, 1.058, 4.845, 3.251, -0.248, -0.371, -0.219]), ZERO, 1e-4)
+        data.qpos[:] = engine.configuration()
+        mujoco.mj_kinematics(engine.model, data)
+        depths.append(-mujoco.mj_geomDistance(engine.model, data, tip, box, 0.02, None))
+    assert 1e-5 < max(depths) < 2e-3
+
+
+def test_the_arm_draws_a_card_as_in_mujoco():
+    """Set down slowly, pressed by some newtons, drawn 3 cm: by fingers, joints and their friction, not the bench's finger."""
+
+    def drawn(make) -> tuple[float, float]:
+        start, stiffness = np.array([0.5, 0.1, 0.0025]), 200.0
+        _, rotation = forward_kinematics(NOMINAL.ready)
+        over, low = ([*start[:2], z] for z in (0.02, 0.0038))
+        joints = [solve_ik(NOMINAL.ready, np.array(over), rotation)]
+        for target in (low, low, np.array(low) + [0.03, 0.0, 0.0]):
+            joints.append(solve_ik(joints[-1], np.array(target), rotation))
+        engine = make(CARD, panda=replace(NOMINAL, ready=joints[0]), contact=HARD)
+        engine.reset(Pose(start, np.array([1.0, 0, 0, 0])))
+        tips = []
+        for a, b, periods in zip(joints, joints[1:], (600, 200, 400)):
+            tips.append((forward_kinematics(engine.joints()[0][:7])[0][0], engine.object_pose().position[0]))
+            for k in range(periods):
+                q, dq, _ = engine.joints()
+                torque = stiffness * (a + (b - a) * (k + 1) / periods - q[:7]) - 1.4 * np.sqrt(stiffness) * dq[:7]
+                engine.step(torque, ZERO, 0.0)
+        tips.append((forward_kinematics(engine.joints()[0][:7])[0][0], engine.object_pose().position[0]))
+        (tip, card), (last_tip, last_card) = tips[-2:]
+        return last_tip - tip, last_card - card
+
+    for make in (MujocoEngine, PhysxEngine):
+        tip, card = drawn(make)
+        assert tip > 0.02, make
+        assert card == pytest.approx(tip, abs=3e-3), make
 
 
 def test_the_published_figures_are_what_the_engine_gives():
