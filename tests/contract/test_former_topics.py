@@ -69,7 +69,9 @@ def test_a_backend_that_knows_only_the_former_topics_goes_through_an_episode(gra
     assert probe.call("episode/stop").success
     backend.wait(lambda: backend.phases[-1].data.startswith("failed"), "the end")
     said = [message.data for message in backend.phases]
-    assert said == ["idle", "pre", "approach", "post", "failed: post: stopped on request"]
+    whole = ["idle", "pre", "approach", "post", "failed: post: stopped on request"]
+    # A latched topic keeps one message: who is slow may miss one that another follows at once, and never the last.
+    assert said == [phase for phase in whole if phase in said] and {"pre", whole[-1]} <= set(said)
     ticks = [(stamp_nanoseconds(tick.stamp) // TICK, tick.frame_id) for tick in backend.ticks]
     assert ticks[:5] == [(0, "pre"), (1, "pre"), (2, "pre"), (3, "approach"), (4, "post")]
     assert [number for number, _ in ticks] == list(range(len(ticks)))

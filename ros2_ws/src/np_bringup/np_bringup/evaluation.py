@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from np_description.penetration import Tally
+from np_description.depths import Tally
 from np_description.phases import SUCCEEDED
 from np_description.released import sha256
 from np_record.intervals import wilson_interval

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_description.camera import CAMERA
+from np_description.depths import PAIRS
 from np_description.domains import Domain, Pose, find_domain, is_success, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
-from np_description.penetration import PAIRS, Penetration
+from np_description.penetration import Penetration
 from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, PhaseState, first_end, split_reason
 from np_record.bag import BagError, Message, Recording
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes

@@ -9,6 +9,8 @@ from rclpy.node import Node
 
 _HIGHEST = 232  # the ports of higher ones do not exist
 _DISCOVERY = 0.5  # s in which a participant that is there is found: twenty times what it takes on an idle machine
+_NAMING = 3.0  # s in which the name of a node whose publisher was found comes after it
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"  # until then
 _POLL = 0.02  # s
 
 
@@ -33,7 +35,13 @@ def refuse_second(node: Node, topic: str) -> None:
         if len(publishers) > 1:
             own = (node.get_name(), node.get_namespace())
             others = [p for p in publishers if (p.node_name, p.node_namespace) != own] or publishers[1:]
-            found = ", ".join(sorted(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in others))
+            if any(p.node_name == _UNKNOWN for p in others) and time.monotonic() < deadline + _NAMING:
+                time.sleep(_POLL)
+                continue
+            names = {
+                "a node" if p.node_name == _UNKNOWN else f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in others
+            }
+            found = ", ".join(sorted(names))
             raise ValueError(
                 f"expected nobody else to publish {name} in ROS domain {ros_domain_id()}, found {found}: "
                 "end the other graph, or set another ROS_DOMAIN_ID"

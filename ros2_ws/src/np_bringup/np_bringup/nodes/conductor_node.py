@@ -13,9 +13,10 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from np_description.depths import Tally
 from np_description.domains import Domain, Pose
 from np_description.panda import BASE_FRAME, STATE_NAMES
-from np_description.penetration import Penetration, Tally
+from np_description.penetration import Penetration
 from np_description.phases import PhaseState, first_end
 from np_record.cdr import header_stamp
 from np_record.recorded_episode import Outcome, score

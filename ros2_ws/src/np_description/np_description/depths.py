@@ -1,0 +1,79 @@
+"""How often which depth of contact was seen, and what many episodes come to. No MuJoCo: whoever counts need not measure."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+PUSHERS = ("finger", "housing", "link")
+PAIRS = (*(f"{pusher}-object" for pusher in PUSHERS), *(f"{p}-surroundings" for p in PUSHERS), "object-surroundings")
+SOFT_PAIRS = ("finger-object", "finger-surroundings")  # of rubber
+PUSHED = "pushed"
+STEP = 0.02  # mm
+
+
+@dataclass(frozen=True)
+class Depths:
+    """Depths mm of many moments. median, q99, largest of all pairs that are not of rubber; by_pair: the same of each pair
+    (None where a pair never touched); pushed_otherwise: share of the moments in which the robot touches the object where
+    housing or links do."""
+
+    median: float | None
+    q99: float | None
+    largest: float | None
+    by_pair: Mapping[str, Mapping[str, float]]
+    pushed_otherwise: float | None
+
+    def as_dict(self) -> dict:
+        """For JSON: the keys of the command line's contract."""
+        return {
+            "median": self.median,
+            "q99": self.q99,
+            "max": self.largest,
+            "by_pair": {name: dict(row) for name, row in self.by_pair.items()},
+            "pushed_by_housing_or_links": self.pushed_otherwise,
+        }
+
+
+class Tally:
+    """How often which depth was seen, in steps of `STEP` mm: small enough to be kept for every episode."""
+
+    def __init__(self, counts: Mapping[str, Mapping[str, int]] | None = None):
+        """counts: what `as_dict` gave."""
+        self._counts = {name: Counter({int(k): n for k, n in row.items()}) for name, row in (counts or {}).items()}
+
+    def add(self, moment: Mapping[str, float]) -> None:
+        """One moment: depth m of each pair that touches."""
+        for pair, depth in moment.items():
+            self._counts.setdefault(pair, Counter())[round(1e3 * depth / STEP)] += 1
+        touching = {pusher for pusher in PUSHERS if f"{pusher}-object" in moment}
+        if touching:
+            self._counts.setdefault(PUSHED, Counter())[int(touching != {"finger"})] += 1
+
+    def as_dict(self) -> dict[str, dict[str, int]]:
+        """For JSON: by pair, how often which number of steps; and how often housing or links pushed (1) or fingers only (0)."""
+        return {name: {str(k): n for k, n in sorted(row.items())} for name, row in sorted(self._counts.items())}
+
+    @staticmethod
+    def summary(tallies: Iterable[Tally]) -> Depths:
+        """What several come to together."""
+        whole: dict[str, Counter] = {}
+        for tally in tallies:
+            for name, row in tally._counts.items():
+                whole[name] = whole.get(name, Counter()) + row
+        pushed = whole.pop(PUSHED, Counter())
+        hard = sum((row for pair, row in whole.items() if pair not in SOFT_PAIRS), Counter())
+        by_pair = {
+            pair: dict(zip(("median", "q99", "max"), _quantiles(whole[pair]))) for pair in PAIRS if pair in whole
+        }
+        return Depths(*_quantiles(hard), by_pair, pushed[1] / pushed.total() if pushed else None)
+
+
+def _quantiles(counts: Counter) -> tuple[float | None, float | None, float | None]:
+    if not counts:
+        return None, None, None
+    depths = np.repeat(*np.array(sorted(counts.items())).T) * STEP
+    return tuple(round(float(value), 3) for value in np.quantile(depths, (0.5, 0.99, 1.0)))
