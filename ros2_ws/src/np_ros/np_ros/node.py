@@ -21,6 +21,7 @@ from typing import TypeVar
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -171,6 +172,10 @@ class Diagnostics:
         if (level, message) != (self._level, self._message):
             self._level, self._message = level, message
             self.publish()
+
+    def flush(self, timeout: float = 1.0) -> None:
+        """Wait at most `timeout` s until what was said has arrived: before a node ends, or its last words are lost."""
+        self._publisher.wait_for_all_acked(Duration(seconds=timeout))
 
     def publish(self) -> None:
         """Publish the status now; where the context is shut down, which a signal does at any time, nobody is told."""

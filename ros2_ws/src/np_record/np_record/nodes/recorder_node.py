@@ -87,6 +87,7 @@ class Recorder(Node):
         except OSError as error:
             self._diagnostics.report(DiagnosticStatus.ERROR, str(error))
             self.get_logger().fatal(str(error))
+            self._diagnostics.flush()
         raise SystemExit(1)
 
     def _receiver(self, topic: Topic):
