@@ -76,9 +76,7 @@ def build_scene(
     option.timestep = timestep
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    option.iterations, option.ls_iterations = contact.iterations, contact.line_search
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC if contact.elliptic else mujoco.mjtCone.mjCONE_PYRAMIDAL
-    option.impratio = contact.impratio
+    set_friction_law(option, contact)
     # As the ray caster draws: one sample a pixel; a shadow map of 4096 would take five times as long as the rest.
     spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 1024
     _add_surroundings(spec, domain, camera, contact)
@@ -107,7 +105,14 @@ def load_model(domain: Domain, **options) -> mujoco.MjModel:
     return build_scene(domain, **options).compile()
 
 
-def _surface(friction: float, compliance: Compliance) -> dict:
+def set_friction_law(option: mujoco.MjOption, contact: ContactModel) -> None:
+    """The options of a spec by which MuJoCo solves this contact."""
+    option.iterations, option.ls_iterations = contact.iterations, contact.line_search
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC if contact.elliptic else mujoco.mjtCone.mjCONE_PYRAMIDAL
+    option.impratio = contact.impratio
+
+
+def surface(friction: float, compliance: Compliance) -> dict:
     """What a geom's surface is like, as MuJoCo names it."""
     return dict(friction=[friction, TORSION, ROLLING], solref=compliance.solref, solimp=compliance.solimp)
 
@@ -125,7 +130,7 @@ def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, conta
     world = spec.worldbody
     world.add_light(name="key", pos=[0.9, -0.6, 1.6], dir=[-0.35, 0.4, -1.2], diffuse=[0.7] * 3, castshadow=True)
     world.add_light(name="fill", pos=[0.6, 0.9, 1.4], dir=[-0.1, -0.6, -1.0], diffuse=[0.3] * 3, castshadow=False)
-    fixed = dict(contype=ENVIRONMENT_BIT, conaffinity=OBJECT_BIT | ROBOT_BIT, **_surface(contact.table, contact.hard))
+    fixed = dict(contype=ENVIRONMENT_BIT, conaffinity=OBJECT_BIT | ROBOT_BIT, **surface(contact.table, contact.hard))
     world.add_geom(
         name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.05], rgba=[0.62, 0.58, 0.52, 1], **fixed
     )
@@ -154,7 +159,7 @@ def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, conta
 def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, contact: ContactModel) -> None:
     touching = dict(contype=ROBOT_BIT, conaffinity=ENVIRONMENT_BIT | OBJECT_BIT)
     silent = dict(contype=0, conaffinity=0)
-    painted = _surface(contact.links, contact.hard)
+    painted = surface(contact.links, contact.hard)
     # The first two links cannot leave the space above the base. The last one stands beside the hand: a policy that is
     # trained without it reaches through the object with it.
     first_touching = 2 if arm_collision else len(panda.joints) - 1
@@ -205,7 +210,7 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
         )
         actuator.set_to_motor()
     hand = add_body(body, "panda_hand", panda.inertials["hand"], panda.frames["link7_hand"])
-    add_capsule(hand, *HAND_CAPSULE, white, **_surface(contact.housing, contact.hard), **touching)
+    add_capsule(hand, *HAND_CAPSULE, white, **surface(contact.housing, contact.hard), **touching)
     tcp = panda.frames["hand_tcp"]
     hand.add_site(name=TCP_FRAME, pos=tcp.position, quat=tcp.quaternion, size=[0.003, 0, 0], group=4)
     for i, finger in enumerate(panda.fingers):
@@ -222,7 +227,7 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
         )
         # Where rubber is another matter than the rest, it decides: MuJoCo would average its compliance with the other's.
         decides = int(contact.rubber != contact.hard)
-        rubber = dict(priority=decides, **_surface(contact.finger, contact.rubber), **touching)
+        rubber = dict(priority=decides, **surface(contact.finger, contact.rubber), **touching)
         for capsule in FINGER_CAPSULES:
             add_capsule(body, *capsule, dark, **rubber)
         actuator = spec.add_actuator(
@@ -247,7 +252,7 @@ def _add_object(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> N
         group=3,
         contype=OBJECT_BIT,
         conaffinity=ENVIRONMENT_BIT | ROBOT_BIT,
-        **_surface(OBJECT_FRICTION, contact.hard),
+        **surface(OBJECT_FRICTION, contact.hard),
     )
     for corner, colour in zip(CORNERS, CORNER_COLOURS):
         body.add_geom(

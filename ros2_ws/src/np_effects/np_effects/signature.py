@@ -36,6 +36,11 @@ class Parameter:
     background: float = 0.0
 
 
+# Of an effect that lies in its shape: how much of the shape's columns is there.
+SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
+WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)  # all of it, or it is another shape
+
+
 @dataclass(frozen=True, eq=False)
 class Shape:
     """A parameter that columns are not linear in.

@@ -8,8 +8,9 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from np_description.contact import OBJECT_FRICTION, ROLLING, TORSION, Compliance, ContactModel
+from np_description.contact import OBJECT_FRICTION, ContactModel
 from np_description.domains import Pose
+from np_description.scene import set_friction_law, surface
 
 GRAVITY = 9.81
 TIP_RADIUS = 0.008  # m, of the fingertip's capsule
@@ -112,13 +113,7 @@ def _spec(world: BoxOnTable, contact: ContactModel, timestep: float) -> mujoco.M
     spec.compiler.degree = False
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.iterations, spec.option.ls_iterations = contact.iterations, contact.line_search
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC if contact.elliptic else mujoco.mjtCone.mjCONE_PYRAMIDAL
-    spec.option.impratio = contact.impratio
-
-    def surface(friction: float, compliance: Compliance) -> dict:
-        return dict(friction=[friction, TORSION, ROLLING], solref=compliance.solref, solimp=compliance.solimp)
-
+    set_friction_law(spec.option, contact)
     spec.worldbody.add_geom(
         name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1], **surface(contact.table, contact.hard)
     )

@@ -6,13 +6,12 @@ import numpy as np
 
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
-from np_effects.signature import Parameter, Shape, Signature, stack
+from np_effects.signature import SHARE, Shape, Signature, stack
 from np_effects.stage import Stage
 from np_effects.sums import first_order
 
 TIME_CONSTANT = Quantity("time_constant", "s", 0.0, 0.2)
 FILTERS = tuple(4e-4 * 1.35**n for n in range(14))  # s: so fine that the best one leaves nothing to other effects
-SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
 
 
 def _signature(lag: float) -> Signature:

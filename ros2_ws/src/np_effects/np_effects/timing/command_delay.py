@@ -8,14 +8,13 @@ from np_effects import evidence
 from np_effects.behaviour import Delay, Drive, DriveSlot, OnDrive, Values
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
-from np_effects.signature import Parameter, Shape, Signature, stack
+from np_effects.signature import WHOLE, Shape, Signature, stack
 from np_effects.stage import Stage
 
 DELAY = Quantity("delay", "s", 0.0, 0.2)
 USUAL = 4.5e-4  # s, up to which a delay of commands is what any loop has
 DELAYS = tuple(1e-4 * 1.35**n for n in range(18))  # s beyond it: so fine that the best leaves nothing to other effects
 STEP_KNOWN = 2e-5  # s, to which a delay is known where commands are held for a period
-WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)  # all of it, or it is another shape
 
 
 def delayed(d: evidence.Drive, values: np.ndarray, delay: float) -> np.ndarray:

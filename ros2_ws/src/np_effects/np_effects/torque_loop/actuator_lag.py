@@ -7,13 +7,12 @@ import numpy as np
 from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
-from np_effects.signature import Parameter, Shape, Signature, stack
+from np_effects.signature import SHARE, Shape, Signature, stack
 from np_effects.stage import Stage
 from np_effects.sums import first_order
 
 TIME_CONSTANT = Quantity("time_constant", "s", 0.0, 0.2)
 LAGS = tuple(1e-3 * 1.4**n for n in range(10))  # s: so fine that the best one leaves nothing to other effects
-SHARE = Parameter("share", "1", 0.0, 3.0, 1.0)
 AVERAGE_KNOWN = 4e-4  # s: whether a period's measured torque is its mean or its end makes .4 of a period
 
 

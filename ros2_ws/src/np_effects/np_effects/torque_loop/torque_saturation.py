@@ -7,11 +7,10 @@ import numpy as np
 from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values, unlimited
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
-from np_effects.signature import Parameter, Shape, Signature, stack
+from np_effects.signature import WHOLE, Shape, Signature, stack
 from np_effects.stage import Stage
 
 LIMIT = Quantity("limit", "Nm", 0.0, 200.0)
-WHOLE = Parameter("share", "1", 0.7, 1.3, 0.02, 1.0)  # all of it, or it is another shape
 LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest torque commanded
 REACHED = (0.97, 1.0)  # of the largest torque measured: a drive at its limit is there again and again
 
