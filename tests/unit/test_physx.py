@@ -211,7 +211,7 @@ def test_a_fingertip_that_slides_over_an_edge_is_seen():
     engine.articulation.set_qvel(engine._as_articulation(np.array(speed)))
     engine._read()
     data, depths = mujoco.MjData(engine.model), []
-    tip, box = (engine.model.geom(name).id for name in ("panda_finger1_1", OBJECT))
+    tip, box = (engine.model.geom(name).id for name in ("panda_finger1_tip", OBJECT))
     for _ in range(45):
         engine.step(np.array([4.98, 1.058, 4.845, 3.251, -0.248, -0.371, -0.219]), ZERO, 1e-4)
         data.qpos[:] = engine.configuration()

@@ -1,12 +1,14 @@
-"""Contact: how rough, how hard, by which friction law. One definition for every engine, for training and for the bench.
+"""Contact: which shapes, how rough, how hard, by which friction law. One definition for every engine, for training and for the bench.
 
-Two definitions stand side by side. `SOFT` is MuJoCo's default, in which the released weights were trained: a fingertip sinks
-millimetres into wood. `HARD` is as hard as a simulator steps at the same rate.
+Two definitions stand side by side. `SOFT` is MuJoCo's default: a fingertip sinks millimetres into wood. `HARD` is as hard as a
+simulator steps at the same rate. `IN_FORCE` is the one of them in which the released weights were trained.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+
+from np_description.hand import FLAT_HAND, ROUND_HAND, HandShapes
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class ContactModel:
 
     table: table and obstacles; finger: fingertips; housing: hand; links: arm. elliptic: a cone, else a pyramid that has less
     friction along its diagonals; impratio: how much stiffer friction is than the normal direction, against creep.
-    iterations, line_search: at most, of the solver.
+    iterations, line_search: at most, of the solver; hand: the shapes that touch.
     """
 
     name: str
@@ -50,6 +52,7 @@ class ContactModel:
     impratio: float
     iterations: int = 20
     line_search: int = 20
+    hand: HandShapes = FLAT_HAND
 
     def as_dict(self) -> dict:
         """Its numbers, for what is to be compared or written down."""
@@ -71,6 +74,7 @@ SOFT = ContactModel(
     rubber=MUJOCO_DEFAULT,
     elliptic=False,
     impratio=1.0,
+    hand=ROUND_HAND,
 )
 
 HARD = ContactModel(
@@ -88,6 +92,9 @@ HARD = ContactModel(
     # With 20 the solver ends before friction has settled, and a box that is pulled at .9 of its friction slides at 14 mm/s.
     line_search=50,
 )
+
+IN_FORCE = SOFT
+"""What scenes are made of, bags judged by and weights trained for where nothing else is said."""
 
 CONTACTS = {model.name: model for model in (SOFT, HARD)}
 

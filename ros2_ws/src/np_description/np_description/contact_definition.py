@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import mujoco
 
-from np_description.contact import SOFT, ContactModel
+from np_description.contact import IN_FORCE, ContactModel
 from np_description.domains import Domain
 from np_description.scene import OBJECT, load_model
 
 
-def contact_definition(domain: Domain, contact: ContactModel = SOFT) -> dict[str, object]:
+def contact_definition(domain: Domain, contact: ContactModel = IN_FORCE) -> dict[str, object]:
     """Cone, impratio, timestep s of the scene as it is built by default, and by partner (surroundings, arm, fingers,
     object) the friction, solref, solimp and further parameters of its geoms, each parameter once for all geoms that share it.
     """

@@ -53,23 +53,39 @@ class Tally:
         if touching:
             self._counts.setdefault(PUSHED, Counter())[int(touching != {"finger"})] += 1
 
+    def add_moments(self, depths: np.ndarray) -> None:
+        """Many moments: depths (n, pairs) m in the order of `PAIRS`, 0 where a pair does not touch."""
+        for pair, column in zip(PAIRS, depths.T):
+            steps, numbers = np.unique(np.rint(1e3 * column[column > 0] / STEP).astype(int), return_counts=True)
+            self._counts.setdefault(pair, Counter()).update(dict(zip(steps.tolist(), numbers.tolist())))
+        touches = depths[:, [PAIRS.index(f"{pusher}-object") for pusher in PUSHERS]] > 0
+        otherwise = int((touches[:, 1:].any(1)).sum())
+        fingers = int(touches.any(1).sum()) - otherwise
+        self._counts.setdefault(PUSHED, Counter()).update({0: fingers, 1: otherwise})
+
     def as_dict(self) -> dict[str, dict[str, int]]:
         """For JSON: by pair, how often which number of steps; and how often housing or links pushed (1) or fingers only (0)."""
         return {name: {str(k): n for k, n in sorted(row.items())} for name, row in sorted(self._counts.items())}
 
     @staticmethod
-    def summary(tallies: Iterable[Tally]) -> Depths:
-        """What several come to together."""
-        whole: dict[str, Counter] = {}
+    def joined(tallies: Iterable[Tally]) -> Tally:
+        """What several counted together."""
+        whole = Tally()
         for tally in tallies:
             for name, row in tally._counts.items():
-                whole[name] = whole.get(name, Counter()) + row
+                whole._counts.setdefault(name, Counter()).update(row)
+        return whole
+
+    @staticmethod
+    def summary(tallies: Iterable[Tally]) -> Depths:
+        """What several come to together."""
+        whole = dict(Tally.joined(tallies)._counts)
         pushed = whole.pop(PUSHED, Counter())
         hard = sum((row for pair, row in whole.items() if pair not in SOFT_PAIRS), Counter())
         by_pair = {
-            pair: dict(zip(("median", "q99", "max"), _quantiles(whole[pair]))) for pair in PAIRS if pair in whole
+            pair: dict(zip(("median", "q99", "max"), _quantiles(whole[pair]))) for pair in PAIRS if whole.get(pair)
         }
-        return Depths(*_quantiles(hard), by_pair, pushed[1] / pushed.total() if pushed else None)
+        return Depths(*_quantiles(hard), by_pair, pushed[1] / pushed.total() if pushed.total() else None)
 
 
 def _quantiles(counts: Counter) -> tuple[float | None, float | None, float | None]:

@@ -8,21 +8,22 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from np_description.contact import IN_FORCE, ContactModel
 from np_description.depths import PAIRS
 from np_description.domains import Domain, Pose
 from np_description.panda import STATE_NAMES
-from np_description.scene import OBJECT, load_model
+from np_description.scene import OBJECT, SHAFT, SUPPORT, load_model
 
 
 class Penetration:
-    """Depths of contact in a domain's scene."""
+    """Depths of contact in a domain's scene. contact: whose shapes they are judged by."""
 
-    def __init__(self, domain: Domain):
-        self._model = load_model(domain)
+    def __init__(self, domain: Domain, contact: ContactModel = IN_FORCE):
+        self._model = load_model(domain, contact=contact)
         self._data = mujoco.MjData(self._model)
         self._joints = np.array([self._model.joint(name).qposadr[0] for name in STATE_NAMES])
         self._object = int(self._model.joint(OBJECT).qposadr[0])
-        self._kinds = [_kind(self._model.geom(geom).name) for geom in range(self._model.ngeom)]
+        self._kinds = [kind_of(self._model.geom(geom).name) for geom in range(self._model.ngeom)]
 
     def depths(self, joints: np.ndarray, pose: Pose) -> dict[str, float]:
         """The deepest depth m of each pair that touches, with joints and fingers at (9,) rad, m and the object at its pose.
@@ -37,21 +38,25 @@ class Penetration:
         mujoco.mj_fwdPosition(self._model, data)
         found: dict[str, float] = {}
         for contact in data.contact:
-            pair = _pair(*(self._kinds[geom] for geom in contact.geom))
+            pair = pair_of(*(self._kinds[geom] for geom in contact.geom))
             if pair and contact.dist < 0:
                 found[pair] = max(found.get(pair, 0.0), -float(contact.dist))
         return found
 
 
-def _kind(name: str) -> str:
-    if name == OBJECT:
+def kind_of(name: str) -> str:
+    """What a geom of the scene is a part of, by its name: object, finger, housing, link, surroundings, or nothing that touches.
+
+    A finger works with its tip; its bare shaft is counted with the housing."""
+    if name == OBJECT or name.startswith(SUPPORT):
         return "object"
-    if name.startswith("panda_hand"):
+    if name.startswith("panda_hand") or (name.startswith("panda_finger") and name.endswith(SHAFT)):
         return "housing"
     if name.startswith("panda_"):
         return "finger" if "finger" in name else "link"
     return "surroundings" if name else ""
 
 
-def _pair(one: str, other: str) -> str | None:
+def pair_of(one: str, other: str) -> str | None:
+    """The name of a pair of such parts, None for one that is not watched."""
     return next((pair for pair in (f"{one}-{other}", f"{other}-{one}") if pair in PAIRS), None)

@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.contact import OBJECT_FRICTION, ROLLING, SOFT, TORSION, Compliance, ContactModel
+from np_description.contact import IN_FORCE, OBJECT_FRICTION, ROLLING, TORSION, Compliance, ContactModel
 from np_description.domains import Domain
+from np_description.hand import BoxShape, CapsuleShape
 from np_description.keypoints import CORNERS
 from np_description.panda import BASE_FRAME, FINGER_FORCE, FINGER_MAX, NOMINAL, TCP_FRAME, PandaModel
 
@@ -19,8 +20,12 @@ OBJECT = "object"
 CAMERA_NAME = "camera"
 FINGER_STIFFNESS, FINGER_DAMPING = 20000.0, 200.0  # N/m, N s/m: a finger is geared to its motor and hardly gives way
 
+SHAFT, TIP = "shaft", "tip"  # a finger's geoms: their names end so
+SUPPORT = "support"  # and the axis of the object along which the patch is proud
+SUPPORT_PROUD, SUPPORT_SHARE = 0.0003, 0.97  # m; of the sides of its face, at most: the box itself touches beyond
+
 # Collision bits: a pair collides where one's type meets the other's affinity.
-ENVIRONMENT_BIT, OBJECT_BIT, ROBOT_BIT = 1, 2, 4
+ENVIRONMENT_BIT, OBJECT_BIT, ROBOT_BIT, SUPPORT_BIT = 1, 2, 4, 8
 
 CORNER_COLOURS = (
     (0.85, 0.10, 0.10),
@@ -46,12 +51,6 @@ _LINK_CAPSULES = {
     7: [((0, 0, 0.05), (0, 0, 0.03), 0.04)],
 }
 
-HAND_CAPSULE = ((0.0, 0.0, 0.033), (0.0, 0.07, 0.0), 0.033)  # the same form, in the hand frame
-FINGER_CAPSULES = (
-    ((0.0, 0.0095, 0.020), (0.0, 0.0, 0.016), 0.009),  # shaft
-    ((0.0, 0.0085, 0.0458), (0.0065, 0.0, 0.0), 0.008),
-)  # tip, in the finger's frame
-
 
 def build_scene(
     domain: Domain,
@@ -60,13 +59,15 @@ def build_scene(
     arm_collision: bool = True,
     panda: PandaModel = NOMINAL,
     camera: Camera = CAMERA,
-    contact: ContactModel = SOFT,
+    contact: ContactModel = IN_FORCE,
+    supports: bool = False,
 ) -> mujoco.MjSpec:
     """The scene of a domain as an MjSpec, robot at its ready posture in keyframe "ready".
 
     timestep s. With `arm_collision` false only the last link, hand and fingers touch things (training: the other links never
     reach anything, and their pairs cost time). Joint torques act through seven motors, fingers through position servos;
-    gravity is compensated for the robot, as the real one does by itself. contact: how rough and how hard everything is.
+    gravity is compensated for the robot, as the real one does by itself. contact: how rough and how hard everything is. supports:
+    give the object patches to stand on (`SUPPORT`), whose sizes may then be changed.
     """
     spec = mujoco.MjSpec()
     spec.modelname = f"panda_{domain.name}"
@@ -82,6 +83,8 @@ def build_scene(
     _add_surroundings(spec, domain, camera, contact)
     _add_robot(spec, panda, arm_collision, contact)
     _add_object(spec, domain, contact)
+    if supports:
+        _add_supports(spec, domain, contact)
     key = spec.add_key(name="ready")
     home = domain.start
     key.qpos = [
@@ -131,8 +134,9 @@ def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, conta
     world.add_light(name="key", pos=[0.9, -0.6, 1.6], dir=[-0.35, 0.4, -1.2], diffuse=[0.7] * 3, castshadow=True)
     world.add_light(name="fill", pos=[0.6, 0.9, 1.4], dir=[-0.1, -0.6, -1.0], diffuse=[0.3] * 3, castshadow=False)
     fixed = dict(contype=ENVIRONMENT_BIT, conaffinity=OBJECT_BIT | ROBOT_BIT, **surface(contact.table, contact.hard))
+    on_table = fixed | dict(conaffinity=OBJECT_BIT | ROBOT_BIT | SUPPORT_BIT)
     world.add_geom(
-        name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.05], rgba=[0.62, 0.58, 0.52, 1], **fixed
+        name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.05], rgba=[0.62, 0.58, 0.52, 1], **on_table
     )
     for box in domain.obstacles:
         world.add_geom(
@@ -172,23 +176,19 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
         body.explicitinertial = True
         return body
 
-    def add_capsule(body, centre, half_axis, radius, rgba, **collision):
-        centre, half_axis = np.asarray(centre), np.asarray(half_axis)
-        number = len(body.geoms)
-        body.add_geom(
-            name=f"{body.name}_{number}",
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            size=[radius, 0, 0],
-            fromto=[*(centre - half_axis), *(centre + half_axis)],
-            rgba=rgba,
-            group=1,
-            **collision,
-        )
+    def add_shape(body, shape, rgba, part=None, **collision):
+        named = dict(name=f"{body.name}_{part or len(body.geoms)}", rgba=rgba, group=1, **collision)
+        if isinstance(shape, BoxShape):
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=shape.centre, size=shape.half_size, **named)
+            return
+        centre, half_axis = np.asarray(shape.centre), np.asarray(shape.half_axis)
+        ends = [*(centre - half_axis), *(centre + half_axis)]
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[shape.radius, 0, 0], fromto=ends, **named)
 
     white, dark = [0.92, 0.92, 0.92, 1], [0.25, 0.26, 0.28, 1]
     body = add_body(spec.worldbody, BASE_FRAME, panda.inertials["link0"])
     for capsule in _LINK_CAPSULES[0]:
-        add_capsule(body, *capsule, white, **silent)
+        add_shape(body, CapsuleShape(*capsule), white, **silent)
     for i, joint in enumerate(panda.joints):
         body = add_body(body, f"panda_link{i + 1}", panda.inertials[f"link{i + 1}"], panda.joint_frames[i])
         body.add_joint(
@@ -201,7 +201,7 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
             armature=panda.armature[i],
         )
         for capsule in _LINK_CAPSULES[i + 1]:
-            add_capsule(body, *capsule, white, **painted, **(touching if i >= first_touching else silent))
+            add_shape(body, CapsuleShape(*capsule), white, **painted, **(touching if i >= first_touching else silent))
         actuator = spec.add_actuator(
             name=joint,
             target=joint,
@@ -210,7 +210,9 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
         )
         actuator.set_to_motor()
     hand = add_body(body, "panda_hand", panda.inertials["hand"], panda.frames["link7_hand"])
-    add_capsule(hand, *HAND_CAPSULE, white, **surface(contact.housing, contact.hard), **touching)
+    housing = surface(contact.housing, contact.hard)
+    for shape in contact.hand.housing:
+        add_shape(hand, shape, white, **housing, **touching)
     tcp = panda.frames["hand_tcp"]
     hand.add_site(name=TCP_FRAME, pos=tcp.position, quat=tcp.quaternion, size=[0.003, 0, 0], group=4)
     for i, finger in enumerate(panda.fingers):
@@ -228,8 +230,8 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
         # Where rubber is another matter than the rest, it decides: MuJoCo would average its compliance with the other's.
         decides = int(contact.rubber != contact.hard)
         rubber = dict(priority=decides, **surface(contact.finger, contact.rubber), **touching)
-        for capsule in FINGER_CAPSULES:
-            add_capsule(body, *capsule, dark, **rubber)
+        add_shape(body, contact.hand.shaft, dark, SHAFT, **housing, **touching)
+        add_shape(body, contact.hand.tip, dark, TIP, **rubber)
         actuator = spec.add_actuator(
             name=finger,
             target=finger,
@@ -264,6 +266,27 @@ def _add_object(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> N
             group=2,
             contype=0,
             conaffinity=0,
+        )
+
+
+def _add_supports(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> None:
+    """Patches a little proud of the object's faces, on which it stands on the table (not on obstacles).
+
+    A box stands on its four corners here, where a real one stands on whatever is proud of it, and turns the more easily the
+    nearer that is to its middle. Patches as large as they are made here change hardly anything.
+    """
+    for axis in range(3):
+        half = np.asarray(domain.half_size) * SUPPORT_SHARE
+        half[axis] = domain.half_size[axis] + SUPPORT_PROUD
+        spec.body(OBJECT).add_geom(
+            name=f"{SUPPORT}{axis}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=half,
+            mass=0,
+            group=4,
+            contype=SUPPORT_BIT,
+            conaffinity=0,
+            **surface(OBJECT_FRICTION, contact.hard),
         )
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.contact import HARD, ContactModel
+from np_description.contact import HARD, IN_FORCE, ContactModel
 from np_description.domains import Domain, Pose
 from np_description.panda import (
     BASE_FRAME,
@@ -20,6 +22,7 @@ from np_physx_bridge.library import sapien
 from np_physx_bridge.scene import Translator, scene
 from np_sim_bridge.schedule import PERIOD, SECOND
 
+HARD_AS_IN_FORCE = replace(HARD, hand=IN_FORCE.hand)  # with the shapes that bags are judged by
 STICTION = 1e4  # Nm s/rad: slope of Coulomb friction about standstill, until its limit is reached
 
 
@@ -38,7 +41,7 @@ class PhysxEngine:
         substeps: int = 1,
         camera: Camera = CAMERA,
         panda: PandaModel = NOMINAL,
-        contact: ContactModel = HARD,
+        contact: ContactModel = HARD_AS_IN_FORCE,
     ):
         self._sapien = sapien()
         self._timestep, self._substeps = PERIOD / SECOND / substeps, substeps

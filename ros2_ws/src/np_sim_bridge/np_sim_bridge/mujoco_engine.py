@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.contact import SOFT, ContactModel
+from np_description.contact import IN_FORCE, ContactModel
 from np_description.domains import Domain, Pose
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES, PandaModel
 from np_description.scene import OBJECT, load_model
@@ -25,7 +25,7 @@ class MujocoEngine:
         substeps: int = 1,
         camera: Camera = CAMERA,
         panda: PandaModel = NOMINAL,
-        contact: ContactModel = SOFT,
+        contact: ContactModel = IN_FORCE,
     ):
         timestep = PERIOD / SECOND / substeps
         self.model = load_model(domain, timestep=timestep, camera=camera, panda=panda, contact=contact)
