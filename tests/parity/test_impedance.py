@@ -54,6 +54,7 @@ def training():
 
     limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float, device="cpu")
     over = wp.zeros((2, 1, 7), dtype=int, device="cpu")
+    peak = wp.zeros((2, 1, 7), dtype=float, device="cpu")
     none = wp.zeros((1, 7), dtype=float, device="cpu")
     delay = wp.zeros(1, dtype=int, device="cpu")
 
@@ -68,7 +69,7 @@ def training():
             impedance_kernel,
             dim=(1, 7),
             device="cpu",
-            outputs=[out, over],
+            outputs=[out, over, peak],
             inputs=[
                 0,
                 limit,

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from np_description.camera import CAMERA
+from np_description.depths import Tally
 from np_description.domains import BUMP
 from np_training import evaluate as command
 from np_training.environment.environment import Environment, EnvironmentConfig
@@ -35,6 +36,8 @@ def make_episodes(modes: list[str], over: float = 0.0) -> Episodes:
         np.linspace(0.01, 0.2, n),
         np.zeros(n),
         np.full((2, n, 7), over),
+        np.full((3, n, 7), 0.5),
+        Tally(),
         {"tips0": np.arange(n) % 2 == 0, "tips1": np.arange(n) % 2 == 1},
         np.zeros((n, 7)),
     )

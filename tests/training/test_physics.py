@@ -1,17 +1,24 @@
 """What the batched simulator counts: steps beyond the arm's limits, worlds without room for contacts."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 import torch
 
+from np_description.camera import CAMERA
 from np_description.contact import HARD
-from np_description.domains import BUMP, CARD, WALL
+from np_description.depths import PAIRS
+from np_description.domains import BUMP, CARD, WALL, Pose
 from np_description.panda import NOMINAL
+from np_description.penetration import Penetration
+from np_description.scene import SUPPORT_PROUD
 from np_policy.action import Target
-from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.environment.environment import Environment, EnvironmentConfig, corners
 from np_training.physics.batched import ARM, CONTROLLERS, BatchedPhysics, PhysicsConfig, physics_for
-from np_training.tasks.randomisation import ROBUST
+from np_training.physics.batched_kinematics import forward_kinematics
+from np_training.tasks.randomisation import NOMINAL_CONDITIONS, ROBUST
 
 WORLDS, SUBSTEPS = 4, 3
 
@@ -88,7 +95,7 @@ def test_hard_contact_is_stepped_twice_as_often_and_holds_a_policy_period():
     physics = BatchedPhysics(CARD, 1, "cpu", physics_for("hard", substeps=1))
     assert physics.host_model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
     assert physics.host_model.opt.ls_iterations >= HARD.line_search
-    with pytest.raises(ValueError, match="expected one of soft, hard, got 'rigid'"):
+    with pytest.raises(ValueError, match="expected one of soft, firm, hard, got 'rigid'"):
         physics_for("rigid")
 
 
@@ -114,12 +121,108 @@ def test_a_margin_of_speed_counts_before_the_data_sheet_does():
 
 
 def test_robust_conditions_reach_the_physics():
-    config = EnvironmentConfig(worlds=64, conditions=ROBUST, physics=physics_for("hard", substeps=1))
+    config = EnvironmentConfig(worlds=64, conditions=ROBUST, physics=physics_for("hard", substeps=1, supports=True))
     env = Environment(CARD, "cpu", config)
-    env._draw_conditions(torch.arange(64))
+    env._draw_conditions(torch.arange(64), env.physics.qpos[:, ARM])
     share = env.physics._solimp[:, 0, 1] / (1 - env.physics._solimp[:, 0, 1])
     nominal = HARD.hard.impedance[1] / (1 - HARD.hard.impedance[1])
     assert 0.24 * nominal < share.min() < 0.6 * nominal and 1.8 * nominal < share.max() < 4.2 * nominal
     assert 0.75 <= env.physics.margin.min() < env.physics.margin.max() <= 0.95
     low, high = (2 * steps for steps in ROBUST.delay)  # steps of 2.5 ms
     assert low <= env.physics.delay.min() and env.physics.delay.max() <= high and (env.physics.delay % 2 == 0).all()
+
+
+def test_shares_of_limits_are_the_largest_of_the_period():
+    physics = BatchedPhysics(CARD, 2, "cpu", PhysicsConfig(substeps=SUBSTEPS))
+    physics.qvel[1, 2] = 0.5 * float(NOMINAL.velocity_limit[2])
+    physics.noise[0, 6] = 0.4 * float(NOMINAL.torque_limit[6])
+    physics.advance()
+    velocity, torque = physics.peak
+    assert velocity[1, 2] == pytest.approx(0.5, abs=1e-6) and velocity[0, :6].max() < 0.05
+    assert torque[0, 6] == pytest.approx(0.4, abs=0.02)
+    physics.qvel.zero_()
+    physics.noise.zero_()
+    physics.advance()
+    assert physics.peak[1, 0, 6] < 0.1
+
+
+def test_torque_is_cut_at_the_margin():
+    physics = BatchedPhysics(CARD, 2, "cpu", PhysicsConfig(substeps=1))
+    physics.margin[1] = 0.75
+    physics.noise[:, 6] = 2 * NOMINAL.torque_limit[6]
+    physics.advance()
+    assert torch.allclose(physics.ctrl[:, 6], torch.tensor([1.0, 0.75]) * NOMINAL.torque_limit[6])
+
+
+@pytest.mark.parametrize("contact", ("soft", "hard"))
+def test_depths_of_all_worlds_are_those_that_one_scene_shows(contact):
+    physics = BatchedPhysics(CARD, 3, "cpu", physics_for(contact, substeps=1))
+    qpos = physics.qpos.clone()
+    qpos[:, 9:12] = torch.tensor([0.5, 0.0, 0.0025])
+    qpos[1, 11] -= 0.001  # in the table
+    q = torch.tensor(NOMINAL.ready).float()
+    tcp = float(forward_kinematics(q[None])[0][0, 2])
+    qpos[2, 9:12] = torch.tensor([float(forward_kinematics(q[None])[0][0, 0]), 0.0, tcp - 0.010])
+    physics.place(torch.arange(3), qpos)
+    physics.hold(torch.arange(3), qpos[:, ARM])
+    physics.advance()
+    judge = Penetration(CARD, physics.config.contact)
+    # The simulator's contacts are those at the beginning of its step.
+    found = physics.contacts.depths().numpy()
+    for row, wanted in zip(found, qpos.numpy()):
+        expected = judge.depths(wanted[:9].astype(float), Pose(wanted[9:12].astype(float), wanted[12:16].astype(float)))
+        for pair, depth in zip(PAIRS, row):
+            assert depth == pytest.approx(expected.get(pair, 0.0), abs=1e-5), pair
+    assert found[2, PAIRS.index("finger-object")] > 1e-4
+    assert physics.contacts.touching("finger-object").tolist() == [False, False, True]
+
+
+def test_an_object_on_small_patches_turns_more_easily():
+    """Spun about the vertical it comes to rest after an angle in inverse proportion to the radius at which friction acts."""
+    physics = BatchedPhysics(CARD, 2, "cpu", physics_for("hard", substeps=2, supports=True))
+    physics.support(torch.tensor([0, 1]), torch.tensor([[0.97] * 3, [0.45] * 3]))
+    qpos = physics.qpos.clone()
+    qpos[:, 9:12] = torch.tensor([0.5, 0.0, 0.0025 + SUPPORT_PROUD])
+    physics.place(torch.arange(2), qpos)
+    for _ in range(20):
+        physics.advance()
+    physics.qvel[:, 14] = 3.0  # rad/s, about the object's z
+    physics.advance()
+    lost = 3.0 - physics.qvel[:, 14]
+    assert float(lost[0] / lost[1]) == pytest.approx(0.97 / 0.45, rel=0.2)
+
+
+def test_limits_of_range_leave_the_start_inside():
+    env = Environment(
+        CARD, "cpu", EnvironmentConfig(worlds=16, conditions=ROBUST, physics=PhysicsConfig(supports=True))
+    )
+    q = torch.tensor(NOMINAL.position_lower).float().repeat(16, 1) + 0.15
+    env._draw_conditions(torch.arange(16), q)
+    lower, upper = (torch.tensor(list(end)).float() for end in (NOMINAL.position_lower, NOMINAL.position_upper))
+    assert (env.range[0] <= q - 0.099).all() and (env.range[0] >= lower - 1e-6).all()
+    share = (env.range[1] - (lower + upper) / 2) / ((upper - lower) / 2)
+    assert torch.allclose(share, env.physics.margin[:, None].expand(16, 7), atol=1e-5)
+
+
+def test_keypoints_are_as_old_as_the_image():
+    conditions = replace(NOMINAL_CONDITIONS, image_latency=(0.05, 0.05))
+    env = Environment(CARD, "cpu", EnvironmentConfig(worlds=2, conditions=conditions))
+    env._draw_conditions(torch.arange(2), env.physics.qpos[:, ARM])
+    env.goals.quaternion[:, 0] = 1.0
+    env.physics.qpos[:, 9:12] = torch.tensor([0.5, 0.0, 0.0025])
+    env._remember_corners()
+    env.physics.qpos[:, 10] += 0.02
+    seen = env._seen_corners(env.objects)
+    middle = seen.mean(1)
+    assert torch.allclose(middle[:, 1], torch.tensor(0.01), atol=1e-6)
+
+
+def test_a_camera_that_is_off_shifts_what_is_seen():
+    conditions = replace(NOMINAL_CONDITIONS, camera_position=0.003, camera_rotation=0.003)
+    env = Environment(CARD, "cpu", EnvironmentConfig(worlds=512, conditions=conditions))
+    env._draw_conditions(torch.arange(512), env.physics.qpos[:, ARM])
+    env.physics.qpos[:, 9:12] = torch.tensor([0.5, 0.0, 0.0025])
+    moved = (env._seen_corners(env.objects) - corners(CARD, env.objects)).mean(1)
+    distance = np.linalg.norm(np.array([0.5, 0.0, 0.0025]) - CAMERA.position)
+    assert float(moved[:, 1].std()) == pytest.approx(0.003 * np.hypot(1, distance), rel=0.15)
+    assert moved.mean(0).abs().max() < 1e-3

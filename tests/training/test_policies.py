@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 
 from np_control.impedance import torque
 from np_control.kinematics import forward_kinematics, pose_distance
+from np_description.contact import IN_FORCE
 from np_description.domains import BUMP, CARD, DOMAINS, WALL
+from np_description.hand import FLAT_HAND, ROUND_HAND
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion, rotation_angle
 from np_policy import hand_pose
@@ -92,15 +94,17 @@ def test_contacts_put_the_fingertip_over_the_chosen_point():
     assert contacts.feasible.all()
     distance, angle = pose_distance(contacts.q, contacts.position, contacts.rotation)
     assert distance.max() < 1e-3 and angle.max() < 1e-2
-    tip = contacts.position + contacts.rotation[:, :, 2] * (contact.TIP_DEPTH - NOMINAL.frames["hand_tcp"].position[2])
+    depth = NOMINAL.frames["hand_finger1"].position[2] + IN_FORCE.hand.tip.centre[2]  # of the middle of the fingertips
+    tip = contacts.position + contacts.rotation[:, :, 2] * (depth - NOMINAL.frames["hand_tcp"].position[2])
     top = objects.position + torch.tensor([0, 0, CARD.half_size[2]])
     assert (tip - top)[:, :2].norm(dim=-1).max() < 1e-6
     clearance = contact.gripper_clearance(CARD, contacts.q, contacts.width, objects)
     assert torch.allclose(clearance, torch.full_like(clearance, contact.CLEARANCE), atol=1e-3)
 
 
+@pytest.mark.parametrize("hand", (ROUND_HAND, FLAT_HAND), ids=("round", "flat"))
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda d: d.name)
-def test_contacts_keep_the_fingers_off_the_chosen_face(domain):
+def test_contacts_keep_the_fingers_off_the_chosen_face(domain, hand):
     generator = torch.Generator().manual_seed(5)
     objects, _ = sample_tasks(domain, 1000, generator)
     action = 2 * torch.rand(1000, contact.SIZE, generator=generator) - 1
@@ -111,8 +115,8 @@ def test_contacts_keep_the_fingers_off_the_chosen_face(domain):
     assert ((point - objects.position) * action[:, 6:]).sum(
         -1
     ).min() > 0  # in the base frame, whatever the object's yaw
-    position, rotation, width = contact.contact_pose(domain, action, objects)
-    centres, radii = contact.gripper_spheres(position, rotation, width, with_hand=False)
+    position, rotation, width = contact.contact_pose(domain, action, objects, hand)
+    centres, radii = contact.gripper_spheres(position, rotation, width, hand, with_housing=False)
     height = (((centres - point[:, None]) * normal[:, None]).sum(-1) - radii).amin(-1)
     assert torch.allclose(height, torch.full_like(height, contact.CLEARANCE), atol=1e-6)
 
@@ -288,8 +292,8 @@ def test_finishing_pays_more_than_hovering_at_the_tolerance():
     near, goal = (Measures(torch.tensor([d]), zero, zero) for d in (0.011, 0.010))
     no, yes = torch.tensor([False]), torch.tensor([True])
     low = torch.full((1, 7), 40.0)
-    hover = sum(reward_terms(config, near, near, no, no, low).values()) / (1 - discount)
-    finish = sum(reward_terms(config, near, goal, yes, no, low).values())
+    hover = sum(reward_terms(config, near, near, no, no, low, no).values()) / (1 - discount)
+    finish = sum(reward_terms(config, near, goal, yes, no, low, no).values())
     assert finish > hover + 1
 
 
@@ -297,7 +301,7 @@ def test_finishing_pays_more_than_hovering_at_the_tolerance():
 def test_a_way_back_to_where_it_began_earns_nothing(stations):
     config, no, soft = RewardConfig(far=500.0), torch.tensor([False]), torch.full((1, 7), 10.0)
     measures = [Measures(*(torch.tensor([x], dtype=torch.float64) for x in s)) for s in (*stations, stations[0])]
-    terms = [reward_terms(config, a, b, no, no, soft) for a, b in zip(measures, measures[1:])]
+    terms = [reward_terms(config, a, b, no, no, soft, no) for a, b in zip(measures, measures[1:])]
     for name in ("progress", "far", "turn", "reach"):
         assert abs(float(sum(t[name] for t in terms))) < 1e-9
 

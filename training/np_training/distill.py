@@ -15,7 +15,9 @@ from pathlib import Path
 
 import torch
 
+from np_description.contact import IN_FORCE
 from np_description.domains import DOMAINS, Domain, find_domain
+from np_description.hand import HandShapes
 from np_policy import hand_pose
 from np_policy.contract import PRE_CONTACT
 from np_policy.networks import PreContactStudent
@@ -24,6 +26,7 @@ from np_policy.weights import save
 from np_training.contracts import trained_contract
 from np_training.environment import contact
 from np_training.environment.environment import as_seen, corners, pre_contact_state
+from np_training.physics.batched import physics_for
 from np_training.ppo.networks import PreContactPolicy
 from np_training.tasks.poses import Poses, sample_tasks
 
@@ -55,8 +58,9 @@ def distil(
     batch: int = 8192,
     seed: int = 0,
     steps: int | None = None,
+    hand: HandShapes = IN_FORCE.hand,
 ) -> tuple[PreContactStudent, dict[str, float]]:
-    """Train a student for some minutes, or for so many steps; returns it with its errors on fresh noiseless tasks: means (mm, rad,
+    """Train a student for some minutes, or for so many steps, of a teacher that has `hand`; returns it with its errors on fresh noiseless tasks: means (mm, rad,
     mm) and the angle's median, which a teacher that decides between two faces leaves far below the mean."""
     generator = torch.Generator(device=device).manual_seed(seed)
     torch.manual_seed(seed)
@@ -68,7 +72,7 @@ def distil(
         objects, goals = sample_tasks(domain, batch, generator)
         with torch.no_grad():
             chosen = teacher(pre_contact_state(*as_seen(domain, objects, goals)))
-            target = hand_pose.encode(*contact.contact_pose(domain, chosen, objects))
+            target = hand_pose.encode(*contact.contact_pose(domain, chosen, objects, hand))
         return *_keypoints(domain, objects, goals), target
 
     begin, step, share = time.monotonic(), 0, 0.0
@@ -118,7 +122,9 @@ def main() -> None:
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     arguments = parser.parse_args()
     state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
-    setting = {"domain": "card", "controller": "impedance"} | state.get("setting", {})  # the first version did not say
+    setting = {"domain": "card", "controller": "impedance", "contact": "soft"} | state.get(
+        "setting", {}
+    )  # the first version did not say
     domain = find_domain(arguments.domain or setting["domain"])
     teacher = PreContactPolicy().to(arguments.device)
     teacher.load_state_dict({name[4:]: tensor for name, tensor in state["networks"].items() if name.startswith("pre.")})
@@ -130,6 +136,7 @@ def main() -> None:
         arguments.batch,
         arguments.seed,
         arguments.steps,
+        physics_for(setting["contact"]).contact.hand,
     )
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / f"pre_contact_student_{domain.name}.safetensors"

@@ -21,6 +21,8 @@ import numpy as np
 import torch
 
 from np_control.operational_space import CartesianGains, uniform_gains
+from np_description import limit_share
+from np_description.depths import Tally
 from np_description.domains import DOMAINS, find_domain
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PreContactStudent
@@ -42,6 +44,7 @@ SETTING = {
     "controller": "impedance",
     "cartesian_stiffness": CartesianGains.position,
     "limit": 100,
+    "contact": "soft",
 }
 
 
@@ -83,6 +86,8 @@ def summarise(episodes: Episodes, substeps: int) -> dict:
             "largest_joint_share": float(over[1].max()),
             "by_joint": [round(float(x), 6) for x in over[1]],
         },
+        "depth_mm": Tally.summary([episodes.depths]).as_dict(),
+        "limit_share": limit_share.summary(episodes.shares[:, reached].transpose(1, 0, 2)),
         "by_group": {name: rate(success[mask]) for name, mask in episodes.groups.items()},
         "failures": failures,
     }
@@ -175,7 +180,9 @@ def main() -> None:
     parser.add_argument(
         "--effects", type=Path, help="patch.yaml of the gap doctor: friction, damping, armature, link inertia"
     )
-    parser.add_argument("--contact", choices=list(STEPPING), default="soft", help="see np_description.contact")
+    parser.add_argument(
+        "--contact", choices=list(STEPPING), help="see np_description.contact; default: the checkpoint's"
+    )
     parser.add_argument("--out", type=Path, help="file to which the lines are appended")
     parser.add_argument(
         "--record", type=Path, help="file (.npz) for the joint positions of the last condition's episodes"
@@ -207,12 +214,13 @@ def main() -> None:
             reflex=arguments.reflex,
             limit=setting["limit"],
             physics=physics_for(
-                arguments.contact,
+                setting["contact"],
                 contacts=arguments.contacts,
                 constraints=arguments.constraints,
                 controller=setting["controller"],
                 cartesian=uniform_gains(setting["cartesian_stiffness"]),
                 effects=effects,
+                supports=any(CONDITIONS[name].support is not None for name in arguments.conditions),
             ),
         ),
     )
@@ -225,7 +233,6 @@ def main() -> None:
                 "conditions": conditions,
                 "student": bool(student),
                 **setting,
-                "contact": arguments.contact,
                 "effects": [f"{e.effect} at {e.component}" for e in effects.effects],
                 "seeds": arguments.seeds,
                 "steps": steps,

@@ -20,6 +20,7 @@ from pathlib import Path
 import torch
 
 from np_control.operational_space import CartesianGains, uniform_gains
+from np_description.contact import IN_FORCE
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.environment.fixed_contact import STARTS
 from np_training.physics.batched import CONTROLLERS, STEPPING, PhysicsConfig, physics_for
@@ -78,7 +79,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument(
         "--effects", type=Path, help="patch.yaml of the gap doctor: friction, damping, armature, link inertia"
     )
-    parser.add_argument("--contact", choices=list(STEPPING), default="soft", help="see np_description.contact")
+    parser.add_argument("--contact", choices=list(STEPPING), default=IN_FORCE.name, help="see np_description.contact")
     parser.add_argument(
         "--conditions",
         choices=("paper", "robust"),
@@ -155,6 +156,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
                 controller=arguments.controller,
                 cartesian=uniform_gains(arguments.cartesian_stiffness),
                 effects=arguments.effects,
+                supports=CONDITIONS[arguments.conditions].support is not None,
             ),
         ),
     )

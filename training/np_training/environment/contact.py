@@ -10,15 +10,18 @@ so that both fingers face it and leaning over, away from the object.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from math import pi
 
+import numpy as np
 import torch
 
 from np_control.kinematics import pose_distance
+from np_description.contact import IN_FORCE
 from np_description.domains import Domain
+from np_description.hand import BoxShape, CapsuleShape, HandShapes, Shape
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion, matrix_from_vector
-from np_description.scene import FINGER_CAPSULES, HAND_CAPSULE
 from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
 from np_training.tasks.poses import Poses
 
@@ -31,8 +34,7 @@ IK_ITERATIONS = 30
 
 _TCP = NOMINAL.frames["hand_tcp"].position
 _FINGER_BASE = NOMINAL.frames["hand_finger1"].position
-_TIP_CENTRE, _TIP_HALF, _ = FINGER_CAPSULES[1]
-TIP_DEPTH = _FINGER_BASE[2] + _TIP_CENTRE[2]  # m along the hand's z: the axis of the fingertips
+SAMPLES = 9  # of a shape along its longest side
 
 
 @dataclass(frozen=True)
@@ -48,24 +50,25 @@ class Contacts:
 
 
 def contact_pose(
-    domain: Domain, action: torch.Tensor, objects: Poses
+    domain: Domain, action: torch.Tensor, objects: Poses, hand: HandShapes = IN_FORCE.hand
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """T_E position (n, 3) m, rotation (n, 3, 3) and finger width (n,) m, up to what the domain allows, that actions
     (n, 9) choose on the objects."""
+    tip = hand.tip
     action = action.clamp(-1, 1)
     point, normal = surface_point(domain, action[:, 6:], objects)
     rotation = hand_rotation(action[:, :3], normal)
     width = domain.max_opening * (action[:, 3] + 1) / 2
     gripper_point = torch.stack(
         [
-            _TIP_HALF[0] * action[:, 4],
-            (width + _TIP_CENTRE[1]) * action[:, 5],
-            torch.full_like(width, TIP_DEPTH - _TCP[2]),
+            hand.tip_width * action[:, 4],
+            (width + tip.centre[1]) * action[:, 5],
+            torch.full_like(width, _FINGER_BASE[2] + tip.centre[2] - _TCP[2]),
         ],
         -1,
     )
     position = point - (rotation * gripper_point[:, None, :]).sum(-1)
-    centres, radii = gripper_spheres(position, rotation, width, with_hand=False)
+    centres, radii = gripper_spheres(position, rotation, width, hand, with_housing=False)
     depth = (radii - ((centres - point[:, None]) * normal[:, None]).sum(-1)).amax(-1)  # of the fingers below the face
     return position + (depth + CLEARANCE)[:, None] * normal, rotation, width
 
@@ -111,6 +114,7 @@ def reach(
     width: torch.Tensor,
     objects: Poses,
     sunk: torch.Tensor | float = 0.0,
+    hand: HandShapes = IN_FORCE.hand,
 ) -> Contacts:
     """Contacts at given hand poses, with a joint solution from the ready posture, and whether it is feasible. sunk (n,) m:
     how deep the obstacles are."""
@@ -118,23 +122,35 @@ def reach(
     q = solve_ik(ready, position, rotation, iterations=IK_ITERATIONS)
     distance, angle = pose_distance(q, position, rotation)
     reached = (distance < 1e-3) & (angle < 1e-2)
-    free = gripper_clearance(domain, q, width, objects, sunk) > 0
+    free = gripper_clearance(domain, q, width, objects, sunk, hand) > 0
     return Contacts(position, rotation, width, q, reached & free)
 
 
-def resolve(domain: Domain, action: torch.Tensor, objects: Poses, sunk: torch.Tensor | float = 0.0) -> Contacts:
+def resolve(
+    domain: Domain,
+    action: torch.Tensor,
+    objects: Poses,
+    sunk: torch.Tensor | float = 0.0,
+    hand: HandShapes = IN_FORCE.hand,
+) -> Contacts:
     """The contacts that actions (n, 9) choose on objects at the poses given, with obstacles sunk (n,) m."""
-    return reach(domain, *contact_pose(domain, action, objects), objects, sunk)
+    return reach(domain, *contact_pose(domain, action, objects, hand), objects, sunk, hand)
 
 
 def gripper_clearance(
-    domain: Domain, q: torch.Tensor, width: torch.Tensor, objects: Poses, sunk: torch.Tensor | float = 0.0
+    domain: Domain,
+    q: torch.Tensor,
+    width: torch.Tensor,
+    objects: Poses,
+    sunk: torch.Tensor | float = 0.0,
+    hand: HandShapes = IN_FORCE.hand,
 ) -> torch.Tensor:
     """Least distance (n,) m of hand and fingers to table, obstacles sunk (n,) m, and object; negative in collision.
 
-    Capsules are sampled along their axes, which is exact for the table and within 1 mm for boxes of these sizes.
+    Shapes are filled with spheres and their edges lined with points, which is exact for the table and within some 2 mm for
+    boxes of these sizes.
     """
-    centres, radii = gripper_spheres(*forward_kinematics(q), width)
+    centres, radii = gripper_spheres(*forward_kinematics(q), width, hand)
     least = (centres[..., 2] - radii).amin(-1)
     down = torch.zeros(len(q), 1, 3).to(centres)
     down[:, 0, 2] = sunk
@@ -153,26 +169,58 @@ def gripper_clearance(
 
 
 def gripper_spheres(
-    tcp: torch.Tensor, rotation: torch.Tensor, width: torch.Tensor, with_hand: bool = True, samples: int = 9
+    tcp: torch.Tensor,
+    rotation: torch.Tensor,
+    width: torch.Tensor,
+    hand: HandShapes = IN_FORCE.hand,
+    with_housing: bool = True,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Centres (n, k, 3) m in the base frame and radii (k,) of spheres along the gripper's capsules, for T_E at tcp (n, 3)
-    m, rotation (n, 3, 3), and finger openings width (n,) m."""
-    device, dtype = tcp.device, tcp.dtype
-    share = torch.linspace(-1, 1, samples, device=device)
-    parts = [(0, HAND_CAPSULE)] if with_hand else []
-    parts += [
-        (side, capsule) for side in (1, -1) for capsule in FINGER_CAPSULES
-    ]  # the second finger: half a turn about z
+    """Centres (n, k, 3) m in the base frame and radii (k,) of spheres that fill the gripper's shapes, and of points along
+    their edges, for T_E at tcp (n, 3) m, rotation (n, 3, 3), and finger openings width (n,) m."""
+    options = dict(dtype=tcp.dtype, device=tcp.device)
     points, radii = [], []
-    for side, (centre, half, radius) in parts:
-        local = torch.tensor(half, device=device) * share[:, None] + torch.tensor(centre, device=device)
-        local = local.expand(len(tcp), samples, 3).clone()
-        if side:
-            local = local + torch.as_tensor(_FINGER_BASE, dtype=dtype, device=device)
-            local[..., 0] *= side
-            local[..., 1] = side * (local[..., 1] + width[:, None])
+    if with_housing:
+        centres, size = _filling(hand.housing)
+        points.append(torch.as_tensor(centres, **options).expand(len(tcp), -1, 3))
+        radii.append(size)
+    centres, size = _filling(hand.finger)
+    for side in (1, -1):  # the second finger: half a turn about z
+        local = (torch.as_tensor(centres, **options) + torch.as_tensor(_FINGER_BASE, **options)).repeat(len(tcp), 1, 1)
+        local[..., 0] *= side
+        local[..., 1] = side * (local[..., 1] + width[:, None])
         points.append(local)
-        radii += [radius] * samples
-    local = torch.cat(points, 1) - torch.as_tensor(_TCP, dtype=dtype, device=device)
+        radii.append(size)
+    local = torch.cat(points, 1) - torch.as_tensor(_TCP, **options)
     centres = torch.einsum("nij,nkj->nki", rotation, local) + tcp[:, None]
-    return centres, torch.tensor(radii, device=device)
+    return centres, torch.as_tensor(np.concatenate(radii), dtype=torch.float32, device=tcp.device)
+
+
+@cache
+def _filling(shapes: tuple[Shape, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (k, 3) m in the body's frame and radii (k,) m of the spheres for some shapes."""
+    parts = [_filled_box(shape) if isinstance(shape, BoxShape) else _filled_capsule(shape) for shape in shapes]
+    return tuple(np.concatenate(column) for column in zip(*parts))
+
+
+def _filled_capsule(shape: CapsuleShape) -> tuple[np.ndarray, np.ndarray]:
+    along = np.linspace(-1, 1, SAMPLES)[:, None] * np.asarray(shape.half_axis)
+    return along + np.asarray(shape.centre), np.full(SAMPLES, shape.radius)
+
+
+def _filled_box(shape: BoxShape) -> tuple[np.ndarray, np.ndarray]:
+    """Spheres as wide as the box's shortest side, and points on its twelve edges."""
+    half = np.asarray(shape.half_size)
+    radius = half.min()
+
+    def spread(extent: float) -> np.ndarray:
+        count = 1 if extent == 0 else min(SAMPLES, 1 + int(np.ceil(2 * extent / radius)))
+        return np.linspace(-extent, extent, count) if count > 1 else np.zeros(1)
+
+    inner = np.stack(np.meshgrid(*(spread(extent) for extent in half - radius), indexing="ij"), -1).reshape(-1, 3)
+    edges = []
+    for axis in range(3):
+        ends = [spread(half[axis]) if k == axis else np.array([-half[k], half[k]]) for k in range(3)]
+        edges.append(np.stack(np.meshgrid(*ends, indexing="ij"), -1).reshape(-1, 3))
+    lines = np.unique(np.concatenate(edges), axis=0)
+    centres = np.concatenate([inner, lines]) + np.asarray(shape.centre)
+    return centres, np.concatenate([np.full(len(inner), radius), np.zeros(len(lines))])

@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 import torch
 
+from np_description.camera import CAMERA
 from np_description.domains import Domain, is_lost, is_success, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
@@ -31,6 +32,8 @@ from np_training.tasks.rewards import Measures, RewardConfig, reward_terms
 
 PRE_STATE_SIZE = 18
 DELAY_STEP = 0.005  # s, of `Conditions.delay`
+PERIOD = 1 / actions.RATE  # s
+START_SLACK = 0.1  # rad, between where an episode begins and the range that is allowed in it
 PRIVILEGED_SIZE = 18 + 6 + 3 + 2
 
 
@@ -86,6 +89,7 @@ class Environment:
     def __init__(self, domain: Domain, device: str, config: EnvironmentConfig = EnvironmentConfig()) -> None:
         self.domain, self.config, self.device = domain, config, torch.device(device)
         self.physics = BatchedPhysics(domain, config.worlds, device, config.physics)
+        self.hand = config.physics.contact.hand
         self.generator = torch.Generator(device=device).manual_seed(config.seed)
         self.limits = actions.LOOSE
         n = config.worlds
@@ -104,10 +108,17 @@ class Environment:
         self.pre_action = torch.zeros(n, contact.SIZE, device=device)
         self.pre_log_probability = torch.zeros(n, device=device)
         self.keypoint_bias = torch.zeros(n, 1, 2, device=device)
+        self.image_age = torch.zeros(n, 1, 1, device=device)  # share of a policy period
+        self._corners_before = torch.zeros(n, 8, 3, device=device)
+        # How the camera sees the base frame turned and shifted about its own place.
+        self.camera_turn = torch.eye(3, device=device).repeat(n, 1, 1)
+        self.camera_shift = torch.zeros(n, 1, 3, device=device)
         self.conditions = torch.ones(n, 3, device=device)  # factors of table friction, finger friction, mass
-        self._range = torch.tensor(
-            [list(NOMINAL.position_lower), list(NOMINAL.position_upper)], dtype=torch.float32, device=device
+        # Joint range (2, n, 7) rad beyond which the reflex ends an episode.
+        self._mechanical = torch.tensor(
+            np.stack([NOMINAL.position_lower, NOMINAL.position_upper]), dtype=torch.float32, device=device
         )
+        self.range = self._mechanical[:, None].repeat(1, n, 1)
         self.starts: Starts | None = None
         self.joint_range: JointRange | None = None
 
@@ -136,8 +147,8 @@ class Environment:
         dq = self.physics.qvel[:, :9] + c.velocity_noise * self._normal(self.config.worlds, 9)
         position, rotation = forward_kinematics(q[:, ARM])
         objects, goals = as_seen(self.domain, self.objects, self.goals)
-        pixels, goal_pixels = (normalised_keypoints(corners(self.domain, poses)) for poses in (objects, goals))
-        pixels = pixels + self.keypoint_bias
+        pixels = normalised_keypoints(self._seen_corners(objects)) + self.keypoint_bias
+        goal_pixels = normalised_keypoints(corners(self.domain, goals))
         pixels = pixels + c.keypoint_noise * self._normal(self.config.worlds, 16).reshape(-1, 8, 2)
         state = post_contact_observation(q, dq, pixels, goal_pixels, position, rotation, self.last_action)
         remaining = 1 - self.age[:, None] / self.config.limit
@@ -146,6 +157,22 @@ class Environment:
             [pre_contact_state(objects, goals), self.physics.qvel[:, 9:], self.conditions, remaining, zeta], -1
         )
         return state, privileged
+
+    def _seen_corners(self, objects: Poses) -> torch.Tensor:
+        """Corners (n, 8, 3) m where the camera shows them, for objects as they are seen: as old as the image, and off by as much
+        as the camera is off from where it is said to be."""
+        points = corners(self.domain, objects)
+        c = self.config.conditions
+        if c.image_latency != (0.0, 0.0):
+            points = points + self.image_age * (self._corners_before - points)
+        if c.camera_position or c.camera_rotation:
+            place = torch.tensor(CAMERA.position, dtype=points.dtype, device=points.device)
+            points = (points - place) @ self.camera_turn.transpose(1, 2) + place + self.camera_shift
+        return points
+
+    def _remember_corners(self, where: torch.Tensor | slice = slice(None)) -> None:
+        objects, _ = as_seen(self.domain, self.objects, self.goals)
+        self._corners_before[where] = corners(self.domain, objects)[where]
 
     def _normal(self, rows: int, columns: int) -> torch.Tensor:
         return torch.randn(rows, columns, generator=self.generator, device=self.device)
@@ -157,7 +184,7 @@ class Environment:
         tasks = draw_tasks(self.domain, self.config.shares, count, self.generator)
         state = pre_contact_state(*as_seen(self.domain, tasks.starts, tasks.goals))
         action, log_probability = pre_policy.act(state, self.config.explore)
-        contacts = contact.resolve(self.domain, action, tasks.starts, tasks.sunk)
+        contacts = contact.resolve(self.domain, action, tasks.starts, tasks.sunk, self.hand)
         return self.pool(tasks, state, action, log_probability, contacts)
 
     def pool(
@@ -190,7 +217,7 @@ class Environment:
         shift[:, 2] = shift[:, 2].abs()
         turn = matrix_from_vector(c.start_rotation * self._normal(n, 3))
         missed = solve_ik(contacts.q, contacts.position + shift, turn @ contacts.rotation)
-        free = contact.gripper_clearance(self.domain, missed, contacts.width, tasks.starts, tasks.sunk) > 0
+        free = contact.gripper_clearance(self.domain, missed, contacts.width, tasks.starts, tasks.sunk, self.hand) > 0
         return torch.where(free[:, None], missed, contacts.q)
 
     def reset(self, where: torch.Tensor) -> None:
@@ -215,9 +242,11 @@ class Environment:
         self.tips[where] = starts.tips[row]
         self.pre_state[where], self.pre_action[where] = starts.state[row], starts.action[row]
         self.pre_log_probability[where] = starts.log_probability[row]
-        self._draw_conditions(where)
+        self._draw_conditions(where, q)
+        if self.config.conditions.image_latency != (0.0, 0.0):
+            self._remember_corners(where)
 
-    def _draw_conditions(self, where: torch.Tensor) -> None:
+    def _draw_conditions(self, where: torch.Tensor, q: torch.Tensor) -> None:
         c, n = self.config.conditions, len(where)
         delay = torch.randint(c.delay[0], c.delay[1] + 1, (n,), generator=self.generator, device=self.device)
         self.physics.delay[where] = (delay * round(DELAY_STEP / self.config.physics.timestep)).int()
@@ -230,8 +259,21 @@ class Environment:
         if c.randomises_contact:
             harder, calmer = (torch.exp(self._uniform(n, *np.log(ends))) for ends in (c.stiffness, c.damping))
             self.physics.stiffen(where, harder, calmer)
-        low, high = c.speed_margin
-        self.physics.margin[where] = self._uniform(n, low, high) if low != high else low
+        if c.support is not None:
+            self.physics.support(where, self._uniform(3 * n, *c.support).reshape(n, 3))
+        if c.camera_position or c.camera_rotation:
+            self.camera_turn[where] = matrix_from_vector(c.camera_rotation * self._normal(n, 3))
+            self.camera_shift[where] = c.camera_position * self._normal(n, 3)[:, None]
+        self.image_age[where] = self._uniform(n, *c.image_latency)[:, None, None] / PERIOD
+        self._draw_limits(where, q, self._uniform(n, *c.limit_margin))
+
+    def _draw_limits(self, where: torch.Tensor, q: torch.Tensor, margin: torch.Tensor) -> None:
+        """Let the reflex come at shares `margin` (n,) of the limits; where an episode begins at q (n, 7) rad is within them."""
+        self.physics.margin[where] = margin
+        lower, upper = self._mechanical
+        middle, half = (lower + upper) / 2, (upper - lower) / 2 * margin[:, None]
+        self.range[0, where] = torch.minimum(middle - half, q - START_SLACK).maximum(lower)
+        self.range[1, where] = torch.maximum(middle + half, q + START_SLACK).minimum(upper)
 
     def _uniform(self, count: int, low: float, high: float) -> torch.Tensor:
         return low + (high - low) * torch.rand(count, generator=self.generator, device=self.device)
@@ -247,6 +289,8 @@ class Environment:
         """
         physics, config = self.physics, self.config
         before = self.measure()
+        if config.conditions.image_latency != (0.0, 0.0):
+            self._remember_corners()
         q = physics.qpos[:, ARM].clone()
         position, rotation = forward_kinematics(q)
         target = actions.decode(action, position, rotation, self.limits)
@@ -267,7 +311,8 @@ class Environment:
         after = Measures(
             *(torch.where(broken, getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures))
         )
-        terms = reward_terms(config.reward, before, after, success, lost | stopped, target.stiffness)
+        bare = physics.contacts.touching("housing-object", "link-object")
+        terms = reward_terms(config.reward, before, after, success, lost | stopped, target.stiffness, bare)
         if self.joint_range is not None:
             terms["joint_range"] = config.reward.scale * self.joint_range.term(physics.qpos[:, ARM])
         reward = sum(terms.values())
@@ -287,5 +332,5 @@ class Environment:
 
     def _stopped(self) -> torch.Tensor:
         """Worlds (n,) in which a joint was too fast in the last period, or is outside its range."""
-        q, (lower, upper) = self.physics.qpos[:, ARM], self._range
+        q, (lower, upper) = self.physics.qpos[:, ARM], self.range
         return (self.physics.over[0] > 0).any(-1) | (q < lower).any(-1) | (q > upper).any(-1)

@@ -9,12 +9,16 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
+from np_description.depths import Tally
+from np_description.panda import NOMINAL
+from np_description.scene import SUPPORT_SHARE
 from np_policy import hand_pose
 from np_policy.action import TIGHT
 from np_policy.networks import PreContactStudent
 from np_training.distill import student_input
 from np_training.environment import contact
 from np_training.environment.environment import Environment, as_seen, pre_contact_state
+from np_training.physics.batched import ARM
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.breakdown import groups_of_tasks
 from np_training.tasks.poses import Poses, sample_tasks
@@ -31,7 +35,8 @@ class Episodes:
     """Ended episodes (n,), arrays of NumPy.
 
     mode: index into MODES; length: policy steps; distance m, angle rad: to the goal at the end; over (2, n,
-    7): physics steps beyond the limits of joint velocity and torque; groups: masks (n,) by kind of task
+    7): physics steps beyond the limits of joint velocity and torque; shares (3, n, 7): the largest share of each limit (`np_description.limit_share`)
+    that a joint came to; depths: of contact, at the end of each policy step; groups: masks (n,) by kind of task
     (`breakdown.groups`); goals (n, 7): position and quaternion; qpos (steps + 1, n, 16), held still from each
     end on, where it was recorded.
     """
@@ -41,6 +46,8 @@ class Episodes:
     distance: np.ndarray
     angle: np.ndarray
     over: np.ndarray
+    shares: np.ndarray
+    depths: Tally
     groups: dict[str, np.ndarray]
     goals: np.ndarray
     qpos: np.ndarray | None = field(default=None, repr=False)
@@ -61,7 +68,12 @@ def concatenate(parts: list[Episodes]) -> Episodes:
 
     groups = {name: np.concatenate([part.groups[name] for part in parts]) for name in parts[0].groups}
     return Episodes(
-        join("mode"), join("length"), join("distance"), join("angle"), join("over", 1), groups, join("goals")
+        *(join(name) for name in ("mode", "length", "distance", "angle")),
+        join("over", 1),
+        join("shares", 1),
+        Tally.joined(part.depths for part in parts),
+        groups,
+        join("goals"),
     )
 
 
@@ -88,7 +100,10 @@ def run_episodes(
     env.config = dataclasses.replace(env.config, conditions=conditions or env.config.conditions)
     env.limits = TIGHT
     one = torch.ones(worlds, device=device)
-    env.physics.randomise(everyone, one, one, one)  # what an earlier run may have left
+    # What an earlier run may have left.
+    env.physics.randomise(everyone, one, one, one, one)
+    env.physics.stiffen(everyone, one, one)
+    env.physics.support(everyone, SUPPORT_SHARE * one[:, None].expand(worlds, 3))
     env.conditions.fill_(1.0)
     objects, goals = sample_tasks(env.domain, worlds, env.generator)
     feasible = _start(env, objects, goals, chooser, student)
@@ -98,11 +113,17 @@ def run_episodes(
     mode = torch.full((worlds,), MODES.index("timeout"), device=device)
     length, distance, angle = (torch.zeros(worlds, device=device) for _ in range(3))
     over = torch.zeros(2, worlds, 7, device=device)
+    shares, tally = torch.zeros(3, worlds, 7, device=device), Tally()
+    lower, upper = (torch.tensor(list(end)).to(over) for end in (NOMINAL.position_lower, NOMINAL.position_upper))
     frames = [env.physics.qpos.clone()] if record else []
     for _ in range(env.config.limit):
         with torch.no_grad():
             out = env.step(networks.post(env.observe()[0]))
         over += env.physics.over * alive[:, None]
+        from_middle = (env.physics.qpos[:, ARM] - (lower + upper) / 2).abs() / ((upper - lower) / 2)
+        share = torch.cat([env.physics.peak, from_middle[None]])
+        shares = torch.where(alive[:, None] & share.isfinite(), shares.maximum(share), shares)
+        tally.add_moments(env.physics.contacts.depths()[alive & feasible].cpu().numpy())
         ends = out["done"] & alive
         for name in ("lost", "stopped", "broken", "success"):
             mode[ends & out[name]] = MODES.index(name)
@@ -116,7 +137,8 @@ def run_episodes(
     mode[~feasible] = MODES.index("infeasible")
     masks = {name: mask.cpu().numpy() for name, mask in groups_of_tasks(env.domain, objects, goals).items()}
     return Episodes(
-        *(a.cpu().numpy() for a in (mode, length, distance, angle, over)),
+        *(a.cpu().numpy() for a in (mode, length, distance, angle, over, shares)),
+        tally,
         masks,
         torch.cat([goals.position, goals.quaternion], -1).cpu().numpy(),
         torch.stack(frames).cpu().numpy() if record else None,
@@ -135,11 +157,11 @@ def _start(
     with torch.no_grad():
         action = chooser(state)
         if student is None:
-            contacts = contact.resolve(env.domain, action, objects)
+            contacts = contact.resolve(env.domain, action, objects, hand=env.hand)
         else:
             noise = env.config.conditions.keypoint_noise
             pose = hand_pose.decode(student(student_input(env.domain, objects, goals, noise)))
-            contacts = contact.reach(env.domain, *pose, objects)
+            contacts = contact.reach(env.domain, *pose, objects, hand=env.hand)
     everyone = dataclasses.replace(contacts, feasible=torch.ones_like(contacts.feasible))
     none = torch.zeros(len(state), device=env.device)
     env.starts = env.pool(Tasks(objects, goals, none.long(), none), state, action, none, everyone)

@@ -7,7 +7,7 @@ copies.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import mujoco_warp as mjw
@@ -16,20 +16,30 @@ import torch
 import warp as wp
 
 from np_control.operational_space import CartesianGains
-from np_description.contact import SOFT, ContactModel, find_contact
+from np_description.contact import HARD, IN_FORCE, SOFT, Compliance, ContactModel
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
+from np_description.penetration import kind_of
 from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
-from np_description.scene import OBJECT, load_model
+from np_description.scene import OBJECT, SUPPORT, load_model
 from np_effects.patch import Patch
 from np_policy.action import Target
+from np_training.physics.batched_contacts import BatchedContacts
 from np_training.physics.batched_kinematics import forward_kinematics
-from np_training.physics.batched_operational_space import count_excess, make_gains, operational_space_kernel
+from np_training.physics.batched_operational_space import make_gains, operational_space_kernel, watch_share
 from np_training.physics.carried_effects import check_carried
 from np_training.physics.chain import make_chain
 
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.
-RANDOMISED = ("geom_friction", "body_mass", "body_subtreemass", "body_inertia", "geom_solimp", "geom_solref")
+RANDOMISED = (
+    "geom_friction",
+    "body_mass",
+    "body_subtreemass",
+    "body_inertia",
+    "geom_solimp",
+    "geom_solref",
+    "geom_size",
+)
 CONTROLLERS = ("impedance", "osc")
 CAPACITY = (
     mjw.OverflowType.NEFC
@@ -45,20 +55,21 @@ ARM, OBJECT_POSITION, OBJECT_QUATERNION = slice(0, 7), slice(9, 12), slice(12, 1
 @dataclass(frozen=True)
 class PhysicsConfig:
     """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
-    contact: how rough and how hard everything is;
+    contact: how rough and how hard everything is; supports: whether the object stands on patches, for `support`;
     controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, with
     the gains `cartesian`); effects: what the arm has besides the nominal one, as far as np_training.physics.carried_effects carries it."""
 
     timestep: float = 0.005
     substeps: int = 20
-    contacts: int = 20
-    constraints: int = 96
+    contacts: int = 32
+    constraints: int = 128
     iterations: int = 8
     ls_iterations: int = 10
     controller: str = "impedance"
     cartesian: CartesianGains = CartesianGains()
     effects: Patch = Patch()
-    contact: ContactModel = SOFT
+    contact: ContactModel = IN_FORCE
+    supports: bool = False
 
     def __post_init__(self) -> None:
         check_carried(self.effects)
@@ -66,17 +77,29 @@ class PhysicsConfig:
             raise ValueError(f"controller: expected one of {', '.join(CONTROLLERS)}, got {self.controller!r}")
 
 
-# Hard contacts are stable with steps of 2.5 ms, and their friction needs the line search (np_description.contact).
+FIRM = replace(
+    HARD,
+    name="firm",
+    hard=Compliance(0.01, 1.0, (0.95, 0.99), 0.0005),
+    rubber=Compliance(0.01, 1.0, (0.95, 0.99), 0.0005),
+    elliptic=False,
+)
+"""As hard as steps of 5 ms allow, to learn in three times as fast before the hard ones: nothing is measured in it."""
+
 STEPPING = {
-    "soft": dict(timestep=0.005, substeps=20, iterations=8, ls_iterations=10),
-    "hard": dict(timestep=0.0025, substeps=40, iterations=16, ls_iterations=50),
+    "soft": (SOFT, dict(timestep=0.005, substeps=20, iterations=8, ls_iterations=10)),
+    "firm": (FIRM, dict(timestep=0.005, substeps=20, iterations=8, ls_iterations=20)),
+    # Hard contacts are stable with steps of 2.5 ms, and their friction needs the line search (np_description.contact).
+    "hard": (HARD, dict(timestep=0.0025, substeps=40, iterations=16, ls_iterations=50)),
 }
 
 
 def physics_for(contact: str, **options) -> PhysicsConfig:
     """The physics in which a contact definition is stepped; options: further fields. Raises ValueError for an unknown name."""
-    model = find_contact(contact)
-    return PhysicsConfig(contact=model, **{**STEPPING[contact], **options})
+    if contact not in STEPPING:
+        raise ValueError(f"contact: expected one of {', '.join(STEPPING)}, got {contact!r}")
+    model, stepping = STEPPING[contact]
+    return PhysicsConfig(contact=model, **{**stepping, **options})
 
 
 @wp.kernel
@@ -93,12 +116,14 @@ def impedance_kernel(
     margin: wp.array(dtype=float),
     ctrl: wp.array2d(dtype=float),
     over: wp.array3d(dtype=int),
+    peak: wp.array3d(dtype=float),
 ):
     """np_control.impedance.torque for joint j of world i; a test holds both to the same result.
 
     command (6, worlds, 7): joint target, stiffness, damping ratio of the last period, then of this one, which
-    takes effect after `delay` substeps. limit (2, 7): of velocity and torque; margin (worlds,): share of the former that is
-    allowed; over (2, worlds, 7): substeps of this period beyond them. Reckoned in double precision: in single, 80 Nm come out up to 2e-5 Nm off.
+    takes effect after `delay` substeps. limit (2, 7): of velocity and torque; margin (worlds,): share of them that is allowed:
+    torque is cut there; over, peak (2, worlds, 7): substeps of this period with a velocity beyond its margin, or a torque beyond its limit before the
+    cut, and the largest shares of the limits. Reckoned in double precision: in single, 80 Nm come out up to 2e-5 Nm off.
     """
     i, j = wp.tid()
     new = 0
@@ -110,9 +135,10 @@ def impedance_kernel(
     coriolis = wp.float64(bias[i, j]) - wp.float64(gravity[i, j])
     wanted = stiffness * error - damping * wp.float64(qvel[i, j]) + coriolis + wp.float64(noise[i, j])
     torque = wp.float32(wanted)
-    count_excess(substep, 0, i, j, qvel[i, j], margin[i] * limit[0, j], over)
-    count_excess(substep, 1, i, j, torque, limit[1, j], over)
-    ctrl[i, j] = wp.clamp(torque, -limit[1, j], limit[1, j])
+    watch_share(substep, 0, i, j, wp.abs(qvel[i, j]) / limit[0, j], margin[i], over, peak)
+    watch_share(substep, 1, i, j, wp.abs(torque) / limit[1, j], 1.0, over, peak)
+    most = margin[i] * limit[1, j]
+    ctrl[i, j] = wp.clamp(torque, -most, most)
 
 
 class BatchedPhysics:
@@ -121,14 +147,21 @@ class BatchedPhysics:
     qpos (worlds, 16): 7 joints, 2 fingers, object position, object quaternion wxyz; qvel (worlds, 15);
     command (6, worlds, 7), see `impedance_kernel` and `operational_space_kernel`; delay (worlds,) substeps;
     noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
-    the limits of joint velocity, and of torque as commanded; margin (worlds,): share of the data sheet's joint velocity that
-    counts as the limit.
+    the limits of joint velocity, and of torque as commanded; peak (2, worlds, 7): the largest shares of them; margin (worlds,):
+    share of the data sheet's joint velocity that counts as the limit, and of its torque.
     """
 
     def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
         self.config, self.worlds, self.device = config, worlds, torch.device(device)
         panda = config.effects.panda()
-        model = load_model(domain, timestep=config.timestep, arm_collision=False, panda=panda, contact=config.contact)
+        model = load_model(
+            domain,
+            timestep=config.timestep,
+            arm_collision=False,
+            panda=panda,
+            contact=config.contact,
+            supports=config.supports,
+        )
         model.opt.iterations, model.opt.ls_iterations = config.iterations, config.ls_iterations
         # Boxes then meet by their faces and edges, as in MuJoCo itself, not by the general convex algorithm, which takes
         # three to five times as long.
@@ -151,6 +184,7 @@ class BatchedPhysics:
             self._noise = wp.zeros((worlds, 7), dtype=float)
             self._limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float)
             self._over = wp.zeros((2, worlds, 7), dtype=int)
+            self._peak = wp.zeros((2, worlds, 7), dtype=float)
             self._margin = wp.full(worlds, 1.0, dtype=float)
             self._chain = make_chain(self._wp_device.alias)
             self._gains = make_gains(model.M_rowadr[ARM], self._wp_device, config.cartesian)
@@ -158,11 +192,11 @@ class BatchedPhysics:
         self._overflow = wp.to_torch(d.overflow)
         self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))
         self._stale = [wp.to_torch(a) for a in (d.qacc_warmstart, d.qfrc_bias, d.qfrc_gravcomp)]
-        self.command, self.delay, self.noise, self.over, self.margin = (
-            wp.to_torch(a) for a in (self._command, self._delay, self._noise, self._over, self._margin)
+        self.command, self.delay, self.noise, self.over, self.peak, self.margin = (
+            wp.to_torch(a) for a in (self._command, self._delay, self._noise, self._over, self._peak, self._margin)
         )
         self.hold(torch.arange(worlds, device=self.device), self.qpos[:, ARM])
-        self.friction, self.mass, self.subtree_mass, self.inertia, self._solimp, self._solref = (
+        self.friction, self.mass, self.subtree_mass, self.inertia, self._solimp, self._solref, self._size = (
             wp.to_torch(getattr(self.model, name)) for name in RANDOMISED
         )
         self._impedance = torch.tensor(model.geom_solimp[:, :2], dtype=torch.float32, device=self.device)
@@ -179,10 +213,13 @@ class BatchedPhysics:
             (torch.tensor(geoms, device=self.device), torch.tensor(model.geom_friction[geoms, 0]).to(self.friction))
             for geoms in (
                 [geom for geom, name in enumerate(names) if name in fixed],
-                [geom for geom, name in enumerate(names) if name.startswith("panda_finger")],
-                [geom for geom, name in enumerate(names) if name.startswith(("panda_hand", "panda_link"))],
+                [geom for geom, name in enumerate(names) if kind_of(name) == "finger"],
+                [geom for geom, name in enumerate(names) if kind_of(name) in ("housing", "link")],
             )
         ]
+        self._supports = [model.geom(f"{SUPPORT}{axis}").id for axis in range(3)] if config.supports else []
+        self._half_size = torch.tensor(domain.half_size, dtype=torch.float32, device=self.device)
+        self.contacts = BatchedContacts(names, self.data, worlds)
         # Where fixed geoms are in the world is worked out once, when the data are made: it may be moved there.
         self._geom_position = wp.to_torch(d.geom_xpos)
         self._obstacles = {model.geom(box.name).id: box.centre[2] for box in domain.obstacles}
@@ -232,7 +269,7 @@ class BatchedPhysics:
         for substep in range(self.config.substeps):
             state = [d.qpos, d.qvel, d.qfrc_bias, d.qfrc_gravcomp]
             command = [self._command, self._delay, self._noise, self._margin]
-            out = [d.ctrl, self._over]
+            out = [d.ctrl, self._over, self._peak]
             if self.config.controller == "osc":
                 wp.launch(
                     operational_space_kernel,
@@ -285,6 +322,12 @@ class BatchedPhysics:
         odds = self._impedance / (1 - self._impedance) * stiffness[:, None, None]
         self._solimp[where, :, :2] = odds / (1 + odds)
         self._solref[where, :, 1] = self._damping_ratio * damping[:, None]
+
+    def support(self, where: torch.Tensor, shares: torch.Tensor) -> None:
+        """Let the object stand on the table on patches whose sides are shares (n, 3) of its own."""
+        for axis, geom in enumerate(self._supports):
+            sides = [k for k in range(3) if k != axis]
+            self._size[where[:, None], geom, sides] = self._half_size[sides] * shares[:, sides]
 
     def take_overflowed(self) -> torch.Tensor:
         """Number () of worlds that lacked room for a contact or a constraint since the last call: these were

@@ -49,19 +49,23 @@ def make_gains(rows: np.ndarray, device: wp.Device, cartesian: CartesianGains) -
 
 
 @wp.func
-def count_excess(
+def watch_share(
     substep: int,
     kind: int,
     i: int,
     j: int,
-    value: float,
-    limit: float,
+    share: float,
+    margin: float,
     over: wp.array3d(dtype=int),
+    peak: wp.array3d(dtype=float),
 ):
-    """Count a substep of joint j in world i whose value is beyond its limit; the first begins anew."""
+    """Note the share of a limit that joint j of world i takes in a substep: the largest, and how often it is beyond `margin`.
+    The first substep begins anew."""
     if substep == 0:
         over[kind, i, j] = 0
-    if wp.abs(value) > limit:
+        peak[kind, i, j] = 0.0
+    peak[kind, i, j] = wp.max(peak[kind, i, j], share)
+    if share > margin:
         over[kind, i, j] = over[kind, i, j] + 1
 
 
@@ -82,11 +86,12 @@ def operational_space_kernel(
     margin: wp.array(dtype=float),
     ctrl: wp.array2d(dtype=float),
     over: wp.array3d(dtype=int),
+    peak: wp.array3d(dtype=float),
 ):
     """np_control.operational_space_torque for world i; a test holds both to the same result.
 
     command (6, worlds, 7): posture, T_E as position and quaternion (scalar last), and a row that is not used,
-    of the last period, then of this one, which takes effect after `delay` substeps. limit, margin, over: see
+    of the last period, then of this one, which takes effect after `delay` substeps. limit, margin, over, peak: see
     `physics.impedance_kernel`.
     """
     i = wp.tid()
@@ -154,6 +159,7 @@ def operational_space_kernel(
         torque = inner[j] + bias[i, j] - gravity[i, j] + noise[i, j]
         for k in range(6):
             torque = torque + jac[k, j] * force[k]
-        count_excess(substep, 0, i, j, qvel[i, j], margin[i] * limit[0, j], over)
-        count_excess(substep, 1, i, j, torque, limit[1, j], over)
-        ctrl[i, j] = wp.clamp(torque, -limit[1, j], limit[1, j])
+        watch_share(substep, 0, i, j, wp.abs(qvel[i, j]) / limit[0, j], margin[i], over, peak)
+        watch_share(substep, 1, i, j, wp.abs(torque) / limit[1, j], 1.0, over, peak)
+        most = margin[i] * limit[1, j]
+        ctrl[i, j] = wp.clamp(torque, -most, most)

@@ -90,6 +90,7 @@ class Trainer:
             "controller": env.config.physics.controller,
             "cartesian_stiffness": env.config.physics.cartesian.position,
             "limit": env.config.limit,
+            "contact": env.config.physics.contact.name,
         }
 
     def _seed(self) -> None:

@@ -20,13 +20,14 @@ from np_policy.action import normalised_stiffness
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """distance (C1, m), success (C2), gains (C3, a joint), failure (C4: lost object, no collision-free contact); weights of
-    the potentials: progress, far (for 1 m), turn (for half a turn), reach (for .1 m); scale: of the sum, for the value network's sake."""
+    """distance (C1, m), success (C2), gains (C3, a joint), failure (C4: lost object, no collision-free contact); bare (ours): a
+    step at whose end housing or links touch the object, which are hard, smooth and not made for it; weights of the potentials: progress, far (for 1 m), turn (for half a turn), reach (for .1 m); scale: of the sum, for the value network's sake."""
 
     distance: float = 0.02
     success: float = 1000.0
     gains: float = 0.03
     failure: float = -100.0
+    bare: float = -2.5
     progress: float = 10.0
     far: float = 0.0
     turn: float = 150.0
@@ -61,12 +62,15 @@ def reward_terms(
     success: torch.Tensor,
     lost: torch.Tensor,
     stiffness: torch.Tensor,
+    bare: torch.Tensor,
 ) -> dict[str, torch.Tensor]:
-    """Each term (n,), scaled. before, after: around the step; success, lost (n,) bool; stiffness (n, 7) Nm/rad."""
+    """Each term (n,), scaled. before, after: around the step; success, lost (n,) bool; stiffness (n, 7) Nm/rad; bare (n,) bool:
+    whether housing or links touch the object."""
     old, new = potentials(config, before), potentials(config, after)
     terms = {name: new[name] - old[name] for name in new} | {
         "success": config.success * success,
         "gains": -config.gains * normalised_stiffness(stiffness).sum(-1),
         "failure": config.failure * lost,
+        "bare": config.bare * bare,
     }
     return {name: config.scale * term for name, term in terms.items()}
