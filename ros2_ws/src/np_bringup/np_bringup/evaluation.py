@@ -7,12 +7,15 @@ import json
 import os
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from np_description import limit_share
 from np_description.depths import Tally
 from np_description.phases import SUCCEEDED
 from np_description.released import sha256
@@ -51,10 +54,14 @@ class Result:
     duration: float
     wall_s: float
     depths: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    limit_shares: Sequence[Sequence[float]] = field(default_factory=list)
 
 
-def result_of(episode: int, outcome: Outcome, wall_s: float, depths: Tally | None = None) -> Result:
-    """The result of an episode that came to an end, and how deep things were in each other."""
+def result_of(
+    episode: int, outcome: Outcome, wall_s: float, depths: Tally | None = None, shares: np.ndarray | None = None
+) -> Result:
+    """The result of an episode that came to an end, how deep things were in each other, and the shares (3, 7) of its limits that
+    the arm came to."""
     return Result(
         episode,
         outcome.success,
@@ -66,6 +73,7 @@ def result_of(episode: int, outcome: Outcome, wall_s: float, depths: Tally | Non
         round(outcome.duration, 3),
         round(wall_s, 2),
         depths.as_dict() if depths else {},
+        [] if shares is None else shares.round(4).tolist(),
     )
 
 
@@ -129,7 +137,8 @@ def summary(results: list[Result]) -> dict[str, object]:
 
     success: rate by the truth; ci95: Wilson; failures: number by phase; declared_wrongly: episodes the
     graph took for a success that were none; missed: true successes that it did not declare; depth_mm: how deep shapes were in
-    each other, fingertips apart, by pair, and the share of the time in which housing or links pushed.
+    each other, fingertips apart, by pair, and the share of the time in which housing or links pushed; limit_share: how much of the
+    arm's limits of speed, torque and range the episodes came to.
     """
     successes = sum(r.success for r in results)
     return {
@@ -140,6 +149,7 @@ def summary(results: list[Result]) -> dict[str, object]:
         "declared_wrongly": sum(r.declared == SUCCEEDED and not r.success for r in results),
         "missed": sum(r.declared != SUCCEEDED and r.success for r in results),
         "depth_mm": Tally.summary(Tally(r.depths) for r in results).as_dict(),
+        "limit_share": limit_share.summary(np.array(r.limit_shares) for r in results if r.limit_shares),
         "wall_s": round(sum(r.wall_s for r in results), 1),
     }
 

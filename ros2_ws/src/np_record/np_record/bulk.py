@@ -54,6 +54,23 @@ def joint_states(
     return rows["stamp.sec"].astype(np.int64) * _SECOND + rows["stamp.nanosec"], values
 
 
+def joint_state_rows(messages: Sequence[bytes], names: Sequence[str]) -> np.ndarray:
+    """Values (n, 3, k), position, velocity and effort of these names, of serialized messages whose names are those of the first;
+    others, and numbers that are not finite, are left out. Raises BulkError where the first lacks a name."""
+    if not messages:
+        return np.zeros((0, 3, len(names)))
+    first = TYPESTORE.deserialize_cdr(messages[0], JOINT_STATE)
+    missing = [name for name in names if name not in first.name]
+    if missing:
+        raise BulkError(f"joint states: expected {', '.join(missing)} among the names, got {', '.join(first.name)}")
+    fields = layout(JOINT_STATE, messages[0])
+    text = slice(STAMP.stop, fields.fields["position.length"][1])
+    alike = [m for m in messages if len(m) == fields.itemsize and bytes(m[text]) == bytes(messages[0][text])]
+    rows = np.frombuffer(b"".join(alike), fields)
+    values = np.stack([rows[name] for name in _ARRAYS], axis=1)[:, :, [first.name.index(name) for name in names]]
+    return values[np.isfinite(values).all(axis=(1, 2))]
+
+
 def serialized_joint_states(
     stamps: np.ndarray, names: Sequence[str], position: np.ndarray, velocity: np.ndarray, effort: np.ndarray
 ) -> Iterator[bytes]:

@@ -77,7 +77,7 @@ class Series:
 class EpisodeData:
     """Everything a report shows.
 
-    position, effort: joints (n, 7) rad, Nm measured; command: torque (n, 7) Nm asked for; target: (n, 7)
+    position, velocity, effort: joints (n, 7) rad, rad/s, Nm measured; command: torque (n, 7) Nm asked for; target: (n, 7)
     rad; object_position (n, 3) m, object_quaternion (n, 4) wxyz; keypoints (n, 8, 3) u, v px, score;
     keypoint_error (n, 8) px to the projected truth of the same stamp; depths: by pair, how deep (n,) m
     shapes are in each other, 0 where they do not touch; phases: (time s, phase); counts by topic; duration s.
@@ -86,6 +86,7 @@ class EpisodeData:
     domain: Domain
     information: dict
     position: Series
+    velocity: Series
     effort: Series
     command: Series
     target: Series
@@ -138,6 +139,7 @@ def load_episode(recording: Recording) -> EpisodeData:
         domain=domain,
         information=recording.information,
         position=Series(states.time, states.values[:, 0, :7]),
+        velocity=Series(states.time, states.values[:, 1, :7]),
         effort=Series(states.time, states.values[:, 2, :7]),
         target=Series(commands.time, commands.values[:, 0]),
         command=Series(commands.time, commands.values[:, 2]),

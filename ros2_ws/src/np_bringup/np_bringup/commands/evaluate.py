@@ -151,7 +151,9 @@ def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
             conductor.stop_recording()
     except (NodeDied, GraphError, TimeoutError) as error:
         return breakdown(number, str(error), time.monotonic() - began), False
-    return result_of(number, outcome, time.monotonic() - began, conductor.depths), outcome.declared != FAULT
+    return result_of(
+        number, outcome, time.monotonic() - began, conductor.depths, conductor.limit_shares
+    ), outcome.declared != FAULT
 
 
 def rate(results: Results) -> str:

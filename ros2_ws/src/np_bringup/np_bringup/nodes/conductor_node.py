@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import deserialize_message
@@ -15,9 +16,11 @@ from sensor_msgs.msg import JointState
 
 from np_description.depths import Tally
 from np_description.domains import Domain, Pose
-from np_description.panda import BASE_FRAME, STATE_NAMES
+from np_description.limit_share import limit_shares
+from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.penetration import Penetration
 from np_description.phases import PhaseState, first_end
+from np_record.bulk import joint_state_rows
 from np_record.cdr import header_stamp
 from np_record.recorded_episode import Outcome, score
 from np_ros import qos
@@ -56,6 +59,7 @@ class Conductor(Participant):
         self._goal: tuple[int, Pose] | None = None
         self._now = 0
         self._penetration, self._tally = Penetration(domain), Tally()
+        self._heard: list[bytes] = []  # every state of the episode
         self._states: dict[int, bytes] = {}
         self._waiting: dict[int, Pose] = {}
         node, stream = self._node, qos.LOCKSTEP if lockstep else qos.REALTIME_SUBSCRIBER
@@ -113,6 +117,7 @@ class Conductor(Participant):
         began, goal = self._goal
         self._phases.clear()
         self._tally = Tally()
+        self._heard.clear()
         self._poses = [item for item in self._poses if item[0] >= began]
         self._succeed("episode/start")
         self._wait(lambda: self._has_ended or time.monotonic() > until, timeout, "the end of the episode")
@@ -129,6 +134,12 @@ class Conductor(Participant):
     def depths(self) -> Tally:
         """How deep things were in each other in the last episode, at every true pose of the object."""
         return self._tally
+
+    @property
+    def limit_shares(self) -> np.ndarray:
+        """The largest shares (3, 7) of the arm's limits that its joints came to in the last episode (np_description.limit_share)."""
+        values = joint_state_rows(self._heard, JOINT_NAMES)
+        return limit_shares(*values.transpose(1, 0, 2)).max(1, initial=0.0)
 
     def recover(self, timeout: float = SERVICE_TIMEOUT) -> None:
         """Make a backend that has stopped follow commands again, once the arm rests. Raises GraphError."""
@@ -162,6 +173,7 @@ class Conductor(Participant):
         self._pair()
 
     def _receive_state(self, data: bytes) -> None:
+        self._heard.append(data)
         self._states[header_stamp(data)] = data  # read where a pose has its stamp: one in some fifteen
         while len(self._states) > _KEPT:
             del self._states[next(iter(self._states))]

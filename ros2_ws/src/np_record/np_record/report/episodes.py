@@ -59,6 +59,7 @@ class Section:
                 f"{np.degrees(episode.angle.values[0]):.0f}° → {np.degrees(outcome.angle):.1f}°{position_only(episode.domain)}",
             ),
             ("simulated time", f"{outcome.duration:.1f} s"),
+            ("largest joint speed", _largest_speed(episode)),
             (
                 "largest torque",
                 f"{100 * torque.max():.0f} % of a joint's limit" if len(torque) else "no command",
@@ -75,6 +76,13 @@ class Section:
         return facts
 
 
+def _largest_speed(episode: EpisodeData) -> str:
+    if not len(episode.velocity):
+        return "no state"
+    shares = (np.abs(episode.velocity.values) / NOMINAL.velocity_limit).max(0)
+    return f"{100 * shares.max():.0f} % of the limit of joint {shares.argmax() + 1}"
+
+
 def make_section(bag: str | Path, video_file: Path | None = None) -> Section:
     """Read one bag and draw its plots; the video is also kept in `video_file` if given. Raises BagError."""
     with Recording(bag) as recording:
@@ -82,6 +90,7 @@ def make_section(bag: str | Path, video_file: Path | None = None) -> Section:
         drawn = {
             "Distance and angle to the goal": plots.progress_plot(episode),
             "Commanded torque": plots.torque_plot(episode),
+            "Joint speed": plots.speed_plot(episode),
             "Joint tracking": plots.tracking_plot(episode),
             "Depth of contact": plots.depth_plot(episode),
             "Keypoints against the projected truth": plots.keypoint_plot(episode),

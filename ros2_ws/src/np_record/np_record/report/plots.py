@@ -71,6 +71,20 @@ def tracking_plot(episode: EpisodeData) -> str:
         return svg(figure)
 
 
+def speed_plot(episode: EpisodeData) -> str:
+    """Each joint's speed as a share of its limit, at which the robot's reflex stops it."""
+    with style():
+        figure, (axes,) = _figure(1, 2.4, episode)
+        for joint, share in enumerate(100 * episode.velocity.values.T / NOMINAL.velocity_limit[:, None]):
+            axes.plot(episode.velocity.time, share, lw=0.8, label=f"joint {joint + 1}")
+        for limit in (-100, 100):
+            axes.axhline(limit, color="#b03030", lw=0.8, ls="--")
+        axes.set_ylabel("speed (% of limit)")
+        axes.set_ylim(-115, 115)
+        figure.legend(fontsize=7, loc="outside right center", frameon=False)
+        return svg(figure)
+
+
 def depth_plot(episode: EpisodeData) -> str:
     """How deep shapes are in each other: what a real robot could not do."""
     with style():
