@@ -65,7 +65,8 @@ class Prediction:
     is what the sensor should have shown (with gravity only if the sensor does); load: through the gear;
     direction (n, k): that of motion, -1..1. motion: of the links, as the doctor
     has it; gravity_slope (n, k, k): change of joint i's
-    gravity torque with position j; inertia (n, k, k): torque of joint i that turns link j about its own centre.
+    gravity torque with position j; inertia (n, k, k): torque of joint i that turns link j about its own centre;
+    link_errors (n, c) of each joint: one standard deviation of what any arm's links are off by, component by component.
     """
 
     gravity: np.ndarray
@@ -78,6 +79,7 @@ class Prediction:
     motion: object
     gravity_slope: np.ndarray
     inertia: np.ndarray
+    link_errors: tuple[np.ndarray, ...]
 
 
 class RigidBody(Protocol):

@@ -12,6 +12,7 @@ import numpy as np
 
 from np_control.impedance import torque as impedance_torque
 from np_diagnosis.arm import rigid
+from np_diagnosis.arm.link_errors import link_errors
 from np_diagnosis.arm.model import Arm
 from np_diagnosis.recordings.signals import Log, Samples
 from np_diagnosis.thresholds import THRESHOLDS
@@ -48,6 +49,7 @@ def predict(samples: Samples, arm: Arm) -> Prediction:
         motion,
         rigid.gravity_slope(arm, q),
         rigid.own_inertia(arm, motion),
+        link_errors(arm, samples),
     )
 
 
