@@ -123,6 +123,9 @@ class Searching:
     per_joint: int = threshold(2, "effects", "effects at a joint", JUDGEMENT)
     tried: int = threshold(30, "candidates", "candidates by which a model is grown", NUMERICS)
     first_tried: int = threshold(60, "candidates", "candidates by which the empty model is grown", NUMERICS)
+    edge: float = threshold(
+        1e-3, "of the range", "from its bound within which a parameter in use takes up no more", NUMERICS
+    )
     prior_candidates: float = threshold(
         40.0,
         "candidates",
