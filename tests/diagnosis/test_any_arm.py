@@ -1,4 +1,4 @@
-"""What any arm is off by is no effect, and hides none: errors of its links, bounds of nuisances."""
+"""What any arm is off by is no effect, and hides none: errors of its links, bounds of nuisances, guards of the controller."""
 
 from dataclasses import replace
 
@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from arm_generator import Truth, record
 
+from np_control.safety import LIMITS, limit_torque
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import panda
+from np_diagnosis.arm.stages import drive
 from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
+from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.inference.search import Search
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.stage import Stage
@@ -83,3 +86,26 @@ def test_the_best_of_each_stage_of_a_joint_is_tried_however_much_goes_on_elsewhe
     assert any(c.joint == 2 and Stage.CONTROLLER in c.effect.columns for c in found)
     assert any(c.joint == 5 and Stage.DYNAMICS in c.effect.columns for c in found)
     assert len(found) < 30
+
+
+def test_a_command_that_the_guards_cut_is_no_error_of_the_law(log):
+    c = log.commands
+    asked = c.torque + 4.0 * np.sign(np.sin(40 * log.time))[:, None] * (np.arange(7) == 0)
+    cut, before = np.empty_like(asked), asked[0]
+    for n, row in enumerate(asked):
+        before, _ = limit_torque(LIMITS, row, before, log.position[n], log.velocity[n])
+        cut[n] = before
+    # The law asked for it: its target moves as far as that takes.
+    target = c.target + (asked - c.torque) / c.stiffness
+    limited = replace(log, commands=replace(c, target=target, torque=cut))
+    found = drive([limited], ARM)
+    off = np.abs(found.commanded - found.law) > 1e-6
+    assert 0.005 < off[:, 0].mean() < 0.5
+    assert found.guarded[off].all() and found.guarded[:, 1:].mean() < 0.01
+    rows = Stages(make_context([limited], ARM)).rows(Stage.CONTROLLER, 0)
+    assert not (rows & found.guarded[:, 0]).any() and rows.mean() > 0.3
+
+
+def test_guards_of_another_arm_are_not_known(log):
+    other = replace(ARM, joints=tuple(f"axis_{n}" for n in range(7)))
+    assert not drive([log], other).guarded.any()

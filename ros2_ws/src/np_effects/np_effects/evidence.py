@@ -105,7 +105,8 @@ class Drive:
     time (n,) s, trajectory (n,); period s; starts: rows at which a stretch without a gap begins. law,
     commanded, measured (n, k) Nm without gravity: the law replayed, what was asked for, what came; error
     (n, k) rad: joint target with its lead, minus position; velocity, target_velocity (n, k) rad/s; stiffness
-    (n, k) Nm/rad, damping (n, k) Nms/rad: the gains in force; gravity (n, k) Nm.
+    (n, k) Nm/rad, damping (n, k) Nms/rad: the gains in force; gravity (n, k) Nm; guarded (n, k) bool: commands
+    that the controller's guards cut, which the law does not tell.
     """
 
     time: np.ndarray
@@ -121,6 +122,7 @@ class Drive:
     stiffness: np.ndarray
     damping: np.ndarray
     gravity: np.ndarray
+    guarded: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,12 @@ angle. Residuals are what the arm shows beyond its nominal simulator.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from np_control.impedance import torque as impedance_torque
+from np_control.safety import LIMITS, limit_torque
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.link_errors import link_errors
 from np_diagnosis.arm.model import Arm
@@ -20,6 +23,7 @@ from np_effects.evidence import Drive, Prediction
 from np_effects.sums import sign
 
 RECORDINGS, ROWS = THRESHOLDS.recordings, THRESHOLDS.rows
+ENDLESS = 1e6  # Nm
 
 
 def slides(samples: Samples, joint: int) -> np.ndarray:
@@ -76,6 +80,7 @@ def drive(logs: list[Log], arm: Arm) -> Drive | None:
         ]
         rows = c.rows[kept]
         law, error = _replay(log, arm, kept)
+        guarded = _guarded(log, arm, kept, period)
         begins = np.flatnonzero(np.diff(log.time[rows], prepend=-1.0) > RECORDINGS.command_gap * period)
         starts.append(count + np.union1d(begins, [0]))
         count += len(rows)
@@ -93,12 +98,28 @@ def drive(logs: list[Log], arm: Arm) -> Drive | None:
                 c.stiffness[kept],
                 c.damping[kept],
                 still,
+                guarded,
             )
         )
     if not parts:
         return None
     time, trajectory, *rest = (np.concatenate(column) for column in zip(*parts))
     return Drive(time, trajectory, period, np.concatenate(starts), *rest)
+
+
+def _guarded(log: Log, arm: Arm, kept: np.ndarray, period: float) -> np.ndarray:
+    """Commands (m, k) bool that lie where the controller's own guards allow no more: what the law wanted is not in them.
+
+    Judged by the recorded command, not by the law replayed, which may have other gains than the controller. Guards of
+    another arm are not known: none of its commands counts as guarded.
+    """
+    if arm.joints != LIMITS.joints:
+        return np.zeros((len(kept), len(arm)), bool)
+    c, limits = log.commands, replace(LIMITS, period_ns=round(1e9 * period))
+    before = c.torque[np.maximum(kept - 1, 0)]
+    state = log.position[c.rows[kept]], log.velocity[c.rows[kept]]
+    least, most = (limit_torque(limits, np.full_like(before, side), before, *state)[0] for side in (-ENDLESS, ENDLESS))
+    return (c.torque[kept] <= least + ROWS.guard) | (c.torque[kept] >= most - ROWS.guard)
 
 
 def _replay(log: Log, arm: Arm, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

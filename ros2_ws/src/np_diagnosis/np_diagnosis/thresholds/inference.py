@@ -18,6 +18,7 @@ class Rows:
     kink: float = threshold(
         0.02, "rad/s^2", "jump of the target's acceleration beyond which what was fed forward is unknown", JUDGEMENT
     )
+    guard: float = threshold(1e-6, "Nm", "from a bound of the controller's guards at which a command is cut", NUMERICS)
     kink_margin: int = threshold(4, "periods", "left out on either side of a gap in the commands", JUDGEMENT)
 
 
