@@ -106,7 +106,8 @@ class Drive:
     commanded, measured (n, k) Nm without gravity: the law replayed, what was asked for, what came; error
     (n, k) rad: joint target with its lead, minus position; velocity, target_velocity (n, k) rad/s; stiffness
     (n, k) Nm/rad, damping (n, k) Nms/rad: the gains in force; gravity (n, k) Nm; guarded (n, k) bool: commands
-    that the controller's guards cut, which the law does not tell.
+    that the controller's guards cut, which the law does not tell. late s: what the loop is late by before any effect;
+    arrived (n, k) Nm: the commands so much later, which is what a drive has to work with.
     """
 
     time: np.ndarray
@@ -123,6 +124,8 @@ class Drive:
     damping: np.ndarray
     gravity: np.ndarray
     guarded: np.ndarray
+    late: float
+    arrived: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ from np_diagnosis.recordings.signals import Log, Samples
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Drive, Prediction
 from np_effects.sums import sign
+from np_effects.timing.command_delay import USUAL, delayed
 
 RECORDINGS, ROWS = THRESHOLDS.recordings, THRESHOLDS.rows
 ENDLESS = 1e6  # Nm
@@ -104,7 +105,26 @@ def drive(logs: list[Log], arm: Arm) -> Drive | None:
     if not parts:
         return None
     time, trajectory, *rest = (np.concatenate(column) for column in zip(*parts))
-    return Drive(time, trajectory, period, np.concatenate(starts), *rest)
+    found = Drive(time, trajectory, period, np.concatenate(starts), *rest, late=0.0, arrived=rest[1])
+    late = _late(found)
+    arrived = np.column_stack([delayed(found, column, late) for column in found.commanded.T])
+    return replace(found, late=late, arrived=arrived)
+
+
+def _late(d: Drive) -> float:
+    """What the loop is late by, s, up to what any is: by how much of its last step the measured torque lags behind each
+    command, the median over the joints. Periods that show nothing but the command before (a lost packet) are left out."""
+    step = np.diff(d.commanded, axis=0, prepend=d.commanded[:1])
+    step[d.starts] = 0.0
+    residual, kept, share = d.measured - d.commanded, np.ones(len(step), bool), 0.0
+    for _ in range(2):
+        moved = np.maximum(np.square(step[kept]).sum(axis=0), 1e-12)
+        share = float(np.median(-(residual * step)[kept].sum(axis=0) / moved))
+        share = min(max(share, 0.0), USUAL / d.period)
+        spread = np.maximum(np.median(np.abs(residual + share * step), axis=0), 1e-6)
+        come, lost = (np.square((residual + s * step) / spread).sum(axis=1) for s in (share, 1.0))
+        kept = come <= lost
+    return share * d.period
 
 
 def _guarded(log: Log, arm: Arm, kept: np.ndarray, period: float) -> np.ndarray:
