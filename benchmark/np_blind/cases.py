@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_blind.arms.physics import Physics, nominal_physics
-from np_blind.faults import EFFECTS, Fault, Parameters, apply, limit_of, visible
+from np_blind.background import give_background, is_wide
+from np_blind.faults import EFFECTS, Fault, Parameters, apply, limit_of, visible, widen
 from np_blind.out_of_catalogue import OUT_OF_CATALOGUE, apply_out_of_catalogue, kinds_of
 
 OUT_OF_CATALOGUE_KIND = "stranger"  # as sealed keys and published results say it
 KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, OUT_OF_CATALOGUE_KIND: 0.175}
-INERTIA_ERROR = 0.03  # standard deviation, of each link's inertia
-DELAY = 4e-4  # s, greatest of the background
+NEAREST = 0.8  # size from which on faults of sets with a wide background are drawn
 SETS = {"development": 1, "locked": 2}
 """The seeds of development and of the locked test lie apart."""
 
@@ -55,6 +55,7 @@ class Case:
 def draw_cases(count: int, seed: int, which: str) -> list[Case]:
     """`count` cases of a set, "development" or "locked". Kinds, and effects within them, are balanced."""
     root = (SETS[which], seed)
+    least = NEAREST if is_wide(root) else 1.0
     rng = np.random.default_rng([*root, 0])
     exact = np.array(list(KINDS.values())) * count
     numbers = np.floor(exact).astype(int)
@@ -66,9 +67,9 @@ def draw_cases(count: int, seed: int, which: str) -> list[Case]:
     for number, kind in enumerate(kinds):
         own = np.random.default_rng([*root, 1, number])
         if kind == "single":
-            faults = (_fault(next(singles), own),)
+            faults = (_fault(next(singles), own, least),)
         elif kind == "pair":
-            faults = _pair(next(firsts), own)
+            faults = _pair(next(firsts), own, least)
         elif kind == OUT_OF_CATALOGUE_KIND:
             name = next(unknown)
             joint = int(own.choice(OUT_OF_CATALOGUE[name][1]))
@@ -82,21 +83,18 @@ def draw_cases(count: int, seed: int, which: str) -> list[Case]:
 def make_physics(cases: list[Case], background: bool = True) -> tuple[Physics, list[list[Parameters]]]:
     """The arms of the cases, and of each what exactly its faults are.
 
-    background: link inertia error, a small command delay, the joints' own breakaway and noise level, which
-    every arm of the test has.
+    background: what every arm of the test has (`give_background`).
     """
     physics = nominal_physics(len(cases))
     truths = []
     for i, case in enumerate(cases):
-        rng = np.random.default_rng([*case.seed, 0])
-        errors, delay = rng.normal(size=7), rng.uniform(0.0, DELAY)
-        breakaway, noise = np.exp(rng.uniform(np.log(3e-5), np.log(2e-4), 7)), rng.uniform(0.7, 1.4)
         if background:
-            physics.inertials.inertia[i] *= (1.0 + INERTIA_ERROR * errors)[:, None, None]
-            physics.command_delay[i], physics.breakaway[i], physics.noise[i] = delay, breakaway, noise
+            give_background(physics, i, case.seed)
         rng = np.random.default_rng([*case.seed, 1])
         give = apply_out_of_catalogue if case.kind == OUT_OF_CATALOGUE_KIND else apply
         truths.append([give(physics, i, fault, rng) for fault in case.faults])
+        if is_wide(case.seed):
+            truths[-1] = [widen(physics, i, fault, given, rng) for fault, given in zip(case.faults, truths[-1])]
     return physics, truths
 
 
@@ -115,16 +113,16 @@ def _size(rng: np.random.Generator, least: float, most: float) -> float:
     return float(np.exp(rng.uniform(np.log(least), np.log(most))))
 
 
-def _fault(effect: str, rng: np.random.Generator) -> Fault:
+def _fault(effect: str, rng: np.random.Generator, least: float) -> Fault:
     seen = visible(effect)
     joint = int(rng.choice(seen.joints)) - 1 if seen.joints else None
-    return Fault(effect, joint, _size(rng, 1.0, seen.largest))
+    return Fault(effect, joint, _size(rng, least, seen.largest))
 
 
-def _pair(first: str, rng: np.random.Generator) -> tuple[Fault, Fault]:
-    one = _fault(first, rng)
+def _pair(first: str, rng: np.random.Generator, least: float) -> tuple[Fault, Fault]:
+    one = _fault(first, rng, least)
     while True:
-        other = _fault(str(rng.choice(EFFECTS)), rng)
+        other = _fault(str(rng.choice(EFFECTS)), rng, least)
         is_apart = one.joint is not None and other.joint is not None and one.joint != other.joint
         alike = any({one.effect, other.effect} <= group for group in _ALIKE)
         if other.effect != one.effect and (is_apart or not alike):

@@ -23,6 +23,10 @@ ROTOR_FIXED = 1e5  # Nm/rad, of a gear in which nothing but play or hysteresis i
 PEAK_TORQUE = np.array([12.5, 16.0, 8.0, 10.0, 2.0, 2.5, 1.2])
 PEAK_RATE = np.array([330.0, 350.0, 330.0, 300.0, 110.0, 130.0, 70.0])
 """Nm that the suite's commands pass for half a second in all, Nm/s for a tenth, on the nominal arm."""
+PEAK_TOTAL = np.array([13.3, 60.5, 14.5, 28.0, 2.8, 4.5, 1.2])
+HELD = np.array([0.0, 51.5, 13.8, 22.9, 2.5, 2.9, 0.1])
+"""Nm that a drive passes with gravity for half a second in all, and of gravity at most: no arm falls."""
+HAND = np.array([0.05, 0.05, 0.07])  # m about the tool point in which a payload may be
 
 Parameters = dict[str, tuple[float, str]]  # name: value, unit
 
@@ -316,3 +320,30 @@ def _filter(p, i, j, size, rng):
 
 
 EFFECTS = tuple(_FAULTS)
+
+
+def widen(p: Physics, i: int, fault: Fault, given: Parameters, rng: np.random.Generator) -> Parameters:
+    """Make a fault that was given more like an arm's own and less like a doctor's column; what it now is.
+
+    A payload is anywhere on the hand, a link's inertia changes about axes of its own, limits are of all that a drive gives.
+    """
+    j = fault.joint
+    if fault.effect == "payload":
+        ((mass, unit),) = given.values()
+        p.inertials.add_point(i, 6, -mass, tcp_in_link7())
+        p.inertials.add_point(i, 6, mass, tcp_in_link7() + rng.uniform(-1.0, 1.0, 3) * HAND)
+        return {"mass": (mass, unit)}
+    if fault.effect == "link_inertia":
+        before = p.inertials.inertia[i, j] / (1.0 + fault.size * limit_of(fault.effect, j))
+        added = np.trace(p.inertials.inertia[i, j] - before)
+        axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        parts = rng.dirichlet(np.full(3, 4.0))
+        p.inertials.inertia[i, j] = before + axes @ np.diag(added * 0.5 * (1.0 - parts)) @ axes.T
+        return given  # by its trace, as before
+    if fault.effect == "torque_saturation":
+        p.with_weight[i, j] = 1.0
+        p.saturation[i, j] = max(PEAK_TOTAL[j] * (1.0 - fault.size * limit_of(fault.effect, j)), 1.02 * HELD[j])
+        return {"limit": (p.saturation[i, j], "Nm")}
+    if fault.effect == "torque_rate_limit":
+        p.with_weight[i, j] = 1.0
+    return given

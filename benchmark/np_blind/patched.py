@@ -119,6 +119,8 @@ def _follow_joint(p: Physics, i: int, j: int, effect: str, values: Mapping[str, 
         for name, array in _SET[effect].items():
             if name in values:
                 getattr(p, array)[i, j] = values[name]
+        if effect in ("torque_saturation", "torque_rate_limit"):
+            p.with_weight[i, j] = 1.0 - values.get("gravity_apart", 0.0)
     elif effect == "cable_torque":
         stiffness = values["stiffness"]
         p.cable_stiffness[i, j], p.cable_centre[i, j] = stiffness, NOMINAL.ready[j]

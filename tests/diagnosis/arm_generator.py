@@ -38,7 +38,8 @@ def _zero():
 class Truth:
     """What the real arm has besides the nominal one; (7,) or scalars, SI. waviness: Nm of sin(5 q), which no
     catalogue knows; breakaway: rad over which friction builds up; slow: Nm more of it that takes a stroke, rad
-    (Dahl); noise: Nm, a fifth of it
+    (Dahl); inertia_error: share by which links are harder to turn about their centres; mass_error: by which they are
+    heavier, their weight compensated as it is; noise: Nm, a fifth of it
     on the wrist; late: s by which torque is stamped late.
     """
 
@@ -53,6 +54,7 @@ class Truth:
     slow: np.ndarray = _zero()
     stroke: float = 0.005
     inertia_error: float = 0.0
+    mass_error: float = 0.0
     noise: float = 0.02
     late: float = 0.0
 
@@ -72,7 +74,8 @@ class _Rigid:
         # Two bodies apart: the reduced mass at their distance. The hand's principal axes are kept.
         self.model.body_inertia[hand] += truth.payload * mass / total * (apart @ apart - apart**2)
         self.model.body_mass[hand] = total
-        self.model.body_inertia[:] *= 1 + truth.inertia_error
+        self.model.body_inertia[:] *= (1 + truth.inertia_error) * (1 + truth.mass_error)
+        self.model.body_mass[:] *= 1 + truth.mass_error
         self.data = mujoco.MjData(self.model)
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         self._result = np.empty(self.model.nv)
@@ -113,7 +116,7 @@ def record(truth: Truth = Truth(), duration: float = 24.0, seed: int = 0, name: 
     time = np.arange(int(duration / PERIOD)) * PERIOD
     q, dq, _ = moves(time)
     middle, speed, acceleration = moves(time - PERIOD / 2 - truth.late)
-    arm, nominal = _Rigid(truth), _Rigid()
+    arm, compensated = _Rigid(truth), _Rigid(Truth(mass_error=truth.mass_error))
     level = [NOMINAL.frictionloss + truth.coulomb_negative, NOMINAL.frictionloss + truth.coulomb_positive]
     torque, bristle, bend, last = np.empty_like(q), np.zeros(7), np.zeros(7), middle[0]
     for i in range(len(time)):
@@ -121,7 +124,7 @@ def record(truth: Truth = Truth(), duration: float = 24.0, seed: int = 0, name: 
         moved = middle[i] - last
         bend += (moved - np.abs(moved) * bend) / truth.stroke
         last = middle[i]
-        rigid = arm.torque(middle[i], speed[i], acceleration[i]) - nominal.torque(middle[i], 0, 0)
+        rigid = arm.torque(middle[i], speed[i], acceleration[i]) - compensated.torque(middle[i], 0, 0)
         torque[i] = rigid + bristle + truth.slow * bend
     torque += (NOMINAL.armature + truth.armature) * acceleration + (NOMINAL.damping + truth.viscous) * speed
     torque += truth.offset + truth.waviness * np.sin(5 * middle)

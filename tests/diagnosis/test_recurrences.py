@@ -7,15 +7,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from np_description.panda import NOMINAL
 from np_diagnosis.inference.cells import Block, Cell, make_cell
 from np_diagnosis.recordings.signals import Log, sample
 from np_diagnosis.thresholds import THRESHOLDS
+from np_effects import RECORDS
+from np_effects.arm_effects import ArmEffects
+from np_effects.limits import is_apart, lost
+from np_effects.patch import Patch, PatchEffect
 from np_effects.signature import Parameter
 from np_effects.stage import Stage
-from np_effects.sums import first_order, recurrence
+from np_effects.sums import first_order, lagged, recurrence
 from np_effects.timing.command_delay import delayed
 from np_effects.timing.packet_loss import find_held
-from np_effects.torque_loop.torque_rate_limit import rate_limited
+from np_effects.torque_loop.torque_rate_limit import ramped, rate_limited
+from np_effects.torque_loop.torque_saturation import saturated
 
 PERIOD = 0.002
 
@@ -25,7 +31,8 @@ def drive(seed, count=600):
     rng = np.random.default_rng(seed)
     commanded = np.cumsum(rng.normal(size=(count, 2)), axis=0)
     starts = np.array([0, 170, 171])
-    return SimpleNamespace(commanded=commanded, measured=commanded, starts=starts, period=PERIOD), rng
+    known = {"commanded": commanded, "measured": commanded, "arrived": commanded, "starts": starts, "period": PERIOD}
+    return SimpleNamespace(**known), rng
 
 
 def stretches(d, values):
@@ -70,6 +77,67 @@ def test_a_limited_rate_is_its_loop(seed, step):
     np.testing.assert_allclose(rate_limited(d, d.commanded[:, 0], step / PERIOD), expected, atol=1e-9)
 
 
+FINE = 400  # steps of a period
+
+
+def through(d, step):
+    """Mean over each period (n,) of a drive's torque, `step(torque, command, s)` by fine steps; anew in each stretch."""
+    means = []
+    for part in stretches(d, d.commanded[:, 0]):
+        x = part[0]
+        for value in part:
+            path = []
+            for _ in range(FINE):
+                x = step(x, value, PERIOD / FINE)
+                path.append(x)
+            means.append(np.mean(path))
+    return np.array(means)
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 10**6), st.floats(5e-4, 0.02))
+def test_a_period_with_a_lag_is_the_mean_of_what_goes_on_in_it(seed, lag):
+    d, _ = drive(seed, 200)
+    expected = through(d, lambda x, command, s: x + (1 - np.exp(-s / lag)) * (command - x))
+    np.testing.assert_allclose(lagged(d, d.commanded[:, 0], lag), expected, atol=0.02)
+    assert np.abs(first_order(d, d.commanded[:, 0], lag) - expected).max() > 0.05  # its end is something else
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.1, 2.0))
+def test_a_period_with_a_limited_rate_is_the_mean_of_its_ramp(seed, rise):
+    d, _ = drive(seed, 200)
+    rate = rise / PERIOD
+    expected = through(d, lambda x, command, s: min(max(command, x - rate * s), x + rate * s))
+    np.testing.assert_allclose(ramped(d, d.commanded[:, 0], rate), expected, atol=0.01)
+    assert np.abs(rate_limited(d, d.commanded[:, 0], rate) - expected).max() > 0.03
+
+
+@pytest.mark.parametrize("effect, parameters, law", [
+    ("actuator_lag", {"time_constant": 0.004}, lambda d, x: lagged(d, x, 0.004)),
+    ("torque_rate_limit", {"limit": 150.0, "gravity_apart": 1.0}, lambda d, x: ramped(d, x, 150.0)),
+])  # fmt: skip
+def test_a_simulated_drive_has_the_law_that_recordings_are_asked_for(effect, parameters, law):
+    commanded = np.cumsum(np.random.default_rng(1).normal(size=300))
+    d = SimpleNamespace(starts=np.array([0]), period=PERIOD)
+    arm = ArmEffects(Patch((PatchEffect(effect, "panda_joint4", parameters),)), PERIOD)
+    given_ = [arm.drive(np.full(7, torque), NOMINAL.ready)[3] for torque in commanded]
+    np.testing.assert_allclose(given_, law(d, commanded), atol=1e-9)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("limited, limit", [(saturated, 6.0), (ramped, 300.0)])
+def test_what_a_limit_acts_on_is_asked_of_the_recording(limited, limit, apart):
+    rng, time = np.random.default_rng(3), np.arange(3000) * PERIOD
+    commanded = 8 * np.sin(7 * time) + 4 * np.sin(60 * time)
+    gravity = 9 * np.sin(5 * time)
+    d = SimpleNamespace(
+        arrived=commanded[:, None], gravity=gravity[:, None], starts=np.array([0]), period=PERIOD, measured=None
+    )
+    d.measured = d.arrived + lost(d, 0, limited, limit, apart)[:, None] + 0.03 * rng.normal(size=(3000, 1))
+    assert is_apart(d, 0, limited, {False: [0.9 * limit, limit], True: [0.9 * limit, limit]}) is apart
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 10**6), st.floats(0.0, 0.02))
 def test_a_delay_is_interpolation(seed, delay):
@@ -90,6 +158,30 @@ def test_periods_in_which_the_last_command_was_held_are_found():
     tellable = lost & (np.abs(d.commanded[row] - d.commanded).max(axis=1) > 0.2)
     assert held[tellable].all() and not held[~lost].any()
     assert share == pytest.approx(0.05, abs=0.01)
+
+
+@pytest.mark.parametrize("share_late", [0.0, 0.1, 0.2])
+def test_packets_are_lost_in_a_loop_that_is_late_as_well(share_late):
+    """A loop that is late shows less of a lost packet: counted with the delay, every tenth and more was not seen."""
+    d, rng = drive(6, 6000)
+    d.commanded = 0.3 * d.commanded
+    lost = rng.random(6000) < 0.05
+    lost[d.starts] = False
+    force = d.commanded[np.maximum.accumulate(np.where(lost, 0, np.arange(6000)))]
+
+    def late(values):
+        return np.column_stack([delayed(d, column, share_late * PERIOD) for column in values.T])
+
+    d.late, d.arrived = share_late * PERIOD, late(d.commanded)
+    d.measured = late(force) + 0.02 * rng.normal(size=(6000, 2))
+    held, share, _ = find_held(d)
+    assert share == pytest.approx(lost.mean(), rel=0.08) and held[~lost].mean() < 2e-3
+    ((effect,),) = [
+        RECORDS["packet_loss"].signatures(SimpleNamespace(drive=d, held=held, held_share=share, held_seen=6000))
+    ]
+    column = effect.columns[Stage.DRIVE](SimpleNamespace(drive=d, held=held), 0)[:, 0]
+    residual = d.measured[:, 0] - d.arrived[:, 0]
+    assert column @ residual / (column @ column) == pytest.approx(lost.mean(), rel=0.05)
 
 
 def test_the_projector_filters_what_it_interpolates():

@@ -16,6 +16,7 @@ from np_effects.patch import Patch, PatchEffect, load_patch
 from np_effects.record import ARM, EffectRecord, Place
 from np_effects.registry import MODULES, find_records
 from np_effects.stage import Stage
+from np_effects.weight import Hold
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "effects"
 every = pytest.mark.parametrize("record", RECORDS.values(), ids=list(RECORDS))
@@ -48,7 +49,7 @@ def test_nothing_of_an_effect_does_nothing(record):
     effects, rng = ArmEffects(patch, 0.002), np.random.default_rng(0)
     for _ in range(5):
         q, dq, torque = NOMINAL.ready + 0.1 * rng.normal(size=7), rng.normal(size=7), rng.normal(size=7)
-        assert np.allclose(effects.drive(torque), torque)
+        assert np.allclose(effects.drive(torque, q), torque)
         assert np.allclose(effects.extra(q, dq), 0.0, atol=1e-12)
         for seen, true in zip(effects.sense(q, dq, torque), (q, dq, torque)):
             assert np.allclose(seen, true)
@@ -82,10 +83,21 @@ def test_only_what_a_simulator_can_do_changes_what_it_does(data):
         q = NOMINAL.ready + 0.3 * np.sin(0.05 * step + np.arange(7))
         dq, torque = 2.0 * np.cos(0.05 * step + np.arange(7)), 300.0 * rng.normal(size=7)
         sensed = effects.sense(q, dq, torque)
-        changed |= not np.allclose(effects.drive(torque), torque) or effects.extra(q, dq).any()
+        changed |= not np.allclose(effects.drive(torque, q), torque) or effects.extra(q, dq).any()
         changed |= any(not np.allclose(a, b) for a, b in zip(sensed, (q, dq, torque)))
     assert bool(changed) is record.is_simulated is ("bridge" in record.carriers)
     assert effects.ignored == (() if record.is_simulated else (record.id,))
+
+
+def test_a_drive_saturates_with_all_that_it_gives_or_with_the_command_alone():
+    hold = Hold()(NOMINAL.ready)
+    asked = np.full(7, 30.0)
+    for values, share in (({"limit": 40.0}, 1.0), ({"limit": 40.0, "gravity_apart": 1.0}, 0.0)):
+        arm = ArmEffects(Patch((PatchEffect("torque_saturation", "panda_joint4", values),)), 0.002)
+        given_ = arm.drive(asked, NOMINAL.ready)
+        assert given_[3] == pytest.approx(min(30.0, 40.0 - share * hold[3]))
+        assert np.allclose(np.delete(given_, 3), 30.0)
+    assert hold[3] > 11.0
 
 
 def test_the_stages_are_four_and_named_as_reports_name_them():

@@ -20,6 +20,7 @@ PERIOD = 0.002  # s, of control
 SUBSTEPS = 4
 STEP = PERIOD / SUBSTEPS
 LONGEST_DELAY = 0.02  # s
+HOLDS = 0.004  # rad/s, up to which friction is that of standstill
 _EYE = np.eye(JOINTS)
 
 
@@ -38,7 +39,7 @@ class Plant:
         self.torque = np.zeros_like(self.q)
         self.time = 0.0
         nominal = nominal_inertials(arms)
-        self._arms = RigidArms(physics.inertials.stacked(nominal).stacked(nominal))
+        self._arms = RigidArms(physics.inertials.stacked(nominal).stacked(physics.compensated))
         self._nominal_rotor = NOMINAL.armature * np.eye(JOINTS)
         self._flexible = physics.flexible > 0
         self._is_soft = bool(self._flexible.any())
@@ -47,7 +48,7 @@ class Plant:
         self._follow = 1.0 - np.exp(-STEP / np.maximum(physics.lag, 1e-9))
         self._stiff = np.minimum(physics.coulomb_forward, physics.coulomb_backward) / physics.breakaway
         self._bend, self._lugre, self._hysteresis = (np.zeros_like(self.q) for _ in range(3))
-        self._drive, self._load = (np.zeros_like(self.q) for _ in range(2))
+        self._drive, self._load, self._limited = (np.zeros_like(self.q) for _ in range(3))
         self._out_of_catalogue = OutOfCatalogue(physics, self._used, rng, self.q, PERIOD, STEP)
         length = int(round(LONGEST_DELAY / PERIOD)) + 2
         self._history = np.zeros((length, arms, JOINTS))
@@ -88,10 +89,11 @@ class Plant:
         self._history[self._number % len(self._history)] = arrived
         held = self._held
         self._out_of_catalogue.begin_period()
+        noise = self._drive_noise()
         total = np.zeros_like(self.q)
         # A stiff gear carries the motor's torque, a flexible one what it is wound up by.
         for s in range(SUBSTEPS):
-            drive = self._driven(self._in_force(s), held)
+            drive = self._driven(self._in_force(s), held) + noise
             total += drive
             resisting = self._resisting(drive)
             net = drive - resisting
@@ -108,6 +110,11 @@ class Plant:
         return arrived
 
     # The drive
+
+    def _drive_noise(self) -> np.ndarray | float:
+        if "drive_noise" not in self._used:
+            return 0.0
+        return self.physics.drive_noise[:, None] * np.array([rng.normal(size=JOINTS) for rng in self._rng])
 
     def _received(self, command: np.ndarray) -> np.ndarray:
         if "loss" not in self._used:
@@ -130,12 +137,15 @@ class Plant:
         """Torque (B, 7) of the drives, gravity compensation included."""
         p = self.physics
         wanted = self._drive + self._follow * (command - self._drive) if "lag" in self._used else command
+        weight = p.with_weight * held
+        wanted = wanted + weight
         if "rate_limit" in self._used:
             largest = p.rate_limit * STEP
-            wanted = np.minimum(np.maximum(wanted, self._drive - largest), self._drive + largest)
+            wanted = np.minimum(np.maximum(wanted, self._limited - largest), self._limited + largest)
         if "saturation" in self._used:
             wanted = np.minimum(np.maximum(wanted, -p.saturation), p.saturation)
-        self._drive = wanted
+        self._limited = wanted
+        wanted = self._drive = wanted - weight
         scale = self._out_of_catalogue.drive_scale(1.0 + p.torque_scale, self.time, self.theta)
         return scale * self._out_of_catalogue.given(wanted + held)
 
@@ -149,6 +159,10 @@ class Plant:
             extra = extra + p.stribeck_level * np.exp(-((speed / p.stribeck_speed) ** 2))
         if "load_coefficient" in used:
             extra = extra + p.load_coefficient * np.abs(self._load)
+        if "uneven" in used:
+            extra = extra + p.uneven * forward * np.sin(p.uneven_order * self.q + p.uneven_phase)
+        if "holding" in used:
+            extra = extra + p.holding * forward * np.exp(-((speed / HOLDS) ** 2))
         extra = extra + self._out_of_catalogue.friction(self.q, speed)
         forward, backward = forward + extra, backward + extra
         self._bend, friction = prandtl(self._bend, speed, forward, backward, self._stiff, STEP)

@@ -24,13 +24,17 @@ class Physics:
     Friction: coulomb_*, viscous_* by direction of motion, nominal included; stribeck_level at standstill
     falls with exp(-(v / stribeck_speed)^2); load_coefficient times the torque through the gear; lugre_*: an
     element beside; breakaway rad: how far a joint yields before it slides. thermal_drop: share of friction
-    lost, with time constant thermal_time s. Torques that resist: offset, cable, ripple. Drive: lag s, rate
-    Nm/s, saturation Nm, scale. Gear where `flexible`: stiffness Nm/rad, damping, play rad (each way),
+    lost, with time constant thermal_time s; uneven: share of Coulomb friction that comes and goes uneven_order times in a
+    turn; holding: share of it that is there on top at standstill. Links: inertials, and those whose weight is compensated,
+    the nominal ones or the arm's own. Torques that resist: offset, cable, ripple. Drive: lag s, rate
+    Nm/s, saturation Nm, both of all that the drive gives where with_weight is 1, of the command where it is 0; scale;
+    drive_noise Nm of each period's torque. Gear where `flexible`: stiffness Nm/rad, damping, play rad (each way),
     hysteresis_* (torque Nm, stroke rad). Sensing: sensor_*, encoder_bias, quantum rad, delays s. Controller:
     stiffness_factor, damping_factor, filter_time s. From rub on: what no catalogue has, see `OutOfCatalogue`.
     """
 
     inertials: Inertials
+    compensated: Inertials
     armature: np.ndarray = _per((JOINTS,))
     coulomb_forward: np.ndarray = _per((JOINTS,))
     coulomb_backward: np.ndarray = _per((JOINTS,))
@@ -51,6 +55,12 @@ class Physics:
     ripple_order: np.ndarray = _per((JOINTS,))
     ripple_phase: np.ndarray = _per((JOINTS,))
     lag: np.ndarray = _per((JOINTS,))
+    uneven: np.ndarray = _per((JOINTS,))
+    uneven_order: np.ndarray = _per((JOINTS,), 1.0)
+    uneven_phase: np.ndarray = _per((JOINTS,))
+    holding: np.ndarray = _per((JOINTS,))
+    drive_noise: np.ndarray = _per(())
+    with_weight: np.ndarray = _per((JOINTS,))
     rate_limit: np.ndarray = _per((JOINTS,), NEVER)
     saturation: np.ndarray = _per((JOINTS,), NEVER)
     torque_scale: np.ndarray = _per((JOINTS,))
@@ -130,6 +140,7 @@ class Physics:
         rows = list(arms)
         return Physics(
             self.inertials.take(rows),
+            self.compensated.take(rows),
             **{item.name: getattr(self, item.name)[rows] for item in fields(self) if item.metadata},
         )
 
@@ -151,16 +162,17 @@ def nominal_physics(arms: int) -> Physics:
             ("viscous_backward", NOMINAL.damping),
         )
     }
-    return Physics(nominal_inertials(arms), **rows)
+    return Physics(nominal_inertials(arms), nominal_inertials(arms), **rows)
 
 
 def stack(groups: list[Physics]) -> Physics:
     """The arms of all groups, one group after the other."""
-    inertials = groups[0].inertials
+    inertials, compensated = groups[0].inertials, groups[0].compensated
     for group in groups[1:]:
-        inertials = inertials.stacked(group.inertials)
+        inertials, compensated = inertials.stacked(group.inertials), compensated.stacked(group.compensated)
     return Physics(
         inertials,
+        compensated,
         **{
             item.name: np.concatenate([getattr(group, item.name) for group in groups])
             for item in fields(Physics)

@@ -13,8 +13,9 @@ import numpy as np
 
 from np_effects.behaviour import Values
 from np_effects.patch import Patch
+from np_effects.record import EffectRecord
 from np_effects.registry import RECORDS
-from np_effects.weight import LeftOver, Weight
+from np_effects.weight import Hold, LeftOver, Weight
 
 
 class ArmEffects:
@@ -40,16 +41,19 @@ class ArmEffects:
 
         on_drive = sorted((r for r in present if r.drive), key=lambda r: r.drive.slot)
         on_sensors = sorted((r for r in present if r.sensors), key=lambda r: r.sensors.slot)
-        self._drive = [r.drive.make(values(r.id)) for r in on_drive]
+        self._drive = [(r.drive.make(values(r.id)), _share_of_weight(r, values(r.id))) for r in on_drive]
+        self._hold = Hold() if any(share is not None for _, share in self._drive) else None
         self._resist = [r.joints(values(r.id)) for r in present if r.joints]
         self._sense = [r.sensors.make(values(r.id)) for r in on_sensors]
         self._left_over = [_left_over(p) for p in patches]
 
-    def drive(self, torque: np.ndarray) -> np.ndarray:
-        """What the drives give, Nm, gravity apart, in the period in which `torque` Nm is commanded."""
-        torque = np.array(torque, dtype=float)
-        for stage in self._drive:
-            torque = stage(torque)
+    def drive(self, torque: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """What the drives give, Nm, gravity apart, on average over the period in which `torque` Nm is commanded at q rad."""
+        torque, held = np.array(torque, dtype=float), 0.0
+        if self._hold is not None:
+            held = np.array([self._hold(angles) for angles in q.reshape(-1, 7)]).reshape(q.shape)
+        for stage, share in self._drive:
+            torque = stage(torque) if share is None else stage(torque + share * held) - share * held
         return torque
 
     def extra(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
@@ -67,6 +71,12 @@ class ArmEffects:
         for stage in self._sense:
             q, dq, torque = stage(q, dq, torque)
         return q, dq, torque
+
+
+def _share_of_weight(record: EffectRecord, values: Values) -> np.ndarray | None:
+    """Of the compensated gravity in what a stage of the drive acts on, by joint: 1 or 0; None where it has nothing to do
+    with it."""
+    return 1.0 - np.minimum(values("gravity_apart"), 1.0) if record.drive.of_total else None
 
 
 def _left_over(patch: Patch) -> LeftOver | None:

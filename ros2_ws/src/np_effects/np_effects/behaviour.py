@@ -56,10 +56,12 @@ class SensorSlot(IntEnum):
 
 @dataclass(frozen=True)
 class OnDrive:
-    """What a drive makes of the commanded torque."""
+    """What a drive makes of the commanded torque. of_total: of all that it gives, the gravity that it compensates included,
+    but in joints with the quantity `gravity_apart`."""
 
     slot: DriveSlot
     make: Callable[[Values], Drive]
+    of_total: bool = False
 
 
 @dataclass(frozen=True)

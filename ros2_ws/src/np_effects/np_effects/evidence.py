@@ -65,7 +65,8 @@ class Prediction:
     is what the sensor should have shown (with gravity only if the sensor does); load: through the gear;
     direction (n, k): that of motion, -1..1. motion: of the links, as the doctor
     has it; gravity_slope (n, k, k): change of joint i's
-    gravity torque with position j; inertia (n, k, k): torque of joint i that turns link j about its own centre.
+    gravity torque with position j; inertia (n, k, k): torque of joint i that turns link j about its own centre;
+    link_errors (n, c) of each joint: one standard deviation of what any arm's links are off by, component by component.
     """
 
     gravity: np.ndarray
@@ -78,6 +79,7 @@ class Prediction:
     motion: object
     gravity_slope: np.ndarray
     inertia: np.ndarray
+    link_errors: tuple[np.ndarray, ...]
 
 
 class RigidBody(Protocol):
@@ -103,7 +105,9 @@ class Drive:
     time (n,) s, trajectory (n,); period s; starts: rows at which a stretch without a gap begins. law,
     commanded, measured (n, k) Nm without gravity: the law replayed, what was asked for, what came; error
     (n, k) rad: joint target with its lead, minus position; velocity, target_velocity (n, k) rad/s; stiffness
-    (n, k) Nm/rad, damping (n, k) Nms/rad: the gains in force; gravity (n, k) Nm.
+    (n, k) Nm/rad, damping (n, k) Nms/rad: the gains in force; gravity (n, k) Nm; guarded (n, k) bool: commands
+    that the controller's guards cut, which the law does not tell. late s: what the loop is late by before any effect;
+    arrived (n, k) Nm: the commands so much later, which is what a drive has to work with.
     """
 
     time: np.ndarray
@@ -119,6 +123,9 @@ class Drive:
     stiffness: np.ndarray
     damping: np.ndarray
     gravity: np.ndarray
+    guarded: np.ndarray
+    late: float
+    arrived: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,6 +35,14 @@ def first_order(d: Drive, values: np.ndarray, lag: float) -> np.ndarray:
     return recurrence(decay, inflow)
 
 
+def lagged(d: Drive, values: np.ndarray, lag: float) -> np.ndarray:
+    """Mean over each period (n,) of what a torque loop with a lag of `lag` s makes of commands (n,) held for a period."""
+    ends = first_order(d, values, lag)
+    begins = np.concatenate([values[:1], ends[:-1]])
+    begins[d.starts] = values[d.starts]
+    return values + (begins - values) * lag / d.period * (1 - np.exp(-d.period / lag))
+
+
 def dahl(position: np.ndarray, stroke: float) -> np.ndarray:
     """Dahl's friction (m,) over its level, -1..1, from the distance moved; exact for motion that does not turn between two
     samples."""

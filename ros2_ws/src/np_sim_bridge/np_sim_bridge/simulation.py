@@ -136,8 +136,8 @@ class Simulation:
         """
         extra = _NOTHING
         if self._effects is not None:
-            torque = self._effects.drive(torque)
             position, velocity, _ = self.engine.joints()
+            torque = self._effects.drive(torque, position[:7])
             extra = self._effects.extra(position[:7], velocity[:7])
         self._led += float(np.clip(self._opening - self._led, -_TRAVEL, _TRAVEL))
         self.stamp += PERIOD

@@ -8,17 +8,23 @@ angle. Residuals are what the arm shows beyond its nominal simulator.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from np_control.impedance import torque as impedance_torque
+from np_control.safety import LIMITS, limit_torque
 from np_diagnosis.arm import rigid
+from np_diagnosis.arm.link_errors import link_errors
 from np_diagnosis.arm.model import Arm
 from np_diagnosis.recordings.signals import Log, Samples
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Drive, Prediction
 from np_effects.sums import sign
+from np_effects.timing.command_delay import USUAL, delayed
 
 RECORDINGS, ROWS = THRESHOLDS.recordings, THRESHOLDS.rows
+ENDLESS = 1e6  # Nm
 
 
 def slides(samples: Samples, joint: int) -> np.ndarray:
@@ -48,6 +54,7 @@ def predict(samples: Samples, arm: Arm) -> Prediction:
         motion,
         rigid.gravity_slope(arm, q),
         rigid.own_inertia(arm, motion),
+        link_errors(arm, samples),
     )
 
 
@@ -74,6 +81,7 @@ def drive(logs: list[Log], arm: Arm) -> Drive | None:
         ]
         rows = c.rows[kept]
         law, error = _replay(log, arm, kept)
+        guarded = _guarded(log, arm, kept, period)
         begins = np.flatnonzero(np.diff(log.time[rows], prepend=-1.0) > RECORDINGS.command_gap * period)
         starts.append(count + np.union1d(begins, [0]))
         count += len(rows)
@@ -91,12 +99,47 @@ def drive(logs: list[Log], arm: Arm) -> Drive | None:
                 c.stiffness[kept],
                 c.damping[kept],
                 still,
+                guarded,
             )
         )
     if not parts:
         return None
     time, trajectory, *rest = (np.concatenate(column) for column in zip(*parts))
-    return Drive(time, trajectory, period, np.concatenate(starts), *rest)
+    found = Drive(time, trajectory, period, np.concatenate(starts), *rest, late=0.0, arrived=rest[1])
+    late = _late(found)
+    arrived = np.column_stack([delayed(found, column, late) for column in found.commanded.T])
+    return replace(found, late=late, arrived=arrived)
+
+
+def _late(d: Drive) -> float:
+    """What the loop is late by, s, up to what any is: by how much of its last step the measured torque lags behind each
+    command, the median over the joints. Periods that show nothing but the command before (a lost packet) are left out."""
+    step = np.diff(d.commanded, axis=0, prepend=d.commanded[:1])
+    step[d.starts] = 0.0
+    residual, kept, share = d.measured - d.commanded, np.ones(len(step), bool), 0.0
+    for _ in range(2):
+        moved = np.maximum(np.square(step[kept]).sum(axis=0), 1e-12)
+        share = float(np.median(-(residual * step)[kept].sum(axis=0) / moved))
+        share = min(max(share, 0.0), USUAL / d.period)
+        spread = np.maximum(np.median(np.abs(residual + share * step), axis=0), 1e-6)
+        come, lost = (np.square((residual + s * step) / spread).sum(axis=1) for s in (share, 1.0))
+        kept = come <= lost
+    return share * d.period
+
+
+def _guarded(log: Log, arm: Arm, kept: np.ndarray, period: float) -> np.ndarray:
+    """Commands (m, k) bool that lie where the controller's own guards allow no more: what the law wanted is not in them.
+
+    Judged by the recorded command, not by the law replayed, which may have other gains than the controller. Guards of
+    another arm are not known: none of its commands counts as guarded.
+    """
+    if arm.joints != LIMITS.joints:
+        return np.zeros((len(kept), len(arm)), bool)
+    c, limits = log.commands, replace(LIMITS, period_ns=round(1e9 * period))
+    before = c.torque[np.maximum(kept - 1, 0)]
+    state = log.position[c.rows[kept]], log.velocity[c.rows[kept]]
+    least, most = (limit_torque(limits, np.full_like(before, side), before, *state)[0] for side in (-ENDLESS, ENDLESS))
+    return (c.torque[kept] <= least + ROWS.guard) | (c.torque[kept] >= most - ROWS.guard)
 
 
 def _replay(log: Log, arm: Arm, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

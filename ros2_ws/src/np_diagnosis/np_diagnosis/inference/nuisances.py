@@ -1,7 +1,8 @@
 """Nuisance parameters: what any arm has and no prediction knows, which every model may use besides its effects.
 
 They are random effects with priors of their own, stage by stage of each joint: the delay between command and torque
-(r1) and between torque and motion (r2), an error of each link's inertia, how far a joint yields before it slides the
+(r1) and between torque and motion (r2), errors of the links' masses, of where they lie and of their inertia
+(`arm.link_errors`), how far a joint yields before it slides the
 other way, the zero of the motor's encoder and what even a stiff gear yields (r3). Rows at reversal have those of r2:
 without them, errors of the links would be found in the rotors.
 """
@@ -10,16 +11,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_diagnosis.arm.rigid import carried, felt_inertia
+from np_diagnosis.arm.rigid import felt_inertia
 from np_diagnosis.arm.stages import slides
 from np_diagnosis.thresholds import THRESHOLDS
-from np_effects.background import INERTIA_ERROR
 from np_effects.evidence import Context
 from np_effects.signature import Parameter
 from np_effects.stage import Stage
 from np_effects.sums import SMOOTH, sign
 
 NUISANCES = THRESHOLDS.nuisances
+
+MOST_ERRORS = 6.0  # standard deviations
 
 _NONE: tuple[Parameter, ...] = ()
 _DELAYED = {
@@ -43,9 +45,8 @@ def parameters(context: Context, stage: Stage, joint: int) -> tuple[Parameter, .
     if stage is Stage.DYNAMICS:
         late = _DELAYED[stage] if context.drive is not None else _LOOSE
         whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
-        links = (
-            Parameter(f"inertia of link {i + 1}", "1", -0.5, 0.5, INERTIA_ERROR) for i in carried(context.arm, joint)
-        )
+        components = context.prediction.link_errors[joint].shape[1]
+        links = (Parameter(f"links {n + 1}", "1", -MOST_ERRORS, MOST_ERRORS, 1.0) for n in range(components))
         return (late, whole, *_TURNING, *links)
     if stage is Stage.TRANSMISSION:
         return (
@@ -59,9 +60,9 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
     """Columns (n, count) of the `parameters` of one stage of one joint."""
     c = context
     if stage is Stage.DYNAMICS:
-        # A joint turns what is beyond it: each link's inertia may be off by itself. (One factor for all of them
+        # A joint turns what is beyond it: each link may be off by itself. (One factor for all of them
         # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
-        links = c.prediction.inertia[:, joint, carried(c.arm, joint)]
+        links = c.prediction.link_errors[joint]
         # After a reversal friction is late, and resists the acceleration less: it looks like less inertia.
         late = (
             c.arm.frictionloss[joint] * c.samples.filtered(joint, lambda q, v, x=reach: bent(q, x) - sign(v))

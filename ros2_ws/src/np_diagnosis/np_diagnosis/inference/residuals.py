@@ -94,7 +94,7 @@ class Stages:
         if stage is Stage.TRANSMISSION:
             return np.isfinite(c.transmission.twist[:, joint])
         if stage is Stage.CONTROLLER:
-            return self._is_smooth
+            return self._is_smooth & ~c.drive.guarded[:, joint]
         return np.ones(len(c.drive.time), bool)
 
 

@@ -168,7 +168,23 @@ class Search:
         return self.pruned(chosen)
 
     def promising(self, parent: Model, count: int) -> list[int]:
-        """The `count` candidates whose addition would raise the likelihood most, to second order, best first."""
+        """Candidates whose addition would raise the likelihood most, to second order, best first: `count` of them, and the
+        best of each stage of each joint where it would be worth its prior: none is crowded out by what goes on elsewhere."""
+        gains = self._screen(parent)
+        ranked = [int(n) for n in np.argsort(gains)[::-1]]
+        found, seen = ranked[:count], set()
+        for n in ranked:
+            if gains[n] + self.log_prior(n) < SEARCH.gain:
+                break
+            candidate = self.design.candidates[n]
+            places = {(stage, candidate.place, candidate.effect.is_arm) for stage in candidate.effect.columns}
+            if not places <= seen and n not in found[:count]:
+                found.append(n)
+            seen |= places
+        return found
+
+    def _screen(self, parent: Model) -> np.ndarray:
+        """Rise of the likelihood (candidates,), nats, to second order, by each candidate's addition to a model."""
         design = self.design
         size = len(design.parameters)
         normal, slope = np.zeros((size, size)), np.zeros(size)
@@ -186,22 +202,24 @@ class Search:
             v = variance[id(cell)]
             normal[np.ix_(cell.ids, cell.ids)] += gram[:-1, :-1] / v
             slope[cell.ids] += (gram[:-1, -1] - gram[:-1, :-1] @ values[cell.ids]) / v
-        prior = np.array([p.prior for p in design.parameters])
+        prior, centre, lower, upper = (
+            np.array([getattr(p, name) for p in design.parameters]) for name in ("prior", "centre", "lower", "upper")
+        )
         normal[np.diag_indices(size)] += prior**-2
-        # What the parameters in use can take up themselves is not gained.
-        used = np.flatnonzero(inside)
+        # What the parameters in use can take up themselves is not gained; one at its bound takes up nothing beyond it.
+        edge = SEARCH.edge * (upper - lower)
+        pull = slope - (values - centre) / prior**2
+        stuck = ((values > upper - edge) & (pull > 0)) | ((values < lower + edge) & (pull < 0))
+        used = np.flatnonzero(inside & ~stuck)
         taken = np.linalg.solve(normal[np.ix_(used, used)], normal[used])
         gradient = slope - taken.T @ slope[used]
         gains = []
         for c in design.candidates:
             i = c.ids
             left = normal[np.ix_(i, i)] - normal[np.ix_(used, i)].T @ taken[:, i]
-            centre = np.array([design.parameters[k].centre for k in i]) / prior[i] ** 2
-            gains.append(
-                0.5 * gradient[i] @ np.linalg.solve(left + 1e-9 * np.diag(np.diag(normal)[i]), gradient[i] + centre)
-            )
-        ranked = np.argsort(gains)[::-1]
-        return [int(n) for n in ranked[:count]]
+            pulled = gradient[i] + centre[i] / prior[i] ** 2
+            gains.append(0.5 * gradient[i] @ np.linalg.solve(left + 1e-9 * np.diag(np.diag(normal)[i]), pulled))
+        return np.array(gains)
 
     def beats(self, one: Model, other: Model) -> bool:
         """Whether `one` predicts unseen blocks clearly better than `other`.

@@ -125,7 +125,7 @@ def departures(recorded: Windows, patches: Sequence[Patch]) -> np.ndarray:
     true, speed = _true(w["position"] - bias[:, None], w["velocity"], late)
     for k in range(recorded.warm):
         effects.sense(true[:, k], speed[:, k], w["commanded"][:, k])
-        effects.drive(w["commanded"][:, k])
+        effects.drive(w["commanded"][:, k], true[:, k])
         effects.extra(true[:, k], speed[:, k])
     batch.qpos[:], batch.qvel[:] = true[:, recorded.warm], speed[:, recorded.warm]
     compared, found = set(recorded.sampled.tolist()), []
@@ -135,7 +135,7 @@ def departures(recorded: Windows, patches: Sequence[Patch]) -> np.ndarray:
         if k in compared:
             found.append(seen - w["position"][:, k])
         torque = w["stiffness"][:, k] * (w["lead"][:, k] - seen) - w["damping"][:, k] * seen_speed + w["fed"][:, k]
-        batch.ctrl[:] = effects.drive(torque)
+        batch.ctrl[:] = effects.drive(torque, q)
         batch.qfrc_applied[:] = effects.extra(q, dq)
         batch.step()
     errors = np.array(found).swapaxes(0, 1)

@@ -18,6 +18,7 @@ class Rows:
     kink: float = threshold(
         0.02, "rad/s^2", "jump of the target's acceleration beyond which what was fed forward is unknown", JUDGEMENT
     )
+    guard: float = threshold(1e-6, "Nm", "from a bound of the controller's guards at which a command is cut", NUMERICS)
     kink_margin: int = threshold(4, "periods", "left out on either side of a gap in the commands", JUDGEMENT)
 
 
@@ -94,6 +95,9 @@ class Nuisances:
         "largest share of a measured acceleration that is taken for noise",
         "Fuller, Measurement Error Models, 1987",
     )
+    link_torque: float = threshold(
+        2e-5, "of the torque limit", "RMS below which a component of the links' errors is not seen", NUMERICS
+    )
     gear_yield: float = threshold(1e-5, "rad/Nm", "yield of the stiffest gears", "no gear is stiffer than 1e5 Nm/rad")
 
 
@@ -120,6 +124,9 @@ class Searching:
     per_joint: int = threshold(2, "effects", "effects at a joint", JUDGEMENT)
     tried: int = threshold(30, "candidates", "candidates by which a model is grown", NUMERICS)
     first_tried: int = threshold(60, "candidates", "candidates by which the empty model is grown", NUMERICS)
+    edge: float = threshold(
+        1e-3, "of the range", "from its bound within which a parameter in use takes up no more", NUMERICS
+    )
     prior_candidates: float = threshold(
         40.0,
         "candidates",

@@ -1,4 +1,4 @@
-"""Actuator lag: a torque loop of first order."""
+"""Actuator lag: a torque loop of first order. A period's torque is its mean, in the measurement and in the arm that moves by it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import SHARE, Shape, Signature, stack
 from np_effects.stage import Stage
-from np_effects.sums import first_order
+from np_effects.sums import lagged
 
 TIME_CONSTANT = Quantity("time_constant", "s", 0.0, 0.2)
 LAGS = tuple(1e-3 * 1.4**n for n in range(10))  # s: so fine that the best one leaves nothing to other effects
@@ -20,7 +20,7 @@ def _signature(lag: float) -> Signature:
     return Signature(
         "actuator_lag",
         (SHARE,),
-        {Stage.DRIVE: lambda c, j: stack(first_order(c.drive, c.drive.commanded[:, j], lag) - c.drive.commanded[:, j])},
+        {Stage.DRIVE: lambda c, j: stack(lagged(c.drive, c.drive.arrived[:, j], lag) - c.drive.arrived[:, j])},
         "first-order torque loop",
         f"{1e3 * lag:.3g} ms",
         Shape("time_constant", "s", lag, _signature, linear=True, background=AVERAGE_KNOWN, least=4e-4),
@@ -34,11 +34,13 @@ def _signatures(context: Context) -> list[Signature]:
 def _follow(values: Values) -> Drive:
     lag, through = values("time_constant"), None
     decay = np.where(lag > 0, np.exp(-values.period / np.maximum(lag, 1e-9)), 0.0)
+    mean = lag / values.period * (1 - decay)
 
     def drive(torque: np.ndarray) -> np.ndarray:
         nonlocal through
-        through = torque if through is None else torque + (through - torque) * decay
-        return through
+        begin = torque if through is None else through
+        through = torque + (begin - torque) * decay
+        return torque + (begin - torque) * mean
 
     return drive
 

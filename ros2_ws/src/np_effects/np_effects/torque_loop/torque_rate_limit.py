@@ -1,12 +1,18 @@
-"""Torque rate limit: how fast the drive follows a command at most."""
+"""Torque rate limit: how fast the drive follows at most, the gravity that it compensates included.
+
+Within a period it ramps: a period's torque, measured and acting, is its mean.
+"""
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 
 from np_effects import evidence
 from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values, unlimited
 from np_effects.evidence import Context
+from np_effects.limits import GRAVITY_APART, fastest, is_apart, lost
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import WHOLE, Shape, Signature, stack
 from np_effects.stage import Stage
@@ -38,19 +44,29 @@ def rate_limited(d: evidence.Drive, values: np.ndarray, rate: float) -> np.ndarr
     return limited
 
 
-def _signature(limit: float, joint: int) -> Signature:
+def ramped(d: evidence.Drive, values: np.ndarray, rate: float) -> np.ndarray:
+    """Mean over each period (n,) of what follows values (n,) at no more than `rate` a second."""
+    ends = rate_limited(d, values, rate)
+    rise = np.diff(ends, prepend=ends[:1])
+    rise[d.starts] = 0.0
+    return ends - _short_of_end(rise, rate * d.period)
+
+
+def _short_of_end(rise: np.ndarray, step: np.ndarray | float) -> np.ndarray:
+    """By how much the mean of a period is less than its end, of a ramp by `rise` that could have risen by `step`."""
+    return 0.5 * rise * np.abs(rise) / step
+
+
+def _signature(limit: float, joint: int, apart: bool) -> Signature:
     return Signature(
         "torque_rate_limit",
         (WHOLE,),
-        {
-            Stage.DRIVE: lambda c, j: stack(
-                rate_limited(c.drive, c.drive.commanded[:, j], limit) - c.drive.commanded[:, j]
-            )
-        },
+        {Stage.DRIVE: lambda c, j: stack(lost(c.drive, j, ramped, limit, apart))},
         "largest rate of the drive",
-        f"{limit:.3g} Nm/s",
-        Shape("limit", "Nm/s", limit, lambda value: _signature(value, joint), background=RAMP_KNOWN * limit),
+        f"{limit:.3g} Nm/s{', gravity apart' if apart else ''}",
+        Shape("limit", "Nm/s", limit, partial(_signature, joint=joint, apart=apart), background=RAMP_KNOWN * limit),
         only_joint=joint,
+        constants={GRAVITY_APART.name: 1.0} if apart else {},
     )
 
 
@@ -59,8 +75,10 @@ def _signatures(context: Context) -> list[Signature]:
         return []
     found = []
     for j in range(len(context.arm)):
-        fastest = np.abs(np.diff(context.drive.commanded[:, j])).max() / context.drive.period
-        found += [_signature(level * fastest, j) for level in LEVELS]
+        levels = {apart: [level * fastest(context.drive, j, apart) for level in LEVELS] for apart in (False, True)}
+        # The two differ by how fast gravity changes: by little at any level, so that two levels tell them apart.
+        apart = is_apart(context.drive, j, ramped, {a: some[:2] for a, some in levels.items()})
+        found += [_signature(level, j, apart) for level in levels[apart]]
     return found
 
 
@@ -69,8 +87,9 @@ def _follow(values: Values) -> Drive:
 
     def drive(torque: np.ndarray) -> np.ndarray:
         nonlocal last
-        last = torque if last is None else np.clip(torque, last - step, last + step)
-        return last
+        begin = torque if last is None else last
+        last = np.clip(torque, begin - step, begin + step)
+        return last - _short_of_end(last - begin, step)
 
     return drive
 
@@ -78,8 +97,8 @@ def _follow(values: Values) -> Drive:
 RECORD = EffectRecord(
     "torque_rate_limit",
     Place.JOINT,
-    (LIMIT,),
+    (LIMIT, GRAVITY_APART),
     _signatures,
     Visible("share of the suite's peak", (0.06,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
-    drive=OnDrive(DriveSlot.RATE, _follow),
+    drive=OnDrive(DriveSlot.RATE, _follow, of_total=True),
 )

@@ -1,11 +1,15 @@
-"""Torque saturation: the largest torque that the drive gives."""
+"""Torque saturation: the largest torque that the drive gives, the gravity that it compensates included."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values, unlimited
-from np_effects.evidence import Context
+from np_effects import behaviour
+from np_effects.behaviour import DriveSlot, OnDrive, Values, unlimited
+from np_effects.evidence import Context, Drive
+from np_effects.limits import GRAVITY_APART, is_apart, lost
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import WHOLE, Shape, Signature, stack
 from np_effects.stage import Stage
@@ -15,15 +19,21 @@ LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest torque comman
 REACHED = (0.97, 1.0)  # of the largest torque measured: a drive at its limit is there again and again
 
 
-def _signature(limit: float, joint: int) -> Signature:
+def saturated(d: Drive, values: np.ndarray, limit: float) -> np.ndarray:
+    """values (n,) Nm within a limit Nm."""
+    return np.clip(values, -limit, limit)
+
+
+def _signature(limit: float, joint: int, apart: bool) -> Signature:
     return Signature(
         "torque_saturation",
         (WHOLE,),
-        {Stage.DRIVE: lambda c, j: stack(np.clip(c.drive.commanded[:, j], -limit, limit) - c.drive.commanded[:, j])},
+        {Stage.DRIVE: lambda c, j: stack(lost(c.drive, j, saturated, limit, apart))},
         "largest torque of the drive",
-        f"{limit:.3g} Nm",
-        Shape("limit", "Nm", limit, lambda value: _signature(value, joint)),
+        f"{limit:.3g} Nm{', gravity apart' if apart else ''}",
+        Shape("limit", "Nm", limit, partial(_signature, joint=joint, apart=apart)),
         only_joint=joint,
+        constants={GRAVITY_APART.name: 1.0} if apart else {},
     )
 
 
@@ -32,14 +42,21 @@ def _signatures(context: Context) -> list[Signature]:
         return []
     found = []
     for j in range(len(context.arm)):
-        largest = np.abs(context.drive.commanded[:, j]).max()
-        reached = float(np.percentile(np.abs(context.drive.measured[:, j]), 99.8))
-        found += [_signature(level * largest, j) for level in LEVELS]
-        found += [_signature(level * reached, j) for level in REACHED]
+        levels = {apart: _levels(context.drive, j, apart) for apart in (False, True)}
+        apart = is_apart(context.drive, j, saturated, levels)
+        found += [_signature(level, j, apart) for level in levels[apart]]
     return found
 
 
-def _clip(values: Values) -> Drive:
+def _levels(d: Drive, joint: int, apart: bool) -> list[float]:
+    """Limits Nm to try: shares of the largest torque asked for, and about the largest that came again and again."""
+    held = 0.0 if apart else d.gravity[:, joint]
+    largest = np.abs(d.commanded[:, joint] + held).max()
+    reached = float(np.percentile(np.abs(d.measured[:, joint] + held), 99.8))
+    return [*(level * largest for level in LEVELS), *(level * reached for level in REACHED)]
+
+
+def _clip(values: Values) -> behaviour.Drive:
     limit = unlimited(values("limit"))
     return lambda torque: np.clip(torque, -limit, limit)
 
@@ -47,8 +64,8 @@ def _clip(values: Values) -> Drive:
 RECORD = EffectRecord(
     "torque_saturation",
     Place.JOINT,
-    (LIMIT,),
+    (LIMIT, GRAVITY_APART),
     _signatures,
     Visible("share of the suite's peak", (0.07,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
-    drive=OnDrive(DriveSlot.LIMIT, _clip),
+    drive=OnDrive(DriveSlot.LIMIT, _clip, of_total=True),
 )

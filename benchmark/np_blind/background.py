@@ -1,0 +1,57 @@
+"""What every arm of the blind test has besides its faults.
+
+Sets with seeds below `WIDE_FROM` have the background that the doctor's nuisances were made for. From there on it is wider
+than they are, on purpose, and not their mirror image (docs/reference/blind_test.md, the table of what any arm may have).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from np_blind.arms.physics import Physics
+from np_blind.arms.rigid_arm import JOINTS
+
+WIDE_FROM = 600  # seed from which on sets have the wide background, and the faults that are wider with it
+INERTIA_ERROR = 0.03  # standard deviation, of each link's inertia
+DELAY = 4e-4  # s, greatest of the background
+MASS_ERROR = 0.03  # standard deviations, of each link's mass, and of its centre in its distance from the joint
+WIDE_DELAY = 1e-3  # s
+WAVES = 0.1  # greatest share of friction that comes and goes with the angle
+HOLDING = 0.1  # greatest share of friction that is there on top at standstill
+CREEP = 4e-4  # rad, greatest over which a joint creeps before it slides
+DRIVE_NOISE = 0.02  # Nm, of a period's torque
+
+
+def is_wide(seed: Sequence[int]) -> bool:
+    """Whether a case of this seed (set, seed, ...) has the wide background."""
+    return seed[1] >= WIDE_FROM
+
+
+def give_background(physics: Physics, arm: int, seed: Sequence[int]) -> None:
+    """Give an arm what its seed says of its background, before its faults."""
+    rng = np.random.default_rng([*seed, 0])
+    errors, delay = rng.normal(size=JOINTS), rng.uniform(0.0, DELAY)
+    breakaway, noise = np.exp(rng.uniform(np.log(3e-5), np.log(2e-4), JOINTS)), rng.uniform(0.7, 1.4)
+    physics.inertials.inertia[arm] *= (1.0 + INERTIA_ERROR * errors)[:, None, None]
+    physics.command_delay[arm], physics.breakaway[arm], physics.noise[arm] = delay, breakaway, noise
+    if is_wide(seed):
+        _widen(physics, arm, np.random.default_rng([*seed, 4]))
+
+
+def _widen(p: Physics, i: int, rng: np.random.Generator) -> None:
+    links = p.inertials
+    heavier = 1.0 + MASS_ERROR * rng.normal(size=JOINTS)
+    away = np.linalg.norm(links.com[i], axis=1)[:, None]
+    links.mass[i] *= heavier
+    links.inertia[i] *= heavier[:, None, None]
+    links.com[i] += MASS_ERROR * away * rng.normal(size=(JOINTS, 3))
+    # Its maker weighed the arm as it is: what its drives compensate is its own weight, without what comes later.
+    p.compensated.mass[i], p.compensated.com[i] = links.mass[i], links.com[i]
+    p.command_delay[i] = rng.uniform(0.0, WIDE_DELAY)
+    p.breakaway[i] = np.exp(rng.uniform(np.log(3e-5), np.log(CREEP), JOINTS))
+    p.uneven[i], p.uneven_phase[i] = rng.uniform(0.0, WAVES, JOINTS), rng.uniform(0.0, 2 * np.pi, JOINTS)
+    p.uneven_order[i] = rng.integers(1, 4, JOINTS)
+    p.holding[i] = rng.uniform(0.0, HOLDING, JOINTS)
+    p.drive_noise[i] = rng.uniform(0.0, DRIVE_NOISE)
