@@ -25,6 +25,16 @@ case ":${PYTHONPATH:-}:" in
     *":$_np_root/training:"*) ;;
     *) export PYTHONPATH="$_np_root/training:$_np_root/benchmark${PYTHONPATH:+:$PYTHONPATH}" ;;
 esac
+# Tab after `ros2`, in a shell that somebody types in; a whole ROS 2 brings its own.
+_np_complete_ros2() {
+    local IFS=$'\n'
+    COMPREPLY=($(COMP_LINE="$COMP_LINE" COMP_POINT="$COMP_POINT" ros2 --complete 2> /dev/null))
+    case "${COMPREPLY[0]:-}" in *:=) compopt -o nospace 2> /dev/null ;; esac
+}
+case "$-:${ROS_DISTRO:-}" in *i*:)
+    [ -z "${ZSH_VERSION:-}" ] || { autoload -U +X bashcompinit && bashcompinit; }
+    complete -o default -F _np_complete_ros2 ros2 ;;
+esac
 export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
 _np_profile="$_np_root/ros2_ws/src/np_ros/np_ros/data/fastdds.xml"
 export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$_np_profile}"

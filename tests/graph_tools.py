@@ -16,22 +16,14 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
-import time
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import rclpy
-from rclpy.qos import QoSProfile
-from std_srvs.srv import SetBool, Trigger
-
 from np_bringup.task_graph import task_graph
-from np_ros import qos as profiles
 from np_ros.graph import NodeSpec
 from np_ros.links import Links
-from np_ros.services import Services
-from np_ros.spin import Spinner
+from np_ros.peer import Peer
 from np_ros.supervisor import Supervisor, installed_command
 
 Overrides = Mapping[str, Mapping[str, object]]
@@ -99,83 +91,28 @@ class Graph(Supervisor):
         return spec.name
 
 
-class Probe:
-    """A node of the test itself: publishes, collects, calls services, waits.
-
-    `messages[topic]` holds what was received, oldest first.
-    """
+class Probe(Peer):
+    """A peer in the domain of a graph, whose nodes are watched while it waits."""
 
     def __init__(self, graph: Graph):
         self._graph = graph
         self._old = {key: os.environ.get(key) for key in graph.environment}
         os.environ.update(graph.environment)
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=graph.domain_id)
-        self.node = rclpy.create_node("probe", context=self._context)
-        self._spinner = Spinner(self.node)  # a test that answers 500 states a second must not be the slowest part
-        self._publishers: dict[str, object] = {}
-        self._services = Services(self.node, self.wait_until)
-        self.messages: dict[str, list] = defaultdict(list)
+        super().__init__("probe", domain_id=graph.domain_id, limit=TIMEOUT)
 
     def close(self) -> None:
         """Leave the graph."""
-        self._spinner.close()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
+        super().close()
         for key, value in self._old.items():
             os.environ.pop(key) if value is None else os.environ.update({key: value})
-
-    def collect(
-        self,
-        topic: str,
-        message_type: type,
-        qos: QoSProfile = profiles.LOCKSTEP,
-        callback: Callable | None = None,
-    ) -> list:
-        """Keep what comes on `topic` in `messages[topic]` (the list returned), and hand it to `callback`."""
-        received = self.messages[topic]
-
-        def keep(message):
-            received.append(message)
-            if callback is not None:
-                callback(message)
-
-        self.node.create_subscription(message_type, topic, keep, qos)
-        return received
-
-    def advertise(self, topic: str, message_type: type, qos: QoSProfile = profiles.LOCKSTEP):
-        """The publisher on `topic`, made at the first call. Wait for `matched` before the first message."""
-        if topic not in self._publishers:
-            self._publishers[topic] = self.node.create_publisher(message_type, topic, qos)
-        return self._publishers[topic]
-
-    def publish(self, topic: str, message, qos: QoSProfile = profiles.LOCKSTEP) -> None:
-        """Publish `message` on `topic`."""
-        self.advertise(topic, type(message), qos).publish(message)
-
-    def matched(self, topic: str, subscribers: int = 1) -> bool:
-        """Whether our publisher on `topic` has that many subscribers."""
-        return self._publishers[topic].get_subscription_count() >= subscribers
 
     def wait_until_ready(self, names: set[str], timeout: float = 2 * TIMEOUT) -> None:
         """Until the named nodes are up and every publisher, the probe's too, has found its subscribers."""
         links = Links(self.node)  # anew: it believes only what nodes say from now on
         self.wait_until(lambda: links.are_complete(names), timeout, f"{', '.join(sorted(names))}, all matched")
 
-    def publishers(self, topic: str) -> list[str]:
-        """Names of the nodes that publish `topic`."""
-        return [info.node_name for info in self.node.get_publishers_info_by_topic(self._resolve(topic))]
-
-    def subscribers(self, topic: str) -> list[str]:
-        """Names of the nodes that subscribe to `topic`."""
-        return [info.node_name for info in self.node.get_subscriptions_info_by_topic(self._resolve(topic))]
-
-    def spin_once(self, timeout: float = 0.05) -> None:
-        """Wait up to `timeout` s and run the callbacks that are ready."""
-        self._spinner.spin_once(timeout)
-
     def wait_until(
-        self, condition: Callable[[], object], timeout: float = TIMEOUT, what: str = "the condition"
+        self, condition: Callable[[], object], timeout: float | None = None, what: str = "the condition"
     ) -> None:
         """Spin until `condition()` holds. Fails with name and last lines of a node that ends meanwhile."""
 
@@ -185,19 +122,4 @@ class Probe:
             self.spin_once()
             return bool(condition())
 
-        self._graph.wait(spun, timeout, what)
-
-    def call(self, service: str, request=None, timeout: float = TIMEOUT):
-        """The response of a std_srvs service: Trigger, or SetBool where `request` is a bool."""
-        kind = SetBool if isinstance(request, bool) else Trigger
-        content = kind.Request(data=request) if isinstance(request, bool) else kind.Request()
-        return self._services.call(kind, service, content, timeout)
-
-    def idle_for(self, seconds: float) -> None:
-        """Spin for `seconds`, for tests that something does NOT come."""
-        deadline = time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0:
-            self.spin_once(min(left, 0.05))
-
-    def _resolve(self, topic: str) -> str:
-        return topic if topic.startswith("/") else f"/{topic}"
+        self._graph.wait(spun, TIMEOUT if timeout is None else timeout, what)

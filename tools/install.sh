@@ -4,8 +4,11 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONHOME
 pip() { .venv/bin/python -m pip --disable-pip-version-check -qq "$@"; }
-# Byte code is left to the first import: most of it would never be read.
-install() { pip install --no-compile "$@"; }
+# Byte code is left to the first import: most of it would never be read. $1: how many packages come.
+install() {
+    .venv/bin/python tools/pip_progress.py "$1" .venv/bin/python -m pip --disable-pip-version-check --progress-bar off \
+        install --no-compile "${@:2}"
+}
 
 python=$(tools/python.sh)
 echo "creating .venv with $python ($("$python" --version))"
@@ -23,7 +26,7 @@ if [ -n "$TORCH_INDEX" ] && ! .venv/bin/python -c "$reachable" "$TORCH_INDEX" 2>
     TORCH_INDEX=
 fi
 echo "installing torch"
-install ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} "$(grep '^torch==' requirements.lock)"
+install 10 ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} "$(grep '^torch==' requirements.lock)"
 
 # Where a ROS 2 installation is sourced, its rclpy and messages are used; two of them in one process would not agree.
 lock=requirements.lock
@@ -32,6 +35,7 @@ if [ -n "${ROS_DISTRO:-}" ] && command -v ros2 > /dev/null; then
     lock=.venv/requirements-without-ros.lock
     grep -v '^ros-' requirements.lock > "$lock"
 fi
-echo "installing $(grep -c == "$lock") packages (about two minutes)"
-install -r "$lock"
+count=$(grep -c == "$lock")
+echo "installing $count packages (two to four minutes)"
+install "$count" -r "$lock"
 pip check

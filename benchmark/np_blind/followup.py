@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from np_blind.bags import write_bag
 from np_blind.cases import OUT_OF_CATALOGUE_KIND, Case, make_physics
 from np_blind.loop import make_targets, run_staying
 from np_diagnosis.experiments.excitation import suite
@@ -33,6 +32,8 @@ def follow_up(case: Case, bag: Path, folder: Path, ask: Callable[[Sequence[Path]
 
     ask(bags, folder) runs the doctor and says what went wrong. The second answer goes to folder/next.
     """
+    from np_blind.bags import write_bag  # slow: no --help should wait for it
+
     name = suggested(folder)
     if name is None:
         return

@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from np_blind.bags import write_bag
 from np_blind.cases import SETS, Case, draw_cases, make_physics
 from np_blind.loop import make_targets, run_staying
 from np_blind.processes import workers
@@ -45,6 +44,8 @@ def make_bags(cases: Sequence[Case], only: Sequence[str], out: Path) -> dict[int
     By the number of each case, what went wrong; "" where its bag is written. An arm that runs away has none,
     and leaves the others as they are.
     """
+    from np_blind.bags import write_bag  # slow: no --help should wait for it
+
     targets = make_targets(suite(only))
     record, staying, lost = run_staying(make_physics(list(cases))[0], targets, [case.seed for case in cases])
     for row, arm in enumerate(staying):

@@ -1,7 +1,7 @@
-"""The backends that the contract suite judges, and the harness that plays the rest of the graph against one.
+"""The backends that the contract suite judges, each started anew for every check.
 
-To have another backend judged, add it to BACKENDS: the tests only use what docs/reference/graph.md promises. What a
-command is differs (commands.py); what a backend owes its sender does not."""
+To have another backend judged in the tests, add it to BACKENDS; `check_backend` puts the same checks to one that is
+running (np_bringup.backend_suite)."""
 
 from __future__ import annotations
 
@@ -11,12 +11,9 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from commands import EFFORTS, PERIOD, TARGETS, Command, Commands, pushing, stay
-from diagnostic_msgs.msg import DiagnosticArray
-from sensor_msgs.msg import JointState
-
-from np_ros import qos
-from np_ros.messages import stamp_nanoseconds
+from np_bringup.backend_suite import harness
+from np_bringup.backend_suite.commands import EFFORTS, PERIOD, TARGETS, Commands, pushing, stay
+from np_bringup.backend_suite.harness import silent
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "driver"))
 
@@ -98,112 +95,11 @@ BACKENDS = {
 }
 
 
-def silent(state: JointState) -> None:
-    """A controller that does not answer."""
-
-
-class Harness:
-    """A backend as a process, with the test as its controller.
-
-    `answer(state)` gives the command for a state, or None for silence; change it at will. It is asked as
-    often as the backend's kind of command is sent. `states` are all states received; `status`, `level`,
-    `message` the newest of the backend's diagnostics, `said` the watchdog's state in each of them."""
+class Harness(harness.Harness):
+    """A backend as a process of `graph`, in one of its modes, with the test as its controller."""
 
     def __init__(self, graph, probe, backend: Backend, mode: str, **parameters):
-        self.graph, self.probe, self.backend = graph, probe, backend
-        self.commands = backend.commands
-        self.answer: Callable[[JointState], Command | None] = silent
-        self._answered = 0  # stamp ns
-        self.status: dict[str, str] = {}
-        self.level = b""
-        self.message = ""
-        self.said: list[str] = []
-        self.states = probe.collect("joint_states", JointState, callback=self._on_state)
-        probe.collect("diagnostics", DiagnosticArray, qos.EVENT, callback=self._on_diagnostics)
-        for topic, message_type in self.commands.sent.items():
-            probe.advertise(topic, message_type)
+        self.graph, self.probe = graph, probe
+        super().__init__(probe, backend)
         graph.run(backend.package, backend.name, {**backend.modes[mode], **parameters})
-        self.wait(lambda: all(map(probe.matched, self.commands.sent)) and self.states, "the first state")
-
-    def _on_state(self, state: JointState) -> None:
-        if stamp_nanoseconds(state.header.stamp) - self._answered < self.commands.period:
-            return
-        command = self.answer(state)
-        if command is not None:
-            self._answered = stamp_nanoseconds(state.header.stamp)
-            self.send(command)
-
-    def _on_diagnostics(self, array: DiagnosticArray) -> None:
-        for status in array.status:
-            if status.name == f"/{self.backend.name}":
-                self.level, self.message = status.level, status.message
-                self.status = {pair.key: pair.value for pair in status.values}
-                self.said.append(self.status.get("state", ""))
-
-    @property
-    def stamp(self) -> int:
-        """Stamp (ns) of the newest state."""
-        return stamp_nanoseconds(self.states[-1].header.stamp)
-
-    def wait(self, condition: Callable[[], object], what: str) -> None:
-        """Spin until the condition holds; where it does not, the backend's last words are told."""
-        try:
-            self.probe.wait_until(condition, what=what)
-        except TimeoutError as error:
-            raise TimeoutError(f"{error}; {self.backend.name} said: {self.message} {self.status}") from error
-
-    def wait_state(self, *states: str) -> None:
-        """Wait until the backend says that it is in one of these states."""
-        self.wait(lambda: self.status.get("state") in states, f"state {' or '.join(states)}")
-
-    def send(self, command: Command) -> None:
-        """Publish one command: an effort command, or the messages of another by topic."""
-        messages = {"effort_command": command} if isinstance(command, JointState) else command
-        for topic, message in messages.items():
-            self.probe.publish(topic, message)
-
-    def send_until_refused(self, make: Callable[[JointState], Command], reason: str) -> None:
-        """Answer states with `make(state)` until the count of refusals for `reason` has grown."""
-        before = self.refused(reason)
-        self.answer = make
-        self.send(make(self.states[-1]))
-        self.wait(lambda: self.refused(reason) > before, f"a refusal for {reason}")
-        self.answer = silent
-
-    def resume(self) -> None:
-        """Stop the arm, and recover as soon as it is at rest: from here on it is ready."""
-        assert self.call("stop").success
-        while not (response := self.call("recover")).success:
-            assert "still moves" in response.message, response.message
-        self.wait_state("ready")
-
-    def refused(self, reason: str) -> int:
-        """How many commands were refused for this reason."""
-        return int(self.status.get(f"refused_{reason}", 0))
-
-    def call(self, service: str, request: bool | None = None):
-        """Response of one of the backend's services."""
-        return self.probe.call(f"{self.backend.name}/{service}", request)
-
-    def follow(self, answer: Callable[[JointState], Command], until: Callable[[], object], what: str) -> None:
-        """Answer every state, beginning with the newest, until the condition holds.
-
-        The state at which it does so is not answered any more. Where a busy machine has kept us from
-        answering for so long that the watchdog has rightly stopped the arm, recover and go on."""
-        done = False
-
-        def answer_until(state: JointState) -> Command | None:
-            nonlocal done
-            done = done or bool(until())
-            return None if done else answer(state)
-
-        self.answer = answer_until
-        self.send(answer(self.states[-1]))
-
-        def is_done() -> bool:
-            if self.status.get("state") == "stopped" and "silence" in self.message and not (done or until()):
-                self.call("recover")  # refused while the arm still moves
-            return bool(done or until())
-
-        self.wait(is_done, what)
-        self.answer = silent
+        self.meet()

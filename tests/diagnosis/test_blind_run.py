@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from np_blind import bags as recordings
 from np_blind import blind, generate
 from np_blind.cases import draw_cases, make_physics
 from np_blind.generate import make_bags
@@ -189,14 +190,14 @@ def test_a_run_in_parts_goes_on_and_a_doctor_that_crashes_fails_its_own_case_onl
 
 @pytest.mark.slow
 def test_a_recording_that_cannot_be_made_fails_its_own_case_only(tmp_path, monkeypatch):
-    written = generate.write_bag
+    written = recordings.write_bag
 
     def full_disk(path, *rest):
         if path.name == "case_001":
             raise OSError("no space left")
         written(path, *rest)
 
-    monkeypatch.setattr(generate, "write_bag", full_disk)
+    monkeypatch.setattr(recordings, "write_bag", full_disk)
     monkeypatch.setattr(blind, "workers", ThreadPoolExecutor)
     assert (
         blind.main(

@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from backends import silent
-from commands import Make
 from moving_arm import RUNNING, MovingArm
 
+from np_bringup.backend_suite.commands import Make
 from np_franka.limits import FR3_LIMITS
 
 BOTH = ("topic", "onboard")

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from commands import PERIOD
 from cpu_shares import CpuShares, children
 from moving_arm import MovingArm
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from np_bringup.backend_suite.commands import PERIOD
 from np_control.kinematics import forward_kinematics
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_ros import qos

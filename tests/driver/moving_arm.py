@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 from backends import BACKENDS, Harness, silent
-from commands import TARGETS
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import Graph, Probe
 from simulated_robot import DRIVER_CORES, SLOW, SimulatedRobot, simulated_robot, urgent
 from trajectory_msgs.msg import JointTrajectory
 
+from np_bringup.backend_suite.commands import TARGETS
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_description.phases import FAULT, IDLE, PhaseState
 from np_franka.limits import FR3_LIMITS

@@ -1,21 +1,26 @@
 """The node `goal`: one task for a real robot."""
 
+import json
+
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, PointCloud2
+from std_srvs.srv import Trigger
 
 from np_bringup.nodes.goal_node import goal_pose
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, is_success, pose_error, sample_task
 from np_description.panda import BASE_FRAME, NOMINAL, STATE_NAMES
 from np_description.rotations import yaw_quaternion
 from np_ros import qos
-from np_ros.messages import joint_state_message, pose_arrays, stamp_nanoseconds
+from np_ros.messages import joint_state_message, pose_arrays, pose_message, stamp_nanoseconds
+from np_ros.phases import phase_state
 from np_ros.supervisor import NodeDied
 
 
 def test_the_goal_lies_on_the_table_on_the_backends_clock_and_is_latched(graph, probe):
-    graph.run("np_bringup", "goal", {"x": 0.45, "y": 0.1, "yaw": 0.5})
+    graph.run("np_bringup", "goal", {"x": 0.45, "y": 0.1, "yaw": 0.5, "stay": True})
     probe.advertise("joint_states", JointState)
     probe.wait_until(lambda: probe.matched("joint_states"), what="the node")
     goals = probe.collect("goal_pose", PoseStamped, qos.LATCHED)
@@ -34,6 +39,44 @@ def test_the_goal_lies_on_the_table_on_the_backends_clock_and_is_latched(graph, 
     np.testing.assert_allclose(position, [0.45, 0.1, CARD.half_size[2]])
     np.testing.assert_allclose(quaternion, yaw_quaternion(np.asarray(0.5)))
     assert {stamp_nanoseconds(goal.header.stamp) for goal in (*goals, *late)} == {7_000_000}
+
+
+def test_a_goal_ends_when_the_episode_has_it_and_not_before(graph, probe):
+    """A start that comes before the goal would begin with another one, and end with it."""
+    probe.advertise("joint_states", JointState)
+    graph.run("np_policy", "episode", {"mode": "realtime"})
+    # The backend's own goal, as `sim_bridge` publishes it at its start: of the same stamp.
+    other = goal_pose(CARD, 0.5, -0.1, 0.0)
+    probe.publish("goal_pose", pose_message(0, BASE_FRAME, other.position, other.quaternion), qos.LATCHED)
+    seen = probe.collect("goal_keypoints", PointCloud2, qos.LATCHED)
+    probe.wait_until(lambda: seen, what="the backend's goal to be taken")
+    graph.run("np_bringup", "goal", {"x": 0.45, "y": 0.1})
+    probe.wait_until(lambda: probe.matched("joint_states", 2), what="the node")
+    state = joint_state_message(0, STATE_NAMES, [*NOMINAL.ready, 0, 0], np.zeros(9), np.zeros(9))
+    probe.wait_until(lambda: graph.ended("goal") or probe.publish("joint_states", state), what="its end")
+    assert len(seen) == 2 and seen[0].data != seen[1].data
+
+
+def test_a_goal_that_nobody_takes_ends_with_words(graph, probe):
+    graph.run("np_bringup", "goal", {"limit": 1.0})
+    with pytest.raises(NodeDied, match="expected joint_states of a backend in this ROS_DOMAIN_ID within 1 s"):
+        probe.wait_until(lambda: False)
+
+
+def test_run_answers_with_the_outcome(graph, probe):
+    """And keeps nobody else's service waiting: it is `stop` that ends this one."""
+    phases = probe.collect("episode/phase", DiagnosticArray, qos.LATCHED)
+    probe.wait_until_ready({graph.run("np_policy", "episode", {"mode": "realtime", "silence": 60.0})})
+    answer = probe.node.create_client(Trigger, "episode/run")
+    probe.wait_until(answer.service_is_ready)
+    future = answer.call_async(Trigger.Request())
+    probe.wait_until(lambda: phase_state(phases[-1]).phase == "pre", what="the start")
+    assert not (refused := probe.call("episode/run")).success and "under way" in refused.message
+    assert not future.done()
+    assert probe.call("episode/stop").success
+    probe.wait_until(future.done, what="the answer")
+    assert not future.result().success
+    assert json.loads(future.result().message) == {"phase": "failed", "reason": "pre: stopped on request"}
 
 
 def test_a_goal_that_nobody_was_trained_for_is_refused(graph, probe):

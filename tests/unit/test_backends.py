@@ -40,6 +40,20 @@ def test_with_the_controller_on_board_there_is_no_other():
     assert "joint_impedance" not in real and "realsense_camera" not in real
 
 
+OWN = {"backend": "none", "backend_node": "my_arm", "mode": "realtime"}
+
+
+def test_beside_a_backend_of_ones_own_everything_else_is_started():
+    simulated, own = named({"mode": "realtime"}), named(OWN)
+    assert set(simulated) - set(own) == {"sim_bridge"} and not set(own) - set(simulated)
+    assert own["episode"].parameters["backend"] == "my_arm"
+    assert "joint_impedance" not in named({**OWN, "control": "onboard"})
+    assert named({**OWN, "mode": "lockstep"})["joint_impedance"].parameters["mode"] == "lockstep"
+    for arguments, got in (({**OWN, "backend_node": ""}, "''"), ({"backend_node": "my_arm"}, "'my_arm'")):
+        with pytest.raises(ValueError, match=f"backend_node: expected .* got {got}"):
+            task_graph(arguments)
+
+
 def test_a_recorder_does_not_wait_for_what_only_a_simulation_knows():
     for arguments, known in (({"mode": "realtime"}, True), (REAL, False)):
         recorder = named({**arguments, "bag": "bag"})["recorder"]

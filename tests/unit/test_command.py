@@ -76,6 +76,9 @@ SLOW = ("rclpy", "rosbags", "matplotlib", "mujoco", "onnxruntime", "torch", "cv2
 @pytest.mark.parametrize(
     "module",
     [
+        "np_blind.blind",
+        "np_bringup.commands.bench",
+        "np_bringup.commands.check_backend",
         "np_bringup.commands.demo",
         "np_bringup.commands.evaluate",
         "np_diagnosis.commands.diagnose",

@@ -17,8 +17,9 @@ from std_srvs.srv import SetBool
 from np_description.panda import JOINT_NAMES
 from np_ros import messages
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "tools" / "ros2_lite"))
-from ros2_lite import launch, main, packages, service, topic  # noqa: E402
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tools" / "ros2_lite"))
+from ros2_lite import completion, launch, main, packages, service, topic  # noqa: E402
 
 
 def executable(path: Path) -> Path:
@@ -141,3 +142,48 @@ def test_what_no_field_takes_is_refused(values):
 def test_an_unknown_service_type_is_refused(name):
     with pytest.raises(ValueError, match="expected one as std_srvs/srv/Trigger"):
         service.service_type(name)
+
+
+@pytest.mark.parametrize(
+    "line, expected",
+    [
+        ("ros2 ", ["launch", "pkg", "run", "service", "topic"]),
+        ("ros2 to", ["topic"]),
+        ("ros2 topic e", ["echo"]),
+        ("ros2 topic echo --f", ["--full-length"]),
+        ("ros2 run pus", ["pushers"]),
+        ("ros2 run pushers pu", ["pull", "push"]),
+        ("ros2 pkg executables p", ["pushers"]),
+        ("ros2 launch pushers ", ["push.launch.py"]),
+        ("ros2 launch pushers push.launch.py o", ["opening:="]),
+        ("ros2 run nobody ", []),
+        ("ros2 dance ", []),
+    ],
+)
+def test_tab_offers_what_may_come_next(prefix, line, expected):
+    file = executable(prefix / "share/pushers/launch/push.launch.py")
+    file.write_text(
+        "from np_ros.graph import LaunchArgument\n"
+        "ARGUMENTS = [LaunchArgument('opening', '0.03', 'm'), LaunchArgument('mode', 'lockstep', '')]\n"
+    )
+    before, typed = completion.words({"COMP_LINE": line + "rest", "COMP_POINT": str(len(line))})
+    assert completion.candidates(main.parser(), before, typed) == expected
+
+
+def test_a_shell_that_somebody_types_in_asks_for_candidates(prefix):
+    """As bash does at Tab, with our `ros2` on the path."""
+    ours = executable(prefix / "bin/ros2")
+    code = (
+        f"import sys; sys.path[:0] = {[p for p in sys.path if p]!r}; from ros2_lite.main import main; sys.exit(main())"
+    )
+    ours.write_text(f"#!{sys.executable}\n{code}\n")
+    tab = "COMP_LINE='ros2 run pushers pul'; COMP_POINT=20; _np_complete_ros2; printf '%s\\n' \"${COMPREPLY[@]}\""
+    wanted = (ROOT / "env.sh").read_text()
+    function = wanted[wanted.index("_np_complete_ros2() {") : wanted.index("\n}\n") + 3]
+    said = subprocess.run(
+        ["bash", "-c", function + tab],
+        env={**os.environ, "PATH": f"{ours.parent}:/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+    )
+    assert said.stdout.split() == ["pull"], said.stderr

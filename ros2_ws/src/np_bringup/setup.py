@@ -25,6 +25,7 @@ setup(
         "console_scripts": [
             "bench = np_bringup.commands.bench:main",
             "calibration_trial = np_bringup.commands.calibration_trial:main",
+            "check_backend = np_bringup.commands.check_backend:main",
             "demo = np_bringup.commands.demo:main",
             "echo = np_bringup.nodes.echo_node:main",
             "evaluate = np_bringup.commands.evaluate:main",

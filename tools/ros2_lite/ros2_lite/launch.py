@@ -20,13 +20,17 @@ from ros2_lite.packages import prefix_of
 _PERIOD = 0.1  # s between two looks at the processes
 
 
+def files(package: str) -> list[Path]:
+    """The launch files of a package. Raises LookupError where it is not installed."""
+    return sorted((prefix_of(package) / "share" / package / "launch").glob("*.launch.py"))
+
+
 def load(package: str, file: str) -> dict:
     """The names a package's launch file defines. Raises LookupError if there is no such file."""
-    folder = prefix_of(package) / "share" / package / "launch"
-    if not (folder / file).is_file():
-        have = ", ".join(sorted(p.name for p in folder.glob("*.launch.py"))) or "none"
-        raise LookupError(f"No launch file '{file}' in package '{package}'; it has: {have}")
-    return runpy.run_path(str(folder / file))
+    found = {path.name: path for path in files(package)}
+    if file not in found:
+        raise LookupError(f"No launch file '{file}' in package '{package}'; it has: {', '.join(found) or 'none'}")
+    return runpy.run_path(str(found[file]))
 
 
 def parse(pairs: Sequence[str]) -> dict[str, str]:

@@ -92,6 +92,11 @@ def execute(arguments: argparse.Namespace) -> int:
 
 def main() -> int:
     """Run `ros2 ...`; the exit status."""
+    if sys.argv[1:2] == ["--complete"]:
+        from ros2_lite import completion
+
+        print("\n".join(completion.candidates(parser(), *completion.words(os.environ))))
+        return 0
     real = real_ros2(os.environ.get("PATH", ""), Path(sys.argv[0]).resolve().parent)
     if real:
         os.execv(real, [real, *sys.argv[1:]])

@@ -11,7 +11,9 @@ ENGINES = {"mujoco": SIMULATED, "physx": "physx_bridge"}
 """Which simulated robot has which engine."""
 SIMULATORS = {SIMULATED: "np_sim_bridge", "physx_bridge": "np_physx_bridge"}
 """The package of each simulated robot."""
-BACKENDS = (*SIMULATORS, REAL)
+OWN = "none"
+"""A backend that is not ours to start: `backend_node` says who it is."""
+BACKENDS = (*SIMULATORS, REAL, OWN)
 CAMERAS = ("realsense", "none")
 CONTROLS = ("topic", "onboard")
 ROBOTS = ("fr3", "panda")
@@ -22,14 +24,19 @@ ARGUMENTS = (
         "backend",
         SIMULATED,
         "sim_bridge: simulated robot and camera; physx_bridge: the same in a second engine, which `make physx` installs; "
-        "franka_driver: real ones, mode realtime.",
+        "franka_driver: real ones, mode realtime; none: one of your own, started by you.",
+    ),
+    LaunchArgument(
+        "backend_node",
+        "",
+        "backend none: name of your backend's node, as in its diagnostics. Your camera publishes camera/image_raw and camera/camera_info.",
     ),
     LaunchArgument("robot", "fr3", "franka_driver: fr3, or panda for the original one."),
     LaunchArgument("hostname", "", "franka_driver: address of the robot."),
     LaunchArgument(
         "control",
         "topic",
-        "franka_driver: topic: the controller is a node; onboard: it runs in the driver, at 1 kHz.",
+        "franka_driver, none: topic: the controller is a node; onboard: it runs in the driver, at 1 kHz.",
     ),
     LaunchArgument("camera", "realsense", "franka_driver: realsense: start its node; none: a camera of your own."),
     LaunchArgument(
@@ -51,7 +58,12 @@ def check(given: Mapping[str, str]) -> None:
     ):
         if given[name] not in allowed:
             raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {given[name]!r}")
-    if given["backend"] in SIMULATORS:
+    if (given["backend"] == OWN) != bool(given["backend_node"]):
+        raise ValueError(
+            f"backend_node: expected the name of your node with backend none, and nothing with another, "
+            f"got {given['backend_node']!r} with backend {given['backend']}"
+        )
+    if given["backend"] in (*SIMULATORS, OWN):
         return
     for name, needed, why in (
         ("mode", "realtime", "a real robot waits for nobody"),
@@ -94,3 +106,14 @@ def real_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
         parameters = {"calibration": given["calibration"]}
         nodes.append(NodeSpec("np_franka", "realsense_camera", parameters=parameters))
     return nodes
+
+
+def own_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
+    """What we add to a backend of somebody's own: the controller, unless it has one on board."""
+    is_ours = given["control"] == "topic"
+    return [NodeSpec("np_control", controller, parameters={"mode": given["mode"]})] if is_ours else []
+
+
+def node_name(given: Mapping[str, str]) -> str:
+    """Of the backend, whose diagnostics `episode` hears."""
+    return given["backend_node"] or given["backend"]

@@ -54,7 +54,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
         if given[name] not in allowed:
             raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {given[name]!r}")
     backends.check(given)
-    is_real = given["backend"] == backends.REAL
+    elsewhere = {backends.REAL: backends.real_nodes, backends.OWN: backends.own_nodes}.get(given["backend"])
     common = {"mode": given["mode"]}
     task = {**common, "domain": given["domain"]}
     seeing = {**task, "calibration": given["calibration"]}
@@ -77,14 +77,14 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
         NodeSpec("np_control", CONTROLLERS[given["controller"]], parameters=common),
     ]
     nodes = [
-        *(backends.real_nodes(given, CONTROLLERS[given["controller"]]) if is_real else simulated),
+        *(elsewhere(given, CONTROLLERS[given["controller"]]) if elsewhere else simulated),
         NodeSpec("np_perception", "keypoint_detector", parameters={**task, "weights": given["weights"]})
         if from_camera
         else NodeSpec("np_perception", "keypoint_oracle", parameters={**seeing, "seed": seed}),
         NodeSpec("np_policy", "pre_contact", parameters=learned),
         NodeSpec("np_policy", "approach", parameters={**seeing, "seed": seed}),
         NodeSpec("np_policy", "post_contact", parameters=learned),
-        NodeSpec("np_policy", "episode", parameters={**seeing, "backend": given["backend"]}),
+        NodeSpec("np_policy", "episode", parameters={**seeing, "backend": backends.node_name(given)}),
     ]
     if given["bag"]:
         information = {
@@ -103,7 +103,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             "joint_trajectory",
             "pre_contact_pose",
             "gripper_command",
-            *(() if is_real else ("object_pose", "clock")),
+            *(() if elsewhere else ("object_pose", "clock")),
         ]
         nodes.insert(
             0,

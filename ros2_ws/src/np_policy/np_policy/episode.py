@@ -129,9 +129,10 @@ class Episode:
     def goal(self, stamp: int, pose: Pose) -> list[Event]:
         """A new task: the object's goal from stamp ns on. Raises ValueError for a goal behind the camera."""
         goal = Goal(stamp, project_keypoints(self.config.domain, pose, self.config.camera))
-        if self._goal is not None and not self._goal_used and stamp == self._goal.stamp:
-            return []
-        if self._goal is not None and stamp < self._goal.stamp:  # a backend that was restarted: its time begins anew
+        before = self._goal
+        if before and not self._goal_used and stamp == before.stamp and (goal.keypoints == before.keypoints).all():
+            return []  # said twice
+        if before and stamp < before.stamp:  # a backend that was restarted: its time begins anew
             self._newest, self._last_tick = None, -1
         ended = self._fail("the task was reset") if self.is_active and self._begun else []
         self._goal, self._goal_pose, self._goal_used = goal, pose, False

@@ -11,14 +11,10 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from np_bringup import figures
-from np_bringup.commands.common import running_graph
-from np_bringup.nodes.conductor_node import Conductor
 from np_bringup.task_graph import task_graph
 from np_description.domains import find_domain
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder
 from np_ros.graph import NodeSpec
-from np_ros.participant import GraphError
 from np_ros.supervisor import NodeDied, Supervisor
 
 DOMAIN = "card"
@@ -27,6 +23,8 @@ FRAMES, FRAME_RATE = 500, 30
 
 def lockstep_factor(weights: str, keypoints: str, logs: Path) -> dict[str, object]:
     """Simulated by wall time of one whole episode in lockstep, planning included."""
+    from np_bringup.commands.common import running_graph  # slow, as what the functions below import
+
     with running_graph({"keypoints": keypoints, "weights": weights}, logs) as conductor:
         began = time.monotonic()
         outcome = conductor.run_episode()
@@ -46,6 +44,9 @@ def whole_graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str
 
 def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict[str, object]:
     """Episodes for so many seconds on a graph with a round_trip; what that says, episodes, stops by the guards."""
+    from np_bringup.nodes.conductor_node import Conductor
+    from np_ros.participant import GraphError
+
     episodes = stops = 0
     with Supervisor(logs) as supervisor:
         supervisor.start(specs)
@@ -66,6 +67,8 @@ def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict
 def played_frames(weights: str, frames: int, logs: Path) -> dict[str, object]:
     """The images of a recorded episode, again and again at their own 30 Hz, through the detector of a graph at
     work in real time, whose policies see true keypoints; until so many have been played."""
+    from np_bringup.commands.common import running_graph
+
     recording = {"keypoints": "camera", "weights": weights, "bag": str(logs / "images"), "record_at_start": "false"}
     with running_graph(recording, logs / "record") as conductor:
         bag = conductor.start_recording()
@@ -87,6 +90,8 @@ def played_frames(weights: str, frames: int, logs: Path) -> dict[str, object]:
 
 def echo_round_trip(seconds: float, logs: Path) -> dict[str, object]:
     """The peer: the same backend and measurement, an echo for a controller, and nothing else at work."""
+    from np_bringup.nodes.conductor_node import Conductor
+
     specs = [
         NodeSpec("np_sim_bridge", "sim_bridge", parameters={"mode": "realtime", "camera": False}),
         NodeSpec("np_bringup", "echo"),
@@ -108,6 +113,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
     parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder for logs; a number is appended")
     options = parser.parse_args(arguments)
+    from np_bringup import figures
+    from np_ros.participant import GraphError
+
     interrupt_on_sigterm()
     logs = new_folder(options.out)
     domain = find_domain(DOMAIN)

@@ -1,4 +1,4 @@
-"""`goal`: a task for a real robot, whose driver draws none: the object's goal, published once and latched.
+"""`goal`: a task for a robot whose backend draws none: the object's goal, published until the episode has it.
 
 It has to be one that the policies were trained for: a place in a goal region of the domain, resting on that region's
 surface, on the faces it may rest on there.
@@ -6,20 +6,29 @@ surface, on the faces it may rest on there.
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from math import pi
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from rclpy.duration import Duration
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
 from np_description.domains import DOMAINS, Domain, Pose, find_domain, resting_pose
 from np_description.panda import BASE_FRAME
 from np_ros import qos
+from np_ros.goals import GOAL, goal_text
 from np_ros.messages import BadMessage, pose_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run
+from np_ros.services import Services, Wait
+from np_ros.spin import Spinner
 
 MARGIN = 1e-6  # m or rad
+EPISODE_LIMIT = 3600.0  # s; the episode node has limits of its own for every phase
 
 
 def goal_pose(domain: Domain, x: float, y: float, yaw: float, roll_turns: int = 0, pitch_turns: int = 0) -> Pose:
@@ -45,7 +54,7 @@ def _holds(limits: tuple[float, float], value: float) -> bool:
 
 
 class Goal(Node):
-    """Publishes the goal with the stamp of the first joint state, which is on the backend's clock."""
+    """Publishes the goal with the stamp of the first joint state, which is on the backend's clock, and hears whether it is taken."""
 
     def __init__(self):
         super().__init__("goal")
@@ -59,30 +68,78 @@ class Goal(Node):
             parameter(self, f"{name}_turns", 0, f"Quarter turns of {name} before it: on which face it rests.", 0, 3)
             for name in ("roll", "pitch")
         ]
+        self._runs = parameter(self, "run", False, "Whether to run the episode too, and to end with its outcome.")
+        self._stays = parameter(
+            self, "stay", False, "Whether to stay when it is taken: for a recorder that comes later."
+        )
+        self._limit = parameter(
+            self, "limit", 30.0, "How long to wait for a backend and for an episode node, s.", 1.0, 3600.0
+        )
         pose = goal_pose(domain, x, y, yaw, *turns)
         self._pose = pose.position, pose.quaternion
         self._diagnostics = Diagnostics(self)
         self._publisher = self.create_publisher(PoseStamped, "goal_pose", qos.LATCHED)
         self.create_subscription(JointState, "joint_states", self._on_state, qos.subscriber(lockstep=False))
-        self._is_given = False
+        self.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, qos.EVENT)
+        self._given: PoseStamped | None = None
+        self._episode = ""  # what the episode node said last
+        self._is_taken = False
+
+    def give(self, spinner: Spinner) -> int:
+        """Publish the goal, wait until the episode has it, and go on as the parameters say; the exit status."""
+        log = self.get_logger()
+
+        def wait(condition: Callable[[], object], limit: float, what: str) -> None:
+            deadline = time.monotonic() + limit
+            while not condition():
+                if time.monotonic() > deadline:
+                    raise TimeoutError(f"expected {what} within {limit:g} s, none came")
+                spinner.spin_once(0.1)
+
+        try:
+            wait(lambda: self._given, self._limit, "joint_states of a backend in this ROS_DOMAIN_ID")
+            wait(lambda: self._is_taken, self._limit, "the node episode to take the goal" + self._episode)
+            self._publisher.wait_for_all_acked(Duration(seconds=1))
+            log.info(f"goal taken: {goal_text(self._given)}")
+            if self._runs:
+                return self._run(wait)
+        except TimeoutError as error:
+            log.fatal(str(error))
+            return 1
+        if self._stays:
+            spinner.spin()
+        return 0
+
+    def _run(self, wait: Wait) -> int:
+        answer = Services(self, wait).call(Trigger, "episode/run", Trigger.Request(), EPISODE_LIMIT)
+        print(answer.message, flush=True)
+        return 0 if answer.success else 1
 
     def _on_state(self, message: JointState) -> None:
-        if self._is_given:
+        if self._given:
             return
         try:
             stamp = stamp_nanoseconds(message.header.stamp)
         except BadMessage as error:
             self._diagnostics.count(f"refused_{error.kind}")
             return
-        self._publisher.publish(pose_message(stamp, BASE_FRAME, *self._pose))
-        self._is_given = True
+        self._given = pose_message(stamp, BASE_FRAME, *self._pose)
+        self._publisher.publish(self._given)
         self._diagnostics.values["stamp"] = stamp
-        self.get_logger().info(f"goal at {np.round(self._pose[0], 3).tolist()} m")
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if self._given and status.name.rsplit("/", 1)[-1] == "episode":
+                held = next((pair.value for pair in status.values if pair.key == GOAL), "none")
+                self._is_taken |= held == goal_text(self._given)
+                self._episode = f"; its diagnostics: {status.message}, goal {held}"
 
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable `goal`."""
-    return run(Goal, args)
+    ends: list[int] = []
+    failed = run(Goal, args, spin=lambda node, spinner: ends.append(node.give(spinner)))
+    return failed or max(ends, default=0)
 
 
 if __name__ == "__main__":

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from np_description.domains import Pose
 from np_description.panda import BASE_FRAME, JOINT_NAMES
-from np_description.phases import PhaseState
+from np_description.phases import ACTIVE, SUCCEEDED, PhaseState
 from np_description.scene import CAMERA_NAME
 from np_policy.episode import Episode, EpisodeConfig, Event, Goal, Refused, Tick
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_ros import qos
+from np_ros.goals import GOAL, goal_text
 from np_ros.messages import (
     BadMessage,
     keypoints_message,
@@ -95,6 +99,9 @@ class EpisodeNode(Node):
         subscribe_keypoints(self, self.diagnostics, settings.lockstep, self._on_keypoints)
         self.create_service(Trigger, "~/start", lambda _, response: self._serve(self._episode.start, response))
         self.create_service(Trigger, "~/stop", lambda _, response: self._serve(self._episode.stop, response))
+        # Its answer comes at the episode's end: nobody else's service may wait for it.
+        self._ends: list[Future] = []
+        self.create_service(Trigger, "~/run", self._run, callback_group=ReentrantCallbackGroup())
         self.create_timer(0.1, self._on_timer)
         self._publish([PhaseState(self._episode.phase)])
 
@@ -107,6 +114,8 @@ class EpisodeNode(Node):
         except ValueError as error:
             return self.diagnostics.refuse("range", error)
         self._publish(events)
+        self.diagnostics.values[GOAL] = goal_text(message)
+        self.diagnostics.publish()  # who gave it waits for this
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
         if self._waits_for == "keypoints":
@@ -165,12 +174,29 @@ class EpisodeNode(Node):
             response.success, response.message = False, str(error)
         return response
 
+    async def _run(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """As `start`, with the answer at the episode's end."""
+        future = Future()
+        self._ends.append(future)
+        if not self._serve(self._episode.start, response).success:
+            self._ends.remove(future)
+            return response
+        end: PhaseState = await future
+        response.success = end.phase == SUCCEEDED
+        outcome = {"phase": end.phase, "reason": end.reason}
+        if np.isfinite([self._episode.distance, self._episode.angle]).all():
+            outcome |= {"distance_m": round(self._episode.distance, 4), "angle_rad": round(self._episode.angle, 4)}
+        response.message = json.dumps(outcome)
+        return response
+
     def _publish(self, events: list[Event]) -> None:
         for event in events:
             match event:
                 case PhaseState():
                     self._phases.phase(event)
                     self.get_logger().info(str(event))
+                    while self._ends and event.phase not in ACTIVE:
+                        self._ends.pop().set_result(event)
                 case Tick():
                     self._phases.tick(event.stamp, PhaseState(event.phase))
                 case Goal():

@@ -1,0 +1,75 @@
+"""`pip_progress.py COUNT pip install ...`: runs pip and says how far it is, with the time left; pip itself is silent for minutes.
+
+A package is half done when pip has found it and done when it is unpacked. On a terminal one line is drawn over; elsewhere a line
+comes every tenth. Needs nothing but Python, for it runs before anything is installed. The exit status is pip's.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import sysconfig
+import threading
+import time
+from pathlib import Path
+
+PERIOD = 1.0  # s
+
+
+class Bar:
+    """How far `total` steps are; begun at `began` s by the clock of `now`."""
+
+    def __init__(self, total: int, is_live: bool, began: float):
+        self._total, self._is_live, self._began = max(1, total), is_live, began
+        self._told = -1
+
+    def text(self, done: float, what: str, now: float) -> str:
+        """One line, or "" where there is nothing new to say."""
+        share = min(1.0, done / self._total)
+        tenth = int(10 * share)
+        if not self._is_live and tenth == self._told:
+            return ""
+        self._told = tenth
+        left = f", about {(now - self._began) * (1 - share) / share:.0f} s left" if 0.02 < share < 1 else ""
+        return f"  {100 * share:3.0f} %  {what}{left}"
+
+
+def installed(folder: Path) -> int:
+    """How many packages lie unpacked there."""
+    return sum(1 for _ in folder.glob("*.dist-info"))
+
+
+def found(line: str) -> str:
+    """The package that a line of pip's says it has found, or ""."""
+    first, _, rest = line.strip().partition(" ")
+    return rest.split()[0] if first == "Collecting" and rest else ""
+
+
+def run(count: int, command: list[str], folder: Path) -> int:
+    """Run pip, which unpacks to `folder`; its exit status."""
+    is_live = sys.stderr.isatty()
+    bar, before = Bar(2 * count, is_live, time.monotonic()), installed(folder)
+    names: list[str] = []
+    done = threading.Event()
+
+    def watch() -> None:
+        while not done.wait(PERIOD):
+            unpacked = installed(folder) - before
+            what = f"{unpacked} of {count} installed" if unpacked else f"{len(names)} of {count} found"
+            if text := bar.text(len(names) + unpacked, what, time.monotonic()):
+                print(f"\r\033[K{text}" if is_live else text, end="" if is_live else "\n", file=sys.stderr, flush=True)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as pip:
+        for line in pip.stdout:
+            names += [name] if (name := found(line)) else []
+    done.set()
+    watcher.join()
+    if is_live:
+        print("\r\033[K", end="", file=sys.stderr, flush=True)
+    return pip.returncode
+
+
+if __name__ == "__main__":
+    sys.exit(run(int(sys.argv[1]), sys.argv[2:], Path(sysconfig.get_path("purelib"))))
