@@ -53,6 +53,7 @@ RECORD = EffectRecord(
     FORCES,
     _signatures,
     joints=_pull,
+    numpy_only=True,
     text={
         "module": "rigid_body",
         "model": "tau = J(q)^T F, F constant in the base frame",

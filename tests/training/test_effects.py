@@ -11,11 +11,15 @@ import torch
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_effects import RECORDS
+from np_effects.arm_effects import ArmEffects
 from np_effects.patch import Patch, PatchEffect, dump_patch
+from np_effects.record import Place
+from np_effects.weight import Hold
 from np_training import evaluate, train
 from np_training.environment.environment import EnvironmentConfig
-from np_training.physics.batched import ARM, BatchedPhysics, PhysicsConfig
-from np_training.physics.carried_effects import CARRIED, check_carried, load_effects
+from np_training.physics.batched import ARM, HOLD_STIFFNESS, BatchedPhysics, PhysicsConfig
+from np_training.physics.batched_gravity import BatchedHold
+from np_training.physics.carried_effects import CARRIED, batched_effects, check_carried, load_effects
 
 PATCH = Patch(
     (
@@ -72,9 +76,91 @@ def test_link_inertia_reaches_the_model():
     assert np.allclose(bodies[1], 1.5 * bodies[0])
 
 
+def one_of(effect: str) -> PatchEffect:
+    """The effect at a joint, or the arm, with each of its quantities a tenth up its range (of delays: some periods)."""
+    record = RECORDS[effect]
+    component = "arm" if record.place is Place.ARM else "panda_joint4"
+    return PatchEffect(effect, component, {q.name: _a_tenth(q) for q in record.quantities})
+
+
+def _a_tenth(quantity) -> float:
+    if quantity.name == "delay":
+        return 0.0037
+    if quantity.name == "gravity_apart":
+        return 0.0
+    return quantity.lower + 0.55 * (quantity.upper - quantity.lower) if quantity.lower < 0 else 0.1 * quantity.upper
+
+
+@pytest.mark.parametrize("effect", CARRIED)
+def test_an_effect_does_in_all_worlds_what_it_does_in_one_arm(effect):
+    patch, rng = Patch((one_of(effect),)), np.random.default_rng(3)
+    batched = batched_effects(patch, 0.002, "cpu")
+    if batched is None:
+        assert RECORDS[effect].panda is not None
+        return
+    arms = [ArmEffects(patch, 0.002) for _ in range(3)]
+    q = NOMINAL.ready + 0.3 * rng.normal(size=(3, 7))
+    for _ in range(12):
+        dq, torque = rng.normal(size=(3, 7)), 8 * rng.normal(size=(3, 7))
+        q = np.float32(q + 0.002 * dq).astype(float)
+        dq, torque = (np.float32(a).astype(float) for a in (dq, torque))
+        tensors = [torch.tensor(a, dtype=torch.float32) for a in (q, dq, torque)]
+        found = [batched.drive(tensors[2], tensors[0]), batched.extra(*tensors[:2]), *batched.sense(*tensors)]
+        one_by_one = [
+            [arm.drive(t, a), arm.extra(a, v), *arm.sense(a, v, t)] for arm, a, v, t in zip(arms, q, dq, torque)
+        ]
+        for tensor, rows in zip(found, zip(*one_by_one)):
+            np.testing.assert_allclose(tensor.numpy(), rows, rtol=1e-4, atol=2e-4)
+
+
+def test_gravity_of_all_worlds_is_that_of_one():
+    panda = Patch((PatchEffect("payload", "arm", {"mass": 0.8, "z": 0.1}),)).panda()
+    q = NOMINAL.ready + 0.4 * np.random.default_rng(4).normal(size=(20, 7))
+    for arm, tilt in ((NOMINAL, (0.0, 0.0)), (panda, (0.02, -0.05))):
+        found = BatchedHold("cpu", arm, tilt)(torch.tensor(q, dtype=torch.float32)).numpy()
+        np.testing.assert_allclose(found, Hold(arm, tilt)(q), atol=2e-4)
+
+
+def test_an_arm_with_a_payload_sags_by_what_its_stiffness_leaves():
+    patch = Patch((PatchEffect("payload", "arm", {"mass": 0.5, "z": 0.05}),))
+    physics = BatchedPhysics(CARD, 1, "cpu", PhysicsConfig(effects=patch))
+    for _ in range(10):
+        physics.advance()
+    q = physics.qpos[:, ARM]
+    missing = ArmEffects(patch, 0.005).extra(q[0].numpy().astype(float), np.zeros(7))
+    sag = q[0].numpy() - NOMINAL.ready
+    stuck = NOMINAL.frictionloss / HOLD_STIFFNESS  # where dry friction holds
+    assert np.abs(sag - missing / HOLD_STIFFNESS).max() <= stuck.max() + 1e-3
+    assert sag[3] < -0.02
+
+
+def test_a_world_that_is_placed_anew_knows_nothing_of_the_episode_before():
+    patch = Patch((PatchEffect("measurement_delay", "arm", {"delay": 0.02}),))
+    physics = BatchedPhysics(CARD, 2, "cpu", PhysicsConfig(effects=patch))
+    for _ in range(2):
+        physics.advance()
+    qpos = physics.qpos.clone()
+    qpos[1, 0] += 0.5
+    physics.place(torch.tensor([1]), qpos[1:])
+    physics.hold(torch.arange(2), qpos[:, ARM])
+    physics.advance()
+    assert abs(float(physics.qpos[1, 0] - qpos[1, 0])) < 2e-3  # not torn back to where it was seen before
+    assert physics.peak[1, 1].max() < 0.2
+
+
+def test_policies_see_what_the_sensors_say():
+    patch = Patch((PatchEffect("encoder_bias", "panda_joint4", {"bias": 0.01}),))
+    physics = BatchedPhysics(CARD, 2, "cpu", PhysicsConfig(effects=patch))
+    for _ in range(2):
+        physics.advance()
+    off = (physics.seen_q - physics.qpos[:, :9]).numpy()
+    np.testing.assert_allclose(off[:, 3], 0.01, atol=1e-6)
+    assert np.abs(np.delete(off, 3, axis=1)).max() < 1e-6
+
+
 @pytest.mark.parametrize("effect", sorted(set(RECORDS) - set(CARRIED)))
 def test_everything_else_is_refused_by_name(effect):
-    component = "arm" if effect in ("payload", "base_tilt", "command_delay") else "panda_joint3"
+    component = "arm" if RECORDS[effect].place is Place.ARM else "panda_joint3"
     patch = Patch((*PATCH.effects, PatchEffect(effect, component, {RECORDS[effect].quantities[0].name: 0.01})))
     with pytest.raises(ValueError, match=f"got {effect} at {component}"):
         check_carried(patch)

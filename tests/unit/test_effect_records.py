@@ -112,7 +112,7 @@ def test_classes_name_effects_of_the_catalogue():
 def test_an_effect_of_ones_own_is_one_file():
     found = find_records(str(EXAMPLES))
     assert set(found) - set(RECORDS) == {"steady_pull"}
-    assert found["steady_pull"].carriers == ("bridge", "forward")
+    assert found["steady_pull"].carriers == ("bridge", "forward", "training")
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ def gap(effect, component=JOINT, **parameters):
 
 
 def driven(model, commands):
-    return np.array([model.drive(row) for row in commands])
+    return np.array([model.drive(row, NOMINAL.ready) for row in commands])
 
 
 @given(torques, angles, speeds)
@@ -231,7 +231,10 @@ def test_encoders_read_in_steps_and_torque_sensors_are_off(q, dq, step, gain, of
 def test_what_a_backend_cannot_carry_is_named_and_does_nothing(effect):
     model = gap(effect, **{RECORDS[effect].quantities[0].name: 0.01})
     assert model.ignored == (effect,)
-    assert np.array_equal(model.drive(np.ones(7)), np.ones(7)) and not model.extra(NOMINAL.ready, np.ones(7)).any()
+    assert (
+        np.array_equal(model.drive(np.ones(7), NOMINAL.ready), np.ones(7))
+        and not model.extra(NOMINAL.ready, np.ones(7)).any()
+    )
 
 
 @settings(deadline=None, max_examples=30)
@@ -263,7 +266,7 @@ def test_side_by_side_is_one_by_one(effects, seed):
         lost = [e for e in effects if e.effect == "packet_loss"]
         if not lost:
             assert np.allclose(
-                together.drive(command), [one.drive(row) for one, row in zip(alone, command)], atol=1e-12
+                together.drive(command, q), [one.drive(*row) for one, row in zip(alone, zip(command, q))], atol=1e-12
             )
         assert np.allclose(together.extra(q, dq), [one.extra(*row) for one, row in zip(alone, zip(q, dq))], atol=1e-12)
         seen = zip(*(one.sense(*row) for one, row in zip(alone, zip(q, dq, command))))

@@ -158,7 +158,12 @@ def test_the_report_is_one_file_with_everything(tmp_path, capsys):
     assert command.main([str(bag), "--out", str(tmp_path / "report.html")]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["successes"] == 1
     text = (tmp_path / "report.html").read_text()
-    assert text.count("<svg") == 7 and "Depth of contact" in text and "Joint speed" in text and "data:video/webm;base64," in text
+    assert (
+        text.count("<svg") == 7
+        and "Depth of contact" in text
+        and "Joint speed" in text
+        and "data:video/webm;base64," in text
+    )
     for expected in (
         "episode_000",
         "succeeded",

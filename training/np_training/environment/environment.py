@@ -143,8 +143,8 @@ class Environment:
     def observe(self) -> tuple[torch.Tensor, torch.Tensor]:
         """What the policy sees (n, 79), with sensor noise, and what only the critic sees beside it (n, 29)."""
         c = self.config.conditions
-        q = self.physics.qpos[:, :9] + c.joint_noise * self._normal(self.config.worlds, 9)
-        dq = self.physics.qvel[:, :9] + c.velocity_noise * self._normal(self.config.worlds, 9)
+        q = self.physics.seen_q + c.joint_noise * self._normal(self.config.worlds, 9)
+        dq = self.physics.seen_dq + c.velocity_noise * self._normal(self.config.worlds, 9)
         position, rotation = forward_kinematics(q[:, ARM])
         objects, goals = as_seen(self.domain, self.objects, self.goals)
         pixels = normalised_keypoints(self._seen_corners(objects)) + self.keypoint_bias
@@ -291,7 +291,7 @@ class Environment:
         before = self.measure()
         if config.conditions.image_latency != (0.0, 0.0):
             self._remember_corners()
-        q = physics.qpos[:, ARM].clone()
+        q = physics.seen_q[:, ARM].clone()
         position, rotation = forward_kinematics(q)
         target = actions.decode(action, position, rotation, self.limits)
         physics.aim(solve_ik(q, target.position, target.rotation), target)

@@ -1,7 +1,7 @@
 """Many copies of the scene on one device: MuJoCo Warp under the impedance law, or in operational space.
 
 One call of `advance` is one policy period: `substeps` physics steps, each with the control law in front, all
-in one captured CUDA graph. PyTorch tensors alias the simulator's arrays, so resets and observations need no
+in one captured CUDA graph (with effects that have a memory, step by step). PyTorch tensors alias the simulator's arrays, so resets and observations need no
 copies.
 """
 
@@ -27,7 +27,7 @@ from np_policy.action import Target
 from np_training.physics.batched_contacts import BatchedContacts
 from np_training.physics.batched_kinematics import forward_kinematics
 from np_training.physics.batched_operational_space import make_gains, operational_space_kernel, watch_share
-from np_training.physics.carried_effects import check_carried
+from np_training.physics.carried_effects import batched_effects, check_carried
 from np_training.physics.chain import make_chain
 
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.
@@ -48,6 +48,7 @@ CAPACITY = (
     | mjw.OverflowType.NARROWPHASE
     | mjw.OverflowType.CCD
 )
+REMEMBERED = 0.05  # s, after which drives and sensors have forgotten an episode before: the largest delay of theirs
 HOLD_STIFFNESS, HOLD_DAMPING_RATIO = 100.0, 1.0  # while an episode's first target is on its way
 ARM, OBJECT_POSITION, OBJECT_QUATERNION = slice(0, 7), slice(9, 12), slice(12, 16)
 
@@ -57,7 +58,7 @@ class PhysicsConfig:
     """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
     contact: how rough and how hard everything is; supports: whether the object stands on patches, for `support`;
     controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, with
-    the gains `cartesian`); effects: what the arm has besides the nominal one, as far as np_training.physics.carried_effects carries it."""
+    the gains `cartesian`); effects: what the arm has besides the nominal one (np_training.physics.carried_effects)."""
 
     timestep: float = 0.005
     substeps: int = 20
@@ -148,7 +149,8 @@ class BatchedPhysics:
     command (6, worlds, 7), see `impedance_kernel` and `operational_space_kernel`; delay (worlds,) substeps;
     noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
     the limits of joint velocity, and of torque as commanded; peak (2, worlds, 7): the largest shares of them; margin (worlds,):
-    share of the data sheet's joint velocity that counts as the limit, and of its torque.
+    share of the data sheet's joint velocity that counts as the limit, and of its torque; seen_q rad, m, seen_dq (worlds, 9):
+    what the sensors say of joints and fingers.
     """
 
     def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
@@ -195,6 +197,15 @@ class BatchedPhysics:
         self.command, self.delay, self.noise, self.over, self.peak, self.margin = (
             wp.to_torch(a) for a in (self._command, self._delay, self._noise, self._over, self._peak, self._margin)
         )
+        self._effects = batched_effects(config.effects, config.timestep, device)
+        # What the sensors say of joints and fingers, which the control law and the policies go by: the truth itself without them.
+        self.seen_q, self.seen_dq = self.qpos[:, :9], self.qvel[:, :9]
+        self._seen = [d.qpos, d.qvel]
+        if self._effects is not None:
+            self.seen_q, self.seen_dq = self.qpos[:, :9].clone(), self.qvel[:, :9].clone()
+            self._seen = [wp.from_torch(self.seen_q), wp.from_torch(self.seen_dq)]
+            self._extra = wp.to_torch(d.qfrc_applied)
+            self._since = torch.zeros(worlds, dtype=torch.long, device=self.device)  # steps since a world was placed
         self.hold(torch.arange(worlds, device=self.device), self.qpos[:, ARM])
         self.friction, self.mass, self.subtree_mass, self.inertia, self._solimp, self._solref, self._size = (
             wp.to_torch(getattr(self.model, name)) for name in RANDOMISED
@@ -249,6 +260,9 @@ class BatchedPhysics:
 
     def advance(self) -> None:
         """One policy period under the current commands."""
+        if self._effects is not None:
+            self._advance_with_effects()
+            return
         if not self._wp_device.is_cuda:
             with wp.ScopedDevice(self._wp_device):
                 self._period()
@@ -265,31 +279,72 @@ class BatchedPhysics:
         wp.capture_launch(self._graph)
 
     def _period(self) -> None:
-        d = self.data
         for substep in range(self.config.substeps):
-            state = [d.qpos, d.qvel, d.qfrc_bias, d.qfrc_gravcomp]
-            command = [self._command, self._delay, self._noise, self._margin]
-            out = [d.ctrl, self._over, self._peak]
-            if self.config.controller == "osc":
-                wp.launch(
-                    operational_space_kernel,
-                    dim=self.worlds,
-                    inputs=[substep, self._chain, self._gains, self._limit, *state, d.M, *command],
-                    outputs=out,
-                )
-            else:
-                wp.launch(
-                    impedance_kernel,
-                    dim=(self.worlds, 7),
-                    inputs=[substep, self._limit, *state, *command],
-                    outputs=out,
-                )
-            mjw.step(self.model, d)
+            self._command_torque(substep)
+            mjw.step(self.model, self.data)
+
+    def _command_torque(self, substep: int) -> None:
+        d = self.data
+        state = [*self._seen, d.qfrc_bias, d.qfrc_gravcomp]
+        command = [self._command, self._delay, self._noise, self._margin]
+        out = [d.ctrl, self._over, self._peak]
+        if self.config.controller == "osc":
+            wp.launch(
+                operational_space_kernel,
+                dim=self.worlds,
+                inputs=[substep, self._chain, self._gains, self._limit, *state, d.M, *command],
+                outputs=out,
+            )
+        else:
+            wp.launch(
+                impedance_kernel,
+                dim=(self.worlds, 7),
+                inputs=[substep, self._limit, *state, *command],
+                outputs=out,
+            )
+
+    def _advance_with_effects(self) -> None:
+        """A period in which what is commanded, felt and measured passes through the effects; the step alone is captured."""
+        effects, q, dq, ctrl = self._effects, self.qpos[:, ARM], self.qvel[:, ARM], self.ctrl[:, ARM]
+        with wp.ScopedDevice(self._wp_device):
+            for substep in range(self.config.substeps):
+                self._command_torque(substep)
+                ctrl.copy_(torch.where(self._is_fresh, ctrl, effects.drive(ctrl, q)))
+                self._extra[:, ARM] = effects.extra(q, dq)
+                self._step()
+                self._since += 1
+                self._sense()
+
+    def _step(self) -> None:
+        """A physics step that is captured by itself."""
+        if not self._wp_device.is_cuda:
+            mjw.step(self.model, self.data)
+        elif self._graph is None:
+            mjw.step(self.model, self.data)  # compiles every kernel before the capture
+            with wp.ScopedCapture() as capture:
+                mjw.step(self.model, self.data)
+            self._graph = capture.graph
+        else:
+            wp.capture_launch(self._graph)
+
+    @property
+    def _is_fresh(self) -> torch.Tensor:
+        """Worlds (worlds, 1) that drives and sensors remember otherwise than they are: they were just placed anew."""
+        return (self._since < round(REMEMBERED / self.config.timestep))[:, None]
+
+    def _sense(self) -> None:
+        q, dq = self.qpos[:, ARM], self.qvel[:, ARM]
+        seen = self._effects.sense(q.clone(), dq.clone(), self.ctrl[:, ARM].clone())
+        for kept, truth, said in zip((self.seen_q, self.seen_dq), (self.qpos, self.qvel), seen):
+            kept.copy_(truth[:, :9])
+            kept[:, ARM] = torch.where(self._is_fresh, kept[:, ARM], said)
 
     def place(self, where: torch.Tensor, qpos: torch.Tensor, sunk: torch.Tensor | float = 0.0) -> None:
         """Put the worlds `where` (n,) at rest at qpos (n, 16), with the obstacles sunk (n,) m below where they are."""
         self.qpos[where] = qpos
         self.qvel[where] = 0
+        if self._effects is not None:
+            self.seen_q[where], self.seen_dq[where], self._since[where] = qpos[:, :9], 0.0, 0
         for array in self._stale:  # of the state before: solver warm start and Coriolis terms
             array[where] = 0
         for geom, height in self._obstacles.items():

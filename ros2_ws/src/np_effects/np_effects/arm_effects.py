@@ -6,27 +6,37 @@ gear, are no simulated arm's to carry: `ignored` names them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
+from np_description.panda import NOMINAL
+from np_description.rotations import namespace
+from np_effects.arrays import NUMPY, Arrays
 from np_effects.behaviour import Values
 from np_effects.patch import Patch
 from np_effects.record import EffectRecord
 from np_effects.registry import RECORDS
-from np_effects.weight import Hold, LeftOver, Weight
+from np_effects.weight import Weight
 
 
 class ArmEffects:
-    """The effects of one simulated arm, or of S side by side.
+    """The effects of one simulated arm, or of many side by side.
 
-    patch: one, and every array below is (7,); or a sequence of S, and they are (S, 7). period: s of a control period, in
-    which `drive`, `extra` and `sense` are called once each. seed: of lost packets, the same ones in all arms. begin: s for
-    which the arms had been moving, a number or (S,).
+    patch: one, and every array below is (7,), or (n, 7) for as many arms as that; or a sequence of S, and they are (S, 7).
+    period: s of a control period, in which `drive`, `extra` and `sense` are called once each. seed: of lost packets, the same
+    ones in all arms. begin: s for which the arms had been moving, a number or (S,). arrays: NumPy's, or others.
     """
 
-    def __init__(self, patch: Patch | Sequence[Patch], period: float, seed: int = 0, begin: float | np.ndarray = 0.0):
+    def __init__(
+        self,
+        patch: Patch | Sequence[Patch],
+        period: float,
+        seed: int = 0,
+        begin: float | np.ndarray = 0.0,
+        arrays: Arrays = NUMPY,
+    ):
         patches = (patch,) if isinstance(patch, Patch) else tuple(patch)
         lead = () if isinstance(patch, Patch) else (len(patches),)
         named = {e.effect for p in patches for e in p.effects}
@@ -37,34 +47,33 @@ class ArmEffects:
             def by_joint(name: str) -> np.ndarray:
                 return np.array([p.per_joint(effect, name) for p in patches]).reshape(*lead, 7)
 
-            return Values(by_joint, lead, period, seed, np.zeros(lead) + begin)
+            library = NUMPY if RECORDS[effect].numpy_only else arrays
+            return Values(by_joint, lead, period, seed, np.zeros(lead) + begin, library)
 
         on_drive = sorted((r for r in present if r.drive), key=lambda r: r.drive.slot)
         on_sensors = sorted((r for r in present if r.sensors), key=lambda r: r.sensors.slot)
-        self._drive = [(r.drive.make(values(r.id)), _share_of_weight(r, values(r.id))) for r in on_drive]
-        self._hold = Hold() if any(share is not None for _, share in self._drive) else None
-        self._resist = [r.joints(values(r.id)) for r in present if r.joints]
-        self._sense = [r.sensors.make(values(r.id)) for r in on_sensors]
-        self._left_over = [_left_over(p) for p in patches]
+        own = partial(_of_own_library, arrays)
+        self._drive = [(own(r, r.drive.make(values(r.id))), _share_of_weight(r, values(r.id))) for r in on_drive]
+        self._hold = arrays.hold(NOMINAL) if any(share is not None for _, share in self._drive) else None
+        self._resist = [own(r, r.joints(values(r.id))) for r in present if r.joints]
+        self._sense = [own(r, r.sensors.make(values(r.id))) for r in on_sensors]
+        left_over = [_left_over(p, arrays) for p in patches]
+        self._left_over = left_over[0] if isinstance(patch, Patch) else _row_by_row(left_over)
 
     def drive(self, torque: np.ndarray, q: np.ndarray) -> np.ndarray:
         """What the drives give, Nm, gravity apart, on average over the period in which `torque` Nm is commanded at q rad."""
-        torque, held = np.array(torque, dtype=float), 0.0
-        if self._hold is not None:
-            held = np.array([self._hold(angles) for angles in q.reshape(-1, 7)]).reshape(q.shape)
+        torque = namespace(torque).asarray(torque, copy=True)
+        held = 0.0 if self._hold is None else self._hold(q)
         for stage, share in self._drive:
             torque = stage(torque) if share is None else stage(torque + share * held) - share * held
         return torque
 
     def extra(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         """Torque Nm on the joints that nothing else accounts for, at q rad, dq rad/s."""
-        torque = np.zeros(q.shape)
+        torque = namespace(q).zeros_like(q)
         for resist in self._resist:
-            torque -= resist(q, dq)
-        for left_over, row, angles in zip(self._left_over, torque.reshape(-1, 7), q.reshape(-1, 7)):
-            if left_over is not None:
-                row += left_over(angles)
-        return torque
+            torque = torque - resist(q, dq)
+        return torque if self._left_over is None else torque + self._left_over(q)
 
     def sense(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the sensors say of joint angle, speed and torque."""
@@ -76,15 +85,41 @@ class ArmEffects:
 def _share_of_weight(record: EffectRecord, values: Values) -> np.ndarray | None:
     """Of the compensated gravity in what a stage of the drive acts on, by joint: 1 or 0; None where it has nothing to do
     with it."""
-    return 1.0 - np.minimum(values("gravity_apart"), 1.0) if record.drive.of_total else None
+    return 1.0 - values("gravity_apart").clip(None, 1.0) if record.drive.of_total else None
 
 
-def _left_over(patch: Patch) -> LeftOver | None:
-    """What gravity leaves on the joints of this arm; None where no effect touches it."""
+def _of_own_library(arrays: Arrays, record: EffectRecord, hook: Callable) -> Callable:
+    """The hook, which gets arrays of the library that it was written for."""
+    if arrays is NUMPY or not record.numpy_only:
+        return hook
+
+    def through_numpy(*values):
+        results = hook(*(np.asarray(value.cpu(), dtype=float) for value in values))
+        return tuple(map(arrays.array, results)) if isinstance(results, tuple) else arrays.array(results)
+
+    return through_numpy
+
+
+LeftOver = Callable[[np.ndarray], np.ndarray]
+"""What gravity leaves on the joints, Nm, at angles (..., 7) rad: compensation minus weight."""
+
+
+def _left_over(patch: Patch, arrays: Arrays) -> LeftOver | None:
+    """Of this arm; None where no effect touches it."""
     weight, changes = (
         Weight(),
         [partial(e.record.weight, component=e.component, values=e.values) for e in patch.effects if e.record.weight],
     )
     for change in changes:
         weight = change(weight)
-    return LeftOver(weight, patch.panda()) if changes else None
+    if not changes:
+        return None
+    nominal, real, bias = arrays.hold(NOMINAL), arrays.hold(patch.panda(), weight.tilt), arrays.array(weight.bias)
+    return lambda q: weight.share * nominal(q + bias) - real(q)
+
+
+def _row_by_row(parts: Sequence[LeftOver | None]) -> LeftOver | None:
+    """Of arms side by side (S, 7)."""
+    if not any(parts):
+        return None
+    return lambda q: np.stack([np.zeros(7) if part is None else part(row) for part, row in zip(parts, q)])

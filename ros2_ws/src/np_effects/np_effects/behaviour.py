@@ -9,6 +9,9 @@ from enum import IntEnum
 
 import numpy as np
 
+from np_description.rotations import namespace
+from np_effects.arrays import NUMPY, Arrays
+
 STICTION_SPEED = 0.005  # rad/s at which a friction that is an explicit torque has its full level
 
 Drive = Callable[[np.ndarray], np.ndarray]
@@ -20,17 +23,18 @@ Resistance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 @dataclass(frozen=True)
 class Values:
     """An effect's quantities in the patches of all arms. lead: () for one arm, (S,) for S; period s; seed of what is random;
-    begin (*lead) s for which the arms had been moving."""
+    begin (*lead) s for which the arms had been moving; arrays: what they are arrays of."""
 
     of: Callable[[str], np.ndarray]
     lead: tuple[int, ...]
     period: float
     seed: int
     begin: np.ndarray
+    arrays: Arrays = NUMPY
 
     def __call__(self, name: str) -> np.ndarray:
         """A quantity (*lead, 7) by joint, 0 where the effect is not."""
-        return self.of(name)
+        return self.arrays.array(self.of(name))
 
 
 class DriveSlot(IntEnum):
@@ -82,22 +86,23 @@ class Delay:
     def __call__(self, value: np.ndarray) -> np.ndarray:
         """What is there after the delay while `value` comes in."""
         self._past.append(value)
-        return _before(self._past, np.broadcast_to(self._periods, value.shape))
+        return _before(self._past, namespace(value).broadcast_to(self._periods, value.shape))
 
 
 def _before(past: Sequence[np.ndarray], periods: np.ndarray) -> np.ndarray:
-    rows, last = np.array(past), len(past) - 1
-    whole = np.floor(periods).astype(int)
+    xp = namespace(periods)
+    take = xp.take_along_axis if xp is np else xp.take_along_dim
+    rows, last, whole = xp.stack(list(past)), len(past) - 1, xp.floor(periods)
     share = periods - whole
-    newer, older = (np.take_along_axis(rows, np.maximum(last - whole - k, 0)[None], axis=0)[0] for k in (0, 1))
+    newer, older = (take(rows, xp.asarray((last - whole - k).clip(0), dtype=xp.int64)[None], 0)[0] for k in (0, 1))
     return (1 - share) * newer + share * older
 
 
 def direction(speed: np.ndarray) -> np.ndarray:
     """Direction of motion -1..1, smooth through standstill."""
-    return np.tanh(speed / STICTION_SPEED)
+    return namespace(speed).tanh(speed / STICTION_SPEED)
 
 
 def unlimited(limit: np.ndarray) -> np.ndarray:
     """A limit, infinite where none (0) is given."""
-    return np.where(limit > 0, limit, np.inf)
+    return namespace(limit).where(limit > 0, limit, np.inf)

@@ -62,7 +62,8 @@ class EffectRecord:
     it could show in a recording. panda: change of the rigid-body model, given the component and the quantities. weight:
     change of what gravity leaves on the joints. drive, joints, sensors: what it does behind the torque interface, on the
     joints, to the measurements. shows_in_motion: whether a simulated motion tells its size, so that it can be fitted there.
-    text: its row of the catalogue where data/gap_effects.yaml has none.
+    numpy_only: its hooks take NumPy's arrays alone (np_effects.arrays): training carries it as well, at the price of a copy to
+    the processor every period. text: its row of the catalogue where data/gap_effects.yaml has none.
     """
 
     id: str
@@ -76,6 +77,7 @@ class EffectRecord:
     joints: Callable[[Values], Resistance] | None = None
     sensors: OnSensors | None = None
     shows_in_motion: bool = True
+    numpy_only: bool = False
     text: Mapping[str, str] | None = None
 
     @property
@@ -92,11 +94,6 @@ class EffectRecord:
         return self.text or catalogue()[self.id]
 
     @property
-    def is_rigid(self) -> bool:
-        """Whether it is nothing but numbers of the rigid-body model, which any simulator has: training carries it."""
-        return self.panda is not None and not (self.weight or self.drive or self.joints or self.sensors)
-
-    @property
     def is_simulated(self) -> bool:
         """Whether the simulated arm of the bridge and of the doctor has it at all."""
         return any((self.panda, self.weight, self.drive, self.joints, self.sensors))
@@ -109,5 +106,5 @@ class EffectRecord:
     @property
     def carriers(self) -> tuple[str, ...]:
         """Who carries it: bridge, forward (the doctor's forward model), training."""
-        named = {"bridge": self.is_simulated, "forward": self.is_refitted, "training": self.is_rigid}
+        named = {"bridge": self.is_simulated, "forward": self.is_refitted, "training": self.is_simulated}
         return tuple(name for name, carries in named.items() if carries)

@@ -36,7 +36,9 @@ class Hold:
         self._data = mujoco.MjData(self._model)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Torque (7,) Nm at angles (7,) rad."""
+        """Torque (..., 7) Nm at angles (..., 7) rad."""
+        if q.ndim > 1:
+            return np.stack([self(row) for row in q])
         mujoco, model, data = self._engine, self._model, self._data
         data.qpos[:7], data.qvel[:] = q, 0.0
         mujoco.mj_kinematics(model, data)
@@ -45,14 +47,3 @@ class Hold:
         mujoco.mj_comVel(model, data)
         mujoco.mj_rne(model, data, 0, result)
         return result[:7]
-
-
-class LeftOver:
-    """What is left on the joints: compensation minus weight."""
-
-    def __init__(self, weight: Weight, panda: PandaModel):
-        self._weight, self._nominal, self._real = weight, Hold(), Hold(panda, weight.tilt)
-
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Torque (7,) Nm at angles (7,) rad."""
-        return self._weight.share * self._nominal(q + self._weight.bias) - self._real(q)

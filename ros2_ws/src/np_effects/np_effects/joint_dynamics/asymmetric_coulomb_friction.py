@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from np_effects.behaviour import Resistance, Values, direction
 from np_effects.evidence import Context
 from np_effects.panda_changes import added
@@ -37,7 +35,7 @@ def _signatures(context: Context) -> list[Signature]:
 def _uneven(values: Values) -> Resistance:
     # Half the sum of both levels slows both ways (`panda`); half their difference is a torque of one sign.
     half = 0.5 * (values("level_positive") - values("level_negative"))
-    return lambda q, dq: half * np.abs(direction(dq))
+    return lambda q, dq: half * abs(direction(dq))
 
 
 RECORD = EffectRecord(

@@ -34,7 +34,7 @@ def _signatures(context: Context) -> list[Signature]:
 
 def _uneven(values: Values) -> Resistance:
     half = 0.5 * (values("coefficient_positive") - values("coefficient_negative"))
-    return lambda q, dq: half * np.abs(dq)
+    return lambda q, dq: half * abs(dq)
 
 
 RECORD = EffectRecord(

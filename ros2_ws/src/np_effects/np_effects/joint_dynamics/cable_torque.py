@@ -29,8 +29,8 @@ def _signatures(context: Context) -> list[Signature]:
 
 
 def _pull(values: Values) -> Resistance:
-    stiffness, offset = values("stiffness"), values("offset")
-    return lambda q, dq: stiffness * (q - NOMINAL.ready) + offset
+    stiffness, offset, slack = values("stiffness"), values("offset"), values.arrays.array(NOMINAL.ready)
+    return lambda q, dq: stiffness * (q - slack) + offset
 
 
 RECORD = EffectRecord(

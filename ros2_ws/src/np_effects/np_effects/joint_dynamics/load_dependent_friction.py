@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_description.panda import NOMINAL
 from np_effects.behaviour import Resistance, Values, direction
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import Parameter, Signature, stack
 from np_effects.stage import Stage
-from np_effects.weight import Hold
 
 COEFFICIENT = Quantity("coefficient", "1", 0.0, 0.5)
 
@@ -26,13 +26,8 @@ def _signatures(context: Context) -> list[Signature]:
 
 
 def _by_load(values: Values) -> Resistance:
-    coefficient, hold = values("coefficient"), Hold()
-
-    def resist(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-        held = np.array([hold(row) for row in q.reshape(-1, 7)]).reshape(q.shape)
-        return coefficient * np.abs(held) * direction(dq)
-
-    return resist
+    coefficient, hold = values("coefficient"), values.arrays.hold(NOMINAL)
+    return lambda q, dq: coefficient * abs(hold(q)) * direction(dq)
 
 
 RECORD = EffectRecord(

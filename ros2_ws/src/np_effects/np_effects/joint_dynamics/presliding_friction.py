@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_description.rotations import namespace
 from np_effects.behaviour import Resistance, Values
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -38,14 +39,15 @@ def _signatures(context: Context) -> list[Signature]:
 
 
 def _bristles(values: Values) -> Resistance:
-    level, stroke = values("level"), np.maximum(values("stroke"), 1e-4)
-    bristle, last = np.zeros((*values.lead, 7)), None
+    level, stroke = values("level"), values("stroke").clip(1e-4)
+    bristle, last = 0.0 * level, None
 
     def resist(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         nonlocal bristle, last
+        xp = namespace(q)
         moved = q - (q if last is None else last)
-        last = q.copy()
-        bristle = np.sign(moved) + (bristle - np.sign(moved)) * np.exp(-np.abs(moved) / stroke)
+        last = xp.asarray(q, copy=True)
+        bristle = xp.sign(moved) + (bristle - xp.sign(moved)) * xp.exp(-abs(moved) / stroke)
         return level * bristle
 
     return resist

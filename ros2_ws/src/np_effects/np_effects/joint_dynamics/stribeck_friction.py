@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_description.rotations import namespace
 from np_effects.behaviour import Resistance, Values, direction
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -35,8 +36,8 @@ def _signatures(context: Context) -> list[Signature]:
 
 
 def _near_standstill(values: Values) -> Resistance:
-    breakaway, speed = values("breakaway"), np.maximum(values("speed"), 1e-3)
-    return lambda q, dq: breakaway * direction(dq) * np.exp(-((dq / speed) ** 2))
+    breakaway, speed = values("breakaway"), values("speed").clip(1e-3)
+    return lambda q, dq: breakaway * direction(dq) * namespace(dq).exp(-((dq / speed) ** 2))
 
 
 RECORD = EffectRecord(

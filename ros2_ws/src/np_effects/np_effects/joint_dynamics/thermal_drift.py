@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_description.panda import NOMINAL
+from np_description.rotations import namespace
 from np_effects.behaviour import Resistance, Values, direction
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -45,13 +46,15 @@ def _signatures(context: Context) -> list[Signature]:
 
 def _drift(values: Values) -> Resistance:
     change, lasting = values("change"), values("duration")
-    duration, time = np.where(lasting > 0, lasting, USUAL_DURATION), values.begin
+    xp, array = namespace(change), values.arrays.array
+    duration, time = xp.where(lasting > 0, lasting, USUAL_DURATION), array(values.begin)
+    coulomb, viscous = array(NOMINAL.frictionloss), array(NOMINAL.damping)
 
     def resist(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         nonlocal time
         time = time + values.period
-        nominal = NOMINAL.frictionloss * direction(dq) + NOMINAL.damping * dq
-        return change * np.minimum(time[..., None] / duration, 1.0) * nominal
+        nominal = coulomb * direction(dq) + viscous * dq
+        return change * (time[..., None] / duration).clip(None, 1.0) * nominal
 
     return resist
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_description.rotations import namespace
 from np_effects.behaviour import Resistance, Values
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -37,7 +38,8 @@ def _signatures(context: Context) -> list[Signature]:
 
 def _ripple(values: Values) -> Resistance:
     sine, cosine, order = values("sine"), values("cosine"), values("order")
-    return lambda q, dq: sine * np.sin(order * q) + cosine * np.cos(order * q)
+    xp = namespace(sine)
+    return lambda q, dq: sine * xp.sin(order * q) + cosine * xp.cos(order * q)
 
 
 RECORD = EffectRecord(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_description.rotations import namespace
 from np_effects.behaviour import OnSensors, SensorSlot, Values
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -44,10 +45,11 @@ def _signatures(context: Context) -> list[Signature]:
 
 def _in_steps(values: Values):
     step = values("step")
-    coarse = step > 0
+    xp, coarse = namespace(step), step > 0
+    width = xp.where(coarse, step, 1.0)
 
     def sense(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return np.where(coarse, np.round(q / np.where(coarse, step, 1.0)) * step, q), dq, torque
+        return xp.where(coarse, xp.round(q / width) * step, q), dq, torque
 
     return sense
 

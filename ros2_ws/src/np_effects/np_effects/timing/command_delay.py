@@ -53,7 +53,7 @@ def _signatures(context: Context) -> list[Signature]:
 
 
 def _late(values: Values) -> Drive:
-    return Delay(np.maximum(values("delay"), 0.0) / values.period)
+    return Delay(values("delay").clip(0.0) / values.period)
 
 
 RECORD = EffectRecord(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_description.rotations import namespace
 from np_effects import evidence
 from np_effects.behaviour import Delay, OnSensors, SensorSlot, Values
 from np_effects.evidence import Context
@@ -55,10 +56,10 @@ def _signatures(context: Context) -> list[Signature]:
 
 
 def _old(values: Values):
-    delay = Delay(np.maximum(values("delay"), 0.0) / values.period)
+    delay = Delay(values("delay").clip(0.0) / values.period)
 
     def sense(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        angle, speed = delay(np.array([q, dq], dtype=float))
+        angle, speed = delay(namespace(q).stack([q, dq]))
         return angle, speed, torque
 
     return sense

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_description.rotations import namespace
 from np_effects import evidence
 from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values
 from np_effects.evidence import Context
@@ -78,12 +79,13 @@ def _signatures(context: Context) -> list[Signature]:
 
 
 def _lose(values: Values) -> Drive:
-    share = values("share").max(axis=-1, keepdims=True)
+    share = values("share")
+    share = namespace(share).amax(share, -1)[..., None]  # a packet holds the commands of all joints
     rng, last = np.random.default_rng(values.seed), None  # the same packets in all arms
 
     def drive(torque: np.ndarray) -> np.ndarray:
         nonlocal last
-        last = torque if last is None else np.where(rng.random() < share, last, torque)
+        last = torque if last is None else namespace(torque).where(share > rng.random(), last, torque)
         return last
 
     return drive

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_description.rotations import namespace
 from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -33,7 +34,8 @@ def _signatures(context: Context) -> list[Signature]:
 
 def _follow(values: Values) -> Drive:
     lag, through = values("time_constant"), None
-    decay = np.where(lag > 0, np.exp(-values.period / np.maximum(lag, 1e-9)), 0.0)
+    xp = namespace(lag)
+    decay = xp.where(lag > 0, xp.exp(-values.period / lag.clip(1e-9)), 0.0)
     mean = lag / values.period * (1 - decay)
 
     def drive(torque: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from np_description.rotations import namespace
 from np_effects import evidence
 from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values, unlimited
 from np_effects.evidence import Context
@@ -54,7 +55,7 @@ def ramped(d: evidence.Drive, values: np.ndarray, rate: float) -> np.ndarray:
 
 def _short_of_end(rise: np.ndarray, step: np.ndarray | float) -> np.ndarray:
     """By how much the mean of a period is less than its end, of a ramp by `rise` that could have risen by `step`."""
-    return 0.5 * rise * np.abs(rise) / step
+    return 0.5 * rise * abs(rise) / step
 
 
 def _signature(limit: float, joint: int, apart: bool) -> Signature:
@@ -88,7 +89,7 @@ def _follow(values: Values) -> Drive:
     def drive(torque: np.ndarray) -> np.ndarray:
         nonlocal last
         begin = torque if last is None else last
-        last = np.clip(torque, begin - step, begin + step)
+        last = namespace(torque).clip(torque, begin - step, begin + step)
         return last - _short_of_end(last - begin, step)
 
     return drive

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from np_description.rotations import namespace
 from np_effects import behaviour
 from np_effects.behaviour import DriveSlot, OnDrive, Values, unlimited
 from np_effects.evidence import Context, Drive
@@ -58,7 +59,7 @@ def _levels(d: Drive, joint: int, apart: bool) -> list[float]:
 
 def _clip(values: Values) -> behaviour.Drive:
     limit = unlimited(values("limit"))
-    return lambda torque: np.clip(torque, -limit, limit)
+    return lambda torque: namespace(torque).clip(torque, -limit, limit)
 
 
 RECORD = EffectRecord(
