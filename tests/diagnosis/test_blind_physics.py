@@ -219,7 +219,7 @@ def test_an_offset_pushes_the_way_that_patch_and_sim_bridge_say():
         plant.begin(plant.q, plant.dq)
         plant.step(np.zeros((1, 7)))
     bridge = ArmEffects(Patch((PatchEffect("torque_offset", NOMINAL.joints[3], {"offset": offset}),)), PERIOD)
-    assert bridge.drive(np.zeros(7))[3] == offset
+    assert bridge.drive(np.zeros(7), READY)[3] == offset
     assert np.sign((plant.q - READY)[0, 3]) == np.sign(offset)
     entry = {"effect": "torque_offset", "component": NOMINAL.joints[3], "parameters": {"offset": offset}}
     assert np.array_equal(patched_physics([[entry]]).offset, physics.offset)
