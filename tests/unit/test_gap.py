@@ -12,6 +12,7 @@ from np_effects import RECORDS
 from np_effects.arm_effects import ArmEffects
 from np_effects.behaviour import STICTION_SPEED
 from np_effects.patch import Patch, PatchEffect
+from np_effects.weight import Hold
 
 PERIOD = 0.002
 JOINT = "panda_joint3"
@@ -48,29 +49,39 @@ def test_a_command_acts_after_its_delay(commands, delay):
 
 
 @given(st.floats(5e-4, 0.03), st.floats(-10, 10), st.floats(-10, 10))
-def test_a_lag_is_first_order(lag, before, after):
+def test_a_lag_is_first_order_and_a_period_its_mean(lag, before, after):
     model = gap("actuator_lag", time_constant=lag)
     commands = np.vstack([np.full((1, 7), before), np.full((25, 7), after)])
     given_ = driven(model, commands)
     elapsed = np.arange(26) * PERIOD
-    assert np.allclose(given_[:, at], after + (before - after) * np.exp(-elapsed / lag), atol=1e-9)
+    # The step comes with the period that begins at elapsed = 0, in row 1.
+    mean = np.exp(-elapsed[:-1] / lag) * lag / PERIOD * (1 - np.exp(-PERIOD / lag))
+    assert given_[0, at] == pytest.approx(before)
+    assert np.allclose(given_[1:, at], after + (before - after) * mean, atol=1e-9)
     assert np.allclose(np.delete(given_, at, axis=1), np.delete(commands, at, axis=1))
 
 
 @given(torques, st.floats(0.5, 20.0))
 def test_a_drive_saturates(commands, limit):
-    expected = commands.copy()
-    expected[:, at] = np.clip(expected[:, at], -limit, limit)
-    assert np.array_equal(driven(gap("torque_saturation", limit=limit), commands), expected)
+    for values, held in (({}, Hold()(NOMINAL.ready)[at]), ({"gravity_apart": 1.0}, 0.0)):
+        expected = commands.copy()
+        expected[:, at] = np.clip(expected[:, at] + held, -limit, limit) - held
+        assert np.allclose(driven(gap("torque_saturation", limit=limit, **values), commands), expected, atol=1e-12)
 
 
 @given(torques, st.floats(10.0, 3000.0))
 def test_a_drive_follows_no_faster_than_its_rate(commands, rate):
-    given_ = driven(gap("torque_rate_limit", limit=rate), commands)
-    assert (np.abs(np.diff(given_[:, at])) <= rate * PERIOD + 1e-9).all()
-    # It goes towards what is asked for, as fast as it may.
-    for last, now, asked in zip(given_[:-1, at], given_[1:, at], commands[1:, at]):
-        assert now == pytest.approx(last + np.clip(asked - last, -rate * PERIOD, rate * PERIOD))
+    given_ = driven(gap("torque_rate_limit", limit=rate), commands)[:, at]
+    assert (np.abs(np.diff(given_)) <= rate * PERIOD + 1e-9).all()
+    # It goes towards what is asked for, as fast as it may, and then stays: of a period the mean.
+    torque, fine = commands[0, at], 200
+    for now, asked in zip(given_, commands[:, at]):
+        path = []
+        for _ in range(fine):
+            step = rate * PERIOD / fine
+            before, torque = torque, torque + np.clip(asked - torque, -step, step)
+            path.append(0.5 * (before + torque))
+        assert now == pytest.approx(np.mean(path), abs=rate * PERIOD / fine)
 
 
 @given(torques, st.floats(-0.3, 0.3), st.floats(-2, 2))
@@ -266,7 +277,9 @@ def test_side_by_side_is_one_by_one(effects, seed):
         lost = [e for e in effects if e.effect == "packet_loss"]
         if not lost:
             assert np.allclose(
-                together.drive(command, q), [one.drive(*row) for one, row in zip(alone, zip(command, q))], atol=1e-12
+                together.drive(command, q),
+                [one.drive(row, angles) for one, row, angles in zip(alone, command, q)],
+                atol=1e-12,
             )
         assert np.allclose(together.extra(q, dq), [one.extra(*row) for one, row in zip(alone, zip(q, dq))], atol=1e-12)
         seen = zip(*(one.sense(*row) for one, row in zip(alone, zip(q, dq, command))))
