@@ -8,6 +8,7 @@ setup(
     name=package_name,
     version="0.1.0",
     packages=find_packages(),
+    package_data={package_name: ["data/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
@@ -30,7 +31,9 @@ setup(
             "echo = np_bringup.nodes.echo_node:main",
             "evaluate = np_bringup.commands.evaluate:main",
             "goal = np_bringup.nodes.goal_node:main",
+            "robot_state = np_bringup.nodes.robot_state_node:main",
             "round_trip = np_bringup.nodes.round_trip_node:main",
+            "view = np_bringup.commands.view:main",
         ],
     },
 )

@@ -1,0 +1,66 @@
+"""`view [BAG]`: a web page that shows arm, object, goal and camera, of a bag or of the graph that is running."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from contextlib import closing
+
+from np_description.domains import DOMAINS, find_domain
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = argparse.ArgumentParser(prog="view", description=__doc__.partition(": ")[2])
+    p.add_argument("bag", nargs="?", help="bag to play; without one, the graph in this ROS_DOMAIN_ID")
+    p.add_argument("--domain", choices=list(DOMAINS), default="card", help="what a running graph works on; %(default)s")
+    p.add_argument("--host", default="127.0.0.1", help="address to serve at; 0.0.0.0 lets everybody look; %(default)s")
+    p.add_argument("--port", type=int, default=8300, help="0: any that is free; %(default)s")
+    return p
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point of the executable `view`; serves until Ctrl-C."""
+    options = parser().parse_args(arguments)
+    from np_record.command import interrupt_on_sigterm
+
+    interrupt_on_sigterm()
+    try:
+        return _play(options) if options.bag else _watch(options)
+    except KeyboardInterrupt:
+        return 0
+    except (ValueError, OSError) as error:  # a BagError is one
+        print(f"view: {error}", file=sys.stderr)
+        return 1
+
+
+def _play(options: argparse.Namespace) -> int:
+    import threading
+
+    from np_bringup.view.recorded import RecordedEpisode
+    from np_bringup.view.server import serve
+
+    _tell(serve(RecordedEpisode(options.bag), options.host, options.port))
+    threading.Event().wait()
+    return 0
+
+
+def _watch(options: argparse.Namespace) -> int:
+    from np_bringup.view.live import LiveGraph
+    from np_bringup.view.server import serve
+    from np_ros.domain import ros_domain_id
+    from np_ros.peer import Peer
+
+    ros_domain_id()  # raises ValueError with words
+    with closing(Peer("view")) as peer:
+        _tell(serve(LiveGraph(peer, find_domain(options.domain)), options.host, options.port))
+        while True:
+            peer.spin_once(0.2)
+
+
+def _tell(server) -> None:
+    print(f"http://{server.server_address[0]}:{server.server_port}/   Ctrl-C ends it", flush=True)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

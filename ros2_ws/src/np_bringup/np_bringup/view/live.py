@@ -1,0 +1,91 @@
+"""The present moment of a graph that is running."""
+
+from __future__ import annotations
+
+import threading
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Image, JointState
+
+from np_bringup.view.recorded import encoded, error
+from np_bringup.view.scene_data import SceneData
+from np_description.domains import Domain, Pose
+from np_description.panda import BASE_FRAME, STATE_NAMES
+from np_ros import qos
+from np_ros.messages import BadMessage, image_array, joint_state_arrays, pose_arrays, stamp_nanoseconds
+from np_ros.peer import Peer
+from np_ros.phases import phase_state
+
+_SILENT = "no joint_states in this ROS_DOMAIN_ID"
+
+
+class LiveGraph:
+    """Listens with a peer, whose thread calls `spin_once`; the page's threads ask. Nothing is published."""
+
+    def __init__(self, peer: Peer, domain: Domain):
+        self._scene, self._lock = SceneData(domain), threading.Lock()
+        self._state: bytes | None = None  # serialized: of 500 a second the page asks for twenty
+        self._pose: Pose | None = None
+        self._goal: Pose | None = None
+        self._phase, self._image = "", None
+        node = peer.node
+        stream = qos.REALTIME_SUBSCRIBER
+        node.create_subscription(JointState, "joint_states", self._on_state, stream, raw=True)
+        node.create_subscription(PoseStamped, "object_pose", self._on_pose, stream)
+        node.create_subscription(PoseStamped, "goal_pose", self._on_goal, qos.LATCHED)
+        node.create_subscription(DiagnosticArray, "episode/phase", self._on_phase, qos.LATCHED)
+        node.create_subscription(Image, "camera/image_raw", self._on_image, stream)
+
+    def scene(self) -> dict:
+        """What is drawn, and what kind of source this is."""
+        return {**self._scene.scene(), "live": True, "has_images": True}
+
+    def state(self) -> dict:
+        """Time s, poses, phase and error now; `poses` null, and why, before the first joint state."""
+        data, pose, goal = self._state, self._pose, self._goal
+        if data is None:
+            return {"time": 0.0, "poses": None, "phase": _SILENT, **error(None, None)}
+        message = deserialize_message(data, JointState)
+        try:
+            joints, stamp = joint_state_arrays(message, STATE_NAMES)[0], stamp_nanoseconds(message.header.stamp)
+        except BadMessage as bad:
+            return {"time": 0.0, "poses": None, "phase": f"joint_states: {bad}", **error(None, None)}
+        with self._lock:  # the scene's kinematics have one place for what they compute
+            poses = self._scene.poses(joints, pose, goal)
+        return {"time": stamp / 1e9, "poses": poses, "phase": self._phase, **error(pose, goal)}
+
+    def image(self, time: float) -> bytes | None:
+        """The JPEG of the newest image, None where there is none."""
+        message = self._image
+        try:
+            return None if message is None else encoded(image_array(message))
+        except BadMessage:
+            return None
+
+    def _on_state(self, data: bytes) -> None:
+        self._state = data
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        self._pose = _read(message, self._pose)
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        self._goal = _read(message, self._goal)
+
+    def _on_phase(self, message: DiagnosticArray) -> None:
+        try:
+            self._phase = str(phase_state(message))
+        except BadMessage:
+            pass  # who acts on it counts it
+
+    def _on_image(self, message: Image) -> None:
+        self._image = message
+
+
+def _read(message: PoseStamped, before: Pose | None) -> Pose | None:
+    """The pose of a message; of one that cannot be read, which others count, the one before."""
+    try:
+        return Pose(*pose_arrays(message, BASE_FRAME))
+    except BadMessage:
+        return before

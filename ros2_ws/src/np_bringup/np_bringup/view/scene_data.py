@@ -1,0 +1,55 @@
+"""A scene and its moments as the page has them: shapes once, poses of bodies for each moment."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from np_description.domains import Domain, Pose
+from np_description.panda import BASE_FRAME, STATE_NAMES
+from np_description.robot_description import WORLD, robot_bodies, shapes
+from np_description.scene import OBJECT, load_model
+
+GOAL = "goal"
+_DIGITS = 4
+
+
+class SceneData:
+    """The shapes of a domain's scene, and where they are for joints and object; needs no renderer."""
+
+    def __init__(self, domain: Domain):
+        self.domain = domain
+        self._model = load_model(domain)
+        self._data = mujoco.MjData(self._model)
+        self._joints = [self._model.joint(name).qposadr[0] for name in STATE_NAMES]
+        self.bodies = [WORLD, *robot_bodies(self._model), OBJECT, GOAL]
+
+    def scene(self) -> dict:
+        """bodies: names in the order of poses; shapes: body, kind, size m, pose in the body's frame, rgba 0..1."""
+        drawn = [
+            {
+                "body": self.bodies.index(shape.body),
+                "kind": shape.kind,
+                "size": _rounded(shape.size),
+                "pose": _rounded([*shape.position, *shape.quaternion]),
+                "rgba": _rounded(shape.rgba),
+            }
+            for shape in shapes(self._model)
+        ]
+        goal = {"body": self.bodies.index(GOAL), "kind": "box", "size": list(self.domain.half_size)}
+        drawn.append({**goal, "pose": [0, 0, 0, 1, 0, 0, 0], "rgba": [0.2, 0.8, 0.3, 0.25]})
+        return {"domain": self.domain.name, "base_frame": BASE_FRAME, "bodies": self.bodies, "shapes": drawn}
+
+    def poses(self, joints: np.ndarray, body: Pose | None, goal: Pose | None) -> list[list[float] | None]:
+        """Of each body: x, y, z m and w, x, y, z, for joints (9,); None for an object or goal that nobody knows."""
+        self._data.qpos[self._joints] = joints
+        mujoco.mj_kinematics(self._model, self._data)
+        found = []
+        for name in self.bodies[:-2]:
+            placed = self._data.body(name)
+            found.append(_rounded([*placed.xpos, *placed.xquat]))
+        return [*found, *(_rounded([*p.position, *p.quaternion]) if p else None for p in (body, goal))]
+
+
+def _rounded(values) -> list[float]:
+    return [round(float(value), _DIGITS) for value in values]

@@ -1,0 +1,165 @@
+"""What a person sees of an episode: the page's data, the page in a browser where there is one, markers and /tf."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import types
+from urllib.error import HTTPError
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+import yaml
+from bags import GOAL, record_episode
+from geometry_msgs.msg import TransformStamped
+from graph_tools import ROOT, TIMEOUT, command
+from std_msgs.msg import String
+from visualization_msgs.msg import Marker, MarkerArray
+
+from np_bringup.nodes import robot_state_node
+from np_bringup.view.recorded import RecordedEpisode
+from np_bringup.view.scene_data import SceneData
+from np_bringup.view.server import PAGE, serve
+from np_control.kinematics import forward_kinematics, hand_pose
+from np_description.domains import BUMP, CARD, Pose
+from np_description.panda import NOMINAL
+from np_description.robot_description import urdf
+from np_description.rotations import matrix_from_quaternion
+from np_record.topics import BY_NAME
+from np_ros import qos
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), "")
+CONFIG = ROOT / "ros2_ws/src/np_bringup/config"
+READY = np.append(NOMINAL.ready, [0.01, 0.02])
+
+
+def asked(address: str):
+    """The JSON at an address."""
+    return json.loads(urlopen(address, timeout=TIMEOUT).read())
+
+
+def test_bodies_are_where_the_kinematics_have_them():
+    data = SceneData(BUMP)
+    poses = dict(zip(data.bodies, data.poses(READY, None, GOAL)))
+    position, rotation = hand_pose(READY[:7])
+    np.testing.assert_allclose(poses["panda_hand"][:3], position, atol=1e-4)
+    np.testing.assert_allclose(matrix_from_quaternion(np.array(poses["panda_hand"][3:])), rotation, atol=5e-4)
+    between = 0.5 * (np.array(poses["panda_finger1"][:3]) + poses["panda_finger2"][:3])
+    assert 0.03 < np.linalg.norm(between - forward_kinematics(READY[:7])[0]) < 0.06  # from their frames to their tips
+    assert poses["object"] is None and poses["goal"][:3] == pytest.approx(GOAL.position.tolist())
+    assert [s for s in data.scene()["shapes"] if data.bodies[s["body"]] == "world" and s["kind"] == "box"]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """The address of a recorded episode."""
+    bag = record_episode(tmp_path_factory.mktemp("view") / "bag")
+    with serve(RecordedEpisode(str(bag)), "127.0.0.1", 0) as server:
+        yield f"http://127.0.0.1:{server.server_port}/"
+        server.shutdown()
+
+
+def test_a_recorded_episode_as_the_page_gets_it(page):
+    scene, episode = asked(page + "scene.json"), asked(page + "episode.json")
+    assert scene["domain"] == "card" and not scene["live"] and scene["has_images"]
+    moments = episode["moments"]
+    times = [moment["time"] for moment in moments]
+    assert len(moments) == 60 and np.allclose(np.diff(times), 0.05, atol=0.003)
+    assert [text for _, text in episode["phases"]] == ["pre", "approach", "post", "succeeded"]
+    assert moments[-1]["distance"] < 0.002 < moments[30]["distance"]
+    assert all(len(moment["poses"]) == len(scene["bodies"]) for moment in moments)
+    assert urlopen(page + "image.jpg?time=1.0").read().startswith(b"\xff\xd8")
+    for path, status in (("nothing.json", 404), ("state.json", 404), ("image.jpg?time=soon", 400)):
+        with pytest.raises(HTTPError, match=str(status)):
+            urlopen(page + path)
+
+
+@pytest.mark.skipif(not BROWSER, reason="no chromium")
+def test_the_page_draws_the_episode_in_a_browser(page):
+    """What stands in the document once its script has run."""
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", "--dump-dom"]
+    done = subprocess.run([BROWSER, *flags, page + "?time=2.9"], capture_output=True, text=True, timeout=2 * TIMEOUT)
+    assert '<div id="phase">succeeded</div>' in done.stdout
+    drawn = int(re.search(r'data-drawn="(\d+)"', done.stdout)[1])
+    assert drawn > 15  # capsules, and the faces of object and goal that can be seen
+    assert re.search(r'<div id="error">\d+\.\d mm, \d+\.\d degrees from the goal', done.stdout)
+    assert re.search(r'<img id="camera"[^>]*src="http[^"]*image.jpg\?time=2.9"', done.stdout)
+
+
+def test_the_page_needs_nothing_from_elsewhere():
+    assert not re.search(r"(src|href)=\"|https?:|import ", PAGE.read_text())
+
+
+def test_a_running_graph_and_what_rviz_gets_of_it(graph, probe):
+    """With the smallest backend there is; the page's data, the robot's description, the markers."""
+    graph.run("examples", "minimal_backend")
+    graph.run("np_bringup", "robot_state")
+    viewer = subprocess.Popen(
+        [*command("np_bringup", "view"), "--port", "0"],
+        env={**os.environ, **graph.environment, "PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        address = viewer.stdout.readline().split()[0]
+        probe.wait_until(lambda: asked(address + "state.json")["poses"], what="a joint state at the page")
+        shown = probe.collect("scene_markers", MarkerArray)
+        described = probe.collect("robot_description", String, qos.LATCHED)
+        probe.wait_until(lambda: shown and described, what="markers and description")
+        state = asked(address + "state.json")
+    finally:
+        viewer.terminate()
+        assert viewer.wait(TIMEOUT) == 0
+        viewer.stdout.close()
+    bodies = SceneData(CARD).bodies
+    hand = state["poses"][bodies.index("panda_hand")][:3]
+    np.testing.assert_allclose(hand, hand_pose(NOMINAL.ready)[0], atol=2e-3)
+    assert state["poses"][bodies.index("object")] is None and state["distance"] is None
+    assert described[0].data == urdf()
+    kinds = [marker.type for marker in shown[0].markers]
+    assert kinds.count(Marker.SPHERE) == 2 * kinds.count(Marker.CYLINDER) > 0 and Marker.CUBE not in kinds
+
+
+def test_tf_is_published_where_its_type_is_installed(monkeypatch):
+    assert robot_state_node.tf_message() is None or "tf2_msgs" in sys.modules
+    fake = types.ModuleType("tf2_msgs.msg")
+    fake.TFMessage = TransformStamped
+    monkeypatch.setitem(sys.modules, "tf2_msgs", types.ModuleType("tf2_msgs"))
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", fake)
+    assert robot_state_node.tf_message() is TransformStamped
+
+
+def test_transforms_and_markers_are_those_of_the_scene():
+    data = SceneData(CARD)
+    pose = Pose(np.array([0.5, 0.1, 0.0025]), np.array([1.0, 0, 0, 0]))
+    scene, poses = data.scene(), data.poses(READY, pose, GOAL)
+    found = {t.child_frame_id: t for t in robot_state_node.transforms(scene, poses, 7)}
+    assert {"panda_link1", "panda_hand", "object", "goal"} <= set(found) and "panda_link0" not in found
+    to = found["panda_hand"].transform
+    np.testing.assert_allclose(
+        [to.translation.x, to.translation.y, to.translation.z], hand_pose(READY[:7])[0], atol=1e-4
+    )
+    boxes = [m for m in robot_state_node.markers(scene, poses, 7).markers if m.type == Marker.CUBE]
+    assert len(boxes) == 9  # eight blocks of the object, and its goal
+    middle = np.mean([[m.pose.position.x, m.pose.position.y, m.pose.position.z] for m in boxes[:8]], axis=0)
+    np.testing.assert_allclose(middle, pose.position, atol=1e-4)
+
+
+def test_layouts_name_topics_that_there_are():
+    known = {f"/{name}" for name in BY_NAME} | {"/scene_markers", "/robot_description"}
+    rviz = yaml.safe_load((CONFIG / "episode.rviz").read_text())["Visualization Manager"]
+    displays = [d.get("Topic") or d.get("Description Topic") for d in rviz["Displays"]]
+    assert {topic["Value"] for topic in displays if topic} <= known and rviz["Global Options"][
+        "Fixed Frame"
+    ] == "panda_link0"
+    layout = json.loads((CONFIG / "episode.foxglove.json").read_text())
+    used = set(re.findall(r'"(/[a-z_/]+)', json.dumps(layout["configById"])))
+    assert used and used <= known
+
+    def panels(node) -> set:
+        return {node} if isinstance(node, str) else panels(node["first"]) | panels(node["second"])
+
+    assert panels(layout["layout"]) == set(layout["configById"])
