@@ -6,8 +6,8 @@ unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONHOME
 pip() { .venv/bin/python -m pip --disable-pip-version-check -qq "$@"; }
 # Byte code is left to the first import: most of it would never be read. $1: how many packages come.
 install() {
-    .venv/bin/python tools/pip_progress.py "$1" .venv/bin/python -m pip --disable-pip-version-check --progress-bar off \
-        install --no-compile "${@:2}"
+    .venv/bin/python tools/pip_progress.py "$1" .venv/bin/python -m pip --disable-pip-version-check \
+        install --no-compile --progress-bar off "${@:2}"
 }
 
 python=$(tools/python.sh)

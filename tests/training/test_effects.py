@@ -183,13 +183,13 @@ def test_a_patch_is_read_from_its_file_and_written_into_the_run(tmp_path):
 
 @pytest.mark.parametrize("command", [train, evaluate])
 def test_the_commands_refuse_what_they_cannot_carry(tmp_path, monkeypatch, capsys, command):
-    late = Patch((PatchEffect("command_delay", "arm", {"delay": 0.002}),))
-    (tmp_path / "patch.yaml").write_text(dump_patch(late))
+    loose = Patch((PatchEffect("backlash", "panda_joint3", {"half_play": 0.001}),))
+    (tmp_path / "patch.yaml").write_text(dump_patch(loose))
     options = {train: [], evaluate: ["--checkpoint", str(tmp_path / "none.pt")]}[command]
     monkeypatch.setattr(sys, "argv", ["command", *options, "--effects", str(tmp_path / "patch.yaml")])
     with pytest.raises(SystemExit) as ended:
         command.main()
-    assert ended.value.code == 2 and "got command_delay at arm" in capsys.readouterr().err
+    assert ended.value.code == 2 and "got backlash at panda_joint3" in capsys.readouterr().err
 
 
 def test_training_with_a_patch_runs(tmp_path, monkeypatch, capsys):

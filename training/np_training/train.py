@@ -77,7 +77,7 @@ def parse() -> argparse.Namespace:
         help="where episodes begin: contact: where the pre-contact policy says",
     )
     parser.add_argument(
-        "--effects", type=Path, help="patch.yaml of the gap doctor: friction, damping, armature, link inertia"
+        "--effects", type=Path, help="patch.yaml of the gap doctor: what the arm has besides the nominal one"
     )
     parser.add_argument("--contact", choices=list(STEPPING), default=IN_FORCE.name, help="see np_description.contact")
     parser.add_argument(
