@@ -109,9 +109,12 @@ def motion(duration: float, seed: int):
     return moves
 
 
-def record(truth: Truth = Truth(), duration: float = 24.0, seed: int = 0, name: str = "synthetic") -> Log:
-    """A log of this motion, with the commands that the impedance law would have given for it."""
-    rng = np.random.default_rng(seed + 1)
+def record(
+    truth: Truth = Truth(), duration: float = 24.0, seed: int = 0, name: str = "synthetic", noise: int | None = None
+) -> Log:
+    """A log of this motion, with the commands that the impedance law would have given for it. seed: of the motion; noise: of
+    the sensors (None: follows from it)."""
+    rng = np.random.default_rng(seed + 1 if noise is None else noise)
     moves = motion(duration, seed)
     time = np.arange(int(duration / PERIOD)) * PERIOD
     q, dq, _ = moves(time)

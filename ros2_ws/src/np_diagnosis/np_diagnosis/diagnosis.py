@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,13 +85,16 @@ class Diagnosis:
     chosen: Model
 
 
-def diagnose(logs: list[Log], arm: Arm | None = None, seed: int = 0, quick: bool = False) -> Diagnosis:
-    """Compare logs with the nominal arm (None: the Panda).
+def diagnose(
+    logs: list[Log], arm: Arm | None = None, seed: int = 0, quick: bool = False, reference: Sequence[Log] = ()
+) -> Diagnosis:
+    """Compare logs with the nominal arm (None: the Panda), or with what `reference` shows of the same arm: then what has
+    changed since is explained, as changes against the arm as it was, and the nominal arm need not be right.
 
     quick: only single effects compete, and rivals and patterns in time are not looked for. Raises ValueError where
     the logs are too short.
     """
-    context = make_context(logs, arm or panda())
+    context = make_context([*reference, *logs], arm or panda(), len(reference))
     design = settle_delay(make_design(context))
     search = Search(design)
     search, chosen = settle_shapes(search, search.run(*((1, 1) if quick else ())))

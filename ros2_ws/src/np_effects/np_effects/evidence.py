@@ -150,7 +150,8 @@ class Context:
     drive: None without commands. transmission: None without motor angles. ripples: orders per revolution found, by joint.
     quanta (k,) rad: step of each encoder, 0 where none shows. held (n,) bool: periods of the drive in which the last command
     was held, None without drive; held_share: their share of the `held_seen` periods in which that could have been seen.
-    logs: the recordings, one after the other.
+    logs: the recordings, one after the other; reference: of how many of them, the first ones, the arm is what the others
+    are compared with. 0: with the nominal arm.
     """
 
     arm: Arm
@@ -165,3 +166,4 @@ class Context:
     held_share: float
     quanta: np.ndarray
     held_seen: int = 0
+    reference: int = 0

@@ -14,6 +14,8 @@ from np_effects.evidence import Drive
 from np_effects.record import Quantity
 
 GRAVITY_APART = Quantity("gravity_apart", "1", 0.0, 1.0)  # 1: the limit is of the command, without gravity
+ACTS = 0.05  # of the squares between command and measurement that a limit must explain for its reading to matter
+STEPS = (0.06, 0.03, 0.015, 0.008, 0.004)  # of a limit, by which it is looked for between two levels
 Limited = Callable[[Drive, np.ndarray, float], np.ndarray]
 """What a limit leaves of torques (n,) Nm."""
 
@@ -31,10 +33,20 @@ def fastest(d: Drive, joint: int, apart: bool) -> float:
 
 
 def is_apart(d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]]) -> bool:
-    """Whether gravity apart is the reading under which the best of its levels leaves less of what was measured."""
+    """Whether gravity apart is the reading under which the best limit leaves less of what was measured.
+
+    levels: where to begin, by reading. Between two of them the limit is looked for: how near one happens to be says nothing.
+    """
     residual = d.measured[:, joint] - d.arrived[:, joint]
-    left = {
-        apart: min(np.square(residual - lost(d, joint, limited, level, apart)).sum() for level in levels[apart])
-        for apart in (False, True)
-    }
-    return bool(left[True] < left[False])
+
+    def left(limit: float, apart: bool) -> float:
+        return float(np.square(residual - lost(d, joint, limited, limit, apart)).sum())
+
+    best = {apart: min((left(level, apart), level) for level in levels[apart]) for apart in (False, True)}
+    if min(best.values())[0] > (1 - ACTS) * np.square(residual).sum():
+        return False  # nothing is limited
+    for apart, found in best.items():
+        for step in STEPS:
+            found = min([found, *((left(found[1] * x, apart), found[1] * x) for x in (1 - step, 1 + step))])
+        best[apart] = found
+    return best[True] < best[False]

@@ -1,7 +1,6 @@
 """An omnibus test of lack of fit: does a flexible model without physical meaning predict what the chosen model leaves?
 
-The flexible model has what a smooth unknown mechanism would need: harmonics of the joint's angle, alone and signed by
-the direction of motion, powers of velocity and of torque, and the motion of the other joints. Where it predicts unseen
+Where the flexible model (`inference.flexible`) predicts unseen
 blocks clearly better than the chosen model, the catalogue has no explanation, however well its best effect fits.
 """
 
@@ -15,6 +14,7 @@ from np_diagnosis.arm.rigid import felt_inertia
 from np_diagnosis.inference.cells import Cell, make_cell
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.fit import Fit, held_out, score
+from np_diagnosis.inference.flexible import flexible
 from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.inference.search import Search, fits_of
 from np_diagnosis.thresholds import THRESHOLDS
@@ -74,7 +74,7 @@ def omnibus_test(search: Search, members: tuple[int, ...]) -> list[LackOfFit]:
 def _lack_of_fit(design: Design, cell: Cell, ids: np.ndarray, fit: Fit) -> LackOfFit:
     """Of one cell. The flexible model is fitted to residuals of blocks that the chosen model has not seen."""
     left = held_out(cell, ids, fit)
-    gain, error, after = predicted(design, cell, left, _flexible(design.context, cell))
+    gain, error, after = predicted(design, cell, left, flexible(design.context, cell.stage, cell.joint))
     rows = cell.rows
     return LackOfFit(
         cell.stage,
@@ -95,6 +95,7 @@ def predicted(design: Design, cell: Cell, left: np.ndarray, columns: np.ndarray)
 
     Returns the gain in nats, its standard error over blocks, and the residual (n,) after it.
     """
+    columns, left = design.stages.asked(cell.stage, cell.rows, columns, left)
     scale = np.sqrt(np.mean(columns[cell.rows] ** 2, axis=0)) + 1e-12
     spread = float(np.sqrt(np.mean(left[cell.rows] ** 2))) + 1e-12
     parameters = [Parameter("any", "", -1e9, 1e9, spread / s) for s in scale]
@@ -151,25 +152,5 @@ class _Residual:
     def rows(self, stage: Stage, joint: int, at_reversal: bool) -> np.ndarray:
         return self.kept
 
-
-def _flexible(context: Context, cell: Cell) -> np.ndarray:
-    """Columns (n, count) of the flexible model for a cell."""
-    j = cell.joint
-    if cell.stage is Stage.DYNAMICS:
-        s, p = context.samples, context.prediction
-        q, v, direction = s.position[:, j], s.velocity[:, j], p.direction[:, j]
-        others = [s.velocity[:, k] for k in range(len(context.arm)) if k != j]
-        others += [s.acceleration[:, k] for k in range(len(context.arm)) if k != j]
-        torque = s.torque[:, j]
-    else:
-        d = context.drive
-        v, torque = d.velocity[:, j], d.commanded[:, j]
-        direction = np.tanh(v / OMNIBUS.direction_speed)
-        others = [np.gradient(d.commanded[:, j])]
-        q = np.zeros_like(v)
-    columns = [np.ones_like(v), direction, v, v * np.abs(v), v**3, np.abs(v), direction * np.abs(torque), *others]
-    columns += [torque, np.abs(torque), torque * np.abs(torque), torque**3]
-    if cell.stage is Stage.DYNAMICS:
-        for k in range(1, OMNIBUS.harmonics + 1):
-            columns += [np.sin(k * q), np.cos(k * q), direction * np.sin(k * q), direction * np.cos(k * q)]
-    return np.array(columns).T
+    def change(self, stage: Stage, joint: int, rows: np.ndarray, matrix: np.ndarray, residual: np.ndarray):
+        return matrix, residual

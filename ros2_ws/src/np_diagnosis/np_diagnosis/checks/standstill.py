@@ -24,8 +24,9 @@ def ageing(search: Search, members: tuple[int, ...]) -> set[int]:
     for cell in design.cells:
         if not cell.at_reversal or not cell.rows.any():
             continue
-        left = held_out(cell, *fits[cell.joint])[cell.rows]
-        after = after_rest(design.context.samples, cell.joint)[cell.rows]
+        left = held_out(cell, *fits[cell.joint])
+        after = after_rest(design.context.samples, cell.joint)
+        after, left = (v[cell.rows] for v in design.stages.asked(cell.stage, cell.rows, after, left))
         if (np.abs(after[:, 0]) > STANDSTILL.fresh).sum() < STANDSTILL.rows:
             continue
         plain, aged = (_remaining(after[:, :count], left) for count in (1, 2))

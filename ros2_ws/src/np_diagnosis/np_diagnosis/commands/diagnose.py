@@ -31,6 +31,19 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--rigid-body", action="store_true", help="nominal arm without joint friction, damping and rotors"
     )
+    parser.add_argument(
+        "--reference",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="OLD",
+        help="recordings of the same arm when it was well: what changed since is explained, not what the nominal arm lacks",
+    )
+    parser.add_argument(
+        "--effort",
+        choices=("drive", "sensor"),
+        help="which torque is measured: the drives', or that of sensors after the gear (default: asked of the recording)",
+    )
     parser.add_argument("--model", type=Path, help="MJCF file of another arm: its hinges, in its order")
     parser.add_argument(
         "--quick", action="store_true", help="the one best effect, from parts of the recordings; no page"
@@ -57,6 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     from np_diagnosis import lean  # noqa: F401, I001  before NumPy
     from np_diagnosis.arm.model import load_arm, panda
+    from np_diagnosis.checks.effort_side import on_the_drives_side
     from np_diagnosis.diagnosis import diagnose
     from np_diagnosis.recordings.excerpt import excerpts
     from np_diagnosis.recordings.reading import ContractViolation
@@ -66,10 +80,14 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         arm = load_arm(options.model) if options.model else panda(not options.no_hand)
         arm = arm.rigid_body_only() if options.rigid_body else arm
-        logs = read_all(options.logs, arm)
+        logs, before = read_all(options.logs, arm), read_all(options.reference, arm)
+        together, arm = on_the_drives_side([*before, *logs], arm, options.effort)
+        before, logs = together[: len(before)], together[len(before) :]
         total, part = sum(log.duration for log in logs), "parts of " if options.quick else ""
-        print(f"comparing {part}{total:.0f} s with the nominal arm", file=sys.stderr)
-        diagnosis = diagnose(excerpts(logs) if options.quick else logs, arm, quick=options.quick)
+        other = f"{sum(log.duration for log in before):.0f} s of the arm as it was" if before else "the nominal arm"
+        print(f"comparing {part}{total:.0f} s with {other}", file=sys.stderr)
+        taken = (excerpts(part) if options.quick and part else part for part in (logs, before))
+        diagnosis = diagnose(next(taken), arm, quick=options.quick, reference=next(taken))
     except ContractViolation as violation:
         print(f"contract violation: {violation}", file=sys.stderr)
         print(json.dumps({"error": f"contract violation: {violation}"}))

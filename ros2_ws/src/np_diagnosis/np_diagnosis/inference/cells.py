@@ -138,7 +138,9 @@ def make_cell(
     """
     trajectory, time = stages.times(stage)
     residual = stages.residual(stage, joint)
-    kept = _kept(stages.rows(stage, joint, at_reversal), trajectory)
+    counted = stages.rows(stage, joint, at_reversal)
+    matrix, residual = stages.change(stage, joint, counted, matrix, residual)
+    kept = _kept(counted, trajectory)
     pieces = _pieces(trajectory, time, blocks)
     plain = _sums(matrix, residual, kept, np.zeros(0), pieces).sum(axis=0)
     if whiten is None:

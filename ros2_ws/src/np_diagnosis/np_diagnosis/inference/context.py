@@ -20,8 +20,11 @@ SMOOTH = 25  # samples of the fine grid to either side
 HANN = np.hanning(2 * SMOOTH + 3)[1:-1] / np.hanning(2 * SMOOTH + 3).sum()
 
 
-def make_context(logs: list[Log], arm: Arm) -> Context:
-    """Everything that effects and stages look at. Raises ValueError where the logs are too short."""
+def make_context(logs: list[Log], arm: Arm, reference: int = 0) -> Context:
+    """Everything that effects and stages look at; reference: how many of the logs are of the arm as it was.
+
+    Raises ValueError where the logs are too short.
+    """
     samples = sample(logs, all(log.commands is not None for log in logs))
     prediction = predict(samples, arm)
     driven = drive(logs, arm)
@@ -39,6 +42,7 @@ def make_context(logs: list[Log], arm: Arm) -> Context:
         share,
         np.array([find_quantum(logs[0].position[:, j]) for j in range(len(arm))]),
         seen,
+        reference,
     )
 
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, Cell, make_blocks, make_cell
 from np_diagnosis.inference.residuals import Stages
+from np_effects import RECORDS
 from np_effects.evidence import Context
-from np_effects.registry import all_signatures
 from np_effects.signature import Parameter, Signature
 from np_effects.stage import Stage
 
@@ -65,17 +65,18 @@ def make_design(context: Context) -> Design:
         for joint in range(len(context.arm))
     ]
     candidates = []
-    for effect in all_signatures(context):
+    for effect in stages.signatures:
         places = [None] if effect.is_arm else range(len(context.arm))
         for joint in places:
             if effect.only_joint is None or effect.only_joint == joint:
                 at = context.arm.joints.index(effect.component) if effect.component in context.arm.joints else None
-                candidates.append(Candidate(effect, joint, new(effect.parameters), at))
+                candidates.append(Candidate(effect, joint, new(_told(context, effect)), at))
     blocks = make_blocks(context)
     cells = []
     for joint in range(len(context.arm)):
         for stage in stages.stages:
-            matrix, ids = [nuisances.columns(context, stage, joint).T], [nuisance[joint][stage]]
+            own = stages.later(stage, nuisances.columns(context, stage, joint))
+            matrix, ids = [own.T], [nuisance[joint][stage]]
             for candidate in candidates:
                 if candidate.joint in (None, joint):
                     columns = stages.columns(candidate.effect, stage, joint)
@@ -88,3 +89,11 @@ def make_design(context: Context) -> Design:
                 cells.append(make_cell(stages, stage, joint, shown, columns, blocks, parameters, at_reversal=True))
     ids = tuple(np.concatenate(list(own.values())) for own in nuisance)
     return Design(context, tuple(cells), tuple(candidates), tuple(parameters), ids, blocks, stages)
+
+
+def _told(context: Context, effect: Signature) -> tuple[Parameter, ...]:
+    """Parameters of an effect. What any arm's links are off by does not change: between two recordings of an arm any size of
+    it is worth naming."""
+    if context.reference and RECORDS[effect.id].module in ("rigid_body", "joint_dynamics"):
+        return tuple(replace(p, least=0.0) for p in effect.parameters)
+    return effect.parameters

@@ -62,7 +62,8 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
     if stage is Stage.DYNAMICS:
         # A joint turns what is beyond it: each link may be off by itself. (One factor for all of them
         # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
-        links = c.prediction.link_errors[joint]
+        # They are the same in two recordings of an arm.
+        links = c.prediction.link_errors[joint] * (not c.reference)
         # After a reversal friction is late, and resists the acceleration less: it looks like less inertia.
         late = (
             c.arm.frictionloss[joint] * c.samples.filtered(joint, lambda q, v, x=reach: bent(q, x) - sign(v))

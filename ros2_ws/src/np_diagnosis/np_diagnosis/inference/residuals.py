@@ -5,13 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from np_diagnosis.arm.stages import slides
+from np_diagnosis.inference import nuisances
+from np_diagnosis.inference.change import apart, is_later
+from np_diagnosis.inference.flexible import flexible
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
 from np_effects.evidence import Context
+from np_effects.registry import all_signatures
 from np_effects.signature import Signature
 from np_effects.stage import Stage
 
 ROWS = THRESHOLDS.rows
+SELF_SEEN = ("transmission_hysteresis",)  # effects whose columns are made of the residual that they explain
 
 
 class Stages:
@@ -19,6 +24,8 @@ class Stages:
 
     def __init__(self, context: Context):
         self.context = context
+        self.signatures = all_signatures(context)
+        self._common: tuple[tuple[Stage, int], np.ndarray] | None = None  # of the cell asked for last
         # Of the last joint asked for.
         self._drive_columns: tuple[int, dict[int, tuple[Signature, np.ndarray]]] = (-1, {})
         self._projected: dict[tuple[int, int], tuple[Signature, np.ndarray]] = {}
@@ -50,7 +57,47 @@ class Stages:
         return c.drive.measured[:, joint] - c.drive.commanded[:, joint]
 
     def columns(self, effect: Signature, stage: Stage, joint: int) -> np.ndarray | None:
-        """Columns (n, parameters) of an effect at a stage of a joint, None where it does not show.
+        """Columns (n, parameters) of an effect at a stage of a joint, None where it does not show: in the recordings in
+        which effects may show, zero in those of the arm as it was."""
+        return self.later(stage, self._everywhere(effect, stage, joint))
+
+    def asked(
+        self, stage: Stage, rows: np.ndarray, columns: np.ndarray, left: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Columns (n, c) of a further question, and what is left (n,) to ask it of: of the change only, where there is one."""
+        if not self.context.reference:
+            return columns, left
+        both = apart(columns, rows, np.column_stack([self.later(stage, columns), left]))
+        return both[:, :-1], both[:, -1]
+
+    def later(self, stage: Stage, columns: np.ndarray | None) -> np.ndarray | None:
+        """Columns (n, c) of a stage, zero in the recordings of the arm as it was."""
+        if columns is None or not self.context.reference:
+            return columns
+        return columns * is_later(self.context, self.times(stage)[0])[:, None]
+
+    def change(
+        self, stage: Stage, joint: int, rows: np.ndarray, matrix: np.ndarray, residual: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Columns (n, p) and residual (n,) of a cell without what its recordings have in common, by a fit to some rows; as
+        they are without a reference."""
+        if not self.context.reference:
+            return matrix, residual
+        if self._common is None or self._common[0] != (stage, joint):
+            own = [nuisances.columns(self.context, stage, joint), flexible(self.context, stage, joint, expected=True)]
+            own += [
+                effect.columns[stage](self.context, joint)
+                for effect in self.signatures
+                if effect.only_joint in (None, joint) and stage in effect.columns and effect.id not in SELF_SEEN
+            ]
+            self._common = (stage, joint), np.column_stack(own)
+        known = np.isfinite(residual)
+        values = np.column_stack([matrix, np.where(known, residual, 0.0)])
+        left = apart(self._common[1], rows, values)
+        return np.asfortranarray(left[:, :-1]), np.where(known, left[:, -1], np.nan)
+
+    def _everywhere(self, effect: Signature, stage: Stage, joint: int) -> np.ndarray | None:
+        """Columns (n, parameters) of an effect in all recordings.
 
         With commands, r2 is taken from the commanded torque, so that the noise of the torque sensor is in r1 alone.
         What the drive makes of a command is then missing from r2, whatever the sensor says.

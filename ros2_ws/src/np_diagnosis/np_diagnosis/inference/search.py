@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from np_diagnosis.inference import screen
 from np_diagnosis.inference.design import Candidate, Design
 from np_diagnosis.inference.fit import Fit, Score, energy, score
 from np_diagnosis.thresholds import THRESHOLDS
@@ -168,9 +169,10 @@ class Search:
         return self.pruned(chosen)
 
     def promising(self, parent: Model, count: int) -> list[int]:
-        """Candidates whose addition would raise the likelihood most, to second order, best first: `count` of them, and the
+        """Candidates whose addition would raise the likelihood most (`screen.gains`), best first: `count` of them, and the
         best of each stage of each joint where it would be worth its prior: none is crowded out by what goes on elsewhere."""
-        gains = self._screen(parent)
+        groups = self.groups(parent.members)
+        gains = screen.gains(self.design, [(j, self.ids(j, m), self.group(j, m)[0].fit) for j, m in groups])
         ranked = [int(n) for n in np.argsort(gains)[::-1]]
         found, seen = ranked[:count], set()
         for n in ranked:
@@ -182,44 +184,6 @@ class Search:
                 found.append(n)
             seen |= places
         return found
-
-    def _screen(self, parent: Model) -> np.ndarray:
-        """Rise of the likelihood (candidates,), nats, to second order, by each candidate's addition to a model."""
-        design = self.design
-        size = len(design.parameters)
-        normal, slope = np.zeros((size, size)), np.zeros(size)
-        inside = np.zeros(size, bool)
-        values = np.zeros(size)
-        variance = {}
-        for joints, members in self.groups(parent.members):
-            result, _ = self.group(joints, members)
-            ids = self.ids(joints, members)
-            inside[ids] = True
-            values[ids] = result.fit.parameters.mean(axis=0)
-            cells = [cell for j in joints for cell in design.of(j)]
-            variance |= {id(c): v.mean() for c, v in zip(cells, result.fit.variance)}
-        for cell, gram in zip(design.cells, (cell.total for cell in design.cells)):
-            v = variance[id(cell)]
-            normal[np.ix_(cell.ids, cell.ids)] += gram[:-1, :-1] / v
-            slope[cell.ids] += (gram[:-1, -1] - gram[:-1, :-1] @ values[cell.ids]) / v
-        prior, centre, lower, upper = (
-            np.array([getattr(p, name) for p in design.parameters]) for name in ("prior", "centre", "lower", "upper")
-        )
-        normal[np.diag_indices(size)] += prior**-2
-        # What the parameters in use can take up themselves is not gained; one at its bound takes up nothing beyond it.
-        edge = SEARCH.edge * (upper - lower)
-        pull = slope - (values - centre) / prior**2
-        stuck = ((values > upper - edge) & (pull > 0)) | ((values < lower + edge) & (pull < 0))
-        used = np.flatnonzero(inside & ~stuck)
-        taken = np.linalg.solve(normal[np.ix_(used, used)], normal[used])
-        gradient = slope - taken.T @ slope[used]
-        gains = []
-        for c in design.candidates:
-            i = c.ids
-            left = normal[np.ix_(i, i)] - normal[np.ix_(used, i)].T @ taken[:, i]
-            pulled = gradient[i] + centre[i] / prior[i] ** 2
-            gains.append(0.5 * gradient[i] @ np.linalg.solve(left + 1e-9 * np.diag(np.diag(normal)[i]), pulled))
-        return np.array(gains)
 
     def beats(self, one: Model, other: Model) -> bool:
         """Whether `one` predicts unseen blocks clearly better than `other`.

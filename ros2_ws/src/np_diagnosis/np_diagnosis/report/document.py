@@ -67,6 +67,7 @@ def make_report(
         "forward": forward,
         "data": {
             "bags": [log.name for log in logs],
+            "reference": [log.name for log in diagnosis.context.logs[: diagnosis.context.reference]],
             "duration_s": sum(log.duration for log in logs),
             "train_trajectories": len(diagnosis.design.blocks) - 1,
             "test_trajectories": len(diagnosis.design.blocks),
@@ -120,7 +121,7 @@ def write(
     """
     experiment = forward = shots = None
     patch, left_out = make_patch(diagnosis), ()
-    if not quick:
+    if not quick and not diagnosis.context.reference:  # what changed is not seen in a simulator of the nominal arm
         # Simulators and planners take a second to import, which a quick look has not.
         from np_diagnosis.experiments.power import next_experiment
         from np_diagnosis.simulation.refit import second_opinion

@@ -18,6 +18,7 @@ class Thresholds:
 
     recordings: checks.Recordings = checks.Recordings()
     plausibility: checks.Plausibility = checks.Plausibility()
+    effort: checks.Effort = checks.Effort()
     rows: inference.Rows = inference.Rows()
     hints: inference.Hints = inference.Hints()
     blocks: inference.Blocks = inference.Blocks()

@@ -48,6 +48,15 @@ class Plausibility:
 
 
 @dataclass(frozen=True)
+class Effort:
+    """Which torque is measured (checks/effort_side.py)."""
+
+    share: float = threshold(0.4, "of the nominal friction", "below which a torque holds none of it", JUDGEMENT)
+    rows: int = threshold(100, "samples", "fewest in which a joint slides for it to be asked", JUDGEMENT)
+    smooth: int = threshold(9, "samples", "over which speed is averaged before its sign and slope count", NUMERICS)
+
+
+@dataclass(frozen=True)
 class Floor:
     """How well the data repeat (checks/floor.py)."""
 

@@ -77,8 +77,7 @@ def _signatures(context: Context) -> list[Signature]:
     found = []
     for j in range(len(context.arm)):
         levels = {apart: [level * fastest(context.drive, j, apart) for level in LEVELS] for apart in (False, True)}
-        # The two differ by how fast gravity changes: by little at any level, so that two levels tell them apart.
-        apart = is_apart(context.drive, j, ramped, {a: some[:2] for a, some in levels.items()})
+        apart = is_apart(context.drive, j, ramped, levels)
         found += [_signature(level, j, apart) for level in levels[apart]]
     return found
 

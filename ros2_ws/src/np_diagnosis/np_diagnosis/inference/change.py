@@ -1,0 +1,33 @@
+"""What changed between two recordings of the same arm: what both of them have in common is taken out beforehand.
+
+The nominal model need not be right. Whatever an effect, a nuisance or the flexible model of the omnibus test could say of
+both recordings alike is projected out of the residual of the later one and of the columns by which its effects show there
+(Frisch and Waugh 1933); what is left of a residual is the change, and the effects compete for it as they do for a gap.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_effects.evidence import Context
+
+KNOWN = 1e-9  # of the strongest direction of the common columns, below which one is rounding
+
+
+def is_later(context: Context, trajectory: np.ndarray) -> np.ndarray:
+    """Rows (n,) bool of the recordings in which effects may show: all, or those after the reference."""
+    return trajectory >= context.reference
+
+
+def apart(common: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (n, c) without what a fit to their `rows` (n,) bool puts into the columns (n, s) that recordings have in common."""
+    used = common[rows]
+    scale = np.sqrt(np.mean(np.square(used), axis=0)) if len(used) else np.zeros(common.shape[1])
+    shown = scale > 0
+    if not shown.any():
+        return values
+    common, used = common[:, shown] / scale[shown], used[:, shown] / scale[shown]
+    power, directions = np.linalg.eigh(used.T @ used)
+    kept = power > KNOWN * power[-1]
+    basis = directions[:, kept] / np.sqrt(power[kept])
+    return values - common @ (basis @ (basis.T @ (used.T @ values[rows])))

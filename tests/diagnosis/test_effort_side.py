@@ -1,0 +1,58 @@
+"""Effort as what the drives give, and as what a sensor after the gear shows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm_generator import Truth, at, record
+
+from np_description.panda import NOMINAL
+from np_diagnosis.arm.model import panda
+from np_diagnosis.checks.effort_side import DRIVE, SENSOR, is_after_gear, on_the_drives_side
+
+ARM = panda()
+# Friction that one joint has too much or not at all is no question of the sensor.
+ODD = Truth(coulomb_positive=at(2, -0.3) + at(4, 0.8), coulomb_negative=at(2, -0.3) + at(4, 0.8))
+
+
+@pytest.fixture(scope="module")
+def log():
+    return record(ODD, duration=16.0)
+
+
+def after_gear(log):
+    """The same with sensors after the gear, the commands still the drives'."""
+    speed = np.array([np.interp(log.torque_time, log.time, v) for v in log.velocity.T]).T
+    turn = np.gradient(speed, log.torque_time, axis=0)
+    resisting = np.tanh(speed / 0.003) * NOMINAL.frictionloss + speed * NOMINAL.damping + turn * NOMINAL.armature
+    return replace(log, torque=log.torque - resisting)
+
+
+def test_a_drives_torque_is_left_as_it_is(log):
+    assert not is_after_gear([log], ARM)
+    (same,), arm = on_the_drives_side([log], ARM, None)
+    assert same is log and arm is ARM
+    assert on_the_drives_side([after_gear(log)], ARM, DRIVE)[1] is ARM
+
+
+def test_a_sensor_after_the_gear_beside_the_drives_commands_gets_their_friction_back(log):
+    shown = after_gear(log)
+    assert is_after_gear([shown], ARM)
+    (lifted,), arm = on_the_drives_side([shown], ARM, None)
+    assert arm is ARM
+    left, before = (np.sqrt(np.mean((x.torque - log.torque) ** 2, axis=0)) for x in (lifted, shown))
+    assert (left < 0.2 * before).all()
+
+
+def test_a_drive_that_closes_its_loop_about_its_sensor_moves_a_rigid_body(log):
+    shown, c = after_gear(log), log.commands
+    asked = np.vstack([shown.torque[1:], shown.torque[-1:]])
+    shown = replace(shown, commands=replace(c, torque=asked, target=c.target + (asked - c.torque) / c.stiffness))
+    (same,), arm = on_the_drives_side([shown], ARM, None)
+    assert same is shown and not arm.frictionloss.any() and not arm.armature.any()
+    assert not on_the_drives_side([replace(log, commands=None)], ARM, SENSOR)[1].frictionloss.any()
+
+
+def test_an_arm_without_nominal_friction_has_no_side(log):
+    bare = ARM.rigid_body_only()
+    assert on_the_drives_side([after_gear(log)], bare, None)[1] is bare
