@@ -49,8 +49,8 @@ def verify(logs: Sequence[Log], patch: Patch, seed: int = 0) -> dict[str, object
 def sentence(found: dict) -> str:
     """What was found, first of all."""
     low, high = (100 * share for share in found["removed_ci95"])
-    departs = f"{1e3 * found['before_rad']:.2f} mrad without it, {1e3 * found['after_rad']:.2f} mrad with it"
-    share = f"{100 * found['removed']:.0f} % (95 %: {low:.0f} to {high:.0f})"
+    departs = f"{1e3 * found['before_rad']:.3g} mrad without it, {1e3 * found['after_rad']:.3g} mrad with it"
+    share = f"{100 * found['removed']:.1f} % (95 %: {low:.1f} to {high:.1f})"
     did = {
         "better": f"The patch removes {share} of the simulator's departure from this recording",
         "worse": f"The patch takes the simulator further away: {share} of its departure removed",
