@@ -23,7 +23,7 @@ REAL_TIME := realtime or real_time
 ALONE := tests/unit tests/training tests/diagnosis tests/parity
 GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
-.PHONY: help setup demo test test-slow test-driver driver-report hardware physx bench blind evaluate train identify docs format lock clean distclean
+.PHONY: help setup demo test test-slow test-driver driver-report hardware physx bench soak fuzz blind evaluate train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -53,6 +53,13 @@ evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KE
 
 bench: setup ## latencies, real-time factor, planning time as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup bench $(ARGS)
+
+soak: setup ## DOMAIN EPISODES SEED: episodes in one graph, hours: memory, handles and threads stay flat, as JSON
+	@$(ACTIVATE) exec ros2 run np_bringup soak --domain $(DOMAIN) --seed $(SEED) \
+		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
+
+fuzz: setup ## SEED: random and malformed messages on every topic: none of the nodes dies, as JSON
+	@$(ACTIVATE) exec ros2 run np_bringup fuzz --seed $(SEED) $(ARGS)
 
 blind: setup ## CASES SEED SET=locked|development JOBS: the gap doctor against sealed cases, as JSON
 	@$(ACTIVATE) exec python -m np_blind.blind --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) $(ARGS)

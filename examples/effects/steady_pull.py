@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_control.kinematics import jacobian
+from np_description.panda import JOINT_NAMES
 from np_effects.behaviour import Resistance, Values
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity
@@ -25,6 +26,8 @@ def _levers(q: np.ndarray) -> np.ndarray:
 
 
 def _signatures(context: Context) -> list[Signature]:
+    if context.arm.joints != JOINT_NAMES:
+        return []  # of another arm we have no kinematics
     levers = _levers(context.samples.position)
     return [
         Signature(

@@ -434,3 +434,20 @@ def test_a_mode_that_does_not_exist_is_refused(graph):
         check=False,
     )
     assert result.returncode == 1 and "lockstep" in result.stderr
+
+
+def test_bytes_that_are_no_joint_state_are_refused_and_nobody_dies(graph, probe, untrained):
+    """The policies read joint states themselves, ten of 500 a second; what `fuzz` sent ended them."""
+    names = {graph.run("np_policy", "approach"), graph.run("np_policy", "post_contact", {"weights": str(untrained)})}
+    refused = {}
+
+    def hear(array):
+        for status in array.status:
+            counts = {pair.key: pair.value for pair in status.values}
+            refused[status.name.lstrip("/")] = counts.get("refused_encoding", "0")
+
+    probe.collect("diagnostics", DiagnosticArray, qos.RECORDER, callback=hear)
+    probe.advertise("joint_states", JointState)
+    probe.wait_until_ready(names)
+    probe.advertise("joint_states", JointState).publish(b"\x00\x01\x00\x00\x01")
+    probe.wait_until(lambda: all(refused.get(name) == "1" for name in names), what="both to have refused it")

@@ -59,6 +59,10 @@ class Participant:
         """The response of a Trigger service. Raises TimeoutError or NodeDied."""
         return self._services.call(Trigger, service, Trigger.Request(), SERVICE_TIMEOUT)
 
+    def processes(self) -> dict[str, int]:
+        """The process of each node of the graph, by name."""
+        return {name: self._supervisor.pid(name) for name in self._supervisor.names}
+
     def find(self, service: str, timeout: float = SERVICE_TIMEOUT) -> None:
         """Wait until a Trigger service is there. Raises TimeoutError or NodeDied."""
         self._services.find(Trigger, service, timeout)

@@ -6,7 +6,6 @@ import threading
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image, JointState
 
 from np_bringup.view.recorded import encoded, error
@@ -17,6 +16,7 @@ from np_ros import qos
 from np_ros.messages import BadMessage, image_array, joint_state_arrays, pose_arrays, stamp_nanoseconds
 from np_ros.peer import Peer
 from np_ros.phases import phase_state
+from np_ros.raw import decoded
 
 _SILENT = "no joint_states in this ROS_DOMAIN_ID"
 
@@ -47,8 +47,8 @@ class LiveGraph:
         data, pose, goal = self._state, self._pose, self._goal
         if data is None:
             return {"time": 0.0, "poses": None, "phase": _SILENT, **error(None, None)}
-        message = deserialize_message(data, JointState)
         try:
+            message = decoded(data, JointState)
             joints, stamp = joint_state_arrays(message, STATE_NAMES)[0], stamp_nanoseconds(message.header.stamp)
         except BadMessage as bad:
             return {"time": 0.0, "poses": None, "phase": f"joint_states: {bad}", **error(None, None)}

@@ -48,6 +48,11 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--quick", action="store_true", help="the one best effect, from parts of the recordings; no page"
     )
+    parser.add_argument(
+        "--patch",
+        type=Path,
+        help="verify this patch.yaml of the Panda instead: simulate new recordings with it and without",
+    )
     return parser.parse_args(arguments)
 
 
@@ -65,9 +70,34 @@ def read_all(paths: Sequence[Path], arm: Arm) -> list[Log]:
     return logs
 
 
+def verify_patch(options: argparse.Namespace) -> int:
+    """A recording beside the simulator with a patch and without it; verification.json, and JSON as the last line."""
+    from np_diagnosis.arm.model import panda
+    from np_diagnosis.recordings.reading import ContractViolation
+    from np_diagnosis.simulation.verification import sentence, verify, write
+    from np_effects.patch import load_patch
+
+    try:
+        if options.model or options.no_hand or options.rigid_body:
+            raise ValueError("--patch: expected the nominal Panda with its hand, which a patch is made for")
+        patch = load_patch(options.patch)
+        found = verify(read_all(options.logs, panda()), patch)
+    except (ValueError, FloatingPointError) as error:
+        print(f"diagnose: {error}", file=sys.stderr)
+        print(json.dumps({"error": str(error)}))
+        return 2 if isinstance(error, ContractViolation) else 1
+    print(sentence(found))
+    for line in found["held_back"]:
+        print(f"held back: {line}")
+    print(json.dumps({**found, "patch": str(options.patch), "verification": str(write(options.out, found))}))
+    return 0
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. Status 2: a log that breaks the contract."""
     options = parse(arguments)
+    if options.patch:
+        return verify_patch(options)
     from np_diagnosis import lean  # noqa: F401, I001  before NumPy
     from np_diagnosis.arm.model import load_arm, panda
     from np_diagnosis.checks.effort_side import on_the_drives_side

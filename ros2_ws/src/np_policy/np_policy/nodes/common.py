@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 
@@ -21,6 +20,7 @@ from np_policy.contract import CONTROLLERS
 from np_ros import qos
 from np_ros.messages import NANOSECONDS, BadMessage, joint_state_arrays, keypoints_array, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter
+from np_ros.raw import decoded
 
 OLDEST_STATE = 200_000_000  # ns before the image; the clocks of a robot and a camera may be apart too
 
@@ -140,11 +140,14 @@ class StateStream:
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities (9,) of joints and fingers: rad, m and per s. Raises BadMessage."""
-        message = deserialize_message(self._raw, JointState)
+        message = decoded(self._raw, JointState)
         return joint_state_arrays(message, STATE_NAMES)[:2]
 
     def _receive(self, raw: bytes) -> None:
-        time = deserialize_message(raw, Header).stamp  # with which the message begins; what follows is left unread
+        try:
+            time = decoded(raw, Header).stamp  # with which the message begins; what follows is left unread
+        except BadMessage as error:
+            return self._diagnostics.refuse(error.kind, error)
         stamp = time.sec * NANOSECONDS + time.nanosec
         if self._settings.is_policy_tick(stamp):
             self._raw, self.stamp = raw, stamp

@@ -1,0 +1,66 @@
+"""Memory, handles and threads of processes, from /proc, and whether they stay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Use:
+    """Of one process: resident memory kB, open handles, threads."""
+
+    memory: int
+    handles: int
+    threads: int
+
+
+def use_of(pid: int) -> Use:
+    """What a process uses now. Raises OSError where it has ended."""
+    folder = Path("/proc") / str(pid)
+    lines = dict(line.split(":", 1) for line in (folder / "status").read_text().splitlines() if ":" in line)
+    return Use(int(lines["VmRSS"].split()[0]), len(list((folder / "fd").iterdir())), int(lines["Threads"]))
+
+
+@dataclass(frozen=True)
+class Trend:
+    """Of one process over episodes, those of the warm-up left out: memory kB at the beginning and end (medians of a tenth
+    each), kB an episode by a line through all; handles and threads at the beginning and at the end."""
+
+    memory: tuple[int, int]
+    memory_per_episode: float
+    handles: tuple[int, int]
+    threads: tuple[int, int]
+
+    def is_flat(self, memory_per_episode: float) -> bool:
+        """Whether nothing grows: handles and threads not at all, memory by less than so many kB an episode."""
+        grown = self.handles[1] > self.handles[0] or self.threads[1] > self.threads[0]
+        return not grown and self.memory_per_episode < memory_per_episode
+
+
+def trend(uses: Sequence[Use], warm: int) -> Trend:
+    """The trend of one process, one entry an episode. Raises ValueError where fewer than ten are left after the warm-up."""
+    kept = uses[warm:]
+    if len(kept) < 10:
+        raise ValueError(f"trend: expected at least 10 episodes after {warm} of warm-up, got {len(kept)}")
+    part = max(1, len(kept) // 10)
+    memory = np.array([use.memory for use in kept], float)
+    slope = float(np.polyfit(np.arange(len(memory)), memory, 1)[0])
+
+    def ends(values: list[int]) -> tuple[int, int]:
+        return int(np.median(values[:part])), int(np.median(values[-part:]))
+
+    return Trend(
+        ends([use.memory for use in kept]),
+        round(slope, 2),
+        ends([use.handles for use in kept]),
+        ends([use.threads for use in kept]),
+    )
+
+
+def growing(trends: Mapping[str, Trend], memory_per_episode: float) -> list[str]:
+    """The processes that are not flat."""
+    return [name for name, one in trends.items() if not one.is_flat(memory_per_episode)]

@@ -1,0 +1,67 @@
+"""The parts of soak and fuzz that need no graph."""
+
+import os
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+
+from np_bringup.endurance.random_messages import broken, broken_bytes, message_type, random_message
+from np_bringup.endurance.resources import Trend, Use, growing, trend, use_of
+from np_description.panda import STATE_NAMES
+from np_record.topics import FORMER, TOPICS
+from np_ros.messages import BadMessage, joint_state_arrays, joint_state_message
+
+KINDS = sorted({topic.type for topic in (*TOPICS, *FORMER)})
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_random_message_of_every_type_can_be_sent(name):
+    rng, kind = np.random.default_rng(0), message_type(name)
+    sent = {serialize_message(random_message(kind, rng)) for _ in range(50)}
+    assert len(sent) > 10 or "std_msgs" in name
+    for data in sent:
+        deserialize_message(data, kind)
+
+
+def test_a_broken_message_is_one_that_is_refused_or_differs():
+    rng = np.random.default_rng(0)
+    good = joint_state_message(2_000_000, STATE_NAMES, np.zeros(9), np.zeros(9), np.zeros(9))
+    refused = 0
+    for _ in range(200):
+        bad = broken(good, rng)
+        assert bad != good or bad is not good
+        try:
+            joint_state_arrays(bad, STATE_NAMES)
+        except BadMessage:
+            refused += 1
+    assert 50 < refused < 200  # some changes are harmless, as of a frame that nobody reads
+    assert good == joint_state_message(2_000_000, STATE_NAMES, np.zeros(9), np.zeros(9), np.zeros(9))
+
+
+def test_broken_bytes_keep_their_first_four():
+    rng, data = np.random.default_rng(0), bytes(range(100))
+    made = [broken_bytes(data, rng) for _ in range(100)]
+    assert all(one[:4] == data[:4] and len(one) <= 100 for one in made)
+    assert len(set(made)) > 90 and data not in made
+
+
+def test_what_grows_is_named():
+    flat = [Use(50_000 + i % 3, 20, 5) for i in range(60)]
+    leak = [Use(50_000 + 100 * i, 20, 5) for i in range(60)]
+    handles = [Use(50_000, 20 + i // 20, 5) for i in range(60)]
+    warming = [Use(10_000 * min(i, 9), 5 + min(i, 9), 1 + min(i, 9)) for i in range(60)]
+    trends = {name: trend(uses, 10) for name, uses in locals().items() if isinstance(uses, list)}
+    assert growing(trends, 10.0) == ["leak", "handles"]
+    assert trends["leak"].memory_per_episode == pytest.approx(100)
+    assert trends["handles"].handles[1] > trends["handles"].handles[0]
+    assert isinstance(trends["warming"], Trend)
+    with pytest.raises(ValueError, match="at least 10 episodes after 10 of warm-up, got 5"):
+        trend(flat[:15], 10)
+
+
+def test_use_of_this_process():
+    before = use_of(os.getpid())
+    with open(os.devnull):
+        assert use_of(os.getpid()).handles == before.handles + 1
+    assert before.memory > 1000 and before.threads >= 1
