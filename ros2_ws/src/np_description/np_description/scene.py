@@ -134,9 +134,8 @@ def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, conta
     world.add_light(name="key", pos=[0.9, -0.6, 1.6], dir=[-0.35, 0.4, -1.2], diffuse=[0.7] * 3, castshadow=True)
     world.add_light(name="fill", pos=[0.6, 0.9, 1.4], dir=[-0.1, -0.6, -1.0], diffuse=[0.3] * 3, castshadow=False)
     fixed = dict(contype=ENVIRONMENT_BIT, conaffinity=OBJECT_BIT | ROBOT_BIT, **surface(contact.table, contact.hard))
-    on_table = fixed | dict(conaffinity=OBJECT_BIT | ROBOT_BIT | SUPPORT_BIT)
     world.add_geom(
-        name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.05], rgba=[0.62, 0.58, 0.52, 1], **on_table
+        name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.05], rgba=[0.62, 0.58, 0.52, 1], **fixed
     )
     for box in domain.obstacles:
         world.add_geom(
@@ -275,6 +274,7 @@ def _add_supports(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) ->
     A box stands on its four corners here, where a real one stands on whatever is proud of it, and turns the more easily the
     nearer that is to its middle. Patches as large as they are made here change hardly anything.
     """
+    spec.geom("table").conaffinity |= SUPPORT_BIT
     for axis in range(3):
         half = np.asarray(domain.half_size) * SUPPORT_SHARE
         half[axis] = domain.half_size[axis] + SUPPORT_PROUD
