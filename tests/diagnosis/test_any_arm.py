@@ -18,6 +18,9 @@ from np_diagnosis.inference.estimates import estimate
 from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.inference.search import Search
 from np_diagnosis.thresholds import THRESHOLDS
+from np_effects import RECORDS
+from np_effects.background import FRICTION_KNOWN
+from np_effects.registry import all_signatures
 from np_effects.stage import Stage
 
 ARM = panda()
@@ -163,3 +166,15 @@ def test_a_twist_of_a_load_or_of_noise_is_no_play(log):
         found = search.run(1, 1).members
         named = {(search.design.candidates[m].effect.id, search.design.candidates[m].joint) for m in found}
         assert named == ({("joint_elasticity", 1)} if slope else set())
+
+
+def test_friction_is_known_to_some_per_cent_and_less_than_that_is_not_named(clean):
+    """Each was named in a clean arm of the wide background: a hundredth of what the joint has."""
+    told = {p.least for e in all_signatures(clean) if e.id == "thermal_drift" for p in e.parameters}
+    assert told == {FRICTION_KNOWN}
+    for effect in all_signatures(clean):
+        if effect.id in ("coulomb_friction", "presliding_friction", "stribeck_friction"):
+            at, limit = effect.only_joint, np.array(RECORDS[effect.id].visible.limit)
+            least = effect.parameters[0].least
+            assert 0 < least <= FRICTION_KNOWN * ARM.frictionloss[slice(None) if at is None else at].min()
+            assert (least < 0.9 * (limit if at is None else limit[at])).all()  # what can be seen is named
