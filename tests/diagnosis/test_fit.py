@@ -104,7 +104,7 @@ def test_nuisances_have_a_column_each_and_those_of_the_links_in_every_joint(clea
             assert columns.shape[1] == len(nuisances.parameters(clean, stage, joint))
         names = [p.name for p in nuisances.parameters(clean, Stage.DYNAMICS, joint)]
         assert names[2:5] == ["breakaway", "late breakaway", "creep"]
-        assert names[9:] == [f"links {n + 1}" for n in range(len(names) - 9)] and len(names) > 11
+        assert names[7:] == [f"links {n + 1}" for n in range(len(names) - 7)] and len(names) > 8
 
 
 @settings(max_examples=5, deadline=None)
