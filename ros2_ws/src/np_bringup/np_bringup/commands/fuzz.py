@@ -64,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
                 # A few real messages of an episode, to break.
                 peer.call("sim_bridge/reset")
                 peer.call("episode/start")
-                peer.wait_until(lambda: fuzzer.has_samples("episode/tick", "joint_trajectory"), what="an episode")
+                peer.wait_until(lambda: fuzzer.has_samples("joint_trajectory", "target_pose"), what="the phase post")
                 topics = [known[name] for name in options.topics] or list(known.values())
                 progress = Progress(len(topics), "fuzz")
                 for number, topic in enumerate(topics):

@@ -67,7 +67,9 @@ class Fuzzer:
         found, self._sends = Fuzzed(topic.name), True
         self._hear(nodes, found)
         before = {name: self._refused(name) for name in nodes}
-        self._hears_itself = topic.name == "diagnostics"  # what a node says of itself cannot be told from what we make up
+        self._hears_itself = (
+            topic.name == "diagnostics"
+        )  # what a node says of itself cannot be told from what we make up
         for number in range(count):
             way, message = self._make(topic, kind)
             found.sent[way] = found.sent.get(way, 0) + 1
