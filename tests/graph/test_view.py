@@ -21,13 +21,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from np_bringup.nodes import robot_state_node
 from np_bringup.view.recorded import RecordedEpisode
-from np_bringup.view.scene_data import SceneData
 from np_bringup.view.server import PAGE, serve
 from np_control.kinematics import forward_kinematics, hand_pose
 from np_description.domains import BUMP, CARD, Pose
 from np_description.panda import NOMINAL
 from np_description.robot_description import urdf
 from np_description.rotations import matrix_from_quaternion
+from np_description.scene_data import SceneData
 from np_record.topics import BY_NAME
 from np_ros import qos
 

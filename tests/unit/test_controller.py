@@ -398,3 +398,15 @@ def test_a_refused_half_of_a_target_answers_the_tick_but_moves_nothing():
     gate.pose(TICK, "pose")
     assert gate.missing(TICK) is None
     assert gate.take(TICK).target is None
+
+
+@pytest.mark.parametrize("reason, q, dq", [(Reason.POSITION, 1e308, 0.0), (Reason.VELOCITY, 0.0, -1e300)])
+def test_a_state_that_no_arm_can_have_is_refused_and_the_one_before_kept(reason, q, dq):
+    """Such numbers are finite, and the law's torque for them is not: it ended the node."""
+    controller = Controller()
+    controller.observe(0, READY, ZERO)
+    before = controller.answer()
+    with pytest.raises(Refusal) as refused:
+        controller.observe(PERIOD, READY + q, ZERO + dq)
+    assert refused.value.reason is reason
+    assert controller.stamp == 0 and controller.answer() is before

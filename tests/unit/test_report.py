@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from bags import KEYPOINT_OFFSET, PERIOD, record_episode
+from bags import GOAL, KEYPOINT_OFFSET, PERIOD, record_episode
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
@@ -13,6 +13,7 @@ from rosbags.rosbag2 import Writer
 from std_msgs.msg import String
 
 from np_description.domains import CARD, WALL, Pose
+from np_description.panda import NOMINAL
 from np_description.phases import PhaseState
 from np_description.rotations import yaw_quaternion
 from np_record.bag import BagError, Recording
@@ -21,6 +22,7 @@ from np_record.commands import report as command
 from np_record.intervals import wilson_interval
 from np_record.recorded_episode import images, load_episode, score
 from np_record.report.episodes import make_section, write_report
+from np_record.report.third_person import ThirdPerson
 from np_record.report.video import write_video
 
 
@@ -147,10 +149,25 @@ def test_the_video_plays_back_what_was_drawn(tmp_path):
     frames = []
     while (read := capture.read())[0]:
         frames.append(read[1])
-    assert len(frames) == 30 and frames[0].shape == (448, 448, 3)
+    assert len(frames) == 30 and frames[0].shape == (448, 896, 3)
     # The goal's outline is drawn in green on a grey image.
-    excess = frames[0][60:, :, 1].astype(int) - frames[0][60:, :, 2]
+    excess = frames[0][60:, :448, 1].astype(int) - frames[0][60:, :448, 2]
     assert (excess > 60).sum() > 50
+
+
+def test_from_the_side_the_arm_is_where_it_is():
+    """The arm is white, the object has its colours, the goal is a green outline; each moves with what it stands for."""
+    beside = ThirdPerson(CARD, 448)
+    start = Pose(np.array([0.45, -0.1, 0.0025]), np.array([1.0, 0, 0, 0]))
+    ready, empty = beside.picture(NOMINAL.ready, start, GOAL), beside.picture(NOMINAL.ready, None, None)
+    white = (empty.min(axis=2) > 150).sum()
+    assert 2000 < white < 0.4 * empty[..., 0].size
+    changed = (ready != empty).any(axis=2)
+    assert 50 < changed.sum() < 3000  # object and goal, and nothing else
+    turned = beside.picture(np.append(NOMINAL.ready + [0.5, 0, 0, 0, 0, 0, 0], [0.0, 0.0]), start, GOAL)
+    assert (turned != ready).any(axis=2).sum() > 5000
+    green = ready[changed].astype(int)
+    assert ((green[:, 1] - green[:, 0] > 40) & (green[:, 1] - green[:, 2] > 20)).sum() > 20
 
 
 def test_the_report_is_one_file_with_everything(tmp_path, capsys):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from pages import contact, doctor, driver, episodes, perception, speed
+from pages import contact, doctor, driver, endurance, episodes, perception, speed
 from pages.markdown import head, paragraph, table
 
 SETS = "sets.yaml"
@@ -35,6 +35,8 @@ KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = 
     ("static_bench", "", "contact", contact.static_bench),
     ("bench", "", "bench", speed.bench),
     ("throughput_", "", "bench", speed.throughput),
+    ("soak", "", "endurance", endurance.soak),
+    ("fuzz", "", "endurance", endurance.fuzz),
 )
 
 

@@ -88,6 +88,20 @@ class _Target:
     gains: np.ndarray
 
 
+LARGEST_ANGLE, LARGEST_SPEED = 100.0, 1000.0
+"""rad, rad/s: beyond them no joint has ever been. What is merely over the arm's limits is the backend's to fault."""
+
+
+def _check_possible(q: np.ndarray, dq: np.ndarray) -> None:
+    """Raises Refusal where the law's numbers would overflow: its torque would be none."""
+    for reason, name, values, largest in (
+        (Reason.POSITION, "q", q, LARGEST_ANGLE),
+        (Reason.VELOCITY, "dq", dq, LARGEST_SPEED),
+    ):
+        if np.abs(values).max() > largest:
+            raise Refusal(reason, f"joint state: expected {name} within {largest:g}, got {np.asarray(values)}")
+
+
 class Controller:
     """One arm's controller: `observe` every state, give trajectories and targets, take the `answer`."""
 
@@ -114,9 +128,10 @@ class Controller:
 
         A state that the arm cannot have reached since the one before (a reset, a restarted backend, a long
         gap) is one: trajectory and targets are dropped, and the arm is held where it is. The same state again
-        changes nothing. Raises Refusal(not_finite).
+        changes nothing. Raises Refusal: not_finite; position, velocity for a state that no arm can have.
         """
         check_finite(q=q, dq=dq)
+        _check_possible(q, dq)
         state = _State(stamp, np.array(q, dtype=float), np.array(dq, dtype=float))
         if self._is_repetition(state):
             return False

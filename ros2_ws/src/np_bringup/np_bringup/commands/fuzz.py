@@ -41,13 +41,13 @@ def main(arguments: list[str] | None = None) -> int:
         parser().error(f"--topics: expected some of {', '.join(known)}; got {', '.join(unknown)}")
     interrupt_on_sigterm()
     out = new_folder(options.out)
-    specs = [
-        *task_graph({"domain": options.domain, "bag": str(out / "bag")}),
+    graph = task_graph({"domain": options.domain, "bag": str(out / "bag")})
+    beside = [  # two would answer for one in an episode: they come when there are samples
         NodeSpec("np_perception", "keypoint_oracle", parameters={"mode": "lockstep", "domain": options.domain}),
         NodeSpec("np_control", "operational_space", parameters={"mode": "lockstep"}),
         NodeSpec("np_bringup", "robot_state", parameters={"domain": options.domain}),
     ]
-    by_name = {spec.name: spec for spec in specs}
+    by_name = {spec.name: spec for spec in [*graph, *beside]}
     found, began = [], time.monotonic()
     with Supervisor(out / "log") as supervisor:
 
@@ -55,16 +55,18 @@ def main(arguments: list[str] | None = None) -> int:
             supervisor.stop(name)
             supervisor.start([by_name[name]])
 
-        supervisor.start(specs)
+        supervisor.start(graph)
         os.environ.update(supervisor.environment)
         with closing(Peer("fuzz", domain_id=supervisor.domain_id, limit=120.0)) as peer:
             fuzzer = Fuzzer(peer, supervisor, restart, options.seed)
             try:
-                peer.wait_until(lambda: set(by_name) <= fuzzer.speaking, what="every node")
+                peer.wait_until(lambda: {spec.name for spec in graph} <= fuzzer.speaking, what="every node")
                 # A few real messages of an episode, to break.
                 peer.call("sim_bridge/reset")
                 peer.call("episode/start")
-                peer.wait_until(lambda: fuzzer.has_samples("episode/tick", "joint_trajectory"), what="an episode")
+                peer.wait_until(lambda: fuzzer.has_samples("joint_trajectory", "target_pose"), what="the phase post")
+                supervisor.start(beside)
+                peer.wait_until(lambda: set(by_name) <= fuzzer.speaking, what="every node")
                 topics = [known[name] for name in options.topics] or list(known.values())
                 progress = Progress(len(topics), "fuzz")
                 for number, topic in enumerate(topics):

@@ -19,6 +19,7 @@ from np_ros.supervisor import NodeDied, Supervisor
 BATCH = 20  # messages after which it is looked whether everybody lives
 HEARD = 2  # diagnostics of a node, after the last message, until its counts are believed
 PATIENCE = 30.0  # s for them
+DRAIN = 1.0  # s in which the last messages arrive
 
 
 @dataclass
@@ -41,7 +42,7 @@ class Fuzzer:
         self._samples: dict[str, list[bytes]] = {}
         self._counts: dict[str, dict[str, int]] = {}
         self._heard: dict[str, int] = {}
-        self._sends = False
+        self._sends = self._hears_itself = False
         peer.collect("diagnostics", DiagnosticArray, qos.RECORDER, self._on_diagnostics)
         for topic in TOPICS:
             self._listen(topic)
@@ -66,6 +67,9 @@ class Fuzzer:
         found, self._sends = Fuzzed(topic.name), True
         self._hear(nodes, found)
         before = {name: self._refused(name) for name in nodes}
+        self._hears_itself = (
+            topic.name == "diagnostics"
+        )  # what a node says of itself cannot be told from what we make up
         for number in range(count):
             way, message = self._make(topic, kind)
             found.sent[way] = found.sent.get(way, 0) + 1
@@ -73,6 +77,8 @@ class Fuzzer:
             if number % BATCH == BATCH - 1:
                 self._peer.spin_once(0.01)
                 self._look(found)
+        self._peer.idle_for(DRAIN)
+        self._hears_itself = False
         self._hear(nodes, found)
         for name in nodes:
             if name not in found.died:
@@ -128,7 +134,7 @@ class Fuzzer:
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
             name = status.name.lstrip("/")
-            if name not in self._supervisor.names:
+            if self._hears_itself or name not in self._supervisor.names:
                 continue  # what we have made up
             self._heard[name] = self._heard.get(name, 0) + 1
             self._counts[name] = {p.key: int(p.value) for p in status.values if p.value.isascii() and p.value.isdigit()}

@@ -13,6 +13,14 @@ import numpy as np
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 
 LENGTHS = (0, 1, 2, 3, 7, 8, 9, 14, 100)
+FEW = (
+    0,
+    1,
+    1,
+    1,
+    2,
+    3,
+)  # of messages inside a message: a hundred of a hundred would be megabytes, which arrive when they like
 NUMBERS = (0.0, -0.0, 1.0, -1.0, float("nan"), float("inf"), float("-inf"), 1e308, -1e308, 1e-320, 3.14, 0.04)
 TEXTS = (
     "",
@@ -23,7 +31,7 @@ TEXTS = (
     "pre",
     "failed",
     "\u2603" * 3,
-    "x" * 5000,
+    "x" * 500,
     *JOINT_NAMES[:2],
     *STATE_NAMES[-1:],
 )
@@ -86,7 +94,8 @@ def broken_bytes(data: bytes, rng: np.random.Generator) -> bytes:
 
 def _random(type_name: str, rng: np.random.Generator):
     if found := _LIST.match(type_name):
-        inner, count = found[1] or found[2], int(found[3]) if found[3] else int(rng.choice(LENGTHS))
+        inner = found[1] or found[2]
+        count = int(found[3]) if found[3] else int(rng.choice(FEW if "/" in inner else LENGTHS))
         values = [_random(inner, rng) for _ in range(min(count, 40))]
         values = (values * (count // max(1, len(values)) + 1))[:count]
         if inner in _ARRAYS:

@@ -9,9 +9,9 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image, JointState
 
 from np_bringup.view.recorded import encoded, error
-from np_bringup.view.scene_data import SceneData
 from np_description.domains import Domain, Pose
 from np_description.panda import BASE_FRAME, STATE_NAMES
+from np_description.scene_data import SceneData
 from np_ros import qos
 from np_ros.messages import BadMessage, image_array, joint_state_arrays, pose_arrays, stamp_nanoseconds
 from np_ros.peer import Peer

@@ -94,10 +94,12 @@ def excite(options: argparse.Namespace) -> dict:
 
     def show(name: str, number: int, count: int) -> None:
         nonlocal bar
-        bar = bar or Progress(count, "excite")
-        bar.show(number - 1, name)
+        bar = bar or Progress(round(motion), "excite, s of motion")
+        ways = count - len(durations)  # to the first posture, where the arm rests elsewhere
+        bar.show(sum(durations[: max(0, number - 1 - ways)]), name)
 
-    motion = sum(segment.duration for segment in suite(options.only))
+    durations = [segment.duration for segment in suite(options.only)]
+    motion = sum(durations)
     if motion < (enough := THRESHOLDS.blocks.shortest):
         _say(
             f"{motion:.1f} s of motion; `diagnose` wants {enough:g} s: name further experiments, or one such as sweep_7"
@@ -108,7 +110,7 @@ def excite(options: argparse.Namespace) -> dict:
             limit = READY_TIMEOUT if is_sim else RUNNING_TIMEOUT
             exciter.wait_until_ready({node.name for node in nodes}, limit, _say)
             segments = exciter.run(options.only)
-            bar.show(len(segments), "done")
+            bar.show(round(motion), "done")
             return {"segments": segments, **exciter.stop_recording()}
 
 

@@ -1,4 +1,4 @@
-"""A video of an episode: the camera's images with goal, detected keypoints and phase drawn in.
+"""A video of an episode: the camera's images with goal, detected keypoints and phase drawn in; beside them arm and object as seen from the side.
 
 WebM with VP8, which every current browser plays and OpenCV's wheels encode.
 """
@@ -18,6 +18,7 @@ from np_description.domains import Pose
 from np_description.keypoints import box_keypoints
 from np_description.scene import CORNER_COLOURS
 from np_record.recorded_episode import EpisodeData, Series
+from np_record.report.third_person import ThirdPerson
 
 SCALE = 2  # pixels of the video for one of the camera
 _EDGES = [(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit]
@@ -29,7 +30,12 @@ def write_video(path: str | Path, episode: EpisodeData, images: Iterable[tuple[f
 
     Raises OSError where OpenCV cannot encode. With no images no file is made.
     """
-    return encode(path, (annotate(pixels, episode, time) for time, pixels in images), rate)
+    beside = ThirdPerson(episode.domain, SCALE * CAMERA.height)
+    return encode(
+        path,
+        (np.hstack([annotate(pixels, episode, t), from_the_side(beside, episode, t)]) for t, pixels in images),
+        rate,
+    )
 
 
 def encode(path: str | Path, frames: Iterable[np.ndarray], rate: float) -> int:
@@ -65,6 +71,14 @@ def annotate(pixels: np.ndarray, episode: EpisodeData, time: float) -> np.ndarra
     cv2.rectangle(frame, (0, 0), (frame.shape[1], 22), (30, 30, 30), cv2.FILLED)
     cv2.putText(frame, text, (8, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _WHITE, 1, cv2.LINE_AA)
     return frame
+
+
+def from_the_side(beside: ThirdPerson, episode: EpisodeData, time: float) -> np.ndarray:
+    """Arm, object and goal at `time` s; RGB uint8."""
+    place = _latest(episode.object_position, time, None)
+    turn = _latest(episode.object_quaternion, time, None)
+    body = None if place is None or turn is None else Pose(place, turn)
+    return beside.picture(_latest(episode.position, time, episode.position.values[0]), body, episode.goal)
 
 
 def draw_box(frame: np.ndarray, pose: Pose, half_size, colour=_GREEN) -> None:

@@ -1,4 +1,4 @@
-"""A scene and its moments as the page has them: shapes once, poses of bodies for each moment."""
+"""A scene and its moments as data, for pages and pictures: shapes once, poses of bodies for each moment."""
 
 from __future__ import annotations
 
