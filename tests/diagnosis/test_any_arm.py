@@ -11,16 +11,12 @@ from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import panda
 from np_diagnosis.arm.stages import drive
 from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.estimates import estimate
 from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.inference.search import Search
 from np_diagnosis.thresholds import THRESHOLDS
-from np_effects import RECORDS
-from np_effects.background import FRICTION_KNOWN
-from np_effects.registry import all_signatures
 from np_effects.stage import Stage
 
 ARM = panda()
@@ -66,20 +62,6 @@ def test_an_arm_whose_links_are_heavier_has_no_gap():
     diagnosis = diagnose([record(Truth(mass_error=0.03), seed=2)])
     assert diagnosis.verdict == "no_gap"
     assert not [f for f in diagnosis.findings if f.is_chosen]
-
-
-@pytest.mark.parametrize("joint", [0, 4])
-def test_friction_that_goes_up_and_down_with_the_angle_is_a_nuisance_and_its_mean_is_none(clean, joint):
-    s, names = clean.samples, [p.name for p in nuisances.parameters(clean, Stage.DYNAMICS, joint)]
-    waves = nuisances.columns(clean, Stage.DYNAMICS, joint)[
-        :, [n for n, name in enumerate(names) if "of friction" in name]
-    ]
-    direction = clean.prediction.direction[:, joint]
-    assert waves.shape[1] == 2 and np.abs(direction @ waves).max() < 1e-6 * direction @ direction
-    uneven = 0.08 * ARM.frictionloss[joint] * np.sin(2.0 * (s.position[:, joint] - 0.1)) * direction
-    uneven -= direction * (direction @ uneven) / (direction @ direction)
-    found, *_ = np.linalg.lstsq(waves, uneven, rcond=None)
-    assert np.std(uneven - waves @ found) < 0.25 * np.std(uneven) and np.abs(found).max() < 0.25
 
 
 def test_an_effect_that_a_nuisance_could_only_take_up_beyond_its_bound_leads_the_screen(log, clean):
@@ -166,15 +148,3 @@ def test_a_twist_of_a_load_or_of_noise_is_no_play(log):
         found = search.run(1, 1).members
         named = {(search.design.candidates[m].effect.id, search.design.candidates[m].joint) for m in found}
         assert named == ({("joint_elasticity", 1)} if slope else set())
-
-
-def test_friction_is_known_to_some_per_cent_and_less_than_that_is_not_named(clean):
-    """Each was named in a clean arm of the wide background: a hundredth of what the joint has."""
-    told = {p.least for e in all_signatures(clean) if e.id == "thermal_drift" for p in e.parameters}
-    assert told == {FRICTION_KNOWN}
-    for effect in all_signatures(clean):
-        if effect.id in ("coulomb_friction", "presliding_friction", "stribeck_friction"):
-            at, limit = effect.only_joint, np.array(RECORDS[effect.id].visible.limit)
-            least = effect.parameters[0].least
-            assert 0 < least <= FRICTION_KNOWN * ARM.frictionloss[slice(None) if at is None else at].min()
-            assert (least < 0.9 * (limit if at is None else limit[at])).all()  # what can be seen is named

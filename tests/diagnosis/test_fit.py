@@ -103,8 +103,8 @@ def test_nuisances_have_a_column_each_and_those_of_the_links_in_every_joint(clea
             columns = nuisances.columns(clean, stage, joint)
             assert columns.shape[1] == len(nuisances.parameters(clean, stage, joint))
         names = [p.name for p in nuisances.parameters(clean, Stage.DYNAMICS, joint)]
-        assert names[2:5] == ["breakaway", "late breakaway", "creep"]
-        assert names[7:] == [f"links {n + 1}" for n in range(len(names) - 7)] and len(names) > 8
+        assert names[2:4] == ["breakaway", "late breakaway"]
+        assert names[4:] == [f"links {n + 1}" for n in range(len(names) - 4)] and len(names) > 6
 
 
 @settings(max_examples=5, deadline=None)
@@ -194,7 +194,6 @@ def test_intervals_cover_under_coloured_noise(clean):
             times=lambda s: (np.zeros(1200, int), np.arange(1200.0)),
             rows=lambda s, j, at_reversal: np.ones(1200, bool),
             residual=lambda s, j, i=i: 0.4 * column[:, 0] + noise[:, i],
-            change=lambda s, j, rows, matrix, residual: (matrix, residual),
         )
         cell = make_cell(stage, Stage.DRIVE, 0, np.arange(1), column, blocks, parameters)
         found = fit([cell], [cell.test], [cell.test_rows], np.arange(1), parameters)

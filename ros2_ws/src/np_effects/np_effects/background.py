@@ -3,5 +3,4 @@
 INERTIA_ERROR = 0.03  # of a link's inertia about its centre of mass: CAD without cables and glue
 MASS_ERROR = 0.03  # of a link's mass, likewise; its inertia about every joint is off by as much
 PLACE_ERROR = 0.03  # of the distance of its centre of mass from its joint, along each axis
-FRICTION_KNOWN = 0.05  # of a joint's friction or damping, up to which it is what any arm of its type has
 SURE = 2.0  # standard deviations of what any arm's links are off by together, up to which it is no effect

@@ -169,14 +169,13 @@ class Search:
         return self.pruned(chosen)
 
     def promising(self, parent: Model, count: int) -> list[int]:
-        """Candidates whose addition would raise the likelihood most (`screen.gains`), best first: `count` of them, and of
-        the empty model the best of each stage of each joint too, where it would be worth its prior: none is crowded out by
-        what goes on elsewhere."""
+        """Candidates whose addition would raise the likelihood most (`screen.gains`), best first: `count` of them, and the
+        best of each stage of each joint where it would be worth its prior: none is crowded out by what goes on elsewhere."""
         groups = self.groups(parent.members)
         gains = screen.gains(self.design, [(j, self.ids(j, m), self.group(j, m)[0].fit) for j, m in groups])
         ranked = [int(n) for n in np.argsort(gains)[::-1]]
         found, seen = ranked[:count], set()
-        for n in ranked if not parent.members else ():
+        for n in ranked:
             if gains[n] + self.log_prior(n) < SEARCH.gain:
                 break
             candidate = self.design.candidates[n]

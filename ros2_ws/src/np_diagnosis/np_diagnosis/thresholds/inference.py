@@ -78,15 +78,13 @@ class Nuisances:
     loose_delay_spread: float = threshold(
         1e-3, "s", "the same without commands: torque and motion may come from clocks of their own", JUDGEMENT
     )
-    breakaways: tuple[float, float, float] = threshold(
-        (1e-4, 2e-4, 5e-4), "rad", "over which friction turns over after a reversal", "measured on development cases"
+    breakaways: tuple[float, float] = threshold(
+        (1e-4, 2e-4), "rad", "over which friction turns over after a reversal", "measured on development cases"
     )
     breakaway_spread: float = threshold(
         0.7, "1", "standard deviation of the share of the nominal friction that turns over late", DEVELOPMENT
     )
-    late_breakaway_spread: float = threshold(1.0, "1", "the same over the longer distances", DEVELOPMENT)
-    uneven: float = threshold(0.05, "1", "standard deviation of the waves of friction over the angle", JUDGEMENT)
-    uneven_orders: tuple[float, ...] = threshold((1.5,), "1/rad", "orders of those waves, about any posture", JUDGEMENT)
+    late_breakaway_spread: float = threshold(1.0, "1", "the same over the longer distance", DEVELOPMENT)
     zero_spread: float = threshold(0.01, "rad", "standard deviation of the zero of a motor's encoder", JUDGEMENT)
     acceleration_error: float = threshold(
         0.001, "1", "error of a filtered acceleration of a motion without noise", JUDGEMENT
@@ -98,7 +96,7 @@ class Nuisances:
         "Fuller, Measurement Error Models, 1987",
     )
     link_torque: float = threshold(
-        3e-5, "of the torque limit", "RMS below which a component of the links' errors is not seen", NUMERICS
+        2e-5, "of the torque limit", "RMS below which a component of the links' errors is not seen", NUMERICS
     )
     gear_yield: float = threshold(1e-5, "rad/Nm", "yield of the stiffest gears", "no gear is stiffer than 1e5 Nm/rad")
 

@@ -12,14 +12,13 @@ from np_effects.signature import Parameter, Signature, stack
 from np_effects.stage import Stage
 
 COEFFICIENT = Quantity("coefficient", "1", 0.0, 0.5)
-KNOWN = 1.5e-3  # of the load, up to which it is what any gear loses more or less than another
 
 
 def _signatures(context: Context) -> list[Signature]:
     return [
         Signature(
             "load_dependent_friction",
-            (Parameter("coefficient", "1", COEFFICIENT.lower, COEFFICIENT.upper, 0.05, least=KNOWN),),
+            (Parameter("coefficient", "1", COEFFICIENT.lower, COEFFICIENT.upper, 0.05),),
             {Stage.DYNAMICS: lambda c, j: stack(np.abs(c.prediction.load[:, j]) * c.prediction.direction[:, j])},
             "friction proportional to the load through the gear",
         )

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from np_description.rotations import namespace
-from np_effects.background import FRICTION_KNOWN
 from np_effects.behaviour import Resistance, Values
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -21,25 +18,24 @@ STROKES = tuple(0.003 * 1.4**n for n in range(9))  # rad: so fine that the best 
 MOST = 0.045
 
 
-def _signature(stroke: float, known: float) -> Signature:
-    """More friction, of a kind that builds up; known Nm: up to which it is what any arm has."""
+def _signature(stroke: float) -> Signature:
+    """More friction, of a kind that builds up."""
 
     def columns(c: Context, j: int) -> np.ndarray:
         return stack(c.samples.filtered(j, lambda q, v: dahl(q, stroke)))
 
     return Signature(
         "presliding_friction",
-        (Parameter("level", "Nm", LEVEL.lower, LEVEL.upper, 0.4, least=known),),
+        (Parameter("level", "Nm", LEVEL.lower, LEVEL.upper, 0.4),),
         {Stage.DYNAMICS: columns},
         "Dahl 1968: dF/dx = (Fc - F sgn v) / x0",
         f"{1e3 * stroke:.3g} mrad",
-        Shape("stroke", "rad", stroke, partial(_signature, known=known), upper=MOST),
+        Shape("stroke", "rad", stroke, _signature, upper=MOST),
     )
 
 
 def _signatures(context: Context) -> list[Signature]:
-    known = FRICTION_KNOWN * float(context.arm.frictionloss.min())
-    return [_signature(stroke, known) for stroke in STROKES]
+    return [_signature(stroke) for stroke in STROKES]
 
 
 def _bristles(values: Values) -> Resistance:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from np_description.rotations import namespace
-from np_effects.background import FRICTION_KNOWN
 from np_effects.behaviour import Resistance, Values, direction
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -19,10 +16,10 @@ BREAKAWAY, SPEED = Quantity("breakaway", "Nm", 0.0, 2.0), Quantity("speed", "rad
 SPEEDS = tuple(0.03 * 1.4**n for n in range(7))  # rad/s: so fine that the best one leaves nothing to other effects
 
 
-def _signature(speed: float, known: float) -> Signature:
+def _signature(speed: float) -> Signature:
     return Signature(
         "stribeck_friction",
-        (Parameter("breakaway", "Nm", BREAKAWAY.lower, BREAKAWAY.upper, 0.2, least=known),),
+        (Parameter("breakaway", "Nm", BREAKAWAY.lower, BREAKAWAY.upper, 0.2),),
         {
             Stage.DYNAMICS: lambda c, j: stack(
                 c.samples.filtered(j, lambda q, v: sign(v) * np.exp(-((v / speed) ** 2))),
@@ -30,13 +27,12 @@ def _signature(speed: float, known: float) -> Signature:
         },
         "Armstrong-Helouvry et al., Automatica 1994",
         f"{speed:.3g} rad/s",
-        Shape("speed", "rad/s", speed, partial(_signature, known=known)),
+        Shape("speed", "rad/s", speed, _signature),
     )
 
 
 def _signatures(context: Context) -> list[Signature]:
-    known = FRICTION_KNOWN * float(context.arm.frictionloss.min())
-    return [_signature(speed, known) for speed in SPEEDS]
+    return [_signature(speed) for speed in SPEEDS]
 
 
 def _near_standstill(values: Values) -> Resistance:

@@ -6,7 +6,6 @@ import numpy as np
 
 from np_description.panda import NOMINAL
 from np_description.rotations import namespace
-from np_effects.background import FRICTION_KNOWN
 from np_effects.behaviour import Resistance, Values, direction
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -31,7 +30,7 @@ def _signature(variant: str, course) -> Signature:
 
     return Signature(
         "thermal_drift",
-        (Parameter("change", "1", CHANGE.lower, CHANGE.upper, 0.2, least=FRICTION_KNOWN),),
+        (Parameter("change", "1", CHANGE.lower, CHANGE.upper, 0.2),),
         {Stage.DYNAMICS: columns},
         "friction falls as the grease warms up",
         variant,

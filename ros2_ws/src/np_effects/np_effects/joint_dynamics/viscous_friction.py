@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from np_effects.background import FRICTION_KNOWN
 from np_effects.evidence import Context
 from np_effects.panda_changes import added
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -17,12 +16,10 @@ def _signatures(context: Context) -> list[Signature]:
     return [
         Signature(
             "viscous_friction",
-            (Parameter("coefficient", "Nms/rad", -float(context.arm.damping.max()), MOST, 0.3, least=known),),
+            (Parameter("coefficient", "Nms/rad", -float(context.arm.damping.max()), MOST, 0.3),),
             {Stage.DYNAMICS: lambda c, j: stack(c.samples.velocity[:, j])},
             "Gaz et al., RA-L 2019",
-            only_joint=joint,
         )
-        for joint, known in enumerate(FRICTION_KNOWN * context.arm.damping)
     ]
 
 
