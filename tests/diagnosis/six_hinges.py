@@ -83,7 +83,7 @@ def record(
 def _built(payload: float) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_file(str(MJCF))
     if payload:
-        spec.body("wrist_3_link").add_body(
-            pos=spec.site("tool").pos, mass=payload, inertia=[1e-9] * 3, explicitinertial=True
-        )
+        tool = spec.site("tool").pos.copy()
+        point = {"mass": payload, "ipos": np.zeros(3), "inertia": [1e-9] * 3, "explicitinertial": True}
+        spec.body("wrist_3_link").add_body(pos=tool, **point)
     return spec.compile()

@@ -161,7 +161,7 @@ def z1_log():
     if not path.exists():
         pytest.skip(f"{path} is not there; NP_REAL_DATA names the folder with real recordings")
     arm = load_arm(Z1)
-    log = read(path, len(arm))
+    log = read(path, arm.joints)
     check(log, arm)
     return diagnose([log], arm)
 

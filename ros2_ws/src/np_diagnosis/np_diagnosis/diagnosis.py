@@ -15,6 +15,7 @@ from np_diagnosis.checks.standstill import ageing
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import Design, make_design
 from np_diagnosis.inference.estimates import Estimate, estimate
+from np_diagnosis.inference.gains import settled
 from np_diagnosis.inference.loop_delay import settle_delay
 from np_diagnosis.inference.ranking import alternatives, generalisations, probabilities
 from np_diagnosis.inference.search import Model, Search
@@ -94,7 +95,8 @@ def diagnose(
     quick: only single effects compete, and rivals and patterns in time are not looked for. Raises ValueError where
     the logs are too short.
     """
-    context = make_context([*reference, *logs], arm or panda(), len(reference))
+    arm = arm or panda()
+    context = make_context([*reference, *(logs if reference else settled(logs, arm))], arm, len(reference))
     design = settle_delay(make_design(context))
     search = Search(design)
     search, chosen = settle_shapes(search, search.run(*((1, 1) if quick else ())))

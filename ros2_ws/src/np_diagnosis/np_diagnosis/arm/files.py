@@ -37,7 +37,9 @@ def load_arm(path: str | Path, joints: Sequence[str] | None = None, tip: str | N
     for name in names:
         if kinds.get(name) != "hinge":
             what = f"a {kinds[name]}" if name in kinds else "no joint of it"
-            raise ValueError(f"{path}: expected hinges as joints of the arm, got {name!r}, {what}; it has {_listed(kinds)}")
+            raise ValueError(
+                f"{path}: expected hinges as joints of the arm, got {name!r}, {what}; it has {_listed(kinds)}"
+            )
     try:
         arm = from_model(model, names)
     except ValueError as error:

@@ -151,6 +151,8 @@ def _torque_limits(model: mujoco.MjModel, index: Sequence[int]) -> np.ndarray:
     for i, j in enumerate(index):
         if model.jnt_actfrclimited[j]:
             limits[i] = np.abs(model.jnt_actfrcrange[j]).max()
-        for a in np.flatnonzero(on_joint & (model.actuator_trnid[:, 0] == j) & model.actuator_forcelimited.astype(bool)):
+        for a in np.flatnonzero(
+            on_joint & (model.actuator_trnid[:, 0] == j) & model.actuator_forcelimited.astype(bool)
+        ):
             limits[i] = min(limits[i], np.abs(model.actuator_forcerange[a]).max() * abs(model.actuator_gear[a, 0]))
     return np.where(np.isfinite(limits), limits, UNLIMITED_TORQUE)

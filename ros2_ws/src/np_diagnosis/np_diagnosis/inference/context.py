@@ -43,6 +43,7 @@ def make_context(logs: list[Log], arm: Arm, reference: int = 0) -> Context:
         np.array([find_quantum(logs[0].position[:, j]) for j in range(len(arm))]),
         seen,
         reference,
+        all(log.per_ampere is None for log in logs),
     )
 
 

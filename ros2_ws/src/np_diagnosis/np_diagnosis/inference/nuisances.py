@@ -21,6 +21,7 @@ from np_effects.sums import SMOOTH, sign
 
 NUISANCES = THRESHOLDS.nuisances
 
+TORQUE_CONSTANT = "torque constant"
 MOST_ERRORS = 6.0  # standard deviations
 
 _NONE: tuple[Parameter, ...] = ()
@@ -47,7 +48,7 @@ def parameters(context: Context, stage: Stage, joint: int) -> tuple[Parameter, .
         whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
         components = context.prediction.link_errors[joint].shape[1]
         links = (Parameter(f"links {n + 1}", "1", -MOST_ERRORS, MOST_ERRORS, 1.0) for n in range(components))
-        return (late, whole, *_TURNING, *links)
+        return (late, whole, *_TURNING, *_constant(context), *links)
     if stage is Stage.TRANSMISSION:
         return (
             Parameter("zero", "rad", -0.1, 0.1, NUISANCES.zero_spread),
@@ -70,7 +71,10 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
             for reach in NUISANCES.breakaways
         )
         motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]
-        return np.column_stack([*motion, *late, links])
+        constant = c.prediction.total[:, joint] * (
+            not c.reference
+        )  # the same in two recordings, and no nuisance of a change
+        return np.column_stack([*motion, *late, *([] if c.is_gain_known else [constant]), links])
     if stage is Stage.TRANSMISSION:
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
     if stage is Stage.DRIVE:
@@ -79,6 +83,13 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
         step[c.drive.starts] = 0.0
         return -step[:, None] / c.drive.period
     return np.zeros((len(c.drive.time), 0))
+
+
+def _constant(context: Context) -> tuple[Parameter, ...]:
+    """Of a motor's current: the share by which its torque constant is larger than it should be."""
+    if context.is_gain_known:
+        return ()
+    return (Parameter(TORQUE_CONSTANT, "1", -0.9, 2.0, THRESHOLDS.current.spread),)
 
 
 def _attenuation(context: Context, joint: int) -> float:
