@@ -20,6 +20,7 @@ from np_diagnosis.inference.loop_delay import settle_delay
 from np_diagnosis.inference.ranking import alternatives, generalisations, probabilities
 from np_diagnosis.inference.search import Model, Search
 from np_diagnosis.inference.settling import settle_shapes
+from np_diagnosis.recordings.current import as_torque
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context
@@ -96,7 +97,11 @@ def diagnose(
     the logs are too short.
     """
     arm = arm or panda()
-    context = make_context([*reference, *(logs if reference else settled(logs, arm))], arm, len(reference))
+    known, constant = settled(list(reference or logs), arm)
+    if reference:  # constants of motors are the same in both
+        known += [log if log.per_ampere is None else as_torque(log, known[0].per_ampere) for log in logs]
+        constant = None
+    context = make_context(known, arm, len(reference), constant)
     design = settle_delay(make_design(context))
     search = Search(design)
     search, chosen = settle_shapes(search, search.run(*((1, 1) if quick else ())))

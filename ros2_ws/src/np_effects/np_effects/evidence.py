@@ -153,8 +153,8 @@ class Context:
     quanta (k,) rad: step of each encoder, 0 where none shows. held (n,) bool: periods of the drive in which the last command
     was held, None without drive; held_share: their share of the `held_seen` periods in which that could have been seen.
     logs: the recordings, one after the other; reference: of how many of them, the first ones, the arm is what the others
-    are compared with. 0: with the nominal arm. is_gain_known: whether torque is one, not a motor's current times a constant
-    that the recording itself had to tell.
+    are compared with. 0: with the nominal arm. constant (n, k) Nm: what a share of error of a motor's torque constant is a
+    share of, where torque is a current times a constant that the recording itself had to tell; None where it was measured.
     """
 
     arm: Arm
@@ -170,4 +170,4 @@ class Context:
     quanta: np.ndarray
     held_seen: int = 0
     reference: int = 0
-    is_gain_known: bool = True
+    constant: np.ndarray | None = None

@@ -12,8 +12,8 @@ import numpy as np
 from np_description.domains import CARD
 from np_description.panda import NOMINAL, TCP_FRAME
 from np_description.scene import load_model
+from np_effects.patch import PANDA
 
-PANDA = "panda"
 UNLIMITED_TORQUE = 100.0  # Nm, the scale of a joint whose model states no limit
 UNLIMITED_SPEED = 10.0  # rad/s, likewise
 

@@ -63,9 +63,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def read_all(paths: Sequence[Path], arm: Arm, effort: str | None = None) -> list[Log]:
-    """Logs that keep their contract, of torques. Raises ContractViolation for one that does not, ValueError for currents that
-    do not tell their torque constants (of the first logs, the same for all)."""
+def read_all(paths: Sequence[Path], arm: Arm, effort: str | None = None, known: int = 0) -> list[Log]:
+    """Logs that keep their contract, of torques; known: how many of them are of the arm as it was (0: none), which tell the
+    torque constants of currents. Raises ContractViolation for one that does not, ValueError for currents that do not tell."""
     from np_diagnosis.checks.plausibility import check
     from np_diagnosis.recordings.current import as_current, as_torque, torque_constants
     from np_diagnosis.recordings.reading import read
@@ -75,7 +75,7 @@ def read_all(paths: Sequence[Path], arm: Arm, effort: str | None = None) -> list
         print(f"reading {path} ({number + 1} of {len(paths)})", file=sys.stderr)
         log = read(path, arm.joints)
         logs.append(as_current(log) if effort == "current" and not log.is_current else log)
-    currents = [log for log in logs if log.is_current]
+    currents = [log for log in logs[: known or None] if log.is_current]
     if currents:
         per_ampere = torque_constants(currents, arm)
         logs = [as_torque(log, per_ampere) if log.is_current else log for log in logs]
@@ -138,7 +138,7 @@ def main(arguments: list[str] | None = None) -> int:
     began = time.monotonic()
     try:
         arm = _arm(options)
-        together = read_all([*options.reference, *options.logs], arm, options.effort)
+        together = read_all([*options.reference, *options.logs], arm, options.effort, len(options.reference))
         is_current = any(log.per_ampere is not None for log in together)  # which is the drives'
         together, arm = on_the_drives_side(together, arm, "drive" if is_current else options.effort)
         before, logs = together[: len(options.reference)], together[len(options.reference) :]

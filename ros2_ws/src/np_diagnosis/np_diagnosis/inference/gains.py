@@ -2,7 +2,8 @@
 
 A payload that the nominal arm does not know loads every joint: constants estimated without it take up part of it. Where the
 constants of a recording are estimated (`recordings.current`), every joint has a nuisance that says by what share its constant
-is too large. It is read off the best model of a short search, taken out of the torque, and asked again.
+is off. It is read off the best model of a short search, taken out of the torque, and asked again: first as a share of the
+torque itself, which is exact whatever the model lacks, then, free of the sensor's noise, of the torque that this model says.
 """
 
 from __future__ import annotations
@@ -15,33 +16,42 @@ from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.nuisances import TORQUE_CONSTANT
 from np_diagnosis.inference.search import Search, fits_of
 from np_diagnosis.recordings.current import as_torque
-from np_diagnosis.recordings.signals import Log
+from np_diagnosis.recordings.signals import Log, sample
 from np_diagnosis.thresholds import THRESHOLDS
+from np_effects.stage import Stage
 
 CURRENT = THRESHOLDS.current
 
 
-def settled(logs: list[Log], arm: Arm) -> list[Log]:
-    """The logs with torques by constants that go with the effects found; as they are where their torque was measured."""
+def settled(logs: list[Log], arm: Arm) -> tuple[list[Log], np.ndarray | None]:
+    """(logs with torques by constants that go with the effects found, the torque (n, k) Nm of their samples by the model
+    found: `Context.constant`); logs whose torque was measured as they are, and None."""
     if all(log.per_ampere is None for log in logs):
-        return logs
+        return logs, None
+    says = None
     for _ in range(CURRENT.rounds):
-        search = Search(make_design(make_context(logs, arm)))
-        excess = _excess(search, len(arm))
-        logs = [log if log.per_ampere is None else as_torque(log, log.per_ampere / (1 + excess)) for log in logs]
-        if np.abs(excess).max() < CURRENT.settled:
+        is_first = says is None
+        constant = sample(logs).torque if is_first else says
+        search = Search(make_design(make_context(logs, arm, constant=constant)))
+        share, says = _found(search)
+        factor = 1 - share if is_first else 1 / (1 + share)
+        logs = [log if log.per_ampere is None else as_torque(log, log.per_ampere * factor) for log in logs]
+        if not is_first and np.abs(share).max() < CURRENT.settled:
             break
-    return logs
+    return logs, says
 
 
-def _excess(search: Search, joints: int) -> np.ndarray:
-    """Share (k,) by which each joint's constant is too large, with the best effects that a short search finds."""
-    found = np.zeros(joints)
-    for joint, (ids, fit) in fits_of(search, search.run(1).members).items():
-        (at,) = (n for n, i in enumerate(ids) if i in search.design.nuisances[joint] and _is_constant(search, i))
-        found[joint] = fit.parameters[:, at].mean()
-    return found
-
-
-def _is_constant(search: Search, parameter: int) -> bool:
-    return search.design.parameters[parameter].name == TORQUE_CONSTANT
+def _found(search: Search) -> tuple[np.ndarray, np.ndarray]:
+    """(share (k,) that each joint's nuisance has, torque (n, k) Nm that the best model of a short search says otherwise)."""
+    design = search.design
+    says, share = design.context.prediction.total.copy(), np.zeros(len(design.context.arm))
+    fits = fits_of(search, search.run(1).members)
+    for cell in (c for c in design.cells if c.stage is Stage.DYNAMICS and not c.at_reversal):
+        ids, fit = fits[cell.joint]
+        values = dict(zip(ids, fit.parameters.mean(axis=0)))
+        for column, i in zip(cell.matrix.T, cell.ids):
+            if design.parameters[i].name == TORQUE_CONSTANT:
+                share[cell.joint] = values[i]
+            else:
+                says[:, cell.joint] += values.get(i, 0.0) * column
+    return share, says

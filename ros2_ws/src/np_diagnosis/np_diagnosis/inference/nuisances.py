@@ -71,10 +71,8 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
             for reach in NUISANCES.breakaways
         )
         motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]
-        constant = c.prediction.total[:, joint] * (
-            not c.reference
-        )  # the same in two recordings, and no nuisance of a change
-        return np.column_stack([*motion, *late, *([] if c.is_gain_known else [constant]), links])
+        constant = [] if c.constant is None else [c.constant[:, joint]]
+        return np.column_stack([*motion, *late, *constant, links])
     if stage is Stage.TRANSMISSION:
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
     if stage is Stage.DRIVE:
@@ -87,7 +85,7 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
 
 def _constant(context: Context) -> tuple[Parameter, ...]:
     """Of a motor's current: the share by which its torque constant is larger than it should be."""
-    if context.is_gain_known:
+    if context.constant is None:
         return ()
     return (Parameter(TORQUE_CONSTANT, "1", -0.9, 2.0, THRESHOLDS.current.spread),)
 
