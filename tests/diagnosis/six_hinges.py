@@ -45,13 +45,15 @@ def motion(time: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 def record(
     truth: Truth = Truth(),
-    rate: int = 500,
+    rate: int = RATE,
     duration: float = 30.0,
     seed: int = 0,
     noise: int = 1,
     current: bool = False,
+    silent: bool = False,
 ) -> dict[str, np.ndarray]:
-    """Arrays of an .npz file: measured torque with gravity, or motor current; seed: of the motion; noise: of the sensors."""
+    """Arrays of an .npz file: measured torque with gravity, or motor current; seed: of the motion; noise: of the sensors
+    (silent: none)."""
     arm = _built(truth.payload)
     level, damping = arm.dof_frictionloss.copy(), arm.dof_damping.copy().ravel()
     for values, changes in ((level, truth.friction), (damping, truth.damping)):
@@ -74,7 +76,7 @@ def record(
         before = q[i]
         torque[i] = rigid + bristle
     torque += arm.dof_armature * ddq + damping * dq
-    torque += NOISE * np.random.default_rng(noise).normal(size=torque.shape)
+    torque += (not silent) * NOISE * np.random.default_rng(noise).normal(size=torque.shape)
     rows = slice(None, None, RATE // rate)
     measured = {"current_A": torque / PER_AMPERE} if current else {"tau_J_Nm": torque}
     return {name: values[rows] for name, values in {"t_s": time, "q_rad": q, "dq_rad_s": dq, **measured}.items()}
