@@ -14,6 +14,7 @@ RATE = 1000  # Hz at which everything is made
 BREAKAWAY = 1e-4  # rad over which friction builds up
 CENTRE = np.array([0.2, -0.9, 1.2, -0.5, 0.4, 0.3])
 AMPLITUDE = np.array([0.5, 0.35, 0.45, 0.5, 0.5, 0.6]) / 2
+ANGLE_NOISE, SPEED_NOISE = 2e-5, 1e-3  # rad, rad/s, of encoders where they are not perfect
 NOISE = np.array([0.05, 0.05, 0.05, 0.02, 0.02, 0.02])
 PER_AMPERE = np.array([11.0, 12.0, 10.5, 7.5, 8.0, 7.0])
 
@@ -51,9 +52,11 @@ def record(
     noise: int = 1,
     current: bool = False,
     silent: bool = False,
+    encoders: bool = False,
 ) -> dict[str, np.ndarray]:
     """Arrays of an .npz file: measured torque with gravity, or motor current; seed: of the motion; noise: of the sensors
-    (silent: none)."""
+    (silent: none); encoders:
+    whether angles and speeds have noise too."""
     arm = _built(truth.payload)
     level, damping = arm.dof_frictionloss.copy(), arm.dof_damping.copy().ravel()
     for values, changes in ((level, truth.friction), (damping, truth.damping)):
@@ -77,6 +80,9 @@ def record(
         torque[i] = rigid + bristle
     torque += arm.dof_armature * ddq + damping * dq
     torque += (not silent) * NOISE * np.random.default_rng(noise).normal(size=torque.shape)
+    if encoders:
+        sensed = np.random.default_rng(noise + 1000)
+        q, dq = q + ANGLE_NOISE * sensed.normal(size=q.shape), dq + SPEED_NOISE * sensed.normal(size=q.shape)
     rows = slice(None, None, RATE // rate)
     measured = {"current_A": torque / PER_AMPERE} if current else {"tau_J_Nm": torque}
     return {name: values[rows] for name, values in {"t_s": time, "q_rad": q, "dq_rad_s": dq, **measured}.items()}

@@ -57,6 +57,15 @@ def test_an_arm_is_well_or_is_not_at_any_rate(tmp_path, rate):
     assert_loaded(named(diagnose([log_of(tmp_path, LOADED, rate=rate)], ARM)))
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_noisy_speeds_of_few_rows_a_second_are_no_pattern(tmp_path, seed):
+    """Accelerations of the past tell the noise of the present one, which is in the residual of r2 as well."""
+    log = log_of(tmp_path, rate=100, seed=seed, noise=seed + 3, encoders=True)
+    check(log, ARM)
+    diagnosis = diagnose([log], ARM)
+    assert diagnosis.verdict == "no_gap" and not named(diagnosis)
+
+
 def test_an_arm_from_urdf_is_diagnosed_like_that_from_mjcf(tmp_path):
     arm = load_arm(URDF, tip="tool")
     well = log_of(tmp_path, Truth(rotors=False), rate=250)
