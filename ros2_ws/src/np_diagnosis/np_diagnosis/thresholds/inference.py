@@ -96,7 +96,7 @@ class Nuisances:
         "Fuller, Measurement Error Models, 1987",
     )
     link_torque: float = threshold(
-        2e-5, "of the torque limit", "RMS below which a component of the links' errors is not seen", NUMERICS
+        3e-5, "of the torque limit", "RMS below which a component of the links' errors is not seen", NUMERICS
     )
     gear_yield: float = threshold(1e-5, "rad/Nm", "yield of the stiffest gears", "no gear is stiffer than 1e5 Nm/rad")
 
