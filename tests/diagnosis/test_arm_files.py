@@ -91,6 +91,12 @@ def test_a_file_without_an_arm_is_refused_by_its_name(tmp_path, text, expected):
     assert str(path) in str(refused.value)
 
 
+def test_an_arm_rests_in_its_key_posture_within_its_limits(tmp_path):
+    text = MJCF.read_text().replace("</mujoco>", '<keyframe><key qpos="0 -1 1 -9 0 0"/></keyframe></mujoco>')
+    assert load_arm(written(tmp_path, text)).rest.tolist() == [0, -1, 1, -3.1, 0, 0]
+    assert not load_arm(MJCF).rest.any()
+
+
 def test_a_motor_s_limit_counts_at_the_joint(tmp_path):
     text = MJCF.read_text().replace(
         "</mujoco>",

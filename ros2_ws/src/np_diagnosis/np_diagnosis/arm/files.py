@@ -23,6 +23,7 @@ KINDS = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}  # of mujoco.mjtJoint
 
 def load_arm(path: str | Path, joints: Sequence[str] | None = None, tip: str | None = None) -> Arm:
     """An arm from an MJCF or URDF file: all its hinges, or those named, base to tip; other joints are held where they are.
+    It rests in the first key posture of an MJCF, or at zero, within its limits.
 
     tip: site or body (of a URDF: link) at the tool point; None: the last body that the last joint carries. Raises ValueError
     for a file that MuJoCo cannot read, joints that are no hinges, no chain, or move no mass, and a tip that the last joint
@@ -54,8 +55,10 @@ def load_arm(path: str | Path, joints: Sequence[str] | None = None, tip: str | N
             f"{path}: expected links with mass, got none that {arm.joints[int(np.argmin(turned))]} turns: "
             "the file needs inertials"
         )
+    posture = model.key_qpos[0] if model.nkey else model.qpos0
+    rest = np.clip(posture[[model.joint(name).qposadr[0] for name in names]], arm.position_lower, arm.position_upper)
     limits = np.array([speeds.get(name, limit) for name, limit in zip(names, arm.velocity_limit)])
-    arm = replace(arm, name=path.stem, velocity_limit=limits)
+    arm = replace(arm, name=path.stem, velocity_limit=limits, rest=rest)
     return arm if tip is None else replace(arm, tip=_tool_point(path, model, arm, tip))
 
 
