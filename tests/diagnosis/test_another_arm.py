@@ -66,6 +66,12 @@ def test_noisy_speeds_of_few_rows_a_second_are_no_pattern(tmp_path, seed):
     assert diagnosis.verdict == "no_gap" and not named(diagnosis)
 
 
+def test_a_strong_arm_may_have_more_of_an_effect(tmp_path):
+    """Bounds are made for the Panda's 87 Nm; this joint has 140."""
+    found = named(diagnose([log_of(tmp_path, Truth(payload=7.0), rate=250)], ARM))
+    assert found["payload", "arm"]["mass"].value == pytest.approx(7.0, rel=0.01)
+
+
 def test_an_arm_from_urdf_is_diagnosed_like_that_from_mjcf(tmp_path):
     arm = load_arm(URDF, tip="tool")
     well = log_of(tmp_path, Truth(rotors=False), rate=250)

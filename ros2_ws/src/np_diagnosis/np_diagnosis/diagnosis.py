@@ -156,9 +156,9 @@ def _at_bounds(search: Search, chosen: Model) -> set[int]:
             shape = candidate.effect.shape
             is_beyond = shape is not None and shape.value > shape.upper
             if is_beyond or any(
-                abs(fitted[at]) > VERDICT.at_bound * p.upper
-                for at, p in zip(places, candidate.effect.parameters)
-                if p.name != "share"
+                abs(fitted[at]) > VERDICT.at_bound * search.design.parameters[i].upper
+                for at, i in zip(places, candidate.ids)
+                if search.design.parameters[i].name != "share"
             ):
                 found |= set(search.reach(candidate)) if candidate.place is None else {candidate.place}
     return found
