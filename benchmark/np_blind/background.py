@@ -12,6 +12,7 @@ import numpy as np
 
 from np_blind.arms.physics import Physics
 from np_blind.arms.rigid_arm import JOINTS
+from np_diagnosis.experiments.excitation import READY
 
 WIDE_FROM = 600  # seed from which on sets have the wide background, and the faults that are wider with it
 INERTIA_ERROR = 0.03  # standard deviation, of each link's inertia
@@ -51,7 +52,8 @@ def _widen(p: Physics, i: int, rng: np.random.Generator) -> None:
     p.compensated.mass[i], p.compensated.com[i] = links.mass[i], links.com[i]
     p.command_delay[i] = rng.uniform(0.0, WIDE_DELAY)
     p.breakaway[i] = np.exp(rng.uniform(np.log(3e-5), np.log(CREEP), JOINTS))
-    p.uneven[i], p.uneven_phase[i] = rng.uniform(0.0, WAVES, JOINTS), rng.uniform(0.0, 2 * np.pi, JOINTS)
-    p.uneven_order[i] = rng.integers(1, 4, JOINTS)
+    p.uneven[i], p.uneven_order[i] = rng.uniform(0.0, WAVES, JOINTS), rng.integers(1, 4, JOINTS)
+    # About the ready posture friction is what it is said to be: elsewhere, more of it or less.
+    p.uneven_phase[i] = np.pi * rng.integers(0, 2, JOINTS) - p.uneven_order[i] * READY
     p.holding[i] = rng.uniform(0.0, HOLDING, JOINTS)
     p.drive_noise[i] = rng.uniform(0.0, DRIVE_NOISE)
