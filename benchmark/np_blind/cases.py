@@ -9,7 +9,7 @@ import numpy as np
 from np_blind.arms.physics import Physics, nominal_physics
 from np_blind.background import give_background, is_wide
 from np_blind.faults import EFFECTS, Fault, Parameters, apply, limit_of, visible, widen
-from np_blind.out_of_catalogue import OUT_OF_CATALOGUE, apply_out_of_catalogue, kinds_of
+from np_blind.out_of_catalogue import OUT_OF_CATALOGUE, apply_out_of_catalogue, deal
 
 OUT_OF_CATALOGUE_KIND = "stranger"  # as sealed keys and published results say it
 KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, OUT_OF_CATALOGUE_KIND: 0.175}
@@ -62,7 +62,7 @@ def draw_cases(count: int, seed: int, which: str) -> list[Case]:
     for k in np.argsort(numbers - exact, kind="stable")[: count - numbers.sum()]:
         numbers[k] += 1
     kinds = rng.permutation(np.repeat(list(KINDS), numbers))
-    singles, firsts, unknown = _deck(EFFECTS, rng), _deck(EFFECTS, rng), _deck(kinds_of(seed), rng)
+    singles, firsts, unknown = _deck(EFFECTS, rng), _deck(EFFECTS, rng), deal(seed, rng)
     cases = []
     for number, kind in enumerate(kinds):
         own = np.random.default_rng([*root, 1, number])

@@ -13,6 +13,7 @@ import numpy as np
 
 from np_blind.arms.blind_arm import PERIOD, Plant
 from np_blind.arms.out_of_catalogue_physics import off_centre, slipped
+from np_blind.arms.out_of_catalogue_wide_physics import shown_speed
 from np_blind.arms.physics import Physics
 from np_blind.arms.rigid_arm import JOINTS
 from np_control.impedance import lead
@@ -195,7 +196,7 @@ class _Sensors:
         noise = self._draw()
         angle, share = off_centre(p, q)
         angle = angle + slipped(p, plant.time)
-        q, dq = q + p.encoder_bias + angle + ANGLE_NOISE * noise[:, 0], dq * (1.0 + share)
+        q, dq = q + p.encoder_bias + angle + ANGLE_NOISE * noise[:, 0], shown_speed(p, dq) * (1.0 + share)
         q = np.where(p.quantum > 0, np.round(q / np.maximum(p.quantum, 1e-9)) * p.quantum, q)
         dq = dq + SPEED_NOISE * noise[:, 1]
         keep = np.exp(-PERIOD / COLOUR)

@@ -44,6 +44,7 @@ class Plant:
         self._flexible = physics.flexible > 0
         self._is_soft = bool(self._flexible.any())
         self._rotor = np.where(self._flexible, 0.0, physics.armature)[:, :, None] * np.eye(JOINTS)
+        self._rotor = self._rotor + physics.rotor_coupling
         self._used = {item.name for item in fields(physics) if item.metadata and physics.uses(item.name)}
         self._follow = 1.0 - np.exp(-STEP / np.maximum(physics.lag, 1e-9))
         self._stiff = np.minimum(physics.coulomb_forward, physics.coulomb_backward) / physics.breakaway
@@ -147,7 +148,7 @@ class Plant:
         self._limited = wanted
         wanted = self._drive = wanted - weight
         scale = self._out_of_catalogue.drive_scale(1.0 + p.torque_scale, self.time, self.theta)
-        return scale * self._out_of_catalogue.given(wanted + held)
+        return scale * self._out_of_catalogue.given(wanted + held, self.omega)
 
     # Friction, and what else resists on the motor's side
 
