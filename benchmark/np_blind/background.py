@@ -22,6 +22,10 @@ WAVES = 0.1  # greatest share of friction that comes and goes with the angle
 HOLDING = 0.1  # greatest share of friction that is there on top at standstill
 CREEP = 4e-4  # rad, greatest over which a joint creeps before it slides
 DRIVE_NOISE = 0.02  # Nm, of a period's torque
+# Between two days, though nothing has changed, at most:
+DAY_FRICTION = 0.02  # share of each joint's friction
+DAY_DELAY = 1e-4  # s
+DAY_NOISE = 0.1  # share of the noise of sensors and drives
 
 
 def is_wide(seed: Sequence[int]) -> bool:
@@ -55,3 +59,16 @@ def _widen(p: Physics, i: int, rng: np.random.Generator) -> None:
     p.uneven_order[i] = rng.integers(1, 4, JOINTS)
     p.holding[i] = rng.uniform(0.0, HOLDING, JOINTS)
     p.drive_noise[i] = rng.uniform(0.0, DRIVE_NOISE)
+
+
+def give_day(p: Physics, i: int, seed: Sequence[int]) -> None:
+    """What is different in an arm on the second day of a set of changes though nothing has changed."""
+    rng = np.random.default_rng([*seed, 7])
+    coulomb, viscous = 1.0 + rng.uniform(-DAY_FRICTION, DAY_FRICTION, (2, JOINTS))
+    p.coulomb_forward[i] *= coulomb
+    p.coulomb_backward[i] *= coulomb
+    p.viscous_forward[i] *= viscous
+    p.viscous_backward[i] *= viscous
+    p.command_delay[i] = max(p.command_delay[i] + rng.uniform(-DAY_DELAY, DAY_DELAY), 0.0)
+    for noise in (p.noise, p.drive_noise):
+        noise[i] *= rng.uniform(1.0 - DAY_NOISE, 1.0 + DAY_NOISE)
