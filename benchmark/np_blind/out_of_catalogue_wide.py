@@ -16,6 +16,7 @@ from np_description.panda import NOMINAL
 from np_diagnosis.experiments.excitation import READY
 
 SPEED = 0.3  # rad/s, of a joint in motion
+SWING = np.array([2.2, 1.9, 2.1, 1.3, 0.6, 0.4, 0.3])  # Nm, RMS of what the suite asks drives for beside gravity
 DAMPING = 2.0 * np.sqrt(STIFFNESS_MAX)  # Nms/rad, of the controller
 
 
@@ -36,13 +37,13 @@ def _snap(p: Physics, i: int, j: int, size: float, rng: np.random.Generator) -> 
 
 def _lopsided(p, i, j, size, rng):
     """A half-bridge with one weak side: the drive gives more one way than the other."""
-    p.lopsided[i, j] = _sign(rng) * min(2.5 * size / LOAD[j], 0.5)
+    p.lopsided[i, j] = _sign(rng) * min(1.5 * size / LOAD[j], 0.5)
     return {"share": (p.lopsided[i, j], "1")}
 
 
 def _notch(p, i, j, size, rng):
     """A drive's notch filter set to the wrong frequency: what is asked for about there is not given."""
-    p.notch[i, j] = min(4.0 * size / LOAD[j] * rng.uniform(0.9, 1.1), 0.9)
+    p.notch[i, j] = min(2.2 * size / SWING[j], 0.9)
     p.notch_frequency[i, j] = rng.uniform(1.5, 4.0)
     return {"depth": (p.notch[i, j], "1"), "frequency": (p.notch_frequency[i, j], "Hz")}
 
@@ -58,7 +59,7 @@ def _coupled_rotors(p, i, j, size, rng):
 def _crosstalk(p, i, j, size, rng):
     """Wires side by side: a share of what a neighbour's drive is asked for is given here too."""
     other = _neighbour(j, rng)
-    p.crosstalk[i, j, other] = _sign(rng) * min(2.0 * size / LOAD[other], 0.4)
+    p.crosstalk[i, j, other] = _sign(rng) * min(1.2 * size / LOAD[other], 0.4)
     return {"share": (p.crosstalk[i, j, other], "1"), "other_joint": (other + 1.0, "1")}
 
 
@@ -76,13 +77,13 @@ def _seal(p, i, j, size, rng):
 
 def _sag(p, i, j, size, rng):
     """A drive at the end of a long supply line: it gives less while the whole arm draws power."""
-    p.sag[i, j], p.sag_time[i, j] = min(3.0 * size / LOAD[j], 0.3), rng.uniform(0.05, 0.3)
+    p.sag[i, j], p.sag_time[i, j] = min(1.5 * size / LOAD[j], 0.3), rng.uniform(0.05, 0.3)
     return {"share_at_10_W": (p.sag[i, j], "1"), "time": (p.sag_time[i, j], "s")}
 
 
 def _creep(p, i, j, size, rng):
     """Strain gauges on glue that yields, inside the drive's own loop: changes are given in excess, which then wears off."""
-    p.creep[i, j], p.creep_time[i, j] = min(4.0 * size / LOAD[j], 0.5), rng.uniform(0.15, 0.5)
+    p.creep[i, j], p.creep_time[i, j] = min(size / SWING[j], 0.5), rng.uniform(0.15, 0.5)
     return {"share": (p.creep[i, j], "1"), "time": (p.creep_time[i, j], "s")}
 
 
@@ -94,7 +95,7 @@ def _converter(p, i, j, size, rng):
 
 def _tachometer(p, i, j, size, rng):
     """A speed that is shown too large or too small, though the angle is right."""
-    p.tachometer[i, j] = _sign(rng) * 1.5 * size / (DAMPING[j] * SPEED)
+    p.tachometer[i, j] = _sign(rng) * 3.0 * size / (DAMPING[j] * SPEED)
     return {"share": (p.tachometer[i, j], "1")}
 
 
