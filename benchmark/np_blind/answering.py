@@ -19,10 +19,10 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
-from np_blind import others
+from np_blind import others, six_hinges
 from np_blind.cases import Case
 from np_blind.followup import follow_up
-from np_blind.generate import bag_path, batches, make_bags, reference_path
+from np_blind.generate import bag_path, batches, make_bags, reference_path, shown
 from np_blind.processes import Workers, end_with_parent
 from np_record.command import Progress
 
@@ -81,7 +81,7 @@ def answer_all(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs:
 def _answer(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: int, pool) -> None:
     out = asking.out
     answered = {c.number for c in cases if is_answered(out, c.number)}
-    recorded = {c.number for c in cases if (bag_path(out, c.number) / "metadata.yaml").exists()} - answered
+    recorded = {c.number for c in cases if shown(bag_path(out, c.number)).exists()} - answered
     missing = [c for c in cases if c.number not in answered | recorded]
     for case in missing:  # cut off while it was written
         _remove_bags(out, case.number)
@@ -140,13 +140,14 @@ def _ask_doctor(case: Case, asking: Asking) -> str:
     """What went wrong."""
     bag, folder = bag_path(asking.out, case.number), report_path(asking.out, case.number)
     folder.mkdir(parents=True, exist_ok=True)
-    before = ["--reference", str(reference_path(asking.out, case.number).resolve())] if case.day else []
+    further = ["--reference", str(shown(reference_path(asking.out, case.number)).resolve())] if case.day else []
+    further += ["--model", str(six_hinges.MODEL)] if case.has_six_hinges else []
 
     def ask(bags: Sequence[Path], into: Path) -> str:
         command = [
             *shlex.split(asking.doctor),
             *(str(b.resolve()) for b in bags),
-            *before,
+            *further,
             "--out",
             str(into.resolve()),
         ]
@@ -163,7 +164,7 @@ def _ask_doctor(case: Case, asking: Asking) -> str:
             return f"no answer within {asking.timeout:g} s"
         return "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"
 
-    error = ask([bag], folder)
+    error = ask([shown(bag)], folder)
     if not error and not case.day:
         follow_up(case, bag, folder, ask)
     if asking.identify:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from np_blind.arms.physics import Physics
-from np_blind.arms.rigid_arm import JOINTS
 
 WIDE_FROM = 600  # seed from which on sets have the wide background, and the faults that are wider with it
 INERTIA_ERROR = 0.03  # standard deviation, of each link's inertia
@@ -35,9 +34,9 @@ def is_wide(seed: Sequence[int]) -> bool:
 
 def give_background(physics: Physics, arm: int, seed: Sequence[int]) -> None:
     """Give an arm what its seed says of its background, before its faults."""
-    rng = np.random.default_rng([*seed, 0])
-    errors, delay = rng.normal(size=JOINTS), rng.uniform(0.0, DELAY)
-    breakaway, noise = np.exp(rng.uniform(np.log(3e-5), np.log(2e-4), JOINTS)), rng.uniform(0.7, 1.4)
+    rng, joints = np.random.default_rng([*seed, 0]), physics.inertials.mass.shape[1]
+    errors, delay = rng.normal(size=joints), rng.uniform(0.0, DELAY)
+    breakaway, noise = np.exp(rng.uniform(np.log(3e-5), np.log(2e-4), joints)), rng.uniform(0.7, 1.4)
     physics.inertials.inertia[arm] *= (1.0 + INERTIA_ERROR * errors)[:, None, None]
     physics.command_delay[arm], physics.breakaway[arm], physics.noise[arm] = delay, breakaway, noise
     if is_wide(seed):
@@ -45,26 +44,26 @@ def give_background(physics: Physics, arm: int, seed: Sequence[int]) -> None:
 
 
 def _widen(p: Physics, i: int, rng: np.random.Generator) -> None:
-    links = p.inertials
-    heavier = 1.0 + MASS_ERROR * rng.normal(size=JOINTS)
+    links, joints = p.inertials, p.inertials.mass.shape[1]
+    heavier = 1.0 + MASS_ERROR * rng.normal(size=joints)
     away = np.linalg.norm(links.com[i], axis=1)[:, None]
     links.mass[i] *= heavier
     links.inertia[i] *= heavier[:, None, None]
-    links.com[i] += MASS_ERROR * away * rng.normal(size=(JOINTS, 3))
+    links.com[i] += MASS_ERROR * away * rng.normal(size=(joints, 3))
     # Its maker weighed the arm as it is: what its drives compensate is its own weight, without what comes later.
     p.compensated.mass[i], p.compensated.com[i] = links.mass[i], links.com[i]
     p.command_delay[i] = rng.uniform(0.0, WIDE_DELAY)
-    p.breakaway[i] = np.exp(rng.uniform(np.log(3e-5), np.log(CREEP), JOINTS))
-    p.uneven[i], p.uneven_phase[i] = rng.uniform(0.0, WAVES, JOINTS), rng.uniform(0.0, 2 * np.pi, JOINTS)
-    p.uneven_order[i] = rng.integers(1, 4, JOINTS)
-    p.holding[i] = rng.uniform(0.0, HOLDING, JOINTS)
+    p.breakaway[i] = np.exp(rng.uniform(np.log(3e-5), np.log(CREEP), joints))
+    p.uneven[i], p.uneven_phase[i] = rng.uniform(0.0, WAVES, joints), rng.uniform(0.0, 2 * np.pi, joints)
+    p.uneven_order[i] = rng.integers(1, 4, joints)
+    p.holding[i] = rng.uniform(0.0, HOLDING, joints)
     p.drive_noise[i] = rng.uniform(0.0, DRIVE_NOISE)
 
 
 def give_day(p: Physics, i: int, seed: Sequence[int]) -> None:
     """What is different in an arm on the second day of a set of changes though nothing has changed."""
     rng = np.random.default_rng([*seed, 7])
-    coulomb, viscous = 1.0 + rng.uniform(-DAY_FRICTION, DAY_FRICTION, (2, JOINTS))
+    coulomb, viscous = 1.0 + rng.uniform(-DAY_FRICTION, DAY_FRICTION, (2, p.inertials.mass.shape[1]))
     p.coulomb_forward[i] *= coulomb
     p.coulomb_backward[i] *= coulomb
     p.viscous_forward[i] *= viscous

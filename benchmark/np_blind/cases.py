@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from np_blind import six_hinges
 from np_blind.arms.physics import Physics, nominal_physics
 from np_blind.background import WIDE_FROM, give_background, give_day, is_wide
 from np_blind.changes import FIRST_DAY, SECOND_DAY, levels, since
@@ -15,9 +16,17 @@ from np_blind.out_of_catalogue import OUT_OF_CATALOGUE, apply_out_of_catalogue, 
 OUT_OF_CATALOGUE_KIND = "stranger"  # as sealed keys and published results say it
 KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, OUT_OF_CATALOGUE_KIND: 0.175}
 NEAREST = 0.8  # size from which on faults of sets with a wide background are drawn
-SETS = {"development": 1, "locked": 2, "development_changes": 3, "locked_changes": 4}
+SETS = {
+    "development": 1,
+    "locked": 2,
+    "development_changes": 3,
+    "locked_changes": 4,
+    "development_six": 5,
+    "locked_six": 6,
+}
 """The seeds of development and of the locked test lie apart. Sets of changes have two recordings of each arm."""
-CHANGES = ("development_changes", "locked_changes")
+CHANGES = ("development_changes", "locked_changes", "development_six", "locked_six")
+SIX_HINGES = (SETS["development_six"], SETS["locked_six"])
 UNCHANGED = 1 / 3  # of the cases of a set of changes
 MOST_ALWAYS, LARGEST_ALWAYS = 3, 5.0  # faults that an arm had before any change, and times their limit, at most
 
@@ -65,6 +74,11 @@ class Case:
         """Seed of the noise of its recording: of each day another."""
         return (*self.seed, 5) if self.day == FIRST_DAY else self.seed
 
+    @property
+    def has_six_hinges(self) -> bool:
+        """Whether it is the arm that is not a Panda."""
+        return self.seed[0] in SIX_HINGES
+
 
 def as_it_was(case: Case) -> Case:
     """The arm of a set of changes on the first day."""
@@ -109,15 +123,16 @@ def _draw_changes(count: int, root: tuple[int, int]) -> list[Case]:
         raise ValueError(f"a set of changes: expected a seed of at least {WIDE_FROM}, got {root[1]}")
     rng = np.random.default_rng([*root, 0])
     kinds = rng.permutation(np.where(np.arange(count) < round(UNCHANGED * count), "null", "single"))
-    changes = _deck(EFFECTS, rng)
+    effects, draw = (six_hinges.EFFECTS, _fault_of_six) if root[0] in SIX_HINGES else (EFFECTS, _fault)
+    changes = _deck(effects, rng)
     cases = []
     for number, kind in enumerate(kinds):
         own = np.random.default_rng([*root, 1, number])
-        faults = (_fault(next(changes), own, NEAREST),) if kind == "single" else ()
+        faults = (draw(next(changes), own, NEAREST),) if kind == "single" else ()
         always: tuple[Fault, ...] = ()
         wanted = own.integers(MOST_ALWAYS + 1)
         while len(always) < wanted:
-            fault = _fault(str(own.choice(EFFECTS)), own, NEAREST, LARGEST_ALWAYS)
+            fault = draw(str(own.choice(effects)), own, NEAREST, LARGEST_ALWAYS)
             if all(_are_apart(fault, other) for other in (*faults, *always)):
                 always += (fault,)
         cases.append(Case(number, str(kind), faults, (*root, 2, number), always, SECOND_DAY))
@@ -125,25 +140,29 @@ def _draw_changes(count: int, root: tuple[int, int]) -> list[Case]:
 
 
 def make_physics(cases: list[Case], background: bool = True) -> tuple[Physics, list[list[Parameters]]]:
-    """The arms of the cases, and of each what exactly its faults are: changes against the arm as it was, where it has two days.
+    """The arms of cases of one set, and of each what exactly its faults are: changes against the arm as it was, where it has two days.
 
     background: what every arm of the test has (`give_background`).
     """
-    physics = nominal_physics(len(cases))
+    is_six = cases[0].has_six_hinges
+    physics = (six_hinges.nominal_physics if is_six else nominal_physics)(len(cases))
     truths = []
     for i, case in enumerate(cases):
         if background:
             give_background(physics, i, case.seed)
         for k, fault in enumerate(case.always):
             own = np.random.default_rng([*case.seed, 6, k])
-            widen(physics, i, fault, apply(physics, i, fault, own), own)
+            if is_six:
+                six_hinges.give(physics, i, fault, own)
+            else:
+                widen(physics, i, fault, apply(physics, i, fault, own), own)
         before = [levels(physics, i, fault) for fault in case.faults]
         if case.day == SECOND_DAY:
             give_day(physics, i, case.seed)
         rng = np.random.default_rng([*case.seed, 1])
-        give = apply_out_of_catalogue if case.kind == OUT_OF_CATALOGUE_KIND else apply
+        give = six_hinges.give if is_six else apply_out_of_catalogue if case.kind == OUT_OF_CATALOGUE_KIND else apply
         truths.append([give(physics, i, fault, rng) for fault in case.faults])
-        if is_wide(case.seed):
+        if is_wide(case.seed) and not is_six:
             truths[-1] = [widen(physics, i, fault, given, rng) for fault, given in zip(case.faults, truths[-1])]
         if case.day == SECOND_DAY:
             after = [levels(physics, i, fault) for fault in case.faults]
@@ -153,6 +172,8 @@ def make_physics(cases: list[Case], background: bool = True) -> tuple[Physics, l
 
 def magnitude(fault: Fault) -> float | None:
     """Of a fault of the catalogue, in the unit of its limit."""
+    if isinstance(fault, six_hinges.SixFault):
+        return fault.size * six_hinges.limit_of(fault)
     return fault.size * limit_of(fault.effect, fault.joint) if fault.effect in EFFECTS else None
 
 
@@ -170,6 +191,12 @@ def _fault(effect: str, rng: np.random.Generator, least: float, most: float = np
     seen = visible(effect)
     joint = int(rng.choice(seen.joints)) - 1 if seen.joints else None
     return Fault(effect, joint, _size(rng, least, min(seen.largest, most)))
+
+
+def _fault_of_six(effect: str, rng: np.random.Generator, least: float, most: float = np.inf) -> Fault:
+    joints = six_hinges.LIMITS[effect][1]
+    joint = int(rng.choice(joints)) if joints else None
+    return six_hinges.SixFault(effect, joint, _size(rng, least, min(six_hinges.largest(effect), most)))
 
 
 def _pair(first: str, rng: np.random.Generator, least: float) -> tuple[Fault, Fault]:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from np_blind import six_motion
 from np_blind.cases import SETS, Case, as_it_was, draw_cases, make_physics
 from np_blind.changes import SECOND_DAY
 from np_blind.loop import Targets, make_targets, run_staying
@@ -62,6 +63,10 @@ def _record(cases: Sequence[Case], targets: Targets, path: Callable[[Path, int],
 
     if not cases:
         return {}
+    if cases[0].has_six_hinges:
+        seeds, paths = [case.noise for case in cases], [path(out, case.number) for case in cases]
+        lost = six_motion.record(make_physics(list(cases))[0], seeds, paths)
+        return {case.number: _said(lost[arm]) if arm in lost else "" for arm, case in enumerate(cases)}
     record, staying, lost = run_staying(make_physics(list(cases))[0], targets, [case.noise for case in cases])
     for row, arm in enumerate(staying):
         case = cases[arm]
@@ -69,9 +74,20 @@ def _record(cases: Sequence[Case], targets: Targets, path: Callable[[Path, int],
         begin += LATER * (case.day == SECOND_DAY)
         information = {"origin": "np_diagnosis blind test", "case": case.number}
         write_bag(path(out, case.number), record, row, targets, begin, information)
-    errors = {cases[arm].number: f"no recording: the arm ran away after {time:.3f} s" for arm, time in lost.items()}
+    errors = {cases[arm].number: _said(time) for arm, time in lost.items()}
     errors |= {cases[arm].number: "" for arm in staying}
     return errors
+
+
+def _said(time: float) -> str:
+    return f"no recording: the arm ran away after {time:.3f} s"
+
+
+def shown(path: Path) -> Path:
+    """What a doctor is given of a recording's folder: the folder of a bag, else the file in it. Whether it `exists` tells
+    whether it is complete."""
+    own = path / six_motion.FILE
+    return own if own.exists() else path if (path / "metadata.yaml").exists() else own
 
 
 def add_options(parser: argparse.ArgumentParser, which: str) -> None:

@@ -146,10 +146,11 @@ class Physics:
     cover_speed: np.ndarray = _per((JOINTS,), 0.3)
 
     def __post_init__(self):
-        arms = len(self.inertials.mass)
+        arms, joints = self.inertials.mass.shape
         for item in fields(self):
             if item.metadata and getattr(self, item.name) is None:
-                values = np.full((arms, *item.metadata["shape"]), item.metadata["value"], dtype=float)
+                shape = (joints if size == JOINTS else size for size in item.metadata["shape"])
+                values = np.full((arms, *shape), item.metadata["value"], dtype=float)
                 setattr(self, item.name, values)
 
     def __len__(self) -> int:
