@@ -21,8 +21,8 @@ SETS = {
     "locked": 2,
     "development_changes": 3,
     "locked_changes": 4,
-    "development_six": 5,
-    "locked_six": 6,
+    "development_six": 61,
+    "locked_six": 62,
 }
 """The seeds of development and of the locked test lie apart. Sets of changes have two recordings of each arm."""
 CHANGES = ("development_changes", "locked_changes", "development_six", "locked_six")
