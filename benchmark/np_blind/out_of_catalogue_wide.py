@@ -59,7 +59,7 @@ def _coupled_rotors(p, i, j, size, rng):
 def _crosstalk(p, i, j, size, rng):
     """Wires side by side: a share of what a neighbour's drive is asked for is given here too."""
     other = _neighbour(j, rng)
-    p.crosstalk[i, j, other] = _sign(rng) * min(1.2 * size / LOAD[other], 0.4)
+    p.crosstalk[i, j, other] = _sign(rng) * min(2.0 * size / LOAD[other], 0.4)
     return {"share": (p.crosstalk[i, j, other], "1"), "other_joint": (other + 1.0, "1")}
 
 
