@@ -20,6 +20,7 @@ from np_diagnosis.inference.loop_delay import settle_delay
 from np_diagnosis.inference.ranking import alternatives, generalisations, probabilities
 from np_diagnosis.inference.search import Model, Search
 from np_diagnosis.inference.settling import settle_shapes
+from np_diagnosis.inference.visible import visible
 from np_diagnosis.recordings.current import as_torque
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.thresholds import THRESHOLDS
@@ -172,22 +173,20 @@ def _lacking(lack_of_fit: list[LackOfFit], design: Design) -> tuple[int, ...]:
     """
     found = set()
     for left in lack_of_fit:
-        limit = design.context.arm.torque_limit[left.joint]
+        least = visible(design.context.arm, left.stage, left.joint, VERDICT.torque)
         removable = left.chosen - left.flexible
         is_sure = left.gain > max(VERDICT.gain, VERDICT.gain_errors * left.error)
-        is_material = removable > left.rows * (VERDICT.torque * limit) ** 2
+        is_material = removable > left.rows * least**2
         if is_sure and is_material and removable > (1 - VERDICT.explained) * (left.null - left.flexible):
             found.add(left.joint)
         coloured = left.excess > (VERDICT.coloured**2 - 1) * left.white**2
         before, after = left.outlying
-        if left.stage is Stage.DRIVE and after > max(
-            (1 - VERDICT.explained) * before, left.white**2, (VERDICT.torque * limit) ** 2
-        ):
+        if left.stage is Stage.DRIVE and after > max((1 - VERDICT.explained) * before, left.white**2, least**2):
             found.add(left.joint)
         if (
             left.stage is Stage.DYNAMICS
             and coloured
-            and left.excess > (VERDICT.torque * limit) ** 2
+            and left.excess > least**2
             and left.removed < VERDICT.coloured_explained
         ):
             found.add(left.joint)

@@ -27,6 +27,7 @@ from np_diagnosis.checks.omnibus import LackOfFit, predicted
 from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.fit import held_out, places
 from np_diagnosis.inference.search import Search, fits_of
+from np_diagnosis.inference.visible import visible
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context
 from np_effects.stage import Stage
@@ -80,7 +81,7 @@ def unexplained_patterns(search: Search, members: tuple[int, ...], lack_of_fit: 
         m
         for m in (*misfits(search, members), *asked)
         if m.stands_out(
-            CONSTANCY.twist if m.stage is Stage.TRANSMISSION else CONSTANCY.torque * arm.torque_limit[m.joint]
+            CONSTANCY.twist if m.stage is Stage.TRANSMISSION else visible(arm, m.stage, m.joint, CONSTANCY.torque)
         )
     ]
 

@@ -27,6 +27,7 @@ class Thresholds:
     nuisances: inference.Nuisances = inference.Nuisances()
     loop_delay: inference.LoopDelay = inference.LoopDelay()
     search: inference.Searching = inference.Searching()
+    visible: inference.Visible = inference.Visible()
     ranking: inference.Ranking = inference.Ranking()
     averaging: inference.Averaging = inference.Averaging()
     estimates: inference.Estimating = inference.Estimating()
