@@ -15,11 +15,13 @@ from np_diagnosis.checks.standstill import ageing
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import Design, make_design
 from np_diagnosis.inference.estimates import Estimate, estimate
+from np_diagnosis.inference.gains import settled
 from np_diagnosis.inference.loop_delay import settle_delay
 from np_diagnosis.inference.ranking import alternatives, generalisations, probabilities
 from np_diagnosis.inference.search import Model, Search
 from np_diagnosis.inference.settling import settle_shapes
 from np_diagnosis.inference.visible import visible
+from np_diagnosis.recordings.current import as_torque
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context
@@ -95,7 +97,12 @@ def diagnose(
     quick: only single effects compete, and rivals and patterns in time are not looked for. Raises ValueError where
     the logs are too short.
     """
-    context = make_context([*reference, *logs], arm or panda(), len(reference))
+    arm = arm or panda()
+    known, constant = settled(list(reference or logs), arm)
+    if reference:  # constants of motors are the same in both
+        known += [log if log.per_ampere is None else as_torque(log, known[0].per_ampere) for log in logs]
+        constant = None
+    context = make_context(known, arm, len(reference), constant)
     design = settle_delay(make_design(context))
     search = Search(design)
     search, chosen = settle_shapes(search, search.run(*((1, 1) if quick else ())))
@@ -150,9 +157,9 @@ def _at_bounds(search: Search, chosen: Model) -> set[int]:
             shape = candidate.effect.shape
             is_beyond = shape is not None and shape.value > shape.upper
             if is_beyond or any(
-                abs(fitted[at]) > VERDICT.at_bound * p.upper
-                for at, p in zip(places, candidate.effect.parameters)
-                if p.name != "share"
+                abs(fitted[at]) > VERDICT.at_bound * search.design.parameters[i].upper
+                for at, i in zip(places, candidate.ids)
+                if search.design.parameters[i].name != "share"
             ):
                 found |= set(search.reach(candidate)) if candidate.place is None else {candidate.place}
     return found

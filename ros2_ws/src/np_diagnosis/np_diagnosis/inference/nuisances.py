@@ -21,6 +21,7 @@ from np_effects.sums import SMOOTH, sign
 
 NUISANCES = THRESHOLDS.nuisances
 
+TORQUE_CONSTANT = "torque constant"
 MOST_ERRORS = 6.0  # standard deviations
 
 _NONE: tuple[Parameter, ...] = ()
@@ -59,7 +60,7 @@ def parameters(context: Context, stage: Stage, joint: int) -> tuple[Parameter, .
         whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
         components = context.prediction.link_errors[joint].shape[1]
         links = (Parameter(f"links {n + 1}", "1", -MOST_ERRORS, MOST_ERRORS, 1.0) for n in range(components))
-        return (late, whole, *_TURNING, *_UNEVEN, *_LEVELS, *links)
+        return (late, whole, *_TURNING, *_UNEVEN, *_LEVELS, *_constant(context), *links)
     if stage is Stage.TRANSMISSION:
         return (
             Parameter("zero", "rad", -0.1, 0.1, NUISANCES.zero_spread),
@@ -84,7 +85,8 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
         motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]
         sliding = c.prediction.direction[:, joint], c.samples.velocity[:, joint]
         levels = (own * column for own, column in zip((c.arm.frictionloss[joint], c.arm.damping[joint]), sliding))
-        return np.column_stack([*motion, *late, _uneven(c, joint), *levels, links])
+        constant = [] if c.constant is None else [c.constant[:, joint]]
+        return np.column_stack([*motion, *late, _uneven(c, joint), *levels, *constant, links])
     if stage is Stage.TRANSMISSION:
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
     if stage is Stage.DRIVE:
@@ -93,6 +95,13 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
         step[c.drive.starts] = 0.0
         return -step[:, None] / c.drive.period
     return np.zeros((len(c.drive.time), 0))
+
+
+def _constant(context: Context) -> tuple[Parameter, ...]:
+    """Of a motor's current: the share by which its torque constant is larger than it should be."""
+    if context.constant is None:
+        return ()
+    return (Parameter(TORQUE_CONSTANT, "1", -0.9, 2.0, THRESHOLDS.current.spread),)
 
 
 def _uneven(context: Context, joint: int) -> np.ndarray:

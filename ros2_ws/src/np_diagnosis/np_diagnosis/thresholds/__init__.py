@@ -19,6 +19,7 @@ class Thresholds:
     recordings: checks.Recordings = checks.Recordings()
     plausibility: checks.Plausibility = checks.Plausibility()
     effort: checks.Effort = checks.Effort()
+    current: checks.Current = checks.Current()
     rows: inference.Rows = inference.Rows()
     hints: inference.Hints = inference.Hints()
     blocks: inference.Blocks = inference.Blocks()
