@@ -151,7 +151,7 @@ LOAD = """
 import json, sys
 import numpy as np
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
-data = LeRobotDataset("local/episodes", root=sys.argv[1])
+data = LeRobotDataset("local/episodes", root=sys.argv[1], video_backend="pyav")
 rows = [data[i] for i in range(len(data))]
 one = rows[30]
 print(json.dumps({
