@@ -23,7 +23,7 @@ REAL_TIME := realtime or real_time
 ALONE := tests/unit tests/training tests/diagnosis tests/parity
 GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
-.PHONY: help setup demo test test-slow test-driver driver-report hardware physx bench soak fuzz blind evaluate train identify docs format lock clean distclean
+.PHONY: help setup demo test test-slow test-driver driver-report hardware physx lerobot bench soak fuzz blind evaluate train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -100,7 +100,13 @@ test-slow: setup ## the slowest tests, which say least beyond those of `make tes
 	@.venv/bin/python -m pip --disable-pip-version-check -qq install --no-deps -r $<
 	@touch $@
 
+.venv/.lerobot: requirements-lerobot.txt .venv/.installed
+	@.venv/bin/python -m pip --disable-pip-version-check -qq install -r $<
+	@touch $@
+
 physx: setup .venv/.physx ## add the second engine: make evaluate ENGINE=physx
+
+lerobot: setup .venv/.lerobot ## add what LeRobot data sets need: ros2 run np_record export_lerobot BAG... --out DIR
 
 hardware: setup .venv/.hardware ## add what the driver of a real arm needs: docs/guide/hardware.md
 

@@ -26,6 +26,11 @@ PHASES = {step: PhaseState(name) for step, name in ((0, "pre"), (50, "approach")
 KEYPOINT_OFFSET = 1.5  # px, in u
 
 
+def brightness(image: int) -> int:
+    """Of all pixels of a numbered image: each differs from the one before."""
+    return 60 + 20 * image % 120
+
+
 def object_pose(step: int, count: int) -> Pose:
     """The object slides from its start to the goal during the last two thirds of the episode."""
     share = np.clip((step / count - 0.35) / 0.6, 0, 1)
@@ -63,7 +68,7 @@ def record_episode(path, count=1500, phases=PHASES, information=None, leave_out=
             pose = object_pose(step, count)
             corners = CAMERA.project(box_keypoints(np.asarray(CARD.half_size), pose.position, pose.quaternion))[0]
             keypoints = np.column_stack([corners + [KEYPOINT_OFFSET, 0], np.full(8, 0.9)])
-            image = np.full((CAMERA.height, CAMERA.width, 3), 120, np.uint8)
+            image = np.full((CAMERA.height, CAMERA.width, 3), brightness(step // 50), np.uint8)
             add("object_pose", step, pose_message(stamp, BASE_FRAME, pose.position, pose.quaternion))
             add("camera/image_raw", step, image_message(stamp, "camera", image))
             add("keypoints", step, keypoints_message(stamp, "camera", keypoints))

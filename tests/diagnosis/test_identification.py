@@ -20,10 +20,10 @@ from np_blind.faults import Fault
 from np_blind.patched import patched_physics, read_patch
 from np_control.impedance import torque
 from np_diagnosis.baselines import methods as baselines
+from np_diagnosis.baselines.budget import Budget
 from np_diagnosis.baselines.drive_log import read_drive_log
 from np_diagnosis.baselines.identification import (
     JOINT,
-    Budget,
     Fit,
     active_windows,
     least_squares,
@@ -268,7 +268,7 @@ def test_a_patch_of_moments_weighs_what_the_fit_weighs(plant, factors, shifts):
 
 def test_the_baselines_need_neither_ros_nor_torch_nor_pinocchio():
     heavy = "[m for m in ('rclpy', 'torch', 'pinocchio') if m in sys.modules]"
-    command = f"import sys, np_diagnosis.commands.baselines; print({heavy})"
+    command = f"import sys, np_diagnosis.commands.baselines, np_diagnosis.baselines.methods; print({heavy})"
     done = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

@@ -12,7 +12,7 @@ from rclpy.serialization import serialize_message
 
 from np_bringup.calibration_trial.board_recording import record_rests
 from np_bringup.calibration_trial.board_scene import BoardScene, hand_mount, table_mount
-from np_bringup.commands.calibration_trial import card_errors, true_view
+from np_bringup.calibration_trial.trial import card_errors, true_view
 from np_description.calibration import Lens, load
 from np_description.camera import CAMERA
 from np_description.panda import NOMINAL, STATE_NAMES
@@ -20,9 +20,9 @@ from np_description.rotations import matrix_from_vector, vector_from_matrix
 from np_perception.calibration.board import Board, BoardError, Detection
 from np_perception.calibration.evidence import RESTING, CalibrationRefused, averaged, find_rests, read_evidence
 from np_perception.calibration.fitting import calibrate, keypoint_bound
+from np_perception.calibration.printing import page
 from np_perception.commands.calibrate import main
 from np_perception.commands.calibration_board import main as print_board
-from np_perception.commands.calibration_board import page
 from np_record.bag_writer import BagWriter
 from np_record.topics import BY_NAME
 from np_ros.messages import camera_info_message, image_message, joint_state_message

@@ -19,8 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
+from np_diagnosis.baselines.budget import Budget
 from np_diagnosis.baselines.drive_log import read_drive_log
-from np_diagnosis.baselines.identification import JOINT, Budget, likeliest_delay
+from np_diagnosis.baselines.identification import JOINT, likeliest_delay
 from np_diagnosis.baselines.methods import compare, gap
 from np_diagnosis.experiments.excitation import suite
 from np_diagnosis.simulation.closed_loop import Stretch, stretches

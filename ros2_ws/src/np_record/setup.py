@@ -12,14 +12,15 @@ setup(
         (f"share/{package_name}", ["package.xml"]),
     ],
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest"]},
+    extras_require={"test": ["pytest"], "lerobot": ["pyarrow"]},
     zip_safe=False,
     maintainer="maintainers",
     maintainer_email="maintainers@example.org",
-    description="Recordings: the topics, CDR and MCAP, bags, recorder, replay, and the pages that reports are made of.",
+    description="Recordings: the topics, CDR and MCAP, bags, recorder, replay, the pages that reports are made of, LeRobot data sets.",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
+            "export_lerobot = np_record.commands.export_lerobot:main",
             "recorder = np_record.nodes.recorder_node:main",
             "replay = np_record.commands.replay:main",
             "report = np_record.commands.report:main",

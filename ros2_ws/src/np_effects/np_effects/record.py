@@ -63,7 +63,8 @@ class EffectRecord:
     change of what gravity leaves on the joints. drive, joints, sensors: what it does behind the torque interface, on the
     joints, to the measurements. shows_in_motion: whether a simulated motion tells its size, so that it can be fitted there.
     numpy_only: its hooks take NumPy's arrays alone (np_effects.arrays): training carries it as well, at the price of a copy to
-    the processor every period. text: its row of the catalogue where data/gap_effects.yaml has none.
+    the processor every period. text: its row of the catalogue where data/gap_effects.yaml has none. said: what it is, as
+    half a sentence with the quantities in braces (`np_effects.saying`), "" for its name and its numbers.
     """
 
     id: str
@@ -79,6 +80,7 @@ class EffectRecord:
     shows_in_motion: bool = True
     numpy_only: bool = False
     text: Mapping[str, str] | None = None
+    said: str = ""
 
     @property
     def module(self) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from np_diagnosis.baselines.budget import Budget
 from np_diagnosis.simulation.closed_loop import Replay, Stretch
 from np_diagnosis.simulation.simulated_arm import Plant
 
@@ -24,20 +25,6 @@ COM_SHIFT = 0.05  # m, along each axis of the link
 STEPS = 8  # starts of a window within its length
 OFF_BOUND = 0.03  # share of its range that a search begins away from a bound: there it may stall
 STILL = 1e-3  # rad, standard deviation of a target that holds
-
-
-@dataclass(frozen=True)
-class Budget:
-    """How long to look. window s: length of a replayed stretch; windows: of each joint, those in which it
-    moves most; generations, population: of CMA-ES, a joint; iterations: of Gauss-Newton; threads: 0 for all
-    cores."""
-
-    window: float = 4.0
-    windows: int = 2
-    generations: int = 30
-    population: int = 8
-    iterations: int = 15
-    threads: int = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from np_diagnosis.baselines.budget import Budget
 from np_diagnosis.baselines.identification import (
     EVERYTHING,
     JOINT,
-    Budget,
     Fit,
     Progress,
     active_windows,

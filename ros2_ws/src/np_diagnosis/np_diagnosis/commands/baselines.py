@@ -11,12 +11,7 @@ import json
 import sys
 from pathlib import Path
 
-from np_diagnosis.baselines.identification import Budget
-from np_diagnosis.baselines.methods import as_patch, fits
-from np_diagnosis.recordings.reading import ContractViolation, read
-from np_diagnosis.simulation.closed_loop import stretches
-from np_diagnosis.simulation.simulated_arm import panda_plant
-from np_effects.patch import dump_patch
+from np_diagnosis.baselines.budget import Budget
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -33,6 +28,13 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point. Status 2: a recording that breaks its contract."""
     options = parse(arguments)
+    # Slow to import, and not wanted by --help.
+    from np_diagnosis.baselines.methods import as_patch, fits
+    from np_diagnosis.recordings.reading import ContractViolation, read
+    from np_diagnosis.simulation.closed_loop import stretches
+    from np_diagnosis.simulation.simulated_arm import panda_plant
+    from np_effects.patch import dump_patch
+
     budget, plant = Budget(**{name: getattr(options, name) for name in vars(Budget())}), panda_plant()
     try:
         recorded = [part for path in options.bags for part in stretches(read(path))]

@@ -14,6 +14,7 @@ from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.experiments.ambiguity import open_question
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.report.notes import notes
+from np_diagnosis.report.sentence import sentence
 from np_diagnosis.simulation.patching import make_patch, tried_patch
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
@@ -37,6 +38,7 @@ def make_report(
     return {
         "schema_version": 1,
         "verdict": diagnosis.verdict,
+        "sentence": sentence(diagnosis),
         "where": where(diagnosis),
         "effects": [_effect(f) for f in diagnosis.findings] if diagnosis.verdict != "no_gap" else [],
         "gap": {
@@ -140,7 +142,7 @@ def write(
     if not quick:
         from np_diagnosis.report.page import render  # drawing is slow to import
 
-        (out / "report.html").write_text(render(report, diagnosis), encoding="utf-8")
+        (out / "report.html").write_text(render(report, diagnosis, out), encoding="utf-8")
     return report
 
 

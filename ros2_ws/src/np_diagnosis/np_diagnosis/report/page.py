@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from np_diagnosis.checks.shrinkage import REGIMES
 from np_diagnosis.diagnosis import Diagnosis
 from np_diagnosis.report import plots
+from np_diagnosis.report.next_steps import next_steps
 from np_record.report.pages import page
 
 
-def render(report: dict, diagnosis: Diagnosis) -> str:
-    """The page as text, with its pictures in it."""
+def render(report: dict, diagnosis: Diagnosis, folder: Path = Path("runs/report")) -> str:
+    """The page as text, with its pictures in it. folder: where the report is written."""
     findings = diagnosis.findings if report["verdict"] != "no_gap" else ()
     added = [f for f in findings if f.is_chosen]
     said = {(name, f.component) for f in added for name in f.generalised_by}  # by the number beside what is added
@@ -20,6 +23,7 @@ def render(report: dict, diagnosis: Diagnosis) -> str:
         added=added,
         leads=[f for f in findings if not f.is_chosen and (f.effect.id, f.component) not in said],
         regimes=REGIMES,
+        steps=next_steps(diagnosis, folder),
         gap_plot=plots.gap_plot(diagnosis),
         residual_plot=plots.residual_plot(diagnosis),
         velocity_plot=plots.velocity_plot(diagnosis),

@@ -39,4 +39,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("kg m^2", (0.03, 0.03, 0.03, 0.03, 0.01, 0.01, 0.008), (1, 2, 3, 4, 5, 6, 7)),
     panda=lambda panda, component, v: added(panda, "armature", component, v["inertia"]),
+    said="{at} has {inertia:kg_m² more/less} rotor inertia",
 )

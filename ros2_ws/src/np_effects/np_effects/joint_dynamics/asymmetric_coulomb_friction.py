@@ -48,4 +48,5 @@ RECORD = EffectRecord(
         panda, "frictionloss", component, 0.5 * (v["level_positive"] + v["level_negative"])
     ),
     joints=_uneven,
+    said="{at} has {level_positive:Nm more/less} dry friction when it turns forwards and {level_negative:Nm more/less} backwards",
 )

@@ -47,4 +47,5 @@ RECORD = EffectRecord(
         panda, "damping", component, 0.5 * (v["coefficient_positive"] + v["coefficient_negative"])
     ),
     joints=_uneven,
+    said="{at} has {coefficient_positive:Nms/rad more/less} friction by speed when it turns forwards and {coefficient_negative:Nms/rad more/less} backwards",
 )

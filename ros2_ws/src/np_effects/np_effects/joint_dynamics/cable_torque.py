@@ -40,4 +40,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("Nm/rad", (0.08, 0.06, 0.06, 0.06, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
     joints=_pull,
+    said="a cable or hose pulls at {at}: {stiffness:Nm/rad} as a spring and {offset:Nm} in the rest posture",
 )

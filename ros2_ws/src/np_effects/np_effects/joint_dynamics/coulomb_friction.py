@@ -31,4 +31,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
     panda=lambda panda, component, v: added(panda, "frictionloss", component, v["level"]),
+    said="{at} has {level:Nm more/less} dry friction",
 )

@@ -37,4 +37,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("1", (0.02, 0.004, 0.008, 0.004, 0.02, 0.015, 0.03), (2, 3, 4, 6), largest=8),
     joints=_by_load,
+    said="{at} has dry friction that is {coefficient:%} of its load",
 )

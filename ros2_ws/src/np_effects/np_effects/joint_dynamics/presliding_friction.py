@@ -60,4 +60,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("Nm", (0.09, 0.09, 0.08, 0.08, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
     joints=_bristles,
+    said="{at} has {level:Nm} of dry friction that builds up over {stroke:mrad} after each reversal",
 )

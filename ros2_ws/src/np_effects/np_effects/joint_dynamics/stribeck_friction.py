@@ -47,4 +47,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("Nm", (0.08, 0.08, 0.07, 0.07, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7), largest=6),
     joints=_near_standstill,
+    said="{at} has {breakaway:Nm} of further friction near standstill, below about {speed:rad/s}",
 )

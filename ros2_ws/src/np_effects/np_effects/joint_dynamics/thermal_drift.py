@@ -66,4 +66,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("1", (0.15, 0.25, 0.17, 0.1, 0.06, 0.08, 0.1), (1, 4, 5, 6, 7), largest=4),
     joints=_drift,
+    said="the friction of {at} becomes {change:% more/less} as the recording goes on",
 )

@@ -49,4 +49,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
     joints=_ripple,
+    said="the torque of {at} ripples as its gear turns, by {sine:Nm} (sine) and {cosine:Nm} (cosine)",
 )

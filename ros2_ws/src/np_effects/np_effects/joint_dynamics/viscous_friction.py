@@ -30,4 +30,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("Nms/rad", (0.08, 0.08, 0.07, 0.07, 0.03, 0.03, 0.02), (1, 2, 3, 4, 5, 6, 7)),
     panda=lambda panda, component, v: added(panda, "damping", component, v["coefficient"]),
+    said="{at} has {coefficient:Nms/rad more/less} friction by speed",
 )

@@ -37,4 +37,12 @@ def _tilt(weight: Weight, component: str, values: Mapping[str, float]) -> Weight
     return replace(weight, tilt=(roll + values["roll"], pitch + values["pitch"]))
 
 
-RECORD = EffectRecord("base_tilt", Place.ARM, (ROLL, PITCH), _signatures, Visible("rad", 0.0015), weight=_tilt)
+RECORD = EffectRecord(
+    "base_tilt",
+    Place.ARM,
+    (ROLL, PITCH),
+    _signatures,
+    Visible("rad", 0.0015),
+    weight=_tilt,
+    said="the base stands crooked: {roll:deg} about x and {pitch:deg} about y",
+)

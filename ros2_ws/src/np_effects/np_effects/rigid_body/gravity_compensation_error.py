@@ -31,5 +31,11 @@ def _share(weight: Weight, component: str, values: Mapping[str, float]) -> Weigh
 
 
 RECORD = EffectRecord(
-    "gravity_compensation_error", Place.ARM, (SCALE,), _signatures, Visible("1", 0.005), weight=_share
+    "gravity_compensation_error",
+    Place.ARM,
+    (SCALE,),
+    _signatures,
+    Visible("1", 0.005),
+    weight=_share,
+    said="gravity compensation is {scale:% too_strong/too_weak}",
 )

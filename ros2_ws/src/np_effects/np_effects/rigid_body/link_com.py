@@ -49,4 +49,5 @@ RECORD = EffectRecord(
     Visible("kg m", (0.01, 0.01, 0.01, 0.01, 0.006, 0.005, 0.004), (2, 3, 4, 5, 6, 7)),
     panda=_shift,
     weight=lambda weight, component, values: weight,
+    said="the mass of {at} lies elsewhere: mass times place is off by {moment_x:kg_m} in x, {moment_y:kg_m} in y, {moment_z:kg_m} in z",
 )

@@ -52,4 +52,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("1", (0.3, 0.3, 0.3, 0.3, 0.15, 0.4, 0.3), (3, 4, 5, 7)),
     panda=_scaled,
+    said="{at} has {scale:% more/less} inertia about its own centre of mass",
 )

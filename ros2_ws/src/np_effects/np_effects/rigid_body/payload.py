@@ -56,4 +56,5 @@ RECORD = EffectRecord(
     Visible("kg", 0.04),
     panda=_load,
     weight=lambda weight, component, values: weight,
+    said="the arm carries {mass:kg} that {nominal} does not know",
 )

@@ -58,4 +58,5 @@ RECORD = EffectRecord(
     Visible("rad", (0.002, 0.0015, 0.003, 0.003, 0.003, 0.003, 0.003), (2, 3, 4)),
     weight=_compensated_beside,
     sensors=OnSensors(SensorSlot.ZERO, _read),
+    said="the encoder of {at} reads {bias:mrad too_much/too_little}",
 )

@@ -62,4 +62,5 @@ RECORD = EffectRecord(
     Visible("rad", (4e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),
     sensors=OnSensors(SensorSlot.STEP, _in_steps),
     shows_in_motion=False,
+    said="the encoder of {at} reads in steps of {step:mrad}",
 )

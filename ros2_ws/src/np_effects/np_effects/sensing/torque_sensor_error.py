@@ -45,4 +45,5 @@ RECORD = EffectRecord(
     Visible("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
     sensors=OnSensors(SensorSlot.TORQUE, _read),
     shows_in_motion=False,
+    said="the torque sensor of {at} is off by {gain:%} of its reading and {offset:Nm}",
 )

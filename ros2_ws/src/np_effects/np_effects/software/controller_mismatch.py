@@ -33,4 +33,11 @@ def _signatures(context: Context) -> list[Signature]:
     return [] if context.drive is None else [_signature(lag) for lag in FILTERS]
 
 
-RECORD = EffectRecord("controller_mismatch", Place.ARM, (TIME_CONSTANT,), _signatures, Visible("s", 5e-4))
+RECORD = EffectRecord(
+    "controller_mismatch",
+    Place.ARM,
+    (TIME_CONSTANT,),
+    _signatures,
+    Visible("s", 5e-4),
+    said="the controller filters its torque, which {nominal} does not, with a time constant of {time_constant:ms}",
+)

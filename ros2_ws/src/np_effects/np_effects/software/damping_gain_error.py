@@ -29,4 +29,5 @@ RECORD = EffectRecord(
     (RELATIVE,),
     _signatures,
     Visible("1", (0.02,) * 7, (1, 2, 3, 4, 5, 6, 7)),
+    said="the controller damps {at} {relative:% more/less} than it was asked to",
 )

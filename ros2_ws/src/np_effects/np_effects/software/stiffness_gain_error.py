@@ -36,4 +36,5 @@ RECORD = EffectRecord(
     (RELATIVE,),
     _signatures,
     Visible("1", (0.01,) * 7, (1, 2, 3, 4, 5, 6, 7)),
+    said="the controller holds {at} {relative:% stiffer/softer} than it was asked to",
 )

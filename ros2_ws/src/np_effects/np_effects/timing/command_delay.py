@@ -63,4 +63,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("s", 5e-4),
     drive=OnDrive(DriveSlot.TRANSPORT, _late),
+    said="commands take effect {delay:ms later/earlier} than in {nominal}",
 )

@@ -72,4 +72,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("s", 5e-4),
     sensors=OnSensors(SensorSlot.AGE, _old),
+    said="measured states are {delay:ms older/younger} than their stamps say",
 )

@@ -99,4 +99,5 @@ RECORD = EffectRecord(
     Visible("1", 0.01),
     drive=OnDrive(DriveSlot.ARRIVAL, _lose),
     shows_in_motion=False,
+    said="{share:%} of the commands are lost",
 )

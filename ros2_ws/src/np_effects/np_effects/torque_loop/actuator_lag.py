@@ -54,4 +54,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("s", (1e-3,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
     drive=OnDrive(DriveSlot.LAG, _follow),
+    said="the drive of {at} lags behind its command, with a time constant of {time_constant:ms}",
 )

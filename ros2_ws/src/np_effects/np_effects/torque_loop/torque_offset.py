@@ -37,4 +37,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
     drive=OnDrive(DriveSlot.OFFSET, _add),
+    said="the drive of {at} gives {offset:Nm more/less} than it is asked for",
 )

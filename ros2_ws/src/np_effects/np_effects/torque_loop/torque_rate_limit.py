@@ -101,4 +101,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("share of the suite's peak", (0.06,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
     drive=OnDrive(DriveSlot.RATE, _follow, of_total=True),
+    said="the drive of {at} changes its torque by no more than {limit:Nm/s}",
 )

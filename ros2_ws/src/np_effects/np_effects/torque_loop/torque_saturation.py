@@ -69,4 +69,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("share of the suite's peak", (0.07,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
     drive=OnDrive(DriveSlot.LIMIT, _clip, of_total=True),
+    said="the drive of {at} gives no more than {limit:Nm}",
 )

@@ -40,4 +40,5 @@ RECORD = EffectRecord(
     _signatures,
     Visible("1", (0.02, 0.01, 0.01, 0.01, 0.02, 0.02, 0.03), (1, 2, 3, 4, 5, 6, 7), largest=8),
     drive=OnDrive(DriveSlot.GAIN, _gain),
+    said="the drive of {at} gives {scale:% more/less} torque than it is asked for",
 )

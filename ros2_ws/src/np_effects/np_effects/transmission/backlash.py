@@ -74,4 +74,5 @@ RECORD = EffectRecord(
     (HALF_PLAY,),
     _signatures,
     Visible("rad", (1e-4,) * 7, (1, 2, 3, 4, 5, 6, 7)),
+    said="the gear of {at} has play: {half_play:mrad} to each side",
 )

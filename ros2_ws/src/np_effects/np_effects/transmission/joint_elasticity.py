@@ -33,4 +33,5 @@ RECORD = EffectRecord(
     (COMPLIANCE, DAMPING_TIME),
     _signatures,
     Visible("rad/Nm", (4e-5, 4e-5, 4e-5, 4e-5, 8e-5, 8e-5, 8e-5), (1, 2, 3, 4, 5, 6, 7)),
+    said="the gear of {at} yields to its load by {compliance:mrad/Nm}",
 )

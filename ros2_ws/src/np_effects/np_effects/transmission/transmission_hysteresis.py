@@ -54,4 +54,5 @@ RECORD = EffectRecord(
     (WIDTH, STROKE),
     _signatures,
     Visible("rad", (3e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),
+    said="the gear of {at} stays twisted by up to {width:mrad} after its load has turned",
 )

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from np_description.calibration import Lens
+from np_perception.calibration.board_layout import BoardLayout
 
 MIN_CORNERS = 8
 _ENLARGED_BELOW = 24.0  # px, side of a marker: smaller ones are looked for in an image of twice the size
@@ -25,17 +26,8 @@ class BoardError(ValueError):
 
 
 @dataclass(frozen=True)
-class Board:
-    """columns, rows: squares; square, marker: sides m; dictionary: OpenCV's name of the set of markers.
-
-    The default fits on A4. Raises BoardError for what cannot be printed.
-    """
-
-    columns: int = 7
-    rows: int = 5
-    square: float = 0.036
-    marker: float = 0.027
-    dictionary: str = "DICT_4X4_50"
+class Board(BoardLayout):
+    """A board of this layout, to draw and to find in images. Raises BoardError for what cannot be printed."""
 
     def __post_init__(self) -> None:
         if not hasattr(cv2.aruco, self.dictionary) or not self.dictionary.startswith("DICT_"):

@@ -9,19 +9,21 @@ import sys
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from np_perception.calibration.board import Board, BoardError
-from np_perception.calibration.evidence import CalibrationRefused, read_evidence
-from np_perception.calibration.fitting import Result, calibrate
-from np_record.bag import BagError
+from np_perception.calibration.board_layout import BoardLayout
 from np_record.command import Progress
+
+if TYPE_CHECKING:  # what is slow to import comes after the options are read
+    from np_perception.calibration.board import Board
+    from np_perception.calibration.fitting import Result
 
 
 def add_board(parser: argparse.ArgumentParser) -> None:
     """The options that say which board it is."""
-    default = Board()
+    default = BoardLayout()
     parser.add_argument("--columns", type=int, default=default.columns, help="squares (default %(default)s)")
     parser.add_argument("--rows", type=int, default=default.rows, help="squares (default %(default)s)")
     parser.add_argument("--square", type=float, default=default.square, help="measured side, m (default %(default)s)")
@@ -31,6 +33,8 @@ def add_board(parser: argparse.ArgumentParser) -> None:
 
 def board_of(options: argparse.Namespace) -> Board:
     """The board of the options. Raises BoardError."""
+    from np_perception.calibration.board import Board
+
     return Board(options.columns, options.rows, options.square, options.marker, options.dictionary)
 
 
@@ -105,6 +109,11 @@ def _list(values) -> list[float | None]:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. Status 1: refused, and no file is written."""
     options = parse(arguments)
+    from np_perception.calibration.board import BoardError
+    from np_perception.calibration.evidence import CalibrationRefused, read_evidence
+    from np_perception.calibration.fitting import calibrate
+    from np_record.bag import BagError
+
     try:
         board = board_of(options)
         touched = [int(number) for number in options.touched.split(",")] if options.touched else []

@@ -38,17 +38,17 @@ def write_video(path: str | Path, episode: EpisodeData, images: Iterable[tuple[f
     )
 
 
-def encode(path: str | Path, frames: Iterable[np.ndarray], rate: float) -> int:
-    """Write frames (height, width, 3) uint8 RGB at `rate` a second; as `write_video` otherwise."""
+def encode(path: str | Path, frames: Iterable[np.ndarray], rate: float, codec: str = "VP80") -> int:
+    """Write frames (height, width, 3) uint8 RGB at `rate` a second; as `write_video` otherwise. codec: its FourCC."""
     writer, count = None, 0
     try:
         for frame in frames:
             if writer is None:
                 size = (frame.shape[1], frame.shape[0])
                 with _quiet():
-                    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"VP80"), rate, size)
+                    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*codec), rate, size)
                 if not writer.isOpened():
-                    raise OSError(f"video {path}: expected OpenCV with a VP8 encoder, it cannot open one")
+                    raise OSError(f"video {path}: expected OpenCV with an encoder for {codec}, it cannot open one")
             writer.write(np.ascontiguousarray(frame[..., ::-1]))
             count += 1
     finally:

@@ -1,0 +1,173 @@
+"""A recorded episode as frames: one for each tick of the policies, from the first image after its start to its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_description.domains import Domain, Pose, find_domain
+from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
+from np_description.phases import ACTIVE, PRE, SUCCEEDED, first_end
+from np_record.bag import BagError, Message, Recording
+from np_record.bulk import BulkError, joint_states
+from np_record.lerobot.layout import ACTION, DONE, GOAL, KEYPOINTS, OBJECT, PHASE, STATE, SUCCESS, TARGET, TORQUE
+from np_record.recorded_episode import score
+from np_record.recorded_phases import PHASE_TOPICS, phase_changes
+from np_ros.messages import gains_array, image_array, keypoints_array, pose_arrays
+
+RATE = 10
+"""Frames a second: the policies' rate. There is always an image at a policy's tick, whatever the camera's rate."""
+
+TASKS = {
+    "card": "Slide the card on the table to the goal pose",
+    "bump": "Tumble the cube onto the face and to the place of the goal pose, over or beside the bump",
+    "wall": "Push the box up the wall and lay it down at the goal position",
+}
+_SECOND, _ROUNDING = 1_000_000_000, 2_000_000  # ns; stamps of images are rounded to the control period
+_POSE = tuple("x y z qw qx qy qz".split())
+_POSES = {topic: 7 for topic in ("object_pose", "goal_pose", "target_pose")}
+_TOPICS = (*_POSES, "keypoints", "target_gains", *PHASE_TOPICS)
+
+NAMES: dict[str, tuple[str, ...]] = {
+    STATE: tuple(f"{joint}.{what}" for what in ("position", "velocity", "effort") for joint in STATE_NAMES),
+    KEYPOINTS: tuple(f"corner_{number}.{what}" for number in range(8) for what in ("u", "v", "score")),
+    OBJECT: _POSE,
+    GOAL: _POSE,
+    ACTION: tuple(f"{joint}.target" for joint in JOINT_NAMES),
+    TORQUE: tuple(f"{joint}.torque" for joint in JOINT_NAMES),
+    TARGET: (
+        *_POSE,
+        *(f"{joint}.{what}" for what in ("stiffness", "damping_ratio") for joint in JOINT_NAMES),
+    ),
+    PHASE: ("phase",),
+    DONE: ("done",),
+    SUCCESS: ("success",),
+}
+"""Features by name, and what each number of one is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """One episode of n frames.
+
+    columns: by feature (n, numbers); images (n, height, width, 3) uint8, or none (0, ...) where no camera was recorded.
+    """
+
+    domain: Domain
+    success: bool
+    columns: dict[str, np.ndarray]
+    images: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.columns[STATE])
+
+    @property
+    def task(self) -> str:
+        """What was to be done, as a sentence."""
+        return TASKS[self.domain.name]
+
+
+def episode_frames(recording: Recording) -> Frames:
+    """The first episode of a recording. Raises BagError where a frame lacks something.
+
+    A frame has the newest message of each topic whose stamp is not after its own. `action` and `command.effort` are the
+    last command before the next frame: where the joints were to be by then, and with what torque. `policy.target` is
+    what the policy answered to the frame, zeros where none was asked. `observation.environment_state` is left out
+    where the recording has no `object_pose`: on a real arm. With it the truth at the end decides the success, as in reports.
+    """
+    where = f"bag {recording.path}"
+    try:
+        states, state = joint_states(
+            where, "joint_states", recording.rows("joint_states").get("joint_states"), STATE_NAMES
+        )
+        orders, order = joint_states(
+            where, "effort_command", recording.rows("effort_command").get("effort_command"), JOINT_NAMES
+        )
+    except BulkError as error:
+        raise BagError(str(error)) from error
+    found: dict[str, list[Message]] = {name: [] for name in _TOPICS}
+    for message in recording.messages(*_TOPICS):
+        found[message.topic.name].append(message)
+    changes = phase_changes(where, found)
+    began = next((stamp for stamp, said in changes if said.phase == PRE), None)
+    if began is None:
+        raise BagError(f"{where}: expected an episode, phase {PRE} was never said")
+    changes = [change for change in changes if change[0] >= began]
+    end = first_end([said for _, said in changes])
+    ended = next((stamp for stamp, said in changes if said is end), recording.end)
+
+    poses = {topic: _table(found[topic], lambda m: np.concatenate(pose_arrays(m, BASE_FRAME)), 7) for topic in _POSES}
+    keypoints = _table(found["keypoints"], lambda m: keypoints_array(m).ravel(), 24)
+    first = next((stamp for stamp in keypoints[0] if stamp >= began), None)
+    if first is None or first >= ended:
+        raise BagError(f"{where}: expected keypoints of an episode, there are none between its start and its end")
+    times = np.arange(first, ended, _SECOND // RATE)
+    after = np.append(times[1:], ended)
+
+    def newest(what: str, stamps: np.ndarray, values: np.ndarray, before: np.ndarray) -> np.ndarray:
+        rows = np.searchsorted(stamps, before, side="right") - 1
+        if (rows < 0).any():
+            raise BagError(f"{where}: expected {what} from the episode's start on, there is none")
+        return values[rows]
+
+    columns = {
+        STATE: newest("joint_states", states, state.reshape(len(states), -1), times),
+        KEYPOINTS: newest("keypoints", *keypoints, times + _ROUNDING),
+        GOAL: newest("goal_pose", *poses["goal_pose"], times),
+        ACTION: newest("effort_command", orders, order[:, 0], after - 1),
+        TORQUE: newest("effort_command", orders, order[:, 2], after - 1),
+        TARGET: _targets(
+            *poses["target_pose"], _table(found["target_gains"], lambda m: gains_array(m).ravel(), 14), times
+        ),
+        PHASE: np.array([[ACTIVE.index(said)] for said in _phases(changes, times)]),
+        DONE: (np.arange(len(times)) == len(times) - 1)[:, None],
+    }
+    domain = find_domain(recording.information.get("domain", "card"))
+    success = end is not None and end.phase == SUCCEEDED
+    if len(poses["object_pose"][0]):
+        columns[OBJECT] = newest("object_pose", *poses["object_pose"], times + _ROUNDING)
+        place = newest("object_pose", *poses["object_pose"], np.array([ended + _ROUNDING]))[0]
+        goal = columns[GOAL][-1]
+        success = score(domain, "", "", Pose(place[:3], place[3:]), Pose(goal[:3], goal[3:]), 0.0).success
+    columns[SUCCESS] = columns[DONE] & success
+    return Frames(domain, success, columns, _images(recording, times))
+
+
+def _table(messages: list[Message], read, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps (n,) ns and values (n, width) of the messages of a topic."""
+    values = np.array([read(message.decode()) for message in messages], float).reshape(len(messages), width)
+    return np.array([message.stamp for message in messages], np.int64), values
+
+
+def _phases(changes, times: np.ndarray) -> list[str]:
+    rows = np.searchsorted([stamp for stamp, _ in changes], times, side="right") - 1
+    return [changes[row][1].phase for row in rows]
+
+
+def _targets(stamps: np.ndarray, poses: np.ndarray, gains, times: np.ndarray) -> np.ndarray:
+    """The policy's answer (n, 21) to the frames: gains have no stamp, and are those said first after the image was taken."""
+    answers = np.zeros((len(times), poses.shape[1] + gains[1].shape[1]))
+    for row, time in enumerate(times):
+        mine = np.flatnonzero(np.abs(stamps - time) <= _ROUNDING)
+        said = np.searchsorted(gains[0], time - _ROUNDING)
+        if mine.size and said < len(gains[0]):
+            answers[row] = np.concatenate([poses[mine[0]], gains[1][said]])
+    return answers
+
+
+def _images(recording: Recording, times: np.ndarray) -> np.ndarray:
+    """The newest image of each frame."""
+    pictures: list[np.ndarray] = []
+    last = None
+    for message in recording.messages("camera/image_raw"):
+        while len(pictures) < len(times) and message.stamp > times[len(pictures)] + _ROUNDING:
+            if last is None:
+                raise BagError(f"bag {recording.path}: expected an image from the episode's start on, there is none")
+            pictures.append(image_array(last.decode()))
+        if len(pictures) == len(times):
+            break
+        last = message
+    if last is not None:
+        pictures += [image_array(last.decode())] * (len(times) - len(pictures))
+    return np.array(pictures, np.uint8)

@@ -1,0 +1,39 @@
+"""Where a LeRobot data set of format v3.0 has what, and how a feature is called here.
+
+The format: https://huggingface.co/docs/lerobot/lerobot-dataset-v3. It packs many episodes in a file, and says in
+meta/episodes which rows of which table, and which seconds of which video, are whose.
+"""
+
+from __future__ import annotations
+
+VERSION = "v3.0"
+INFO, STATS, TASKS = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
+EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+FIRST = {"chunk_index": 0, "file_index": 0}
+
+STATE = "observation.state"
+KEYPOINTS = "observation.keypoints"
+OBJECT = "observation.environment_state"  # LeRobot's own name for what a simulator knows and a robot does not
+GOAL = "observation.goal"
+CAMERA_IMAGE = "observation.images.camera"
+ACTION = "action"
+TORQUE = "command.effort"
+TARGET = "policy.target"
+PHASE = "phase"
+DONE, SUCCESS = "next.done", "next.success"
+
+
+class DataSetError(ValueError):
+    """A data set that cannot be written or read; the text says what was expected and what came."""
+
+
+def parquet():
+    """The modules pyarrow and pyarrow.parquet. Raises DataSetError where they are not installed."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise DataSetError("expected the package pyarrow, it is not installed: `make lerobot` adds it") from error
+    return pyarrow, pyarrow.parquet

@@ -1,0 +1,116 @@
+"""Effects in words: every record's phrase, numbers with their intervals, and the sentence of each verdict."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from np_description.panda import NOMINAL
+from np_diagnosis.report.next_steps import next_steps
+from np_diagnosis.report.sentence import sentence
+from np_effects import RECORDS
+from np_effects.record import EffectRecord, Place, Quantity
+from np_effects.saying import Value, fields, say
+
+SIMULATOR = "the simulator"
+
+
+@pytest.mark.parametrize("record", RECORDS.values(), ids=lambda record: record.id)
+def test_every_effect_of_ours_has_a_phrase_of_its_own_quantities(record):
+    assert fields(record.said) <= {q.name for q in record.quantities} | {"at", "nominal"}
+    assert fields(record.said) & {q.name for q in record.quantities}
+    component = "arm" if record.place is Place.ARM else "panda_joint3"
+    words = say(record, component, {q.name: Value(0.2, 0.19, 0.21) for q in record.quantities}, SIMULATOR)
+    assert "{" not in words and "_" not in words and not words.endswith(".")
+    assert record.place is Place.ARM or f"{'link' if record.place is Place.LINK else 'joint'} 3" in words
+
+
+@pytest.mark.parametrize(
+    "value, spec, text",
+    [
+        (Value(0.34997, 0.345, 0.355), "kg", "0.350 kg (0.345 to 0.355)"),
+        (Value(0.8, 0.788, 0.812), "Nm more/less", "0.80 Nm (0.79 to 0.81) more"),
+        (Value(-0.8, -0.812, -0.788), "Nm more/less", "0.80 Nm (0.79 to 0.81) less"),
+        (Value(-0.01, -0.05, 0.03), "Nm more/less", "0.01 Nm (-0.03 to 0.05) less"),
+        (Value(0.02, 0.018, 0.022), "% too_strong/too_weak", "2.0 % (1.8 to 2.2) too strong"),
+        (Value(0.004, 0.0035, 0.0045), "ms", "4.0 ms (3.5 to 4.5)"),
+        (Value(1200.0, 1150.0, 1250.0), "Nm/s", "1200 Nm/s (1150 to 1250)"),
+        (Value(0.0, 0.0, 0.0), "kg_m", "0 kg m (0 to 0)"),
+    ],
+)
+def test_a_number_has_the_digits_of_its_interval(value, spec, text):
+    assert format(value, spec) == text
+
+
+def test_an_effect_without_a_phrase_says_its_name_and_numbers():
+    own = EffectRecord("steady_pull", Place.ARM, (Quantity("force_x", "N", -9, 9),), lambda context: [])
+    assert (
+        say(own, "arm", {"force_x": Value(3.0, 2.9, 3.1)}, SIMULATOR)
+        == "the arm has steady pull: force x 3.0 N (2.9 to 3.1)"
+    )
+
+
+def finding(effect, component, values, rivals=(), claimed=1.0):
+    return SimpleNamespace(
+        effect=SimpleNamespace(id=effect),
+        component=component,
+        parameters={name: Value(*numbers) for name, numbers in values.items()},
+        is_chosen=True,
+        rivals=rivals,
+        claimed=claimed,
+        is_open=bool(rivals) or claimed < 0.9,
+    )
+
+
+PAYLOAD = finding("payload", "arm", {"mass": (0.35, 0.345, 0.355)})
+FRICTION = finding("coulomb_friction", "panda_joint4", {"level": (0.8, 0.788, 0.812)})
+
+
+def diagnosis(verdict, findings=(), unexplained=(), reference=0):
+    return SimpleNamespace(
+        verdict=verdict,
+        findings=findings,
+        unexplained=unexplained,
+        gap=SimpleNamespace(shrink=0.968, shrink_interval=(0.96, 0.975)),
+        context=SimpleNamespace(reference=reference, arm=SimpleNamespace(joints=NOMINAL.joints)),
+    )
+
+
+def test_what_is_identified_is_said_with_what_it_removes():
+    assert sentence(diagnosis("identified", (PAYLOAD, FRICTION))) == (
+        "The arm carries 0.350 kg (95 %: 0.345 to 0.355) that the simulator does not know; "
+        "joint 4 has 0.80 Nm (0.79 to 0.81) more dry friction. Adding both removes 97 % of the gap (95 %: 96 to 98)."
+    )
+
+
+def test_without_a_gap_nothing_is_claimed():
+    assert sentence(diagnosis("no_gap")) == "The arm moves as the simulator does: no difference was found that repeats."
+    assert sentence(diagnosis("no_gap", reference=1)).startswith("The arm moves as it did: ")
+
+
+def test_what_is_ambiguous_says_between_what():
+    open_ = finding("torque_scale", "panda_joint2", {"scale": (-0.1, -0.11, -0.09)}, ("payload", "link_com"))
+    said = sentence(diagnosis("ambiguous", (open_, PAYLOAD)))
+    assert said.startswith(
+        "Probably the drive of joint 2 gives 10 % (95 %: 9 to 11) less torque than it is asked for; "
+    )
+    assert said.endswith("Torque scale at joint 2 cannot be told from payload or link com by these recordings.")
+    unsure = finding("coulomb_friction", "panda_joint4", {"level": (0.8, 0.7, 0.9)}, claimed=0.62)
+    assert sentence(diagnosis("ambiguous", (unsure,))).endswith("has a probability of 0.62 only.")
+
+
+def test_what_is_unexplained_names_the_joint_first():
+    said = sentence(diagnosis("unexplained", (FRICTION,), (1, 2)))
+    assert said.startswith("Joint 2 and joint 3 depart from the simulator in a way that no known effect explains")
+    assert "What was found beside that: joint 4 has 0.80 Nm" in said
+    assert sentence(diagnosis("unexplained", (), (6,))).startswith("Joint 7 departs from")
+
+
+def test_the_loop_goes_on_only_where_there_is_a_patch_to_use():
+    folder = Path("runs/report")
+    assert next_steps(diagnosis("no_gap"), folder) == []
+    assert next_steps(diagnosis("identified", (PAYLOAD,), reference=1), folder) == []
+    commands = [command for _, command in next_steps(diagnosis("identified", (PAYLOAD,)), folder)]
+    assert "--patch runs/report/patch.yaml" in commands[1] and len(commands) == 7
+    unexplained = [command for _, command in next_steps(diagnosis("unexplained", (), (1,)), folder)]
+    assert len(unexplained) == 2 and not any("train" in command for command in unexplained)
