@@ -173,7 +173,7 @@ def _lacking(lack_of_fit: list[LackOfFit], design: Design) -> tuple[int, ...]:
     """
     found = set()
     for left in lack_of_fit:
-        least = visible(design.context.arm, left.stage, left.joint, VERDICT.torque)
+        least = visible(design.context, left.stage, left.joint, VERDICT.torque)
         removable = left.chosen - left.flexible
         is_sure = left.gain > max(VERDICT.gain, VERDICT.gain_errors * left.error)
         is_material = removable > left.rows * least**2

@@ -62,7 +62,6 @@ class Misfit:
 
 def unexplained_patterns(search: Search, members: tuple[int, ...], lack_of_fit: Iterable[LackOfFit]) -> list[Misfit]:
     """All that stands out of what these members leave. lack_of_fit: of `omnibus.omnibus_test`."""
-    arm = search.design.context.arm
     asked = (
         Misfit(
             "any",
@@ -81,7 +80,9 @@ def unexplained_patterns(search: Search, members: tuple[int, ...], lack_of_fit: 
         m
         for m in (*misfits(search, members), *asked)
         if m.stands_out(
-            CONSTANCY.twist if m.stage is Stage.TRANSMISSION else visible(arm, m.stage, m.joint, CONSTANCY.torque)
+            CONSTANCY.twist
+            if m.stage is Stage.TRANSMISSION
+            else visible(search.design.context, m.stage, m.joint, CONSTANCY.torque)
         )
     ]
 

@@ -200,7 +200,7 @@ class Search:
         before, after = self.energies(other.members), self.energies(one.members)
         for cell, old, new in zip(self.design.cells, before, after):
             rows = max(cell.rows.sum(), 1)
-            least = visible(self.design.context.arm, cell.stage, cell.joint)
+            least = visible(self.design.context, cell.stage, cell.joint)
             if old - new > max(SEARCH.energy_share * old, least**2 * rows):
                 return True
         return False
@@ -224,7 +224,7 @@ class Search:
             columns, at = places(cell, ids)
             if len(columns):
                 done = values[at] @ cell.unwhitened[columns[:, None], columns] @ values[at]
-                if done > visible(self.design.context.arm, cell.stage, cell.joint) ** 2 * cell.test_rows.sum():
+                if done > visible(self.design.context, cell.stage, cell.joint) ** 2 * cell.test_rows.sum():
                     return True
         return False
 
