@@ -17,6 +17,7 @@ from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.estimates import estimate
 from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.inference.search import Search
+from np_diagnosis.inference.visible import visible
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.stage import Stage
 
@@ -163,3 +164,28 @@ def test_a_twist_of_a_load_or_of_noise_is_no_play(log):
         found = search.run(1, 1).members
         named = {(search.design.candidates[m].effect.id, search.design.candidates[m].joint) for m in found}
         assert named == ({("joint_elasticity", 1)} if slope else set())
+
+
+def test_friction_that_is_some_per_cent_off_is_no_fault_and_what_is_more_is_one():
+    known = 0.03 * ARM.frictionloss
+    assert diagnose([record(Truth(coulomb_positive=known, coulomb_negative=known), seed=3)]).verdict == "no_gap"
+    more = known + np.array([0, 0, 0, 0, 0.04, 0, 0])
+    found = diagnose([record(Truth(coulomb_positive=more, coulomb_negative=more), seed=3)])
+    assert [(f.effect.id, f.component) for f in found.findings if f.is_chosen] == [("coulomb_friction", "panda_joint5")]
+
+
+def test_what_does_nothing_that_matters_is_negligible_however_many_nats_it_leads_by(log):
+    """A gravity compensation error of 3.5e-5, a hundredth of what can be seen, was named beside true friction."""
+    search = Search(make_design(make_context([log], ARM)))
+    number = next(n for n, c in enumerate(search.design.candidates) if c.effect.id == "gravity_compensation_error")
+    ids = search.design.candidates[number].ids
+    assert not search._is_visible(ids, np.full(len(ids), 3.5e-5))
+    assert search._is_visible(ids, np.full(len(ids), 5e-3))
+
+
+def test_friction_of_a_joint_counts_against_what_the_dynamics_leave_unless_two_recordings_are_compared(clean):
+    own = THRESHOLDS.visible.friction * ARM.frictionloss[6]
+    assert visible(clean, Stage.DYNAMICS, 6) == pytest.approx(own) and own > 1e-4 * ARM.torque_limit[6]
+    assert visible(replace(clean, reference=1), Stage.DYNAMICS, 6) == pytest.approx(1e-4 * ARM.torque_limit[6])
+    assert visible(clean, Stage.DRIVE, 6) == pytest.approx(1e-4 * ARM.torque_limit[6])
+    assert visible(clean, Stage.DYNAMICS, 0, 5e-4) == pytest.approx(5e-4 * ARM.torque_limit[0])

@@ -42,10 +42,11 @@ _UNEVEN = tuple(
     for order in NUISANCES.uneven_orders
     for wave in ("sine", "cosine")
 )
-# Shares of the nominal friction and damping by which a joint has more or less of it.
+# Shares of the nominal friction and damping by which a joint has more or less of it; beyond two deviations it is a fault,
+# and what it is must be left to be explained.
 _LEVELS = (
-    Parameter("level of friction", "1", -0.2, 0.2, NUISANCES.friction),
-    Parameter("level of damping", "1", -0.2, 0.2, NUISANCES.damping),
+    Parameter("level of friction", "1", -2 * NUISANCES.friction, 2 * NUISANCES.friction, NUISANCES.friction),
+    Parameter("level of damping", "1", -2 * NUISANCES.damping, 2 * NUISANCES.damping, NUISANCES.damping),
 )
 # Without commands, measured torque and motion may come from clocks of their own.
 _LOOSE = Parameter("motion_delay", "s", -0.01, 0.01, NUISANCES.loose_delay_spread)

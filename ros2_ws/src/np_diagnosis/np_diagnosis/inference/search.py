@@ -6,7 +6,6 @@ once and remembered, so that a model whose effects sit in different joints costs
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -64,9 +63,9 @@ class Search:
             self.tried[members] = Model(members, density, penalty)
         return self.tried[members]
 
-    def on(self, design: Design, changed: Collection[int]) -> Search:
-        """A search of another design, which differs in the cells of the joints `changed` only: other scores are kept."""
-        return Search(design, _groups={k: v for k, v in self._groups.items() if not set(k[0]) & set(changed)})
+    def on(self, design: Design, changed: int) -> Search:
+        """A search of another design, which differs in the columns of one candidate only: scores without it are kept."""
+        return Search(design, _groups={k: v for k, v in self._groups.items() if changed not in k[1]})
 
     def groups(self, members: tuple[int, ...]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
         """(joints, members) of each group of joints that shares no parameter with the others."""

@@ -13,6 +13,7 @@ from dataclasses import replace
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.estimates import settled, with_effect
 from np_diagnosis.inference.search import Model, Search
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.signature import Signature
 
 
@@ -31,8 +32,11 @@ def settle_shapes(search: Search, chosen: Model) -> tuple[Search, Model]:
         trial = _settled(trial, tuple(shaped[:number]), m)
     if trial is search:
         return search, chosen
-    for members in search.tried:
-        trial.model(members)
+    # What lay far behind is not scored again: it has no say in the answer.
+    least = max(map(search.value, search.tried.values())) - THRESHOLDS.search.rescored
+    for members, model in search.tried.items():
+        if search.value(model) > least:
+            trial.model(members)
     return trial, trial.pruned(trial.model(chosen.members))
 
 
@@ -42,7 +46,7 @@ def _settled(search: Search, beside: tuple[int, ...], member: int) -> Search:
     candidate = search.design.candidates[member]
     if effect is candidate.effect:
         return search
-    return search.on(_replaced(search.design, member, effect), search.reach(candidate))
+    return search.on(_replaced(search.design, member, effect), member)
 
 
 def _replaced(design: Design, member: int, effect: Signature) -> Design:

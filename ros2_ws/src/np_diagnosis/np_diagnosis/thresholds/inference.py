@@ -152,6 +152,9 @@ class Searching:
         0.02, "1", "of a stage's held-out squares that an effect must explain to be worth naming", DEVELOPMENT
     )
     tie: float = threshold(2.0, "nats", "within which the model with fewer parameters is preferred", JUDGEMENT)
+    rescored: float = threshold(
+        200.0, "nats", "behind the best up to which models are scored again with settled shapes", NUMERICS
+    )
     tied: int = threshold(4, "widths", "leaders among which a tie is looked for", NUMERICS)
 
 
