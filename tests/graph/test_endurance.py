@@ -37,6 +37,7 @@ def test_no_node_dies_of_what_nobody_should_send(tmp_path, capsys):
 def test_options_that_cannot_be_are_refused(capsys):
     for command, arguments, text in (
         (soak, ["--episodes", "3"], "expected at least 20, got 3"),
+        (soak, ["--hours", "0"], "expected more than 0, got 0"),
         (fuzz, ["--topics", "nobody"], "got nobody"),
     ):
         with pytest.raises(SystemExit):
