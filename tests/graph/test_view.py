@@ -148,6 +148,25 @@ def test_transforms_and_markers_are_those_of_the_scene():
     np.testing.assert_allclose(middle, pose.position, atol=1e-4)
 
 
+def test_layouts_name_displays_and_panels_that_there_are():
+    """By the list of rviz_default_plugins (Jazzy) and Foxglove's documentation of panels; neither program is here."""
+    rviz = yaml.safe_load((CONFIG / "episode.rviz").read_text())["Visualization Manager"]
+    kinds = {f"rviz_default_plugins/{name}" for name in ("Grid", "MarkerArray", "RobotModel", "Pose", "Image")}
+    assert {display["Class"] for display in rviz["Displays"]} == kinds
+    assert rviz["Views"]["Current"]["Class"] == "rviz_default_plugins/Orbit"
+    for display in rviz["Displays"]:
+        topic = display.get("Topic") or display.get("Description Topic") or {}
+        assert set(topic) <= {"Value", "Depth", "Reliability Policy", "Durability Policy", "History Policy"}
+        assert topic.get("Reliability Policy", "Reliable") in ("Reliable", "Best Effort")
+        assert topic.get("Durability Policy", "Volatile") in ("Volatile", "Transient Local")
+    layout = json.loads((CONFIG / "episode.foxglove.json").read_text())
+    panels = {name.partition("!")[0] for name in layout["configById"]}
+    assert panels == {"3D", "Image", "StateTransitions", "Plot", "DiagnosticSummary"}
+    for config in layout["configById"].values():
+        for path in config.get("paths", ()):
+            assert path["timestampMethod"] in ("receiveTime", "headerStamp") and path["value"].startswith("/")
+
+
 def test_layouts_name_topics_that_there_are():
     known = {f"/{name}" for name in BY_NAME} | {"/scene_markers", "/robot_description"}
     rviz = yaml.safe_load((CONFIG / "episode.rviz").read_text())["Visualization Manager"]

@@ -101,6 +101,8 @@ def episodes(run: Run, options: argparse.Namespace, out: Path) -> None:
                 conductor.recover()  # in real time the backend stops where commands stay away too long
                 run.stops += 1
                 continue
+            if run.seconds >= limit:
+                break  # stopped on request, which is no end of an episode
             run.ends[outcome.declared] = run.ends.get(outcome.declared, 0) + 1
             for name, pid in conductor.processes().items():
                 run.uses.setdefault(name, []).append(use_of(pid))
