@@ -7,11 +7,11 @@ from collections.abc import Callable
 from np_record.command import Progress
 
 STAGES = {
-    "search for effects": 45,
-    "what is left, and how sure it is": 25,
-    "next experiment": 10,
-    "the patch in the simulator": 8,
-    "refit in the simulator": 10,
+    "search for effects": 60,
+    "what is left, and how sure it is": 20,
+    "next experiment": 6,
+    "the patch in the simulator": 4,
+    "refit in the simulator": 8,
     "page": 2,
 }
 """Per cent of the time of a diagnosis of the whole suite."""
