@@ -54,7 +54,7 @@ evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KE
 bench: setup ## latencies, real-time factor, planning time as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup bench $(ARGS)
 
-soak: setup ## DOMAIN EPISODES SEED: episodes in one graph, hours: memory, handles and threads stay flat, as JSON
+soak: setup ## DOMAIN EPISODES SEED ARGS="--hours 1": episodes in one graph, in lockstep, or hours in real time: memory, handles and threads stay flat, as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup soak --domain $(DOMAIN) --seed $(SEED) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 

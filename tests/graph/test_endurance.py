@@ -31,12 +31,14 @@ def test_no_node_dies_of_what_nobody_should_send(tmp_path, capsys):
     assert [one["topic"] for one in found["by_topic"]] == topics and found["messages"] == 400
     assert not found["died"] and not found["silent"]
     states = found["by_topic"][0]["refused"]
-    assert states["joint_impedance"] > 20 and states["approach"] > 5 and states["post_contact"] > 5
+    # The policies read a state's stamp, and the rest of it when they decide: most of what is broken they never look at.
+    assert states["joint_impedance"] > 20 and states["approach"] and states["post_contact"]
 
 
 def test_options_that_cannot_be_are_refused(capsys):
     for command, arguments, text in (
         (soak, ["--episodes", "3"], "expected at least 20, got 3"),
+        (soak, ["--hours", "0"], "expected more than 0, got 0"),
         (fuzz, ["--topics", "nobody"], "got nobody"),
     ):
         with pytest.raises(SystemExit):

@@ -15,6 +15,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int64
 from std_srvs.srv import Trigger
 
@@ -22,6 +23,7 @@ from np_bringup.backends import REAL, SIMULATED
 from np_bringup.task_graph import task_graph
 from np_diagnosis.commands import excite
 from np_ros.domain import ros_domain_id
+from np_ros.newest import Newest
 from np_ros.node import SUBSCRIBERS, Diagnostics, parameter
 from np_ros.parameters import declared
 from np_ros.qos import EVENT, LOCKSTEP
@@ -89,6 +91,25 @@ def test_polling_runs_what_has_come_and_leaves_the_rest(spun):
     if spinner.is_fast:
         assert not ticks
     spin_until(node, spinner, lambda: ticks)
+
+
+def test_the_newest_message_is_taken_when_it_is_asked_for(spun):
+    """However long nobody asks, and however often the node spins meanwhile: one message waits, the last."""
+    node, spinner = spun
+    heard = []
+    newest = Newest(node, Int64, "numbers")
+    node.create_subscription(Int64, "numbers", lambda message: heard.append(message.data), LOCKSTEP)
+    publisher = node.create_publisher(Int64, "numbers", LOCKSTEP)
+    assert newest.take() is None
+    spin_until(node, spinner, lambda: publisher.get_subscription_count() == 2)
+    for number in range(20):
+        publisher.publish(Int64(data=number))
+    spin_until(node, spinner, lambda: len(heard) == 20)
+    assert deserialize_message(newest.take(), Int64).data == 19
+    assert newest.take() is None
+    publisher.publish(Int64(data=20))
+    spin_until(node, spinner, lambda: len(heard) == 21)
+    assert deserialize_message(newest.take(), Int64).data == 20
 
 
 def test_destroyed_entities_are_left_alone(spun):

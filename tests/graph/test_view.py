@@ -13,13 +13,15 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 import yaml
-from bags import GOAL, record_episode
+from bags import GOAL, object_pose, record_episode
 from geometry_msgs.msg import TransformStamped
 from graph_tools import ROOT, TIMEOUT, command
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
+from np_bringup.commands import view
 from np_bringup.nodes import robot_state_node
+from np_bringup.view import window
 from np_bringup.view.recorded import RecordedEpisode
 from np_bringup.view.server import PAGE, serve
 from np_control.kinematics import forward_kinematics, hand_pose
@@ -28,6 +30,7 @@ from np_description.panda import NOMINAL
 from np_description.robot_description import urdf
 from np_description.rotations import matrix_from_quaternion
 from np_description.scene_data import SceneData
+from np_record.bag import Recording
 from np_record.topics import BY_NAME
 from np_ros import qos
 
@@ -146,6 +149,54 @@ def test_transforms_and_markers_are_those_of_the_scene():
     assert len(boxes) == 9  # eight blocks of the object, and its goal
     middle = np.mean([[m.pose.position.x, m.pose.position.y, m.pose.position.z] for m in boxes[:8]], axis=0)
     np.testing.assert_allclose(middle, pose.position, atol=1e-4)
+
+
+def test_a_window_shows_the_moments_of_a_bag(tmp_path):
+    """All but the drawing, which wants a display: joints, object and goal, twenty times a second."""
+    bag, shown = record_episode(tmp_path / "bag", count=500), []
+
+    class Recorded:
+        def __init__(self, domain):
+            assert domain is CARD
+
+        is_open = property(lambda self: len(shown) < 25)
+        show = staticmethod(shown.append)
+        close = staticmethod(lambda: shown.append(None))
+
+    with Recording(bag) as recording:
+        window.play(recording, CARD, Recorded)
+    *drawn, last = shown
+    assert len(drawn) == 25 and last is None  # closed in the second round
+    assert drawn[0].body is None and drawn[5].body.position == pytest.approx(object_pose(100, 500).position)
+    assert drawn[5].goal.position == pytest.approx(GOAL.position)
+    np.testing.assert_allclose(drawn[5].joints, 0.1 * np.sin(0.25 + np.arange(9)), atol=1e-9)
+
+
+def test_without_a_display_there_is_one_clear_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    bag = record_episode(tmp_path / "bag", count=50)
+    assert view.main([str(bag), "--window"]) == 1
+    assert capsys.readouterr().err.startswith("view: --window: expected a display (DISPLAY or WAYLAND_DISPLAY)")
+
+
+def test_layouts_name_displays_and_panels_that_there_are():
+    """By the list of rviz_default_plugins (Jazzy) and Foxglove's documentation of panels; neither program is here."""
+    rviz = yaml.safe_load((CONFIG / "episode.rviz").read_text())["Visualization Manager"]
+    kinds = {f"rviz_default_plugins/{name}" for name in ("Grid", "MarkerArray", "RobotModel", "Pose", "Image")}
+    assert {display["Class"] for display in rviz["Displays"]} == kinds
+    assert rviz["Views"]["Current"]["Class"] == "rviz_default_plugins/Orbit"
+    for display in rviz["Displays"]:
+        topic = display.get("Topic") or display.get("Description Topic") or {}
+        assert set(topic) <= {"Value", "Depth", "Reliability Policy", "Durability Policy", "History Policy"}
+        assert topic.get("Reliability Policy", "Reliable") in ("Reliable", "Best Effort")
+        assert topic.get("Durability Policy", "Volatile") in ("Volatile", "Transient Local")
+    layout = json.loads((CONFIG / "episode.foxglove.json").read_text())
+    panels = {name.partition("!")[0] for name in layout["configById"]}
+    assert panels == {"3D", "Image", "StateTransitions", "Plot", "DiagnosticSummary"}
+    for config in layout["configById"].values():
+        for path in config.get("paths", ()):
+            assert path["timestampMethod"] in ("receiveTime", "headerStamp") and path["value"].startswith("/")
 
 
 def test_layouts_name_topics_that_there_are():

@@ -23,12 +23,15 @@ def soak(data: Mapping) -> tuple[str, str]:
     fastest = max(one["memory_per_episode"] for one in nodes.values())
     verdict = f"growing: {', '.join(data['growing'])}" if data["growing"] else "all flat"
     ends = ", ".join(f"{count} {phase}" for phase, count in data["ends"].items())
+    mode = "in real time" if data["arguments"].get("mode") == "realtime" else "in lockstep"
     columns = ("node", "MB first", "MB last", "kB an episode", "handles", "last", "threads", "last")
     body = (
-        f"{data['episodes']} episodes ({ends}) in {data['wall_s']:.0f} s, keypoints {data['arguments']['keypoints']}, seed "
+        f"{data['episodes']} episodes ({ends}) in {data['wall_s']:.0f} s, {mode}, keypoints {data['arguments']['keypoints']}, seed "
         f"{data['arguments']['seed']}, revision {data['revision']}.\nThe first {warm} are left out; first and last are medians of a "
         f"tenth of the rest each.\nAllowed: {data['allowed_kB_per_episode']:g} kB an episode, and no handle or thread more.\n\n"
     )
+    if data.get("stops"):
+        body += f"The backend stopped {data['stops']} times, since commands stayed away, and was recovered.\n\n"
     if data["error"]:
         body += f"It ended early: {data['error']}.\n\n"
     return f"{data['episodes']} episodes, {verdict}, at most {fastest:g} kB an episode", body + table(columns, rows)

@@ -21,6 +21,7 @@ from np_diagnosis.inference.ranking import alternatives, generalisations, probab
 from np_diagnosis.inference.search import Model, Search
 from np_diagnosis.inference.settling import settle_shapes
 from np_diagnosis.inference.visible import visible
+from np_diagnosis.progress import Tell, silent
 from np_diagnosis.recordings.current import as_torque
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.thresholds import THRESHOLDS
@@ -89,14 +90,21 @@ class Diagnosis:
 
 
 def diagnose(
-    logs: list[Log], arm: Arm | None = None, seed: int = 0, quick: bool = False, reference: Sequence[Log] = ()
+    logs: list[Log],
+    arm: Arm | None = None,
+    seed: int = 0,
+    quick: bool = False,
+    reference: Sequence[Log] = (),
+    tell: Tell = silent,
 ) -> Diagnosis:
     """Compare logs with the nominal arm (None: the Panda), or with what `reference` shows of the same arm: then what has
     changed since is explained, as changes against the arm as it was, and the nominal arm need not be right.
 
-    quick: only single effects compete, and rivals and patterns in time are not looked for. Raises ValueError where
+    quick: only single effects compete, and rivals and patterns in time are not looked for. tell: told which of the stages
+    of `progress` begins. Raises ValueError where
     the logs are too short.
     """
+    tell("search for effects")
     arm = arm or panda()
     known, constant = settled(list(reference or logs), arm)
     if reference:  # constants of motors are the same in both
@@ -107,6 +115,7 @@ def diagnose(
     search = Search(design)
     search, chosen = settle_shapes(search, search.run(*((1, 1) if quick else ())))
     design = search.design
+    tell("what is left, and how sure it is")
     lack_of_fit = omnibus_test(search, chosen.members)
     suspect = [
         set(_lacking(lack_of_fit, design)),

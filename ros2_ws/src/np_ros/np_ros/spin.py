@@ -21,6 +21,8 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
+from np_ros.newest import Unwaited
+
 _EVENT_PERIOD = 0.2  # s, how often events that only lead to log lines are looked for
 _LOCK_ALL = 1 | 2  # MCL_CURRENT and MCL_FUTURE of mlockall(2)
 
@@ -87,7 +89,7 @@ class Spinner:
     def _current(self) -> list[tuple]:
         node = self._node
         return [
-            tuple(node.subscriptions),
+            tuple(s for s in node.subscriptions if not isinstance(s.callback_group, Unwaited)),
             tuple(node.timers),
             tuple(node.clients),
             tuple(node.services),

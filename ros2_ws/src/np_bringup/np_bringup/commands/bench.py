@@ -43,7 +43,8 @@ def whole_graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str
 
 
 def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict[str, object]:
-    """Episodes for so many seconds on a graph with a round_trip; what that says, episodes, stops by the guards."""
+    """Episodes for so many seconds on a graph with a round_trip; what that says, episodes, stops by the guards, and
+    `cores`: how much of a core each process used."""
     from np_bringup.nodes.conductor_node import Conductor
     from np_ros.participant import GraphError
 
@@ -53,7 +54,8 @@ def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict
         with Conductor(supervisor, find_domain(DOMAIN), lockstep=False) as conductor:
             conductor.wait_until_ready(specs)
             conductor.call("round_trip/start")
-            deadline = time.monotonic() + seconds
+            began, used = time.monotonic(), _processor_time(conductor)
+            deadline = began + seconds
             while time.monotonic() < deadline:
                 try:
                     conductor.run_episode(until=deadline)
@@ -61,7 +63,18 @@ def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict
                 except GraphError:  # the backend stopped, because commands stayed away too long
                     conductor.recover()
                     stops += 1
-    return {**json.loads((logs / "round_trip.json").read_text()), "episodes": episodes, "stops": stops}
+            took, now = time.monotonic() - began, _processor_time(conductor)
+            shares = {name: round((now[name] - used[name]) / took, 3) for name in now}
+    told = json.loads((logs / "round_trip.json").read_text())
+    return {**told, "episodes": episodes, "stops": stops, "cores": {**shares, "all": round(sum(shares.values()), 3)}}
+
+
+def _processor_time(conductor) -> dict[str, float]:
+    """Processor time s by node, and of this process, which gives the tasks."""
+    from np_bringup.endurance.resources import processor_seconds
+
+    pids = {**conductor.processes(), "bench": os.getpid()}
+    return {name: processor_seconds(pid) for name, pid in pids.items()}
 
 
 def played_frames(weights: str, frames: int, logs: Path) -> dict[str, object]:

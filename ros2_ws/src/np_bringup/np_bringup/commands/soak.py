@@ -1,4 +1,4 @@
-"""`soak`: lockstep episodes in one graph, one after the other; memory, handles and threads of every node have to stay flat."""
+"""`soak`: episodes in one graph, one after the other, in lockstep or for hours in real time; memory, handles and threads of every node have to stay flat."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from np_bringup.task_graph import KEYPOINT_SOURCES
@@ -14,12 +14,14 @@ from np_description.domains import DOMAINS
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 
 WARM = 10  # episodes until caches are full
+_WRITTEN = 20  # episodes between two writings of what there is
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = argparse.ArgumentParser(prog="soak", description=__doc__.partition(": ")[2])
-    p.add_argument("--episodes", type=int, default=2000, help="how many, %(default)s")
+    p.add_argument("--episodes", type=int, default=2000, help="how many, in lockstep; %(default)s")
+    p.add_argument("--hours", type=float, help="instead: for so long, in real time")
     p.add_argument("--domain", choices=list(DOMAINS), default="card", help="task family; %(default)s")
     p.add_argument("--seed", type=int, default=0, help="of the tasks; %(default)s")
     p.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="truth", help="%(default)s")
@@ -28,54 +30,113 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+@dataclass
+class Run:
+    """What has been seen so far: how episodes ended, how often the backend stopped, what each node used after each episode."""
+
+    graph: dict[str, str]
+    allowed: float
+    began: float = field(default_factory=time.monotonic)
+    ends: dict[str, int] = field(default_factory=dict)
+    stops: int = 0
+    uses: dict[str, list] = field(default_factory=dict)
+
+    @property
+    def episodes(self) -> int:
+        """How many have been run."""
+        return sum(self.ends.values())
+
+    @property
+    def seconds(self) -> float:
+        """Wall time since the beginning."""
+        return time.monotonic() - self.began
+
+    def result(self, error: str) -> dict[str, object]:
+        """What can be said by now; error: why it is not all, "" where it is."""
+        from np_bringup.endurance.resources import growing, trend
+
+        try:
+            trends = {name: trend(values, WARM) for name, values in self.uses.items()}
+        except ValueError as few:
+            error, trends = error or str(few), {}
+        return {
+            "episodes": self.episodes,
+            "ends": self.ends,
+            "stops": self.stops,
+            "growing": growing(trends, self.allowed),
+            "error": error,
+            "warm_up": WARM,
+            "allowed_kB_per_episode": self.allowed,
+            "nodes": {name: asdict(one) for name, one in trends.items()},
+            "arguments": self.graph,
+            "revision": origin()["revision"],
+            "wall_s": round(self.seconds, 1),
+        }
+
+    def write(self, path: Path, error: str) -> dict[str, object]:
+        """Write the result and every use to `path`, in one step; the result."""
+        result = self.result(error)
+        uses = {name: [asdict(use) for use in values] for name, values in self.uses.items()}
+        part = path.with_suffix(".part")
+        part.write_text(json.dumps({**result, "uses": uses}))
+        part.replace(path)
+        return result
+
+
+def episodes(run: Run, options: argparse.Namespace, out: Path) -> None:
+    """Run them. Raises NodeDied, GraphError, TimeoutError, OSError."""
+    from np_bringup.commands.common import running_graph
+    from np_bringup.endurance.resources import use_of
+    from np_ros.participant import GraphError
+
+    limit = 3600 * options.hours if options.hours else float("inf")
+    progress = Progress(round(limit) if options.hours else options.episodes, "soak")
+    with running_graph(run.graph, out / "log") as conductor:
+        while run.seconds < limit and (options.hours or run.episodes < options.episodes):
+            try:
+                outcome = conductor.run_episode(until=run.began + limit)
+            except GraphError:
+                if not options.hours:
+                    raise
+                conductor.recover()  # in real time the backend stops where commands stay away too long
+                run.stops += 1
+                continue
+            if run.seconds >= limit:
+                break  # stopped on request, which is no end of an episode
+            run.ends[outcome.declared] = run.ends.get(outcome.declared, 0) + 1
+            for name, pid in conductor.processes().items():
+                run.uses.setdefault(name, []).append(use_of(pid))
+            if run.episodes % _WRITTEN == 0:
+                run.write(out / "soak.json", f"not finished: {run.episodes} episodes so far")
+            memory = sum(values[-1].memory for values in run.uses.values()) / 1e3
+            progress.show(min(run.seconds, limit) if options.hours else run.episodes, f"{memory:.0f} MB")
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. Status 1: something grows, or a node died."""
     options = parser().parse_args(arguments)
-    if options.episodes < WARM + 10:
+    if not options.hours and options.episodes < WARM + 10:
         parser().error(f"--episodes: expected at least {WARM + 10}, got {options.episodes}")
-    from np_bringup.commands.common import running_graph
-    from np_bringup.endurance.resources import growing, trend, use_of
+    if options.hours is not None and not options.hours > 0:
+        parser().error(f"--hours: expected more than 0, got {options.hours:g}")
     from np_ros.participant import GraphError
     from np_ros.supervisor import NodeDied
 
     interrupt_on_sigterm()
-    out = new_folder(options.out)
-    graph = {"domain": options.domain, "seed": str(options.seed), "keypoints": options.keypoints}
-    uses: dict[str, list] = {}
-    ends: dict[str, int] = {}
-    progress, began, error = Progress(options.episodes, "soak"), time.monotonic(), ""
+    out, error = new_folder(options.out), ""
+    mode = "realtime" if options.hours else "lockstep"
+    graph = {"domain": options.domain, "seed": str(options.seed), "keypoints": options.keypoints, "mode": mode}
+    run = Run(graph, options.memory)
     try:
-        with running_graph(graph, out / "log") as conductor:
-            for number in range(options.episodes):
-                outcome = conductor.run_episode()
-                ends[outcome.declared] = ends.get(outcome.declared, 0) + 1
-                for name, pid in conductor.processes().items():
-                    uses.setdefault(name, []).append(use_of(pid))
-                progress.show(number + 1, f"{sum(u[-1].memory for u in uses.values()) / 1e3:.0f} MB")
+        episodes(run, options, out)
     except KeyboardInterrupt:
-        if sum(ends.values()) < WARM + 10:
+        if run.episodes < WARM + 10:
             return INTERRUPTED
-        error = f"interrupted after {sum(ends.values())} episodes"
+        error = f"interrupted after {run.episodes} episodes"
     except (NodeDied, GraphError, TimeoutError, OSError) as broken:
         error = str(broken)
         print(f"soak: {error}", file=sys.stderr)
-    try:
-        trends = {name: trend(values, WARM) for name, values in uses.items()}
-    except ValueError as few:
-        error, trends = error or str(few), {}
-    result = {
-        "episodes": sum(ends.values()),
-        "ends": ends,
-        "growing": growing(trends, options.memory),
-        "error": error,
-        "warm_up": WARM,
-        "allowed_kB_per_episode": options.memory,
-        "nodes": {name: asdict(one) for name, one in trends.items()},
-        "arguments": graph,
-        "revision": origin()["revision"],
-        "wall_s": round(time.monotonic() - began, 1),
-    }
-    (out / "soak.json").write_text(json.dumps({**result, "uses": {n: [asdict(u) for u in v] for n, v in uses.items()}}))
+    result = run.write(out / "soak.json", error)
     print(json.dumps(result))
     return 1 if error or result["growing"] else 0
 

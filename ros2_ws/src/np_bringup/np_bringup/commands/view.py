@@ -14,6 +14,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(prog="view", description=__doc__.partition(": ")[2])
     p.add_argument("bag", nargs="?", help="bag to play; without one, the graph in this ROS_DOMAIN_ID")
     p.add_argument("--domain", choices=list(DOMAINS), default="card", help="what a running graph works on; %(default)s")
+    p.add_argument("--window", action="store_true", help="MuJoCo's viewer on this display instead of a page")
     p.add_argument("--host", default="127.0.0.1", help="address to serve at; 0.0.0.0 lets everybody look; %(default)s")
     p.add_argument("--port", type=int, default=8300, help="0: any that is free; %(default)s")
     return p
@@ -37,6 +38,13 @@ def main(arguments: list[str] | None = None) -> int:
 def _play(options: argparse.Namespace) -> int:
     import threading
 
+    if options.window:
+        from np_bringup.view.window import play
+        from np_record.bag import Recording
+
+        with Recording(options.bag, required=("joint_states",)) as recording:
+            play(recording, find_domain(recording.information.get("domain", "card")))
+        return 0
     from np_bringup.view.recorded import RecordedEpisode
     from np_bringup.view.server import serve
 
@@ -53,6 +61,17 @@ def _watch(options: argparse.Namespace) -> int:
 
     ros_domain_id()  # raises ValueError with words
     with closing(Peer("view")) as peer:
+        if options.window:
+            from np_bringup.view.window import Window
+
+            domain = find_domain(options.domain)
+            with closing(Window(domain)) as window:
+                live = LiveGraph(peer, domain)
+                while window.is_open:
+                    peer.idle_for(0.05)
+                    if (moment := live.moment()) is not None:
+                        window.show(moment)
+            return 0
         _tell(serve(LiveGraph(peer, find_domain(options.domain)), options.host, options.port))
         while True:
             peer.spin_once(0.2)

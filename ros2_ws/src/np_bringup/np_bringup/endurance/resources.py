@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,12 @@ def use_of(pid: int) -> Use:
     folder = Path("/proc") / str(pid)
     lines = dict(line.split(":", 1) for line in (folder / "status").read_text().splitlines() if ":" in line)
     return Use(int(lines["VmRSS"].split()[0]), len(list((folder / "fd").iterdir())), int(lines["Threads"]))
+
+
+def processor_seconds(pid: int) -> float:
+    """Processor time s that a process and its threads have used. Raises OSError where it has ended."""
+    fields = (Path("/proc") / str(pid) / "stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image, JointState
 
 from np_bringup.view.recorded import encoded, error
+from np_bringup.view.window import Moment
 from np_description.domains import Domain, Pose
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_description.scene_data import SceneData
@@ -55,6 +56,16 @@ class LiveGraph:
         with self._lock:  # the scene's kinematics have one place for what they compute
             poses = self._scene.poses(joints, pose, goal)
         return {"time": stamp / 1e9, "poses": poses, "phase": self._phase, **error(pose, goal)}
+
+    def moment(self) -> Moment | None:
+        """Joints, object and goal now; None before the first joint state that can be read."""
+        if self._state is None:
+            return None
+        try:
+            joints = joint_state_arrays(decoded(self._state, JointState), STATE_NAMES)[0]
+        except BadMessage:
+            return None
+        return Moment(joints, self._pose, self._goal)
 
     def image(self, time: float) -> bytes | None:
         """The JPEG of the newest image, None where there is none."""

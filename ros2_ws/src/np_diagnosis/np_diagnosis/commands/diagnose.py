@@ -131,6 +131,7 @@ def main(arguments: list[str] | None = None) -> int:
     from np_diagnosis import lean  # noqa: F401, I001  before NumPy
     from np_diagnosis.checks.effort_side import on_the_drives_side
     from np_diagnosis.diagnosis import diagnose
+    from np_diagnosis.progress import StageProgress
     from np_diagnosis.recordings.excerpt import excerpts
     from np_diagnosis.recordings.reading import ContractViolation
     from np_diagnosis.report.document import write
@@ -145,8 +146,9 @@ def main(arguments: list[str] | None = None) -> int:
         total, part = sum(log.duration for log in logs), "parts of " if options.quick else ""
         other = f"{sum(log.duration for log in before):.0f} s of the arm as it was" if before else "the nominal arm"
         print(f"comparing {part}{total:.0f} s with {other}", file=sys.stderr)
+        progress = StageProgress(options.quick)
         taken = (excerpts(part) if options.quick and part else part for part in (logs, before))
-        diagnosis = diagnose(next(taken), arm, quick=options.quick, reference=next(taken))
+        diagnosis = diagnose(next(taken), arm, quick=options.quick, reference=next(taken), tell=progress.begin)
     except ContractViolation as violation:
         print(f"contract violation: {violation}", file=sys.stderr)
         print(json.dumps({"error": f"contract violation: {violation}"}))
@@ -155,7 +157,9 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"diagnose: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))
         return 1
-    report = write(options.out, diagnosis, logs, lambda: time.monotonic() - began, options.quick)
+    report = write(options.out, diagnosis, logs, lambda: time.monotonic() - began, options.quick, progress.begin)
+    progress.end()
+    print(report["sentence"])
     gap = report["gap"]
     print(
         json.dumps(

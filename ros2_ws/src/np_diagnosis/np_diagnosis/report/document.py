@@ -12,6 +12,7 @@ import numpy as np
 from np_diagnosis.checks.shrinkage import REGIMES, regimes
 from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.experiments.ambiguity import open_question
+from np_diagnosis.progress import Tell, silent
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.report.notes import notes
 from np_diagnosis.report.sentence import sentence
@@ -116,12 +117,17 @@ def where(diagnosis: Diagnosis) -> list[dict]:
 
 
 def write(
-    out: Path, diagnosis: Diagnosis, logs: Sequence[Log], runtime: Callable[[], float], quick: bool = False
+    out: Path,
+    diagnosis: Diagnosis,
+    logs: Sequence[Log],
+    runtime: Callable[[], float],
+    quick: bool = False,
+    tell: Tell = silent,
 ) -> dict:
     """Write report.json, patch.yaml and report.html into `out`; returns the report.
 
     runtime: s it has taken so far; quick: without closed loop, refit, next experiment, page, and the check against
-    the schema. Raises ValueError as `to_json` does.
+    the schema; tell: told which of the stages of `progress` begins. Raises ValueError as `to_json` does.
     """
     experiment = forward = shots = None
     patch, left_out = make_patch(diagnosis), ()
@@ -130,9 +136,12 @@ def write(
         from np_diagnosis.experiments.power import next_experiment
         from np_diagnosis.simulation.refit import second_opinion
 
+        tell("next experiment")
         question = open_question(diagnosis)
         experiment = next_experiment(diagnosis, question)
+        tell("the patch in the simulator")
         patch, left_out, shots = tried_patch(diagnosis)
+        tell("refit in the simulator")
         forward = second_opinion(diagnosis, question[1].models[1 : THRESHOLDS.refit.models] if question else ())
     report = make_report(diagnosis, logs, round(runtime(), 2), shots, experiment, forward, left_out)
     text = to_json(report, quick)
@@ -140,6 +149,7 @@ def write(
     (out / "report.json").write_text(text, encoding="utf-8")
     (out / "patch.yaml").write_text(dump_patch(patch, diagnosis.context.arm.name), encoding="utf-8")
     if not quick:
+        tell("page")
         from np_diagnosis.report.page import render  # drawing is slow to import
 
         (out / "report.html").write_text(render(report, diagnosis, out), encoding="utf-8")

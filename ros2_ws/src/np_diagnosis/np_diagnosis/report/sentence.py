@@ -36,9 +36,9 @@ def _said(finding: Finding, nominal: str) -> str:
 
 
 def _removed(diagnosis: Diagnosis, count: int) -> str:
-    low, high = (100 * share for share in diagnosis.gap.shrink_interval)
+    share, low, high = (round(100 * share) for share in (diagnosis.gap.shrink, *diagnosis.gap.shrink_interval))
     what = _COUNT.get(count, f"all {count}")
-    return f"Adding {what} removes {100 * diagnosis.gap.shrink:.0f} % of the gap (95 %: {low:.0f} to {high:.0f})."
+    return f"Adding {what} removes {share} % of the gap (95 %: {low} to {high})."
 
 
 def _doubt(finding: Finding) -> str:

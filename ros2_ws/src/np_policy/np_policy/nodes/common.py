@@ -19,6 +19,7 @@ from np_policy import action
 from np_policy.contract import CONTROLLERS
 from np_ros import qos
 from np_ros.messages import NANOSECONDS, BadMessage, joint_state_arrays, keypoints_array, stamp_nanoseconds
+from np_ros.newest import Newest
 from np_ros.node import Diagnostics, parameter
 from np_ros.raw import decoded
 
@@ -123,19 +124,24 @@ class GoalStream:
 class StateStream:
     """The joint state that decisions are made on: in lockstep that of the last policy tick, else the newest.
 
-    States come 500 times a second and are needed ten times: only those are decoded.
+    States come 500 times a second and are needed ten times: only those are decoded, and in real time only those are taken.
+    `stamp` is that of the state that `has` last asked for.
     """
 
     def __init__(self, node: Node, diagnostics: Diagnostics, settings: Settings, callback: Callable[[], None]) -> None:
         self._node, self._diagnostics, self._settings, self._callback = node, diagnostics, settings, callback
         self._raw: bytes | None = None
         self.stamp = -1
-        node.create_subscription(JointState, "joint_states", self._receive, qos.subscriber(settings.lockstep), raw=True)
+        self._newest = None if settings.lockstep else Newest(node, JointState, "joint_states")
+        if settings.lockstep:
+            node.create_subscription(JointState, "joint_states", self._receive, qos.LOCKSTEP, raw=True)
 
     def has(self, stamp: int) -> bool:
         """Whether a state is there to decide on about the image of stamp ns: its own, or, in real time, one hardly older."""
-        if self._settings.lockstep:
+        if self._newest is None:
             return self.stamp == stamp
+        if (raw := self._newest.take()) is not None:
+            self._receive(raw)
         return self._raw is not None and self.stamp >= stamp - OLDEST_STATE
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:

@@ -158,7 +158,7 @@ class EpisodeNode(Node):
             self._publish(self._episode.backend_lost(f"no diagnostics of {self._backend} within {BACKEND_SILENCE:g} s"))
 
     def _joints(self) -> np.ndarray | None:
-        if self._state is None or self._state.stamp < 0:
+        if self._state is None or not self._state.has(0):
             return None
         try:
             return self._state.arrays()[0][: len(JOINT_NAMES)]
