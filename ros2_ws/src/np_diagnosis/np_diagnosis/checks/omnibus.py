@@ -12,6 +12,7 @@ import numpy as np
 
 from np_diagnosis.arm.rigid import felt_inertia
 from np_diagnosis.inference.cells import Cell, make_cell
+from np_diagnosis.inference.change import is_later
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.fit import Fit, held_out, score
 from np_diagnosis.inference.flexible import flexible
@@ -33,7 +34,7 @@ class LackOfFit:
     null, chosen, flexible: sums of squared held-out residuals over `rows` rows of the model without effects, of the
     chosen one, and of the chosen one with the flexible model. white: standard deviation of the noise, that is of the
     part of the residual without any memory (from third differences), and no more than the sensors have where they
-    show it. outlying: mean squares of what lies further out than noise does, without effects and with the chosen
+    show it, or what an earlier recording leaves. outlying: mean squares of what lies further out than noise does, without effects and with the chosen
     model.
     """
 
@@ -85,7 +86,7 @@ def _lack_of_fit(design: Design, cell: Cell, ids: np.ndarray, fit: Fit) -> LackO
         float(np.square(left[rows]).sum()),
         float(np.square(after[rows]).sum()),
         int(rows.sum()),
-        min(float(np.std(np.diff(left[rows], 3)) / np.sqrt(20)), _sensors(design.context, cell)),
+        _noise(design, cell, left),
         _outlying(cell.residual[rows], left[rows]),
     )
 
@@ -120,6 +121,17 @@ def _outlying(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
     """
     usual = 1.4826 * np.median(np.abs(after - np.median(after)))
     return tuple(float(np.mean(np.where(np.abs(r) > OMNIBUS.outlying * usual, r, 0.0) ** 2)) for r in (before, after))
+
+
+def _noise(design: Design, cell: Cell, left: np.ndarray) -> float:
+    """Standard deviation of the noise in what is `left` (n,) of a cell. Of two recordings of an arm, what the earlier one
+    leaves of its dynamics is noise as well, coloured or not, for nothing had changed there."""
+    rows = cell.rows
+    white = min(float(np.std(np.diff(left[rows], 3)) / np.sqrt(20)), _sensors(design.context, cell))
+    earlier = rows & ~is_later(design.context, design.stages.times(cell.stage)[0])
+    if cell.stage is Stage.DYNAMICS and earlier.any():
+        return max(white, float(np.sqrt(np.mean(np.square(left[earlier])))))
+    return white
 
 
 def _sensors(context: Context, cell: Cell) -> float:
