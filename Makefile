@@ -61,7 +61,7 @@ soak: setup ## DOMAIN EPISODES SEED ARGS="--hours 1": episodes in one graph, in 
 fuzz: setup ## SEED: random and malformed messages on every topic: none of the nodes dies, as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup fuzz --seed $(SEED) $(ARGS)
 
-blind: setup ## CASES SEED SET=locked|development JOBS: the gap doctor against sealed cases, as JSON
+blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS: the gap doctor against sealed cases, as JSON
 	@$(ACTIVATE) exec python -m np_blind.blind --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) $(ARGS)
 
 train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there

@@ -19,10 +19,10 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
-from np_blind import others
+from np_blind import others, six_hinges
 from np_blind.cases import Case
 from np_blind.followup import follow_up
-from np_blind.generate import bag_path, batches, make_bags
+from np_blind.generate import bag_path, batches, make_bags, reference_path, shown
 from np_blind.processes import Workers, end_with_parent
 from np_record.command import Progress
 
@@ -81,10 +81,10 @@ def answer_all(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs:
 def _answer(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: int, pool) -> None:
     out = asking.out
     answered = {c.number for c in cases if is_answered(out, c.number)}
-    recorded = {c.number for c in cases if (bag_path(out, c.number) / "metadata.yaml").exists()} - answered
+    recorded = {c.number for c in cases if shown(bag_path(out, c.number)).exists()} - answered
     missing = [c for c in cases if c.number not in answered | recorded]
     for case in missing:  # cut off while it was written
-        shutil.rmtree(bag_path(out, case.number), ignore_errors=True)
+        _remove_bags(out, case.number)
     by_number = {c.number: c for c in cases}
     making = {pool.submit(_record, batch, only, asking) for batch in batches(missing, jobs)} if missing else set()
     answers: set[Future] = {pool.submit(answer, by_number[number], asking) for number in sorted(recorded)}
@@ -110,7 +110,7 @@ def _record(cases: Sequence[Case], only: Sequence[str], asking: Asking) -> dict[
         return make_bags(cases, only, asking.out)
     except Exception:  # whatever it is: it is the answer of the case that it belongs to
         for case in cases:
-            shutil.rmtree(bag_path(asking.out, case.number), ignore_errors=True)
+            _remove_bags(asking.out, case.number)
         if len(cases) == 1:
             return {cases[0].number: f"no recording: {traceback.format_exc()[-2000:]}"}
         return {n: error for case in cases for n, error in _record([case], only, asking).items()}
@@ -127,17 +127,30 @@ def answer(case: Case, asking: Asking) -> bool:
         error = traceback.format_exc()[-2000:]
     write_error(asking.out, case.number, error)
     if not asking.keep:
-        shutil.rmtree(bag_path(asking.out, case.number), ignore_errors=True)
+        _remove_bags(asking.out, case.number)
     return True
+
+
+def _remove_bags(out: Path, number: int) -> None:
+    for path in (bag_path(out, number), reference_path(out, number)):
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def _ask_doctor(case: Case, asking: Asking) -> str:
     """What went wrong."""
     bag, folder = bag_path(asking.out, case.number), report_path(asking.out, case.number)
     folder.mkdir(parents=True, exist_ok=True)
+    further = ["--reference", str(shown(reference_path(asking.out, case.number)).resolve())] if case.day else []
+    further += ["--model", str(six_hinges.MODEL)] if case.has_six_hinges else []
 
     def ask(bags: Sequence[Path], into: Path) -> str:
-        command = [*shlex.split(asking.doctor), *(str(b.resolve()) for b in bags), "--out", str(into.resolve())]
+        command = [
+            *shlex.split(asking.doctor),
+            *(str(b.resolve()) for b in bags),
+            *further,
+            "--out",
+            str(into.resolve()),
+        ]
         try:
             done = subprocess.run(
                 command,
@@ -151,8 +164,8 @@ def _ask_doctor(case: Case, asking: Asking) -> str:
             return f"no answer within {asking.timeout:g} s"
         return "" if done.returncode == 0 else f"status {done.returncode}: {(done.stdout + done.stderr)[-2000:]}"
 
-    error = ask([bag], folder)
-    if not error:
+    error = ask([shown(bag)], folder)
+    if not error and not case.day:
         follow_up(case, bag, folder, ask)
     if asking.identify:
         others.identify(bag, folder, asking.identify, asking.timeout)

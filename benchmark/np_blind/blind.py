@@ -18,7 +18,7 @@ from pathlib import Path
 
 from np_blind import others
 from np_blind.answering import Asking, answer_all, is_answered, report_path
-from np_blind.cases import Case, draw_cases
+from np_blind.cases import CHANGES, Case, draw_cases
 from np_blind.followup import is_settled
 from np_blind.generate import add_options, batches
 from np_blind.heldout import heldout_gaps
@@ -40,7 +40,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--seal", action="store_true", help="only put down the key's hash, to be committed")
     parser.add_argument("--keep", action="store_true", help="keep the bags")
-    parser.add_argument("--doctor", default=DOCTOR, help="command that is given BAG --out FOLDER")
+    parser.add_argument("--doctor", default=DOCTOR, help="command that is given BAG [--reference BAG] --out FOLDER")
     parser.add_argument(
         "--baselines",
         action="store_true",
@@ -60,6 +60,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.cases < 1 or options.jobs < 1:
         parser.error("--cases, --jobs: expected at least 1")
+    if options.baselines and options.which in CHANGES:
+        parser.error("--baselines: expected a set of single recordings, not of changes")
     options.last = options.cases if options.last is None else options.last
     if not 0 <= options.first < options.last <= options.cases:
         parser.error(f"--from, --to: expected 0 <= from < to <= {options.cases}")
@@ -84,6 +86,8 @@ def score(cases: Sequence[Case], entries: Sequence[dict], options: argparse.Name
             scores.append(score_case(entry, None, repr(problem)))
         scores[-1].settled = is_settled(entry, folder)
         patches.append(patch)
+    if options.which in CHANGES:  # of one arm on two days: no motion would tell a patch of the change
+        return scores
     first, followed = 0, []
     for part in batches(cases, options.jobs):
         followed.append(pool.submit(heldout_gaps, part, patches[first : first + len(part)]))
@@ -103,9 +107,10 @@ def main(arguments: list[str] | None = None) -> int:
             print(json.dumps({"key_sha256": seal(options.cases, options.seed, options.which, options.only)}))
             return 0
         key = make_key(options.cases, options.seed, options.which, options.only)
-        sealed = check(key) if options.which == "locked" else digest(key)
+        is_locked = options.which.startswith("locked")
+        sealed = check(key) if is_locked else digest(key)
         options.out.mkdir(parents=True, exist_ok=True)
-        doctor = check_doctor(options.out, options.which == "locked")
+        doctor = check_doctor(options.out, is_locked)
         cases = draw_cases(options.cases, options.seed, options.which)
         asking = Asking(
             options.out.resolve(),

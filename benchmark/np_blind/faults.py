@@ -58,8 +58,14 @@ def limit_of(effect: str, joint: int | None) -> float:
 
 def apply(physics: Physics, arm: int, fault: Fault, rng: np.random.Generator) -> Parameters:
     """Give an arm the fault; what exactly it got."""
-    magnitude = fault.size * limit_of(fault.effect, fault.joint)
-    return _FAULTS[fault.effect](physics, arm, fault.joint, magnitude, rng)
+    return give_effect(fault.effect, physics, arm, fault.joint, fault.size * limit_of(fault.effect, fault.joint), rng)
+
+
+def give_effect(
+    effect: str, physics: Physics, arm: int, joint: int | None, magnitude: float, rng: np.random.Generator
+) -> Parameters:
+    """Give an arm an effect of this magnitude, in the unit of its limit; what exactly it got."""
+    return _FAULTS[effect](physics, arm, joint, magnitude, rng)
 
 
 _FAULTS: dict[str, Callable[[Physics, int, int | None, float, np.random.Generator], Parameters]] = {}

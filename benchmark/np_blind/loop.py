@@ -13,6 +13,7 @@ import numpy as np
 
 from np_blind.arms.blind_arm import PERIOD, Plant
 from np_blind.arms.out_of_catalogue_physics import off_centre, slipped
+from np_blind.arms.out_of_catalogue_wide_physics import shown_speed
 from np_blind.arms.physics import Physics
 from np_blind.arms.rigid_arm import JOINTS
 from np_control.impedance import lead
@@ -119,7 +120,7 @@ def run(
     roots = seeds if seeds is not None else [[i] for i in range(arms)]
     streams, chances = ([np.random.default_rng([*root, k]) for root in roots] for k in (1, 2))
     plant = Plant(physics, READY, chances)
-    sensors = _Sensors(physics, streams if seeds is not None else None)
+    sensors = Sensors(physics, streams if seeds is not None else None)
     keep = (
         1.0 if not physics.filter_time.any() else 1.0 - np.exp(-PERIOD / np.maximum(physics.filter_time, 1e-9))[:, None]
     )
@@ -178,15 +179,24 @@ def run_staying(
     return None, [], lost
 
 
-class _Sensors:
-    """What the sensors of the arms show at the beginning of a period: late, biased, rounded, noisy."""
+class Sensors:
+    """What the sensors of the arms show at the beginning of a period: late, biased, rounded, noisy.
 
-    def __init__(self, physics: Physics, streams: list[np.random.Generator] | None):
-        self._physics, self._streams = physics, streams
+    streams: of each arm's noise; None for none. torque_noise (7,) Nm, white, and as much again over COLOUR s.
+    """
+
+    def __init__(
+        self,
+        physics: Physics,
+        streams: list[np.random.Generator] | None,
+        torque_noise: np.ndarray = TORQUE_NOISE * WRIST,
+    ):
+        self._physics, self._streams, self._torque_noise = physics, streams, torque_noise
+        arms, self._joints = physics.inertials.mass.shape
         self._past: list[tuple[np.ndarray, np.ndarray]] = []
         self._row = 0
-        self._slow = np.zeros((len(physics), JOINTS))
-        self._noise = np.zeros((CHUNK, len(physics), 5, JOINTS))
+        self._slow = np.zeros((arms, self._joints))
+        self._noise = np.zeros((CHUNK, arms, 5, self._joints))
 
     def read(self, plant: Plant) -> tuple[np.ndarray, ...]:
         """(angle, speed, effort, motor angle, motor speed), each (B, 7)."""
@@ -195,12 +205,12 @@ class _Sensors:
         noise = self._draw()
         angle, share = off_centre(p, q)
         angle = angle + slipped(p, plant.time)
-        q, dq = q + p.encoder_bias + angle + ANGLE_NOISE * noise[:, 0], dq * (1.0 + share)
+        q, dq = q + p.encoder_bias + angle + ANGLE_NOISE * noise[:, 0], shown_speed(p, dq) * (1.0 + share)
         q = np.where(p.quantum > 0, np.round(q / np.maximum(p.quantum, 1e-9)) * p.quantum, q)
         dq = dq + SPEED_NOISE * noise[:, 1]
         keep = np.exp(-PERIOD / COLOUR)
         self._slow = keep * self._slow + np.sqrt(1 - keep**2) * noise[:, 2]
-        effort = plant.torque + TORQUE_NOISE * WRIST * (noise[:, 3] + self._slow)
+        effort = plant.torque + self._torque_noise * (noise[:, 3] + self._slow)
         return q, dq, effort, theta + ANGLE_NOISE * noise[:, 4], omega + SPEED_NOISE * noise[:, 1]
 
     def _late(self, plant: Plant) -> tuple[np.ndarray, ...]:
@@ -216,9 +226,10 @@ class _Sensors:
         angles, speeds = (np.array([state[k] for state in self._past[::-1]]) for k in (0, 1))
         rows, older = np.arange(len(delay)), np.minimum(whole + 1, len(self._past) - 1)
         speed = (1 - part) * speeds[whole, rows] + part * speeds[older, rows]
+        n = self._joints
         # Back along the mean speed from the sample that follows.
         angle = angles[whole, rows] - 0.5 * (speeds[whole, rows] + speed) * part * PERIOD
-        return angle[:, :JOINTS], speed[:, :JOINTS], angle[:, JOINTS:], speed[:, JOINTS:]
+        return angle[:, :n], speed[:, :n], angle[:, n:], speed[:, n:]
 
     def _draw(self) -> np.ndarray:
         """Noise (B, 5, 7) of unit variance, times the arm's own level."""
@@ -226,7 +237,7 @@ class _Sensors:
             return self._noise[0]
         row = self._row % CHUNK
         if row == 0:
-            draws = [stream.standard_normal((CHUNK, 5, JOINTS)) for stream in self._streams]
+            draws = [stream.standard_normal((CHUNK, 5, self._joints)) for stream in self._streams]
             self._noise = self._physics.noise[None, :, None, None] * np.stack(draws, axis=1)
         self._row += 1
         return self._noise[row]

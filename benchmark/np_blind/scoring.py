@@ -19,7 +19,7 @@ HARM = 1.02  # times the gap before, beyond which a patch has done harm
 @dataclass
 class Score:
     """What is right about one case; None where the question does not arise. named: effect@component;
-    settled: of `followup.is_settled`."""
+    effect: of faults of at least CLEAR; effect_any: of any size; settled: of `followup.is_settled`."""
 
     case: int
     kind: str
@@ -30,6 +30,7 @@ class Score:
     module: bool | None = None
     joint: bool | None = None
     effect: bool | None = None
+    effect_any: bool | None = None
     false_alarm: bool | None = None
     abstained: bool | None = None
     pair: bool | None = None
@@ -82,8 +83,8 @@ def score_case(entry: Mapping, report: Mapping | None, error: str = "") -> Score
         place = next((w for w in report["where"] if w["module"] != "unknown"), None)
         score.module = place is not None and place["module"] == modules()[fault["effect"]]
         score.joint = place is not None and place["component"] == fault["component"]
-        if fault["size"] >= CLEAR:
-            score.effect = _is_named(fault, added[:1], added)
+        score.effect_any = _is_named(fault, added[:1], added)
+        score.effect = score.effect_any if fault["size"] >= CLEAR else None
         score.covered = _coverage(fault, added)
     else:
         ranked = report["effects"][:3]
@@ -143,6 +144,7 @@ def summary(scores: Sequence[Score]) -> dict[str, object]:
     rate("module_accuracy", [s.module for s in scores])
     rate("joint_accuracy", [s.joint for s in scores])
     rate("effect_class_accuracy", [s.effect for s in scores])
+    rate("effect_class_accuracy_any", [s.effect_any for s in scores])
     rate("false_alarm", [s.false_alarm for s in scores])
     rate("abstain_out_of_catalogue", [s.abstained for s in scores])
     rate("pairs_top3", [s.pair for s in scores])

@@ -14,6 +14,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from np_blind.cases import draw_cases, magnitude, make_physics
+from np_blind.faults import Fault
 
 KEYS = Path(str(files("np_blind") / "data" / "keys.txt"))
 """Committed: one line a sealed key, `set cases seed sha256`."""
@@ -37,22 +38,29 @@ def make_key(count: int, seed: int, which: str, only: Sequence[str] = ()) -> str
             "kind": case.kind,
             "faults": [
                 {
-                    **asdict(fault),
-                    "size": _rounded(fault.size),
-                    "component": fault.component,
-                    "magnitude": _rounded(magnitude(fault)),
+                    **_fault(fault),
                     "parameters": {
                         name: {"value": _rounded(value), "unit": unit} for name, (value, unit) in given.items()
                     },
                 }
                 for fault, given in zip(case.faults, truth)
             ],
+            **({"always": [_fault(fault) for fault in case.always]} if case.day else {}),
         }
         for case, truth in zip(cases, truths)
     ]
     part = {"only": list(only)} if only else {}
     key = {"schema": SCHEMA, "set": which, "seed": seed, "cases": entries, **part}
     return json.dumps(key, indent=1, sort_keys=True) + "\n"
+
+
+def _fault(fault: Fault) -> dict:
+    return {
+        **asdict(fault),
+        "size": _rounded(fault.size),
+        "component": fault.component,
+        "magnitude": _rounded(magnitude(fault)),
+    }
 
 
 def digest(key: str) -> str:

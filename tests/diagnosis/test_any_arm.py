@@ -11,6 +11,7 @@ from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import panda
 from np_diagnosis.arm.stages import drive
 from np_diagnosis.diagnosis import diagnose
+from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.estimates import estimate
@@ -53,7 +54,7 @@ def test_errors_of_masses_and_of_their_places_are_in_the_nuisances(clean, seed):
         found, *_ = np.linalg.lstsq(columns, change[:, joint], rcond=None)
         left = change[:, joint] - columns @ found
         # What is left is below what stands out of any recording; what is found is no surprise.
-        assert np.sqrt(np.mean(left**2)) < THRESHOLDS.search.visible_dynamics * ARM.torque_limit[joint]
+        assert np.sqrt(np.mean(left**2)) < THRESHOLDS.visible.dynamics * ARM.torque_limit[joint]
         assert np.sqrt(np.mean(found**2)) < 2.5, joint
 
 
@@ -62,6 +63,20 @@ def test_an_arm_whose_links_are_heavier_has_no_gap():
     diagnosis = diagnose([record(Truth(mass_error=0.03), seed=2)])
     assert diagnosis.verdict == "no_gap"
     assert not [f for f in diagnosis.findings if f.is_chosen]
+
+
+@pytest.mark.parametrize("joint", [0, 4])
+def test_friction_that_goes_up_and_down_with_the_angle_is_a_nuisance_and_its_mean_is_none(clean, joint):
+    s, names = clean.samples, [p.name for p in nuisances.parameters(clean, Stage.DYNAMICS, joint)]
+    waves = nuisances.columns(clean, Stage.DYNAMICS, joint)[
+        :, [n for n, name in enumerate(names) if "of friction" in name]
+    ]
+    direction = clean.prediction.direction[:, joint]
+    assert waves.shape[1] == 2 and np.abs(direction @ waves).max() < 1e-6 * direction @ direction
+    uneven = 0.08 * ARM.frictionloss[joint] * np.sin(2.0 * (s.position[:, joint] - 0.1)) * direction
+    uneven -= direction * (direction @ uneven) / (direction @ direction)
+    found, *_ = np.linalg.lstsq(waves, uneven, rcond=None)
+    assert np.std(uneven - waves @ found) < 0.25 * np.std(uneven) and np.abs(found).max() < 0.25
 
 
 def test_an_effect_that_a_nuisance_could_only_take_up_beyond_its_bound_leads_the_screen(log, clean):

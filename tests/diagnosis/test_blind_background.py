@@ -24,7 +24,7 @@ def settled(physics, start=READY, command=0.0, periods=200):
     for _ in range(periods):
         plant.begin(plant.q, plant.dq)
         plant.step(np.broadcast_to(command, plant.q.shape))
-    return plant, plant.torque + plant._held
+    return plant, plant.torque + plant.held
 
 
 def test_links_are_off_by_some_per_cent_and_the_arm_is_compensated_as_it_is():

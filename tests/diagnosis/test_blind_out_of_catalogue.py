@@ -49,7 +49,7 @@ def test_a_taut_cable_pulls_on_one_side_only_and_an_amplifier_swallows_what_is_s
     assert faulty.link_torque(q, np.zeros_like(q), 0.0)[:, 3] == pytest.approx([0.0, 0.0, -0.8])
     faulty, _ = one_arm(dead_zone=0.3)
     wanted = np.eye(7)[3] * np.array([[-1.0], [-0.2], [0.3], [0.5]])
-    assert faulty.given(wanted)[:, 3] == pytest.approx([-0.7, 0.0, 0.0, 0.2])
+    assert faulty.given(wanted, np.zeros_like(wanted))[:, 3] == pytest.approx([-0.7, 0.0, 0.0, 0.2])
 
 
 def test_a_brake_drags_half_of_the_time_and_a_fading_drive_gives_less_and_less():

@@ -17,7 +17,8 @@ from np_blind.cases import Case, draw_cases, make_physics
 from np_blind.faults import EFFECTS, Fault, soften, visible
 from np_blind.heldout import LOST, gaps, motions
 from np_blind.loop import Diverged, make_targets, run
-from np_blind.out_of_catalogue import ALL_FROM, FIRST, LATER, LATER_FROM, NEWEST, OUT_OF_CATALOGUE, SCALE
+from np_blind.out_of_catalogue import ALL_FROM, BEFORE, LATER_FROM, OUT_OF_CATALOGUE
+from np_blind.out_of_catalogue_kinds import FIRST, LATER, NEWEST, SCALE
 from np_blind.patched import patched_physics
 from np_blind.scoring import modules
 from np_control.dynamics import Dynamics
@@ -320,9 +321,9 @@ def test_sets_from_some_seed_on_have_kinds_that_the_doctor_was_not_developed_on(
         return {c.faults[0].effect for c in draw_cases(200, seed, "development") if c.kind == "stranger"}
 
     assert drawn(9) == drawn(LATER_FROM - 1) == set(FIRST) and drawn(LATER_FROM) == set(LATER)
-    assert drawn(ALL_FROM) == set(OUT_OF_CATALOGUE) == set(FIRST) | set(LATER) | set(NEWEST)
+    assert drawn(ALL_FROM) == set(BEFORE) == set(FIRST) | set(LATER) | set(NEWEST)
     assert (
-        len(OUT_OF_CATALOGUE) == len(FIRST) + len(LATER) + len(NEWEST)
+        len(BEFORE) == len(FIRST) + len(LATER) + len(NEWEST)
         and len(NEWEST) >= 4
         and len(LATER) >= 4
         and (SCALE > 0).all()

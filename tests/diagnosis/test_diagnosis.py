@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from arm_generator import Truth, at, record
 
-from np_diagnosis.arm.model import load_arm, panda
+from np_diagnosis.arm.files import load_arm
+from np_diagnosis.arm.model import panda
 from np_diagnosis.checks.plausibility import check
 from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.recordings.reading import read
@@ -160,7 +161,7 @@ def z1_log():
     if not path.exists():
         pytest.skip(f"{path} is not there; NP_REAL_DATA names the folder with real recordings")
     arm = load_arm(Z1)
-    log = read(path, len(arm))
+    log = read(path, arm.joints)
     check(log, arm)
     return diagnose([log], arm)
 

@@ -15,6 +15,7 @@ from np_control.dynamics import build_model
 from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import panda
 from np_diagnosis.inference import nuisances
+from np_diagnosis.inference.arrow import Arrow, Shape
 from np_diagnosis.inference.cells import Block, make_blocks, make_cell
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
@@ -103,8 +104,9 @@ def test_nuisances_have_a_column_each_and_those_of_the_links_in_every_joint(clea
             columns = nuisances.columns(clean, stage, joint)
             assert columns.shape[1] == len(nuisances.parameters(clean, stage, joint))
         names = [p.name for p in nuisances.parameters(clean, Stage.DYNAMICS, joint)]
-        assert names[2:4] == ["breakaway", "late breakaway"]
-        assert names[4:] == [f"links {n + 1}" for n in range(len(names) - 4)] and len(names) > 6
+        assert names[2:5] == ["breakaway", "late breakaway", "creep"]
+        assert names[9:11] == ["level of friction", "level of damping"]
+        assert names[11:] == [f"links {n + 1}" for n in range(len(names) - 11)] and len(names) > 12
 
 
 @settings(max_examples=5, deadline=None)
@@ -170,7 +172,7 @@ def test_a_fit_meets_least_squares_and_its_bounds(seed, width):
     rng = np.random.default_rng(seed)
     matrix, truth = rng.normal(size=(400, width)), rng.uniform(-1, 1, width)
     whole = np.column_stack([matrix, matrix @ truth + 0.01 * rng.normal(size=400)])
-    cell, ids = SimpleNamespace(ids=np.arange(width)), np.arange(width)
+    cell, ids = SimpleNamespace(ids=np.arange(width), joint=0), np.arange(width)
 
     def solve(lower, upper):
         parameters = [Parameter("p", "1", lower, upper, 10.0)] * width
@@ -248,3 +250,27 @@ def test_a_patch_may_hold_whatever_an_effect_is_given_by(clean):
 def nuisances_of(design, joint):
     names = {p.name for p in nuisances.parameters(design.context, Stage.DYNAMICS, joint)}
     return [i for i in design.nuisances[joint] if design.parameters[i].name in names]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**31), st.integers(1, 4), st.integers(0, 3))
+def test_an_arrow_is_solved_and_inverted_as_any_matrix_is(seed, count, shared):
+    rng = np.random.default_rng(seed)
+    sizes = rng.integers(0, 5, count)
+    size, order = int(sizes.sum()) + shared, rng.permutation(int(sizes.sum()) + shared)
+    members = [np.concatenate([own, order[:shared]]) for own in np.split(order[shared:], np.cumsum(sizes)[:-1])]
+    shape, first = Shape.of(list(range(count)), members, size), rng.uniform(0.5, 2.0, size)
+    if count > 1:
+        assert sorted(shape.border) == sorted(order[:shared])
+    arrow, matrix = Arrow.diagonal(shape, 3, first), np.tile(np.diag(first), (3, 1, 1))
+    for group, own in enumerate(members):
+        part, at = rng.normal(size=(3, 9, len(own))), shape.places(group, own)
+        matrix[:, own[:, None], own] += part.transpose(0, 2, 1) @ part
+        arrow.parts[group][:, at[:, None], at] += part.transpose(0, 2, 1) @ part
+    rows, values, more = np.array([2, 0]), rng.normal(size=(2, size)), rng.uniform(0.0, 3.0, (2, size))
+    np.testing.assert_allclose(arrow.inverse(), np.linalg.inv(matrix), atol=1e-9)
+    np.testing.assert_allclose(arrow.on_diagonal(rows), np.diagonal(matrix[rows], axis1=1, axis2=2))
+    for added in (None, more):
+        whole = matrix[rows] + (0.0 if added is None else added[:, None] * np.eye(size))
+        exact = np.linalg.solve(whole, values[..., None])[..., 0]
+        np.testing.assert_allclose(arrow.solve(values, rows, added), exact, atol=1e-9)

@@ -98,7 +98,7 @@ def test_noise_never_goes_so_far_and_a_drive_that_drops_out_does(searches):
 def test_an_interval_holds_what_a_rival_structure_says(stuck):
     """Two structures predict nearly alike; what they say of a parameter differs, and either's interval knows of it."""
     search = Search(stuck.design)
-    plain, rival = number(search, "coulomb_friction"), number(search, "load_dependent_friction")
+    plain, rival = number(search, "coulomb_friction"), number(search, "armature")
     joints, alone, both = (STUCK,), (plain,), (plain, rival)
     assert spread(search, joints, alone, plain, 0) == {}  # nothing was scored
     levels = []

@@ -29,10 +29,6 @@ from np_diagnosis.report.page import render
 from np_diagnosis.simulation.refit import second_opinion
 from np_diagnosis.thresholds import THRESHOLDS
 
-# The components of what links are off by are made of the recording at hand: those of a planned experiment are others, so that
-# what is known of them is carried over wrongly, and an experiment is expected to tell the same forces apart.
-KNOWN = "a planned experiment has other components of the links' errors than the recording"
-
 
 def belief(ids, mean, spread):
     return _Belief(np.array(ids), np.array(mean, float), np.diag(np.square(spread)).astype(float), {})
@@ -113,7 +109,6 @@ def test_longer_motions_say_more_and_a_posture_tells_payload_from_offsets(payloa
     assert all(0 <= p.probability <= 1 for p in row)
 
 
-@pytest.mark.xfail(strict=True, reason=KNOWN)
 def test_what_are_the_same_forces_no_experiment_can_tell(uneven):
     diagnosis, log = uneven
     member = diagnosis.chosen.members[0]
@@ -136,7 +131,6 @@ def test_what_are_the_same_forces_no_experiment_can_tell(uneven):
     assert to_json(report) and NONE in render(report, diagnosis)
 
 
-@pytest.mark.xfail(strict=True, reason=KNOWN)
 def test_the_rival_is_what_explains_the_recording_and_not_a_part_of_it(uneven):
     """A constant torque alone is no rival of uneven friction; beside plain friction it is the same forces."""
     diagnosis, _ = uneven

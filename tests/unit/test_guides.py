@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 AFTER = {
@@ -35,6 +36,17 @@ def test_the_code_of_a_guide_does_what_it_says(page, tmp_path):
     said = run([sys.executable, "-c", f"{code(page)}\n{AFTER[page]}"], tmp_path)
     if page == "your_own_effect":
         assert "force_z -30 to 30 N" in said
+
+
+def test_a_loaded_arm_of_six_hinges_is_diagnosed_by_its_motor_current_as_the_guide_has_it(tmp_path):
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    run([sys.executable, "-c", code("diagnose")], tmp_path)
+    text = (ROOT / "docs/guide/diagnose.md").read_text()
+    line = re.search(r"ros2 run np_diagnosis diagnose (loaded\.npz .*)", text)[1]
+    said = run([sys.executable, "-m", "np_diagnosis.commands.diagnose", *line.split()], tmp_path)
+    assert json.loads(said.splitlines()[-1])["effects"] == ["payload at arm"]
+    (entry,) = yaml.safe_load((tmp_path / "runs/six/patch.yaml").read_text())["effects"]
+    assert 0.38 < entry["parameters"]["mass"] < 0.42
 
 
 def test_another_arm_is_diagnosed_as_the_guide_has_it(tmp_path):

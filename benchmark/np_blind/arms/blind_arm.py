@@ -13,37 +13,37 @@ import numpy as np
 from np_blind.arms.hysteresis import bouc_wen, lugre, prandtl
 from np_blind.arms.out_of_catalogue_physics import OutOfCatalogue, off_centre, slipped
 from np_blind.arms.physics import Physics
-from np_blind.arms.rigid_arm import JOINTS, RigidArms, nominal_inertials
-from np_description.panda import NOMINAL
+from np_blind.arms.rigid_arm import PANDA, Chain, RigidArms
 
 PERIOD = 0.002  # s, of control
 SUBSTEPS = 4
 STEP = PERIOD / SUBSTEPS
 LONGEST_DELAY = 0.02  # s
 HOLDS = 0.004  # rad/s, up to which friction is that of standstill
-_EYE = np.eye(JOINTS)
 
 
 class Plant:
     """B arms in motion. `step` takes the commands of one control period.
 
     q, dq (B, 7): links; theta, omega (B, 7): motors, the same where the gear is stiff. torque (B, 7) Nm: what
-    the drives gave on average over the last period, gravity compensation apart.
+    the drives gave on average over the last period, gravity compensation apart; that is held.
     """
 
-    def __init__(self, physics: Physics, start: np.ndarray, rng: list[np.random.Generator]):
+    def __init__(self, physics: Physics, start: np.ndarray, rng: list[np.random.Generator], arm: Chain = PANDA):
         arms = len(physics)
         self.physics, self._rng = physics, rng
         self.q = np.tile(np.asarray(start, dtype=float), (arms, 1))
         self.dq, self.theta, self.omega = np.zeros_like(self.q), self.q.copy(), np.zeros_like(self.q)
         self.torque = np.zeros_like(self.q)
         self.time = 0.0
-        nominal = nominal_inertials(arms)
-        self._arms = RigidArms(physics.inertials.stacked(nominal).stacked(physics.compensated))
-        self._nominal_rotor = NOMINAL.armature * np.eye(JOINTS)
+        together = physics.inertials.stacked(arm.inertials(arms)).stacked(physics.compensated)
+        self._arms = RigidArms(together, arm.joint_frames)
+        self._eye = np.eye(self.q.shape[1])
+        self._nominal_rotor = arm.armature * self._eye
         self._flexible = physics.flexible > 0
         self._is_soft = bool(self._flexible.any())
-        self._rotor = np.where(self._flexible, 0.0, physics.armature)[:, :, None] * np.eye(JOINTS)
+        self._rotor = np.where(self._flexible, 0.0, physics.armature)[:, :, None] * self._eye
+        self._rotor = self._rotor + physics.rotor_coupling
         self._used = {item.name for item in fields(physics) if item.metadata and physics.uses(item.name)}
         self._follow = 1.0 - np.exp(-STEP / np.maximum(physics.lag, 1e-9))
         self._stiff = np.minimum(physics.coulomb_forward, physics.coulomb_backward) / physics.breakaway
@@ -51,7 +51,7 @@ class Plant:
         self._drive, self._load, self._limited = (np.zeros_like(self.q) for _ in range(3))
         self._out_of_catalogue = OutOfCatalogue(physics, self._used, rng, self.q, PERIOD, STEP)
         length = int(round(LONGEST_DELAY / PERIOD)) + 2
-        self._history = np.zeros((length, arms, JOINTS))
+        self._history = np.zeros((length, *self.q.shape))
         self._number = 0
         # How many periods ago the command in force at the end of each substep was given, and for which share
         # of the substep it had been.
@@ -78,7 +78,7 @@ class Plant:
         )
         self._inverse = np.linalg.inv(matrix[:arms] + self._rotor)
         self._velocity_torque, self._weight = velocity[:arms], weight[:arms]
-        self._held = (1.0 + self.physics.gravity_scale) * weight[2 * arms :]
+        self.held = (1.0 + self.physics.gravity_scale) * weight[2 * arms :]
         return matrix[arms : 2 * arms] + self._nominal_rotor, velocity[arms : 2 * arms]
 
     def step(self, command: np.ndarray) -> np.ndarray:
@@ -87,7 +87,7 @@ class Plant:
         self._number += 1
         arrived = self._received(command)
         self._history[self._number % len(self._history)] = arrived
-        held = self._held
+        held = self.held
         self._out_of_catalogue.begin_period()
         noise = self._drive_noise()
         total = np.zeros_like(self.q)
@@ -114,7 +114,7 @@ class Plant:
     def _drive_noise(self) -> np.ndarray | float:
         if "drive_noise" not in self._used:
             return 0.0
-        return self.physics.drive_noise[:, None] * np.array([rng.normal(size=JOINTS) for rng in self._rng])
+        return self.physics.drive_noise[:, None] * np.array([rng.normal(size=len(self._eye)) for rng in self._rng])
 
     def _received(self, command: np.ndarray) -> np.ndarray:
         if "loss" not in self._used:
@@ -147,7 +147,7 @@ class Plant:
         self._limited = wanted
         wanted = self._drive = wanted - weight
         scale = self._out_of_catalogue.drive_scale(1.0 + p.torque_scale, self.time, self.theta)
-        return scale * self._out_of_catalogue.given(wanted + held)
+        return scale * self._out_of_catalogue.given(wanted + held, self.omega)
 
     # Friction, and what else resists on the motor's side
 
@@ -198,7 +198,7 @@ class Plant:
         # The rate at the end is that without a gear, less what the torque sought takes from rotors and links.
         pushed = _times(self._inverse, np.where(self._flexible, 0.0, net) - against)
         free = rate + STEP * (net / p.armature - pushed)
-        matrix = _EYE + STEP * gain[:, :, None] * (self._inverse + _EYE / p.armature[:, None, :])
+        matrix = self._eye + STEP * gain[:, :, None] * (self._inverse + self._eye / p.armature[:, None, :])
         wanted = np.where(self._flexible, torque + gain * free, 0.0)
         torque = np.linalg.solve(matrix, wanted[:, :, None])[:, :, 0]
         return np.where(self._flexible, torque, net)

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from np_blind.arms.out_of_catalogue_wide_physics import WideOutOfCatalogue
 from np_blind.arms.physics import Physics
 from np_description.panda import NOMINAL
 
@@ -35,6 +36,7 @@ class OutOfCatalogue:
         self._drags = np.zeros(q.shape, dtype=bool)
         self._part_angle, self._part_speed = q.copy(), np.zeros_like(q)  # of the loose part
         self._bent = np.zeros_like(q)  # rad, the dress pack
+        self._wide = WideOutOfCatalogue(physics, used, q, step)
 
     def begin_period(self) -> None:
         """What chance decides in a control period."""
@@ -57,10 +59,11 @@ class OutOfCatalogue:
             level = level + p.ageing * (1.0 - np.exp(-self._rest / p.ageing_time))
         if "brake" in used:
             level = level + p.brake * self._drags
-        return level
+        return level + self._wide.friction(speed)
 
-    def given(self, wanted: np.ndarray) -> np.ndarray:
-        """What amplifiers give that are asked for `wanted` Nm, gravity compensation included."""
+    def given(self, wanted: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """What amplifiers give that are asked for `wanted` Nm, gravity compensation included, at the rotors' speed."""
+        wanted = self._wide.given(wanted, speed)
         if "dead_zone" not in self._used:
             return wanted
         return np.copysign(np.maximum(np.abs(wanted) - self._physics.dead_zone, 0.0), wanted)
@@ -80,7 +83,7 @@ class OutOfCatalogue:
 
     def link_torque(self, q: np.ndarray, dq: np.ndarray, time: float) -> np.ndarray | float:
         """What resists on the links, Nm."""
-        p, used, torque = self._physics, self._used, 0.0
+        p, used, torque = self._physics, self._used, self._wide.link_torque(q)
         if "cubic" in used:
             torque = torque + p.cubic * (q - NOMINAL.ready) ** 3
         if "shake" in used:

@@ -30,7 +30,8 @@ class Physics:
     Nm/s, saturation Nm, both of all that the drive gives where with_weight is 1, of the command where it is 0; scale;
     drive_noise Nm of each period's torque. Gear where `flexible`: stiffness Nm/rad, damping, play rad (each way),
     hysteresis_* (torque Nm, stroke rad). Sensing: sensor_*, encoder_bias, quantum rad, delays s. Controller:
-    stiffness_factor, damping_factor, filter_time s. From rub on: what no catalogue has, see `OutOfCatalogue`.
+    stiffness_factor, damping_factor, filter_time s. From rub on: what no catalogue has, see `OutOfCatalogue`;
+    from snap on: `WideOutOfCatalogue`.
     """
 
     inertials: Inertials
@@ -124,12 +125,32 @@ class Physics:
     pack_stroke: np.ndarray = _per((JOINTS,), 0.1)
     grease: np.ndarray = _per((JOINTS,))
     grease_speed: np.ndarray = _per((JOINTS,), 0.1)
+    snap: np.ndarray = _per((JOINTS,))
+    snap_angle: np.ndarray = _per((JOINTS,))
+    snap_width: np.ndarray = _per((JOINTS,), 0.05)
+    lopsided: np.ndarray = _per((JOINTS,))
+    notch: np.ndarray = _per((JOINTS,))
+    notch_frequency: np.ndarray = _per((JOINTS,), 1.0)
+    rotor_coupling: np.ndarray = _per((JOINTS, JOINTS))
+    crosstalk: np.ndarray = _per((JOINTS, JOINTS))
+    drive_play: np.ndarray = _per((JOINTS,))
+    seal: np.ndarray = _per((JOINTS,))
+    seal_stroke: np.ndarray = _per((JOINTS,), 0.05)
+    sag: np.ndarray = _per((JOINTS,))
+    sag_time: np.ndarray = _per((JOINTS,), 0.1)
+    creep: np.ndarray = _per((JOINTS,))
+    creep_time: np.ndarray = _per((JOINTS,), 0.3)
+    converter_step: np.ndarray = _per((JOINTS,))
+    tachometer: np.ndarray = _per((JOINTS,))
+    cover: np.ndarray = _per((JOINTS,))
+    cover_speed: np.ndarray = _per((JOINTS,), 0.3)
 
     def __post_init__(self):
-        arms = len(self.inertials.mass)
+        arms, joints = self.inertials.mass.shape
         for item in fields(self):
             if item.metadata and getattr(self, item.name) is None:
-                values = np.full((arms, *item.metadata["shape"]), item.metadata["value"], dtype=float)
+                shape = (joints if size == JOINTS else size for size in item.metadata["shape"])
+                values = np.full((arms, *shape), item.metadata["value"], dtype=float)
                 setattr(self, item.name, values)
 
     def __len__(self) -> int:

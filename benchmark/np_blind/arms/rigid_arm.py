@@ -2,22 +2,23 @@
 
 Spatial vectors are taken about the origin of the base, so that inertias, velocities and forces of links just
 add up along the chain (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 2 and 6): sums over the
-links are cumulative sums, and only the rotations need a loop. Arrays are (3, B, 7): component, arm, link.
+links are cumulative sums, and only the rotations need a loop. Arrays are (3, B, 7): component, arm, link. Where shapes say 7, it
+is 6 for the arm of six hinges.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from np_description.panda import NOMINAL, PandaModel
+from np_description.panda import NOMINAL, Frame, PandaModel
 from np_description.rotations import matrix_from_quaternion
 
 JOINTS = 7
 GRAVITY = 9.81
 _UNIT = np.eye(3)
-_UPPER = np.triu(np.ones((JOINTS, JOINTS), dtype=bool))
 
 
 @dataclass(eq=False)
@@ -53,6 +54,19 @@ class Inertials:
         self.mass[arm, link] = total
 
 
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """An arm of n hinges as it should be: the frame of each joint in the link before it, z its axis; rotors kg m^2; links, of one arm."""
+
+    joint_frames: Sequence[Frame]
+    armature: np.ndarray
+    links: Inertials
+
+    def inertials(self, arms: int) -> Inertials:
+        """Its links, `arms` times."""
+        return self.links.take([0] * arms)
+
+
 def nominal_inertials(arms: int, panda: PandaModel = NOMINAL) -> Inertials:
     """The nominal arm, `arms` times."""
     mass, com, inertia = np.zeros(JOINTS), np.zeros((JOINTS, 3)), np.zeros((JOINTS, 3, 3))
@@ -73,7 +87,12 @@ def nominal_inertials(arms: int, panda: PandaModel = NOMINAL) -> Inertials:
         com[6] = (mass[6] * com[6] + body.mass * at) / total
         mass[6] = total
     repeat = [np.repeat(part[None], arms, axis=0) for part in (mass, com, inertia)]
-    return Inertials(*repeat, np.tile([0.0, 0.0, -GRAVITY], (arms, 1)))
+    return Inertials(*repeat, gravity_of(arms))
+
+
+def gravity_of(arms: int) -> np.ndarray:
+    """(B, 3) m/s^2, on bases that stand upright."""
+    return np.tile([0.0, 0.0, -GRAVITY], (arms, 1))
 
 
 def tcp_in_link7(panda: PandaModel = NOMINAL) -> np.ndarray:
@@ -83,16 +102,17 @@ def tcp_in_link7(panda: PandaModel = NOMINAL) -> np.ndarray:
 
 
 class RigidArms:
-    """Mass matrix, velocity and gravity torques of B arms with these inertials."""
+    """Mass matrix, velocity and gravity torques of B arms with these inertials; joint_frames: as of `Chain`."""
 
-    def __init__(self, inertials: Inertials, panda: PandaModel = NOMINAL):
+    def __init__(self, inertials: Inertials, joint_frames: Sequence[Frame] = NOMINAL.joint_frames):
         self.inertials = inertials
-        frames = [(matrix_from_quaternion(f.quaternion), f.position) for f in panda.joint_frames]
+        frames = [(matrix_from_quaternion(f.quaternion), f.position) for f in joint_frames]
+        self._upper = np.triu(np.ones((len(frames), len(frames)), dtype=bool))
         self._turns, self._shifts = (np.array(part) for part in zip(*frames))
         # Rotation carries the second moment of mass, S = tr(I)/2 - I, by one product: (R s)(R s)^T.
         moment = 0.5 * np.trace(inertials.inertia, axis1=2, axis2=3)[..., None, None] * np.eye(3)
         self._moment = moment - inertials.inertia
-        self._gravity = np.repeat(-inertials.gravity.T[:, :, None], JOINTS, axis=2)
+        self._gravity = np.repeat(-inertials.gravity.T[:, :, None], len(frames), axis=2)
 
     def terms(self, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(mass matrix (B, 7, 7) without rotors, velocity torque (B, 7), torque against gravity (B, 7)).
@@ -118,7 +138,7 @@ class RigidArms:
         first_sum = beyond[1:4]
         wrench = _momentum(beyond[0], first_sum, beyond[4:].reshape(3, 3, *q.shape), screw[:, 0], screw[:, 1])
         matrix = np.einsum("xsbi,xsbk->bik", screw, wrench)
-        matrix = np.where(_UPPER, matrix, matrix.transpose(0, 2, 1))
+        matrix = np.where(self._upper, matrix, matrix.transpose(0, 2, 1))
 
         # Velocities and accelerations for standing targets (qdd = 0), and the forces that they take.
         motion = np.empty((3, 2, 2, *q.shape))  # angular and linear; velocity and acceleration
@@ -142,9 +162,9 @@ class RigidArms:
         own[..., 0] = cosine * self._turns[:, :, 0] + sine * self._turns[:, :, 1]
         own[..., 1] = cosine * self._turns[:, :, 1] - sine * self._turns[:, :, 0]
         own[..., 2] = self._turns[:, :, 2]
-        rotations = np.empty((len(q), JOINTS + 1, 3, 3))
+        rotations = np.empty((len(q), q.shape[1] + 1, 3, 3))
         rotations[:, 0] = _UNIT
-        for i in range(JOINTS):
+        for i in range(q.shape[1]):
             np.matmul(rotations[:, i], own[:, i], out=rotations[:, i + 1])
         steps = np.matmul(rotations[:, :-1], self._shifts[:, :, None])[..., 0]
         return rotations[:, 1:], np.cumsum(_component_first(steps), axis=2)
@@ -199,3 +219,6 @@ def _matrix(six: np.ndarray) -> np.ndarray:
 def _frame(panda: PandaModel, name: str) -> tuple[np.ndarray, np.ndarray]:
     frame = panda.frames[name]
     return matrix_from_quaternion(frame.quaternion), frame.position
+
+
+PANDA = Chain(tuple(NOMINAL.joint_frames), NOMINAL.armature, nominal_inertials(1))

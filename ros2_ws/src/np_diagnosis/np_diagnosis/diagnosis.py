@@ -15,11 +15,14 @@ from np_diagnosis.checks.standstill import ageing
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import Design, make_design
 from np_diagnosis.inference.estimates import Estimate, estimate
+from np_diagnosis.inference.gains import settled
 from np_diagnosis.inference.loop_delay import settle_delay
 from np_diagnosis.inference.ranking import alternatives, generalisations, probabilities
 from np_diagnosis.inference.search import Model, Search
 from np_diagnosis.inference.settling import settle_shapes
+from np_diagnosis.inference.visible import visible
 from np_diagnosis.progress import Tell, silent
+from np_diagnosis.recordings.current import as_torque
 from np_diagnosis.recordings.signals import Log
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context
@@ -102,7 +105,12 @@ def diagnose(
     the logs are too short.
     """
     tell("search for effects")
-    context = make_context([*reference, *logs], arm or panda(), len(reference))
+    arm = arm or panda()
+    known, constant = settled(list(reference or logs), arm)
+    if reference:  # constants of motors are the same in both
+        known += [log if log.per_ampere is None else as_torque(log, known[0].per_ampere) for log in logs]
+        constant = None
+    context = make_context(known, arm, len(reference), constant)
     design = settle_delay(make_design(context))
     search = Search(design)
     search, chosen = settle_shapes(search, search.run(*((1, 1) if quick else ())))
@@ -158,9 +166,9 @@ def _at_bounds(search: Search, chosen: Model) -> set[int]:
             shape = candidate.effect.shape
             is_beyond = shape is not None and shape.value > shape.upper
             if is_beyond or any(
-                abs(fitted[at]) > VERDICT.at_bound * p.upper
-                for at, p in zip(places, candidate.effect.parameters)
-                if p.name != "share"
+                abs(fitted[at]) > VERDICT.at_bound * search.design.parameters[i].upper
+                for at, i in zip(places, candidate.ids)
+                if search.design.parameters[i].name != "share"
             ):
                 found |= set(search.reach(candidate)) if candidate.place is None else {candidate.place}
     return found
@@ -174,22 +182,20 @@ def _lacking(lack_of_fit: list[LackOfFit], design: Design) -> tuple[int, ...]:
     """
     found = set()
     for left in lack_of_fit:
-        limit = design.context.arm.torque_limit[left.joint]
+        least = visible(design.context, left.stage, left.joint, VERDICT.torque)
         removable = left.chosen - left.flexible
         is_sure = left.gain > max(VERDICT.gain, VERDICT.gain_errors * left.error)
-        is_material = removable > left.rows * (VERDICT.torque * limit) ** 2
+        is_material = removable > left.rows * least**2
         if is_sure and is_material and removable > (1 - VERDICT.explained) * (left.null - left.flexible):
             found.add(left.joint)
         coloured = left.excess > (VERDICT.coloured**2 - 1) * left.white**2
         before, after = left.outlying
-        if left.stage is Stage.DRIVE and after > max(
-            (1 - VERDICT.explained) * before, left.white**2, (VERDICT.torque * limit) ** 2
-        ):
+        if left.stage is Stage.DRIVE and after > max((1 - VERDICT.explained) * before, left.white**2, least**2):
             found.add(left.joint)
         if (
             left.stage is Stage.DYNAMICS
             and coloured
-            and left.excess > (VERDICT.torque * limit) ** 2
+            and left.excess > least**2
             and left.removed < VERDICT.coloured_explained
         ):
             found.add(left.joint)

@@ -107,7 +107,8 @@ class Drive:
     (n, k) rad: joint target with its lead, minus position; velocity, target_velocity (n, k) rad/s; stiffness
     (n, k) Nm/rad, damping (n, k) Nms/rad: the gains in force; gravity (n, k) Nm; guarded (n, k) bool: commands
     that the controller's guards cut, which the law does not tell. late s: what the loop is late by before any effect;
-    arrived (n, k) Nm: the commands so much later, which is what a drive has to work with.
+    arrived (n, k) Nm: the commands so much later, which is what a drive has to work with. is_replayed: whether law, error and
+    gains are known; of another arm's controller they may not be.
     """
 
     time: np.ndarray
@@ -126,6 +127,7 @@ class Drive:
     guarded: np.ndarray
     late: float
     arrived: np.ndarray
+    is_replayed: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +153,8 @@ class Context:
     quanta (k,) rad: step of each encoder, 0 where none shows. held (n,) bool: periods of the drive in which the last command
     was held, None without drive; held_share: their share of the `held_seen` periods in which that could have been seen.
     logs: the recordings, one after the other; reference: of how many of them, the first ones, the arm is what the others
-    are compared with. 0: with the nominal arm.
+    are compared with. 0: with the nominal arm. constant (n, k) Nm: what a share of error of a motor's torque constant is a
+    share of, where torque is a current times a constant that the recording itself had to tell; None where it was measured.
     """
 
     arm: Arm
@@ -167,3 +170,4 @@ class Context:
     quanta: np.ndarray
     held_seen: int = 0
     reference: int = 0
+    constant: np.ndarray | None = None

@@ -18,6 +18,7 @@ from np_description.panda import NOMINAL, PandaModel
 from np_effects.record import ARM, EffectRecord, Place
 from np_effects.registry import RECORDS
 
+PANDA = "panda"  # the arm that is simulated here
 LEAST_ARMATURE = 1e-3  # kg m^2, below which a simulator's steps would have to be shorter
 
 
@@ -108,6 +109,10 @@ def load_patch(path: str | Path) -> Patch:
         raise ValueError(f"effects {path}: expected a patch.yaml, got: {error}") from error
     if not isinstance(raw, Mapping) or not isinstance(raw.get("effects"), list):
         raise ValueError(f"effects {path}: expected a mapping with the list 'effects', got {raw!r:.80}")
+    if raw.get("arm", PANDA) != PANDA:
+        raise ValueError(
+            f"effects {path}: expected a patch of the {PANDA}, which is simulated here, got one of {raw['arm']!r}"
+        )
     return Patch(tuple(_read(entry, f"effects {path}, entry {number}") for number, entry in enumerate(raw["effects"])))
 
 
@@ -134,10 +139,10 @@ def _read(entry: object, place: str) -> PatchEffect:
     return PatchEffect(record.id, entry["component"], values)
 
 
-def dump_patch(patch: Patch) -> str:
-    """The YAML text that `load_patch` reads."""
+def dump_patch(patch: Patch, arm: str = PANDA) -> str:
+    """The YAML text that `load_patch` reads, where the arm is the Panda; of another arm it is a list to read."""
     entries = [
         {"effect": e.effect, "component": e.component, "parameters": {k: float(v) for k, v in e.parameters.items()}}
         for e in patch.effects
     ]
-    return yaml.safe_dump({"arm": "panda", "effects": entries}, sort_keys=False)
+    return yaml.safe_dump({"arm": arm, "effects": entries}, sort_keys=False)

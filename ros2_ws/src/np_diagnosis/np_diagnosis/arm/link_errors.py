@@ -6,10 +6,13 @@ compensation with, and what is left of it is a gap. Its inertia about a joint is
 that no weight loads as well.
 
 Thirty-odd numbers of all links give a joint torques that are much alike, so that a few of their principal components
-(Karhunen and Loeve) say as much: the columns that a fit needs.
+(Karhunen and Loeve) say as much: the columns that a fit needs. They are those of states about the arm's resting posture,
+the same for every motion of an arm: what one recording says of them is known of the next, also where it is only planned.
 """
 
 from __future__ import annotations
+
+from functools import lru_cache
 
 import numpy as np
 
@@ -20,21 +23,49 @@ from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.background import INERTIA_ERROR, MASS_ERROR, PLACE_ERROR
 
 NUISANCES = THRESHOLDS.nuisances
+STATES = 512  # of which the components are those
+ABOUT = 1.0  # rad from the resting posture, or as far as the joint goes
+SPEED, RATE = (
+    0.3,
+    0.8,
+)  # largest speed, of a joint's limit, and acceleration, of that limit a second: about those of the suite
 
 
 def link_errors(arm: Arm, samples: Samples) -> tuple[np.ndarray, ...]:
-    """Torques (n, c) Nm of each joint that one standard deviation of each principal component of all links' errors gives
-    the samples' motion, largest first; components too small to be seen in the joint are left out."""
-    motion = rigid.move(arm, samples.position, samples.velocity, samples.acceleration, np.zeros(3))
-    changes = _changes(arm)
-    tables = [rigid.regressor(arm, motion, link) @ change for link, change in enumerate(changes)]
+    """Torques (n, c) Nm of each joint that one standard deviation of each component of all links' errors gives the
+    samples' motion, in the order of `components`."""
+    tables = _tables(arm, samples.position, samples.velocity, samples.acceleration)
+    return tuple(_columns(arm, tables, joint) @ found for joint, found in enumerate(components(arm)))
+
+
+@lru_cache(maxsize=8)
+def components(arm: Arm) -> tuple[np.ndarray, ...]:
+    """Of each joint, directions (5 l, c) in standard deviations of the errors of the l links that it turns: principal
+    components of the torques, largest first; those too small to be seen in the joint are left out."""
+    rng = np.random.default_rng(0)
+    lower = np.maximum(arm.position_lower, arm.rest - ABOUT)
+    upper = np.minimum(arm.position_upper, arm.rest + ABOUT)
+    speed, rate = SPEED * arm.velocity_limit, RATE * arm.velocity_limit
+    tables = _tables(
+        arm, *(rng.uniform(*ends, (STATES, len(arm))) for ends in ((lower, upper), (-speed, speed), (-rate, rate)))
+    )
     found = []
     for joint in range(len(arm)):
-        columns = np.hstack([tables[link][:, joint] for link in rigid.carried(arm, joint)])
-        power, directions = np.linalg.eigh(columns.T @ columns / max(len(columns), 1))
+        columns = _columns(arm, tables, joint)
+        power, directions = np.linalg.eigh(columns.T @ columns / STATES)
         least = (NUISANCES.link_torque * arm.torque_limit[joint]) ** 2
-        found.append(columns @ directions[:, ::-1][:, power[::-1] > least])
+        found.append(directions[:, ::-1][:, power[::-1] > least])
     return tuple(found)
+
+
+def _tables(arm: Arm, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> list[np.ndarray]:
+    """Of each link, torques (n, k, 5) Nm in a motion, without weight, by one standard deviation of each of its errors."""
+    motion = rigid.move(arm, q, dq, ddq, np.zeros(3))
+    return [rigid.regressor(arm, motion, link) @ change for link, change in enumerate(_changes(arm))]
+
+
+def _columns(arm: Arm, tables: list[np.ndarray], joint: int) -> np.ndarray:
+    return np.hstack([tables[link][:, joint] for link in rigid.carried(arm, joint)])
 
 
 def _changes(arm: Arm) -> list[np.ndarray]:

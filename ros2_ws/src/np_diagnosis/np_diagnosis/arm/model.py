@@ -1,11 +1,10 @@
-"""The nominal arm as the doctor sees it: a tree of hinges, taken from any MuJoCo model."""
+"""The nominal arm as the doctor sees it: a tree of hinges, taken from any MuJoCo model (from a file: `arm.files`)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from np_description.domains import CARD
 from np_description.panda import NOMINAL, TCP_FRAME
 from np_description.scene import load_model
+from np_effects.patch import PANDA
 
 UNLIMITED_TORQUE = 100.0  # Nm, the scale of a joint whose model states no limit
 UNLIMITED_SPEED = 10.0  # rad/s, likewise
@@ -25,7 +25,8 @@ class Arm:
     parent (n,): index of the link that carries each joint, -1 for the base. At reference angle: offset (n, 3)
     m and rotation (n, 3, 3), the joint's frame in its parent link (the base: in the world); axis (n, 3) unit
     vector in its own frame. mass (n,); moment (n, 3) = m c; inertia (n, 3, 3) about the joint's origin, axes
-    of the link frame, all that hangs rigidly on the link included. tip (3,): tool point in the last link.
+    of the link frame, all that hangs rigidly on the link included. tip (3,): tool point in the last link. name: of the
+    model, by which a patch says whose it is.
     """
 
     joints: tuple[str, ...]
@@ -47,6 +48,7 @@ class Arm:
     damping: np.ndarray
     armature: np.ndarray
     rest: np.ndarray
+    name: str
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -73,21 +75,8 @@ def panda(hand: bool = True) -> Arm:
         velocity_limit=NOMINAL.velocity_limit,
         torque_limit=NOMINAL.torque_limit,
         rest=NOMINAL.ready,
+        name=PANDA,
     )
-
-
-def load_arm(path: str | Path, joints: Sequence[str] | None = None) -> Arm:
-    """An arm from an MJCF file: its hinges in the model's order, or those named.
-
-    Raises ValueError for a file that MuJoCo cannot read, or joints that are no hinges of one arm.
-    """
-    try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise ValueError(f"{path}: expected an MJCF or URDF file of an arm, got: {error}") from error
-    if joints is None:
-        joints = [model.joint(j).name for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
-    return from_model(model, joints)
 
 
 def from_model(model: mujoco.MjModel, joints: Sequence[str], site: str | None = None) -> Arm:
@@ -99,6 +88,8 @@ def from_model(model: mujoco.MjModel, joints: Sequence[str], site: str | None = 
             known = [model.joint(k).name for k in range(model.njnt)]
             raise ValueError(f"expected hinge joints of the model, got {name!r}; it has {known}")
         index.append(j)
+    if len({int(model.jnt_bodyid[j]) for j in index}) < len(index):
+        raise ValueError(f"expected one hinge a body, got several in one of {list(joints)}")
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos0
     mujoco.mj_kinematics(model, data)
@@ -149,15 +140,19 @@ def from_model(model: mujoco.MjModel, joints: Sequence[str], site: str | None = 
         model.dof_damping[dof].reshape(count, -1)[:, 0].copy(),
         model.dof_armature[dof].copy(),
         model.qpos0[model.jnt_qposadr[index]].copy(),
+        "",
     )
 
 
 def _torque_limits(model: mujoco.MjModel, index: Sequence[int]) -> np.ndarray:
-    limits = np.full(len(index), UNLIMITED_TORQUE)
+    """Nm at the joint, the least that joint or motor states; UNLIMITED_TORQUE where neither does."""
+    limits = np.full(len(index), np.inf)
+    on_joint = np.isin(model.actuator_trntype, (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT))
     for i, j in enumerate(index):
         if model.jnt_actfrclimited[j]:
             limits[i] = np.abs(model.jnt_actfrcrange[j]).max()
-        for a in np.flatnonzero(model.actuator_trnid[:, 0] == j):
-            if model.actuator_forcelimited[a]:
-                limits[i] = np.abs(model.actuator_forcerange[a]).max()
-    return limits
+        for a in np.flatnonzero(
+            on_joint & (model.actuator_trnid[:, 0] == j) & model.actuator_forcelimited.astype(bool)
+        ):
+            limits[i] = min(limits[i], np.abs(model.actuator_forcerange[a]).max() * abs(model.actuator_gear[a, 0]))
+    return np.where(np.isfinite(limits), limits, UNLIMITED_TORQUE)

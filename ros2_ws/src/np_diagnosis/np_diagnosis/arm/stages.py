@@ -80,7 +80,7 @@ def drive(logs: list[Log], arm: Arm) -> Drive | None:
             np.abs(log.time[rows + 1] - log.time[rows] - period) < RECORDINGS.answer * period
         ]
         rows = c.rows[kept]
-        law, error = _replay(log, arm, kept)
+        law, error = _replay(log, arm, kept) if c.has_law else (c.torque[kept], np.zeros_like(c.torque[kept]))
         guarded = _guarded(log, arm, kept, period)
         begins = np.flatnonzero(np.diff(log.time[rows], prepend=-1.0) > RECORDINGS.command_gap * period)
         starts.append(count + np.union1d(begins, [0]))
@@ -105,7 +105,8 @@ def drive(logs: list[Log], arm: Arm) -> Drive | None:
     if not parts:
         return None
     time, trajectory, *rest = (np.concatenate(column) for column in zip(*parts))
-    found = Drive(time, trajectory, period, np.concatenate(starts), *rest, late=0.0, arrived=rest[1])
+    is_replayed = all(log.commands.has_law for log in logs if log.commands is not None)
+    found = Drive(time, trajectory, period, np.concatenate(starts), *rest, 0.0, rest[1], is_replayed)
     late = _late(found)
     arrived = np.column_stack([delayed(found, column, late) for column in found.commanded.T])
     return replace(found, late=late, arrived=arrived)

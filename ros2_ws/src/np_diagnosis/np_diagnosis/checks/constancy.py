@@ -22,10 +22,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from np_diagnosis.arm.rigid import felt_inertia
 from np_diagnosis.checks.omnibus import LackOfFit, predicted
 from np_diagnosis.inference.cells import Cell
 from np_diagnosis.inference.fit import held_out, places
 from np_diagnosis.inference.search import Search, fits_of
+from np_diagnosis.inference.visible import visible
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context
 from np_effects.stage import Stage
@@ -60,7 +62,6 @@ class Misfit:
 
 def unexplained_patterns(search: Search, members: tuple[int, ...], lack_of_fit: Iterable[LackOfFit]) -> list[Misfit]:
     """All that stands out of what these members leave. lack_of_fit: of `omnibus.omnibus_test`."""
-    arm = search.design.context.arm
     asked = (
         Misfit(
             "any",
@@ -79,7 +80,9 @@ def unexplained_patterns(search: Search, members: tuple[int, ...], lack_of_fit: 
         m
         for m in (*misfits(search, members), *asked)
         if m.stands_out(
-            CONSTANCY.twist if m.stage is Stage.TRANSMISSION else CONSTANCY.torque * arm.torque_limit[m.joint]
+            CONSTANCY.twist
+            if m.stage is Stage.TRANSMISSION
+            else visible(search.design.context, m.stage, m.joint, CONSTANCY.torque)
         )
     ]
 
@@ -100,6 +103,8 @@ def misfits(search: Search, members: tuple[int, ...]) -> Iterator[Misfit]:
         for question, columns in _questions(search, cell, members, values):
             gain, error, after = predicted(design, cell, left, columns)
             removed = float(np.mean(left[rows] ** 2) - np.mean(after[rows] ** 2))
+            if question == "memory":
+                removed -= _feigned(design.context, cell.joint)
             yield Misfit(
                 question,
                 cell.stage,
@@ -185,6 +190,15 @@ def when(context: Context, cell: Cell) -> np.ndarray:
     begin = np.concatenate([[0.0], np.cumsum([log.duration for log in context.logs])[:-1]])
     time = source.time + begin[source.trajectory]
     return 2 * (time - time.min()) / max(np.ptp(time), 1e-9) - 1
+
+
+def _feigned(context: Context, joint: int) -> float:
+    """Mean square Nm^2 of the noise of a measured acceleration, which is in the residual as well: the accelerations before it
+    tell it from motion. As in `omnibus`, known of recordings without commands."""
+    if context.drive is not None:
+        return 0.0
+    inertia = felt_inertia(context.arm, np.median(context.samples.position, axis=0))[joint]
+    return float(inertia * context.samples.shaking[joint]) ** 2
 
 
 def _past(values: np.ndarray, trajectory: np.ndarray) -> np.ndarray:

@@ -41,10 +41,17 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         "--effort",
-        choices=("drive", "sensor"),
-        help="which torque is measured: the drives', or that of sensors after the gear (default: asked of the recording)",
+        choices=("drive", "sensor", "current"),
+        help="which torque is measured: the drives', or that of sensors after the gear (default: asked of the recording); "
+        "or the motors' current in A",
     )
-    parser.add_argument("--model", type=Path, help="MJCF file of another arm: its hinges, in its order")
+    parser.add_argument("--model", type=Path, help="MJCF or URDF file of another arm: its hinges, in its order")
+    parser.add_argument(
+        "--joints", nargs="+", metavar="NAME", help="hinges of the model that are the arm, base to tip (default: all)"
+    )
+    parser.add_argument(
+        "--tip", metavar="NAME", help="site, body or link of the model at the tool point (default: its last)"
+    )
     parser.add_argument(
         "--quick", action="store_true", help="the one best effect, from parts of the recordings; no page"
     )
@@ -56,17 +63,24 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def read_all(paths: Sequence[Path], arm: Arm) -> list[Log]:
-    """Logs that keep their contract. Raises ContractViolation for one that does not."""
+def read_all(paths: Sequence[Path], arm: Arm, effort: str | None = None, known: int = 0) -> list[Log]:
+    """Logs that keep their contract, of torques; known: how many of them are of the arm as it was (0: none), which tell the
+    torque constants of currents. Raises ContractViolation for one that does not, ValueError for currents that do not tell."""
     from np_diagnosis.checks.plausibility import check
+    from np_diagnosis.recordings.current import as_current, as_torque, torque_constants
     from np_diagnosis.recordings.reading import read
 
     logs = []
     for number, path in enumerate(paths):
         print(f"reading {path} ({number + 1} of {len(paths)})", file=sys.stderr)
-        log = read(path, len(arm))
+        log = read(path, arm.joints)
+        logs.append(as_current(log) if effort == "current" and not log.is_current else log)
+    currents = [log for log in logs[: known or None] if log.is_current]
+    if currents:
+        per_ampere = torque_constants(currents, arm)
+        logs = [as_torque(log, per_ampere) if log.is_current else log for log in logs]
+    for log in logs:
         check(log, arm)
-        logs.append(log)
     return logs
 
 
@@ -93,13 +107,28 @@ def verify_patch(options: argparse.Namespace) -> int:
     return 0
 
 
+def _arm(options: argparse.Namespace) -> Arm:
+    """The nominal arm that the options name. Raises ValueError for a model that is none."""
+    from np_diagnosis.arm.model import panda
+
+    if options.model:
+        from np_diagnosis.arm.files import load_arm
+
+        arm = load_arm(options.model, options.joints, options.tip)
+        print(f"arm {arm.name}: {', '.join(arm.joints)}", file=sys.stderr)
+    elif options.joints or options.tip:
+        raise ValueError("--joints and --tip: expected --model with them, the Panda's are known")
+    else:
+        arm = panda(not options.no_hand)
+    return arm.rigid_body_only() if options.rigid_body else arm
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. Status 2: a log that breaks the contract."""
     options = parse(arguments)
     if options.patch:
         return verify_patch(options)
     from np_diagnosis import lean  # noqa: F401, I001  before NumPy
-    from np_diagnosis.arm.model import load_arm, panda
     from np_diagnosis.checks.effort_side import on_the_drives_side
     from np_diagnosis.diagnosis import diagnose
     from np_diagnosis.progress import StageProgress
@@ -109,11 +138,11 @@ def main(arguments: list[str] | None = None) -> int:
 
     began = time.monotonic()
     try:
-        arm = load_arm(options.model) if options.model else panda(not options.no_hand)
-        arm = arm.rigid_body_only() if options.rigid_body else arm
-        logs, before = read_all(options.logs, arm), read_all(options.reference, arm)
-        together, arm = on_the_drives_side([*before, *logs], arm, options.effort)
-        before, logs = together[: len(before)], together[len(before) :]
+        arm = _arm(options)
+        together = read_all([*options.reference, *options.logs], arm, options.effort, len(options.reference))
+        is_current = any(log.per_ampere is not None for log in together)  # which is the drives'
+        together, arm = on_the_drives_side(together, arm, "drive" if is_current else options.effort)
+        before, logs = together[: len(options.reference)], together[len(options.reference) :]
         total, part = sum(log.duration for log in logs), "parts of " if options.quick else ""
         other = f"{sum(log.duration for log in before):.0f} s of the arm as it was" if before else "the nominal arm"
         print(f"comparing {part}{total:.0f} s with {other}", file=sys.stderr)

@@ -69,6 +69,11 @@ class Cell:
         return self.test.sum(axis=0)
 
     @cached_property
+    def unwhitened(self) -> np.ndarray:
+        """Gram matrix (p + 1, p + 1) of all blocks before whitening."""
+        return self.plain.sum(axis=0)
+
+    @cached_property
     def train(self) -> np.ndarray:
         """Gram matrices (m, p + 1, p + 1) of all that the fit for each block may see."""
         return self.total - self.held

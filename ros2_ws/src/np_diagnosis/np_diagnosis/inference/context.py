@@ -20,8 +20,9 @@ SMOOTH = 25  # samples of the fine grid to either side
 HANN = np.hanning(2 * SMOOTH + 3)[1:-1] / np.hanning(2 * SMOOTH + 3).sum()
 
 
-def make_context(logs: list[Log], arm: Arm, reference: int = 0) -> Context:
-    """Everything that effects and stages look at; reference: how many of the logs are of the arm as it was.
+def make_context(logs: list[Log], arm: Arm, reference: int = 0, constant: np.ndarray | None = None) -> Context:
+    """Everything that effects and stages look at; reference: how many of the logs are of the arm as it was; constant: of
+    `Context`.
 
     Raises ValueError where the logs are too short.
     """
@@ -43,6 +44,7 @@ def make_context(logs: list[Log], arm: Arm, reference: int = 0) -> Context:
         np.array([find_quantum(logs[0].position[:, j]) for j in range(len(arm))]),
         seen,
         reference,
+        constant,
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from np_description.panda import NOMINAL
 from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, Cell, make_blocks, make_cell
 from np_diagnosis.inference.residuals import Stages
@@ -92,8 +93,23 @@ def make_design(context: Context) -> Design:
 
 
 def _told(context: Context, effect: Signature) -> tuple[Parameter, ...]:
-    """Parameters of an effect. What any arm's links are off by does not change: between two recordings of an arm any size of
-    it is worth naming."""
+    """Parameters of an effect, in a stronger arm than the Panda with as much more room. What any arm's links are off by does
+    not change: between two recordings of an arm any size of it is worth naming."""
+    parts = tuple(_sized(p, context.arm.torque_limit.max() / NOMINAL.torque_limit.max()) for p in effect.parameters)
     if context.reference and RECORDS[effect.id].module in ("rigid_body", "joint_dynamics"):
-        return tuple(replace(p, least=0.0) for p in effect.parameters)
-    return effect.parameters
+        return tuple(replace(p, least=0.0) for p in parts)
+    return parts
+
+
+def _sized(parameter: Parameter, stronger: float) -> Parameter:
+    """A torque or a mass of an arm that is so many times as strong; a lower bound that is none of taste, but of physics (no
+    less than no friction), stays."""
+    if stronger <= 1 or not parameter.unit.startswith(("Nm", "kg")):
+        return parameter
+    is_free = parameter.lower == -parameter.upper
+    return replace(
+        parameter,
+        lower=stronger * parameter.lower if is_free else parameter.lower,
+        upper=stronger * parameter.upper,
+        prior=stronger * parameter.prior,
+    )

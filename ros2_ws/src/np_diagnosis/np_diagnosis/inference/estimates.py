@@ -14,7 +14,7 @@ from np_diagnosis.inference.search import Model, Search, absorbed
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.signature import Signature
 
-ESTIMATES = THRESHOLDS.estimates
+ESTIMATES, CURRENT = THRESHOLDS.estimates, THRESHOLDS.current
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,8 @@ def estimate(
         half = np.hypot(half, _shift(design, cells, ids, candidate, effect, width))
     at = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
     known = np.array([p.background for p in effect.parameters])
-    half[at] = np.hypot(np.hypot(half[at], ESTIMATES.t95 * known), effect.model * np.abs(whole[at]))
+    share = np.hypot(effect.model, _unweighed(design, effect))
+    half[at] = np.hypot(np.hypot(half[at], ESTIMATES.t95 * known), share * np.abs(whole[at]))
     found = {
         p.name: Estimate(float(whole[i]), float(whole[i] - half[i]), float(whole[i] + half[i]), p.unit)
         for p, i in zip(effect.parameters, at)
@@ -109,6 +110,14 @@ def _interval(cells: list[Cell], ids: np.ndarray, design: Design, seed: int) -> 
     )
     posterior = np.sqrt(np.diagonal(whole.covariance[0]))
     return whole.parameters[0], ESTIMATES.t95 * np.maximum(drawn.parameters.std(axis=0), posterior)
+
+
+def _unweighed(design: Design, effect: Signature) -> np.ndarray:
+    """Half of a 95 % interval (p,), as a share of its value, of what a torque is known to that was made of a current."""
+    if all(log.per_ampere is None for log in design.context.logs):
+        return np.zeros(len(effect.parameters))
+    is_force = [any(unit in p.unit for unit in ("Nm", "kg")) for p in effect.parameters]
+    return ESTIMATES.t95 * CURRENT.known * np.array(is_force)
 
 
 def _narrow(cell: Cell, ids: np.ndarray) -> Cell:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from np_diagnosis.inference.arrow import Arrow, Shape
 from np_diagnosis.inference.cells import Cell
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.signature import Parameter
@@ -16,10 +17,13 @@ FIT = THRESHOLDS.fit
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """m fits of p parameters: parameters (m, p), covariance (m, p, p), variance (cells, m) of one row."""
+    """m fits of p parameters: parameters (m, p), covariance (m, p, p), variance (cells, m) of one row.
+
+    `score` keeps no covariance, which of all joints together is ten megabytes a model.
+    """
 
     parameters: np.ndarray
-    covariance: np.ndarray
+    covariance: np.ndarray | None
     variance: np.ndarray
 
 
@@ -65,7 +69,7 @@ def fit(
     """Posterior mode within the bounds for each of the m sums; grams, rows: of each cell, (m, ...) and (m,)."""
     where = [places(cell, ids) for cell in cells]
     needed = _padded([part(gram, columns) for gram, (columns, _) in zip(grams, where)])
-    return _fit([at for _, at in where], needed, np.array(rows), [parameters[i] for i in ids])
+    return _fit(cells, [at for _, at in where], needed, np.array(rows), [parameters[i] for i in ids])
 
 
 def _padded(parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -77,8 +81,14 @@ def _padded(parts: Sequence[np.ndarray]) -> np.ndarray:
     return whole
 
 
-def _fit(where: Sequence[np.ndarray], grams: np.ndarray, rows: np.ndarray, chosen: Sequence[Parameter]) -> Fit:
-    """Of padded Gram matrices (cells, m, k, k), whose columns are the parameters `where`; rows (cells, m)."""
+def _fit(
+    cells: Sequence[Cell],
+    where: Sequence[np.ndarray],
+    grams: np.ndarray,
+    rows: np.ndarray,
+    chosen: Sequence[Parameter],
+) -> Fit:
+    """Of the cells' padded Gram matrices (cells, m, k, k), whose columns are the parameters `where`; rows (cells, m)."""
     count, size = rows.shape[1], len(chosen)
     prior, centre, lower, upper = (
         np.array([getattr(p, name) for p in chosen]) for name in ("prior", "centre", "lower", "upper")
@@ -90,20 +100,22 @@ def _fit(where: Sequence[np.ndarray], grams: np.ndarray, rows: np.ndarray, chose
     rows = np.maximum(rows, 1.0)
     spare = np.maximum(rows - np.array([[len(own)] for own in where]), 1.0)
     variance = np.maximum(grams[:, :, 0, 0] / rows, FIT.variance)
-    solved, covariance = np.zeros((count, size)), np.zeros((count, size, size))
+    shape = Shape.of([cell.joint for cell in cells], where, size)
+    local = [shape.places(cell.joint, own) for cell, own in zip(cells, where)]
+    solved, covariance, everywhere = np.zeros((count, size)), np.zeros(0), np.arange(count)
     for number in range(FIT.passes):
-        normal, moment = np.zeros_like(covariance), np.tile(centre * prior**-2, (count, 1))
-        normal[:, np.arange(size), np.arange(size)] = prior**-2
-        scaled = grams[:, :, 1:] / variance[..., None, None]
-        for own, part_ in zip(where, scaled):
-            if len(own):
-                normal[:, own[:, None], own] += part_[:, : len(own), 1 : len(own) + 1]
-                moment[:, own] += part_[:, : len(own), 0]
+        normal, moment = Arrow.diagonal(shape, count, prior**-2), np.tile(centre * prior**-2, (count, 1))
+        for cell, own, at_, gram, v in zip(cells, where, local, grams, variance):
+            k = len(own)
+            if k:
+                scaled = gram[:, : k + 1, 1 : k + 1] / v[:, None, None]
+                normal.parts[cell.joint][:, at_[:, None], at_] += scaled[:, 1:]
+                moment[:, own] += scaled[:, 0]
         if number == FIT.passes - 1:
-            covariance = np.linalg.inv(normal)
+            covariance = normal.inverse()
             solved = np.matmul(covariance, moment[..., None])[..., 0]
         else:
-            solved = np.linalg.solve(normal, moment[..., None])[..., 0]
+            solved = normal.solve(moment, everywhere)
         outside = (solved < lower) | (solved > upper)
         if outside.any():
             solved = _bounded(normal, moment, solved, lower, upper, outside)
@@ -118,7 +130,7 @@ def score(cells: Sequence[Cell], ids: np.ndarray, parameters: Sequence[Parameter
     parts = [cell.parts(columns) for cell, (columns, _) in zip(cells, where)]
     train, test = (_padded([p[side] for p in parts]) for side in (0, 1))
     rows = np.array([cell.test_rows.sum() - cell.held_rows for cell in cells])
-    fitted = _fit([at for _, at in where], train, rows, [parameters[i] for i in ids])
+    fitted = _fit(cells, [at for _, at in where], train, rows, [parameters[i] for i in ids])
     spread, squares = np.zeros(rows.shape), np.zeros(rows.shape)
     for n, (_, at) in enumerate(where):
         own = test[n, :, : len(at) + 1, : len(at) + 1]
@@ -128,7 +140,7 @@ def score(cells: Sequence[Cell], ids: np.ndarray, parameters: Sequence[Parameter
     rows = np.maximum(np.array([cell.test_rows for cell in cells]), 1)
     variance = fitted.variance + spread / rows
     density = -0.5 * rows * (np.log(2 * np.pi * variance) + squares / rows / variance)
-    return Score((density * np.array([cell.used for cell in cells])).sum(axis=0), fitted)
+    return Score((density * np.array([cell.used for cell in cells])).sum(axis=0), replace(fitted, covariance=None))
 
 
 def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:
@@ -144,16 +156,19 @@ def held_out(cell: Cell, ids: np.ndarray, fit: Fit) -> np.ndarray:
     return cell.residual - sum((cell.matrix[:, k] * values[:, n] for n, k in enumerate(columns)), 0.0)
 
 
-def _bounded(normal, moment, solved, lower, upper, outside) -> np.ndarray:
+def _bounded(normal: Arrow, moment, solved, lower, upper, outside) -> np.ndarray:
     """Least squares in a box: what leaves it is held at its side, and the rest is solved again, twice."""
-    held = np.zeros_like(outside)
+    rows = np.flatnonzero(outside.any(axis=1))
+    outside, inside = outside[rows], solved[rows]
+    held, diagonal = np.zeros_like(outside), normal.on_diagonal(rows)
     for _ in range(FIT.bound_passes):
         held |= outside
-        side = np.clip(solved, lower, upper)
-        stiff = np.where(held, 1e9 * np.einsum("bii->bi", normal), 0.0)
-        stiffened = normal + stiff[:, :, None] * np.eye(normal.shape[1])
-        solved = np.linalg.solve(stiffened, (moment + stiff * side)[..., None])[..., 0]
-        outside = ((solved < lower) | (solved > upper)) & ~held
+        side = np.clip(inside, lower, upper)
+        stiff = np.where(held, 1e9 * diagonal, 0.0)
+        inside = normal.solve(moment[rows] + stiff * side, rows, stiff)
+        outside = ((inside < lower) | (inside > upper)) & ~held
         if not outside.any():
             break
-    return np.clip(solved, lower, upper)
+    found = solved.copy()
+    found[rows] = np.clip(inside, lower, upper)
+    return found

@@ -21,18 +21,31 @@ from np_effects.sums import SMOOTH, sign
 
 NUISANCES = THRESHOLDS.nuisances
 
+TORQUE_CONSTANT = "torque constant"
 MOST_ERRORS = 6.0  # standard deviations
 
 _NONE: tuple[Parameter, ...] = ()
 _DELAYED = {
-    Stage.DRIVE: Parameter("command_delay", "s", -3e-4, 8e-4, NUISANCES.delay_spread, centre=NUISANCES.delay),
-    Stage.DYNAMICS: Parameter("motion_delay", "s", -3e-4, 8e-4, NUISANCES.delay_spread, centre=NUISANCES.delay),
+    Stage.DRIVE: Parameter("command_delay", "s", -3e-4, 1.4e-3, NUISANCES.delay_spread, centre=NUISANCES.delay),
+    Stage.DYNAMICS: Parameter("motion_delay", "s", -3e-4, 1.4e-3, NUISANCES.delay_spread, centre=NUISANCES.delay),
 }
-# Shares of the nominal friction that turn over late, within the one and the other of `NUISANCES.breakaways`: two span
-# what lies between. The larger is also that of a joint with more friction on the same bristles.
+# Shares of the nominal friction that turn over late, within each of `NUISANCES.breakaways`: they span what lies between.
+# The larger is also that of a joint with more friction on the same bristles.
 _TURNING = (
     Parameter("breakaway", "1", 0.0, 10.0, NUISANCES.breakaway_spread, centre=1.0),
     Parameter("late breakaway", "1", -2.0, 10.0, NUISANCES.late_breakaway_spread),
+    Parameter("creep", "1", -2.0, 10.0, NUISANCES.late_breakaway_spread),
+)
+# Shares of the nominal friction by which it goes up and down with the joint's angle.
+_UNEVEN = tuple(
+    Parameter(f"{wave} of friction, order {order}", "1", -0.5, 0.5, NUISANCES.uneven)
+    for order in NUISANCES.uneven_orders
+    for wave in ("sine", "cosine")
+)
+# Shares of the nominal friction and damping by which a joint has more or less of it.
+_LEVELS = (
+    Parameter("level of friction", "1", -0.2, 0.2, NUISANCES.friction),
+    Parameter("level of damping", "1", -0.2, 0.2, NUISANCES.damping),
 )
 # Without commands, measured torque and motion may come from clocks of their own.
 _LOOSE = Parameter("motion_delay", "s", -0.01, 0.01, NUISANCES.loose_delay_spread)
@@ -47,7 +60,7 @@ def parameters(context: Context, stage: Stage, joint: int) -> tuple[Parameter, .
         whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
         components = context.prediction.link_errors[joint].shape[1]
         links = (Parameter(f"links {n + 1}", "1", -MOST_ERRORS, MOST_ERRORS, 1.0) for n in range(components))
-        return (late, whole, *_TURNING, *links)
+        return (late, whole, *_TURNING, *_UNEVEN, *_LEVELS, *_constant(context), *links)
     if stage is Stage.TRANSMISSION:
         return (
             Parameter("zero", "rad", -0.1, 0.1, NUISANCES.zero_spread),
@@ -70,7 +83,10 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
             for reach in NUISANCES.breakaways
         )
         motion = c.samples.torque_rate[:, joint], c.samples.acceleration[:, joint]
-        return np.column_stack([*motion, *late, links])
+        sliding = c.prediction.direction[:, joint], c.samples.velocity[:, joint]
+        levels = (own * column for own, column in zip((c.arm.frictionloss[joint], c.arm.damping[joint]), sliding))
+        constant = [] if c.constant is None else [c.constant[:, joint]]
+        return np.column_stack([*motion, *late, _uneven(c, joint), *levels, *constant, links])
     if stage is Stage.TRANSMISSION:
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
     if stage is Stage.DRIVE:
@@ -79,6 +95,26 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
         step[c.drive.starts] = 0.0
         return -step[:, None] / c.drive.period
     return np.zeros((len(c.drive.time), 0))
+
+
+def _constant(context: Context) -> tuple[Parameter, ...]:
+    """Of a motor's current: the share by which its torque constant is larger than it should be."""
+    if context.constant is None:
+        return ()
+    return (Parameter(TORQUE_CONSTANT, "1", -0.9, 2.0, THRESHOLDS.current.spread),)
+
+
+def _uneven(context: Context, joint: int) -> np.ndarray:
+    """Nominal friction (n, waves) Nm times waves of the joint's angle.
+
+    On average there is none of them: how much friction a joint has is another nuisance.
+    """
+    direction = context.prediction.direction[:, joint]
+    angle = context.samples.position[:, joint] - context.arm.rest[joint]
+    waves = [f(order * angle) for order in NUISANCES.uneven_orders for f in (np.sin, np.cos)]
+    columns = np.column_stack([direction * wave for wave in waves])
+    columns -= np.outer(direction, direction @ columns / max(direction @ direction, 1e-12))
+    return context.arm.frictionloss[joint] * columns
 
 
 def _attenuation(context: Context, joint: int) -> float:

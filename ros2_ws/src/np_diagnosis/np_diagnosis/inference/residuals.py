@@ -32,7 +32,7 @@ class Stages:
         self.stages = [Stage.DYNAMICS]
         self._slides = np.column_stack([slides(context.samples, j) for j in range(len(context.arm))])
         if context.drive is not None:
-            self.stages += [Stage.CONTROLLER, Stage.DRIVE]
+            self.stages += [Stage.CONTROLLER, Stage.DRIVE] if context.drive.is_replayed else [Stage.DRIVE]
             self._is_smooth = _smooth(context)
             drive = context.drive
             self._projector = context.samples.projector(drive.trajectory, drive.time + drive.period / 2)

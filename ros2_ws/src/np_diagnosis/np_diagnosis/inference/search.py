@@ -13,18 +13,12 @@ import numpy as np
 
 from np_diagnosis.inference import screen
 from np_diagnosis.inference.design import Candidate, Design
-from np_diagnosis.inference.fit import Fit, Score, energy, score
+from np_diagnosis.inference.fit import Fit, Score, energy, places, score
+from np_diagnosis.inference.visible import visible
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.signature import Signature
-from np_effects.stage import Stage
 
 SEARCH = THRESHOLDS.search
-VISIBLE = {
-    Stage.CONTROLLER: SEARCH.visible_controller,
-    Stage.DRIVE: SEARCH.visible_drive,
-    Stage.DYNAMICS: SEARCH.visible_dynamics,
-}
-"""Smallest RMS that matters at a stage of torques, as a share of the joint's torque limit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,13 +163,14 @@ class Search:
         return self.pruned(chosen)
 
     def promising(self, parent: Model, count: int) -> list[int]:
-        """Candidates whose addition would raise the likelihood most (`screen.gains`), best first: `count` of them, and the
-        best of each stage of each joint where it would be worth its prior: none is crowded out by what goes on elsewhere."""
+        """Candidates whose addition would raise the likelihood most (`screen.gains`), best first: `count` of them, and of
+        the empty model the best of each stage of each joint too, where it would be worth its prior: none is crowded out by
+        what goes on elsewhere."""
         groups = self.groups(parent.members)
         gains = screen.gains(self.design, [(j, self.ids(j, m), self.group(j, m)[0].fit) for j, m in groups])
         ranked = [int(n) for n in np.argsort(gains)[::-1]]
         found, seen = ranked[:count], set()
-        for n in ranked:
+        for n in ranked if not parent.members else ():
             if gains[n] + self.log_prior(n) < SEARCH.gain:
                 break
             candidate = self.design.candidates[n]
@@ -205,25 +200,33 @@ class Search:
         before, after = self.energies(other.members), self.energies(one.members)
         for cell, old, new in zip(self.design.cells, before, after):
             rows = max(cell.rows.sum(), 1)
-            limit = self.design.context.arm.torque_limit[cell.joint]
-            least = SEARCH.visible_twist if cell.stage is Stage.TRANSMISSION else VISIBLE[cell.stage] * limit
+            least = visible(self.design.context, cell.stage, cell.joint)
             if old - new > max(SEARCH.energy_share * old, least**2 * rows):
                 return True
         return False
 
     def is_negligible(self, model: Model, member: int) -> bool:
-        """Whether all parameters of a member are so small that any arm has as much."""
+        """Whether a member is so small that any arm has as much of it, or does nothing that matters at any stage."""
         ids, shape = self.design.candidates[member].ids, self.design.candidates[member].effect.shape
         least = np.array([self.design.parameters[i].least for i in ids])
         if shape is not None and shape.least:
             least = least + shape.least / shape.value
-        if not least.any():
-            return False
         joints, inside = next(g for g in self.groups(model.members) if member in g[1])
         group = self.ids(joints, inside)
         found = self.group(joints, inside)[0].fit.parameters.mean(axis=0)
-        values = found[np.isin(group, ids)] + absorbed(self.design, group, found, self.design.candidates[member].effect)
-        return bool((np.abs(values) <= least).all())
+        own = np.isin(group, ids)
+        values = found[own] + absorbed(self.design, group, found, self.design.candidates[member].effect)
+        return bool((np.abs(values) <= least).all()) or not self._is_visible(group[own], values)
+
+    def _is_visible(self, ids: np.ndarray, values: np.ndarray) -> bool:
+        """Whether parameters of these values do, by themselves, anything that matters at any stage of any joint."""
+        for cell in self.design.cells:
+            columns, at = places(cell, ids)
+            if len(columns):
+                done = values[at] @ cell.unwhitened[columns[:, None], columns] @ values[at]
+                if done > visible(self.design.context, cell.stage, cell.joint) ** 2 * cell.test_rows.sum():
+                    return True
+        return False
 
     def energies(self, members: tuple[int, ...]) -> list[float]:
         """Sum of the squared held-out residuals of each cell, before whitening."""

@@ -36,7 +36,11 @@ def _cut(log: Log, begin: float, end: float) -> Log:
     commands = log.commands
     if commands is not None:
         kept = (commands.rows >= first) & (commands.rows < last)
-        parts = {f.name: getattr(commands, f.name)[kept] for f in fields(Commands) if f.name != "feedforward"}
+        parts = {
+            f.name: getattr(commands, f.name)[kept]
+            for f in fields(Commands)
+            if not f.name.endswith(("feedforward", "law"))
+        }
         parts["rows"], parts["torque_time"] = parts["rows"] - first, parts["torque_time"] - zero
         commands = replace(commands, **parts)
     return replace(

@@ -5,6 +5,7 @@ Messages are read in bulk from their bytes (np_record.bulk), three minutes at 50
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ RECORDINGS = THRESHOLDS.recordings
 PERIOD = 0.002  # s between joint states
 SECOND = 1e9
 NPZ_KEYS = {"t_s": 1, "q_rad": 2, "dq_rad_s": 2, "tau_J_Nm": 2}  # name: dimensions
+CURRENT_KEYS = {"t_s": 1, "q_rad": 2, "dq_rad_s": 2, "current_A": 2}
 PD_KEYS = {
     "time": 1,
     "dof_pos": 2,
@@ -36,49 +38,76 @@ class ContractViolation(ValueError):
     """A recording that cannot mean what its topics or columns claim; says what was expected and found."""
 
 
-def read(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
-    """A log from a rosbag2 folder, or from an .npz file (`read_npz`). Raises ContractViolation."""
-    return read_npz(path, joints) if Path(path).suffix == ".npz" else read_bag(path)
+def read(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
+    """A log of an arm's joints from a rosbag2 folder, or from an .npz file (`read_npz`). Raises ContractViolation."""
+    return read_npz(path, len(joints)) if Path(path).suffix == ".npz" else read_bag(path, joints)
 
 
-def read_bag(path: str | Path) -> Log:
+def read_bag(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
     """The joints of a rosbag2 recording. Its torques are without gravity. Raises ContractViolation.
 
     A measured torque is the mean of the period that ends at its stamp, a command acts in the one that begins
-    there: both belong to the middle of that period.
+    there: both belong to the middle of that period. The Panda's topics keep names, order and rate of the contract; another
+    arm's messages may name further joints, in any order, at any rate of `RECORDINGS.rates`. Its controller's law is replayed
+    where `target_gains` are recorded.
     """
+    is_panda = tuple(joints) == JOINT_NAMES
     name = f"bag {path}"
     try:
         with Recording(path, required=("joint_states",)) as recording:
             raw = recording.rows("joint_states", "effort_command", "motor_states", "target_gains", *PHASE_TOPICS)
-            stamp, values = joint_states(name, "joint_states", raw["joint_states"], STATE_NAMES)
-            commanded, answers = joint_states(name, "effort_command", raw.get("effort_command"), JOINT_NAMES)
+            if is_panda:
+                stamp, values = joint_states(name, "joint_states", raw["joint_states"], STATE_NAMES)
+                commanded, answers = joint_states(name, "effort_command", raw.get("effort_command"), JOINT_NAMES)
+            else:
+                stamp, values = _of_joints(name, "joint_states", raw["joint_states"], joints)
+                commanded, answers = _of_joints(name, "effort_command", raw.get("effort_command"), joints)
             motor_stamp, motor = joint_states(name, "motor_states", raw.get("motor_states"), None)
-            gains = [
-                (m.stamp, np.reshape(decoded(f"{name}: target_gains", m).data, (2, len(JOINT_NAMES))))
-                for m in raw.get("target_gains", ())
-            ]
+            gains = [_gains(name, m, len(joints)) for m in raw.get("target_gains", ())]
             phases = phase_changes(name, raw)
     except (BagError, BulkError) as error:
         raise ContractViolation(str(error)) from error
-    _check_times(name, stamp / SECOND, PERIOD)
+    _check_times(name, stamp / SECOND, PERIOD if is_panda else None)
     time = (stamp - stamp[0]) / SECOND
-    joints = values[:, :, : len(JOINT_NAMES)]
+    period = PERIOD if is_panda else float(np.median(np.diff(time)))
+    if is_panda:
+        gains = [(-1, np.stack([STIFFNESS_MAX, np.ones_like(STIFFNESS_MAX)])), *gains]
+    position, velocity, effort = values[:, :, : len(joints)].transpose(1, 0, 2)
     return Log(
         Path(path).name,
         time,
-        joints[:, 0],
-        joints[:, 1],
-        joints[:, 2],
-        time - PERIOD / 2,
+        position,
+        velocity,
+        effort,
+        time - period / 2,
         False,
-        _commands(name, stamp, time, commanded, answers, gains),
-        _motor(name, stamp, motor_stamp, motor),
+        _commands(name, stamp, time, commanded, answers, gains, period),
+        _motor(name, stamp, motor_stamp, motor, len(joints)),
         tuple(((at - stamp[0]) / SECOND, state) for at, state in phases),
     )
 
 
-def _commands(name, stamp, time, commanded, answers, gains) -> Commands | None:
+def _of_joints(name: str, topic: str, messages, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """`joint_states` of these joints, whatever others the messages name, and in whatever order."""
+    stamp, values = joint_states(name, topic, messages, None)
+    if not messages:
+        return stamp, np.zeros((0, 3, len(joints)))
+    named = list(decoded(f"{name}: {topic}", messages[0]).name)
+    missing = [joint for joint in joints if joint not in named]
+    if missing:
+        raise ContractViolation(f"{name}: {topic}: expected joints {', '.join(missing)}, got {', '.join(named)}")
+    return stamp, values[:, :, [named.index(joint) for joint in joints]]
+
+
+def _gains(name: str, message, joints: int) -> tuple[int, np.ndarray]:
+    """(stamp ns, rows stiffness and damping ratio (2, k))."""
+    numbers = np.asarray(decoded(f"{name}: target_gains", message).data, dtype=float)
+    if numbers.size != 2 * joints:
+        raise ContractViolation(f"{name}: target_gains: expected 2 times {joints} numbers, got {numbers.size}")
+    return message.stamp, numbers.reshape(2, joints)
+
+
+def _commands(name, stamp, time, commanded, answers, gains, period) -> Commands | None:
     if not len(commanded):
         return None
     _check_order(f"{name}: effort_command", commanded / SECOND)
@@ -89,33 +118,42 @@ def _commands(name, stamp, time, commanded, answers, gains) -> Commands | None:
             f"{len(commanded) - len(common)} of {len(commanded)} have others"
         )
     target, velocity, torque = answers[answer].transpose(1, 0, 2)
-    stiffness = np.tile(STIFFNESS_MAX, (len(rows), 1))
-    ratio = np.ones_like(stiffness)
+    stiffness, ratio = np.zeros_like(target), np.zeros_like(target)
     for at, table in gains:
         after = common >= at
         stiffness[after], ratio[after] = table
-    return Commands(rows, target, velocity, torque, time[rows] + PERIOD / 2, stiffness, damping(stiffness, ratio))
+    return Commands(
+        rows,
+        target,
+        velocity,
+        torque,
+        time[rows] + period / 2,
+        stiffness,
+        damping(stiffness, ratio),
+        has_law=bool((stiffness > 0).all()),
+    )
 
 
-def _motor(name, stamp, motor_stamp, motor) -> np.ndarray | None:
+def _motor(name, stamp, motor_stamp, motor, joints) -> np.ndarray | None:
     """Motor angles at the stamps of the joint states, NaN where there is none."""
     if not len(motor_stamp):
         return None
-    if motor.shape[2] < len(JOINT_NAMES):
-        raise ContractViolation(f"{name}: motor_states: expected {len(JOINT_NAMES)} joints")
+    if motor.shape[2] < joints:
+        raise ContractViolation(f"{name}: motor_states: expected {joints} joints")
     _, rows, found = np.intersect1d(stamp, motor_stamp, return_indices=True)
-    angles = np.full((len(stamp), len(JOINT_NAMES)), np.nan)
-    angles[rows] = motor[found, 0, : len(JOINT_NAMES)]
+    angles = np.full((len(stamp), joints), np.nan)
+    angles[rows] = motor[found, 0, :joints]
     return angles
 
 
 def read_npz(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
-    """Arrays of one of two kinds. Raises ContractViolation.
+    """Arrays of one of three kinds. Raises ContractViolation.
 
     Measured torque (libfranka's robot state): t_s (n,), q_rad, dq_rad_s, tau_J_Nm (n, k), torque with gravity;
-    stamps may be a PC's and jitter. Targets and gains: time, dof_pos, dof_vel, des_dof_pos, des_dof_vel,
-    des_dof_torque (n, k or more), kp, kd: the drive's own law kp e - kd dq is all the torque there is, gravity
-    included.
+    stamps may be a PC's and jitter. Motor current: current_A (n, k) in place of the torque, positive where it drives the joint
+    forwards, and torque_per_ampere (k,) Nm/A at the joint where that is known. Targets and gains: time, dof_pos, dof_vel,
+    des_dof_pos, des_dof_vel, des_dof_torque (n, k or more), kp, kd: the drive's own law kp e - kd dq is all the torque there
+    is, gravity included.
     """
     name = f"file {path}"
     try:
@@ -123,7 +161,8 @@ def read_npz(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
             content = {key: np.asarray(file[key], dtype=float) for key in file.files}
     except (OSError, ValueError) as error:
         raise ContractViolation(f"{name}: expected an .npz file of numbers, got: {error}") from error
-    keys = PD_KEYS if "des_dof_torque" in content else NPZ_KEYS
+    is_current = "current_A" in content and "tau_J_Nm" not in content
+    keys = PD_KEYS if "des_dof_torque" in content else CURRENT_KEYS if is_current else NPZ_KEYS
     missing = [key for key in keys if key not in content]
     if missing:
         raise ContractViolation(
@@ -140,7 +179,17 @@ def read_npz(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
             raise ContractViolation(f"{name}: {key}: expected finite numbers")
     _check_times(name, time, None)
     position, velocity, torque = (content[key] for key in list(keys)[1:3] + list(keys)[-1:])
-    return Log(Path(path).name, time - time[0], position, velocity, torque, time - time[0], True)
+    if is_current and "torque_per_ampere" in content:
+        torque, is_current = torque * _per_ampere(name, content["torque_per_ampere"], joints), False
+    return Log(Path(path).name, time - time[0], position, velocity, torque, time - time[0], True, is_current=is_current)
+
+
+def _per_ampere(name: str, values: np.ndarray, joints: int) -> np.ndarray:
+    if values.shape != (joints,) or not (np.isfinite(values) & (values > 0)).all():
+        raise ContractViolation(
+            f"{name}: torque_per_ampere: expected {joints} numbers above 0, got {np.array2string(values, threshold=8)}"
+        )
+    return values
 
 
 def _check_order(name: str, time: np.ndarray) -> None:
@@ -153,7 +202,7 @@ def _check_order(name: str, time: np.ndarray) -> None:
 
 
 def _check_times(name: str, time: np.ndarray, period: float | None) -> None:
-    """Stamps increase at the given period, or at least at 100 Hz."""
+    """Stamps increase at the given period; without one, at a rate of `RECORDINGS.rates`."""
     if len(time) < 2:
         raise ContractViolation(f"{name}: expected joint states over time, got {len(time)}")
     _check_order(name, time)
@@ -161,7 +210,8 @@ def _check_times(name: str, time: np.ndarray, period: float | None) -> None:
     median = float(np.median(steps))
     if period is None:
         slowest, fastest = RECORDINGS.rates
-        if not 1 / fastest < median < 1 / slowest:
+        slack = 1 + RECORDINGS.period_tolerance
+        if not 1 / fastest / slack < median < slack / slowest:
             raise ContractViolation(
                 f"{name}: expected {slowest:g} to {fastest:g} rows a second, got {1 / median:.4g}: "
                 "times must be in seconds"

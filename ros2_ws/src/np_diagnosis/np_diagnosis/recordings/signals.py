@@ -24,7 +24,8 @@ class Commands:
 
     rows (m,): rows of the log that they answer; target (m, k) rad, target_velocity (m, k) rad/s, torque (m, k)
     Nm without gravity; in force at torque_time (m,) s. stiffness (m, k) Nm/rad, damping (m, k) Nms/rad: gains
-    the controller was told to use. feedforward: whether the law adds the target's inertial torque.
+    the controller was told to use. feedforward: whether the law adds the target's inertial torque. has_law: whether law and
+    gains are known at all; of another arm's controller they may not be.
     """
 
     rows: np.ndarray
@@ -35,6 +36,7 @@ class Commands:
     stiffness: np.ndarray
     damping: np.ndarray
     feedforward: bool = True
+    has_law: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,9 @@ class Log:
     time (n,) s, increasing; position (n, k) rad; velocity (n, k) rad/s; torque (n, k) Nm, measured, of the
     moments torque_time (n,) s. with_gravity: whether torque includes that which holds the arm.
     commands: what the controller asked for, None where not recorded. motor (n, k) rad: angle before the gear
-    on the joint's side of the ratio, None where the backend has none. phases: (s, phase) of what began when.
+    on the joint's side of the ratio, None where the backend has none. phases: (s, phase) of what began when. is_current:
+    whether `torque` is the motors' current in A as yet (`recordings.current`); per_ampere (k,) Nm/A: by which it has been
+    made a torque, where that had to be estimated.
     """
 
     name: str
@@ -57,6 +61,8 @@ class Log:
     commands: Commands | None = None
     motor: np.ndarray | None = None
     phases: tuple[tuple[float, PhaseState], ...] = ()
+    is_current: bool = False
+    per_ampere: np.ndarray | None = None
 
     @property
     def duration(self) -> float:
@@ -152,7 +158,8 @@ def sample(logs: list[Log], commanded: bool = False) -> Samples:
         )
     *columns, segments, grids = zip(*parts)
     columns = [np.concatenate(column) for column in columns]
-    period = np.mean([np.median(np.diff(log.time)) for log in logs])
+    # Rows that lie closer than the grid are left out, not averaged: their noise stays.
+    period = np.mean([max(np.median(np.diff(log.time)), GRID) for log in logs])
     torque, velocity = (
         np.sqrt(np.mean([_white(getattr(log, name)) ** 2 for log in logs], axis=0)) for name in ("torque", "velocity")
     )

@@ -14,6 +14,7 @@ from np_diagnosis.diagnosis import Diagnosis, Finding
 from np_diagnosis.experiments.ambiguity import open_question
 from np_diagnosis.progress import Tell, silent
 from np_diagnosis.recordings.signals import Log
+from np_diagnosis.report.notes import notes
 from np_diagnosis.report.sentence import sentence
 from np_diagnosis.simulation.patching import make_patch, tried_patch
 from np_diagnosis.thresholds import THRESHOLDS
@@ -76,6 +77,7 @@ def make_report(
             "test_trajectories": len(diagnosis.design.blocks),
             "held_out": "each block of contiguous motion once, by a fit to the others at least 0.5 s away",
         },
+        "notes": notes(diagnosis, bool(shots)),
         "runtime_s": runtime,
     }
 
@@ -145,7 +147,7 @@ def write(
     text = to_json(report, quick)
     out.mkdir(parents=True, exist_ok=True)
     (out / "report.json").write_text(text, encoding="utf-8")
-    (out / "patch.yaml").write_text(dump_patch(patch), encoding="utf-8")
+    (out / "patch.yaml").write_text(dump_patch(patch, diagnosis.context.arm.name), encoding="utf-8")
     if not quick:
         tell("page")
         from np_diagnosis.report.page import render  # drawing is slow to import

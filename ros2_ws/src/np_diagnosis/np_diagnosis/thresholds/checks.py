@@ -57,6 +57,18 @@ class Effort:
 
 
 @dataclass(frozen=True)
+class Current:
+    """Torque constants of motors from a recording (recordings/current.py, inference/gains.py)."""
+
+    rows: int = threshold(100, "samples", "fewest in which a joint slides for its constant to be asked", JUDGEMENT)
+    sure: float = threshold(0.1, "of the constant", "largest standard error of a constant that is used", JUDGEMENT)
+    known: float = threshold(0.02, "1", "to which the weights are known that a constant is told by", JUDGEMENT)
+    spread: float = threshold(0.3, "of the constant", "by which effects may have spoilt a first estimate", JUDGEMENT)
+    settled: float = threshold(0.003, "of the constant", "change after which it is settled", NUMERICS)
+    rounds: int = threshold(3, "rounds", "of settling constants with the effects found", NUMERICS)
+
+
+@dataclass(frozen=True)
 class Floor:
     """How well the data repeat (checks/floor.py)."""
 

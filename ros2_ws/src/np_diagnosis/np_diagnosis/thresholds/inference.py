@@ -78,13 +78,24 @@ class Nuisances:
     loose_delay_spread: float = threshold(
         1e-3, "s", "the same without commands: torque and motion may come from clocks of their own", JUDGEMENT
     )
-    breakaways: tuple[float, float] = threshold(
-        (1e-4, 2e-4), "rad", "over which friction turns over after a reversal", "measured on development cases"
+    breakaways: tuple[float, float, float] = threshold(
+        (1e-4, 2e-4, 5e-4), "rad", "over which friction turns over after a reversal", "measured on development cases"
     )
     breakaway_spread: float = threshold(
         0.7, "1", "standard deviation of the share of the nominal friction that turns over late", DEVELOPMENT
     )
-    late_breakaway_spread: float = threshold(1.0, "1", "the same over the longer distance", DEVELOPMENT)
+    late_breakaway_spread: float = threshold(1.0, "1", "the same over the longer distances", DEVELOPMENT)
+    friction: float = threshold(
+        0.015,
+        "1",
+        "standard deviation of a joint's friction, of what it has",
+        "development cases: to .05 it is no fault",
+    )
+    damping: float = threshold(0.03, "1", "the same of its damping", JUDGEMENT)
+    uneven: float = threshold(0.05, "1", "standard deviation of the waves of friction over the angle", JUDGEMENT)
+    uneven_orders: tuple[float, ...] = threshold(
+        (1.5, 3.0), "1/rad", "orders of those waves: between them they span one to three a turn", NUMERICS
+    )
     zero_spread: float = threshold(0.01, "rad", "standard deviation of the zero of a motor's encoder", JUDGEMENT)
     acceleration_error: float = threshold(
         0.001, "1", "error of a filtered acceleration of a motion without noise", JUDGEMENT
@@ -96,7 +107,7 @@ class Nuisances:
         "Fuller, Measurement Error Models, 1987",
     )
     link_torque: float = threshold(
-        2e-5, "of the torque limit", "RMS below which a component of the links' errors is not seen", NUMERICS
+        3e-5, "of the torque limit", "RMS below which a component of the links' errors is not seen", NUMERICS
     )
     gear_yield: float = threshold(1e-5, "rad/Nm", "yield of the stiffest gears", "no gear is stiffer than 1e5 Nm/rad")
 
@@ -140,16 +151,21 @@ class Searching:
     energy_share: float = threshold(
         0.02, "1", "of a stage's held-out squares that an effect must explain to be worth naming", DEVELOPMENT
     )
-    visible_controller: float = threshold(
-        1e-5, "of the torque limit", "smallest RMS that matters of r0, which no sensor blurs", JUDGEMENT
-    )
-    visible_drive: float = threshold(1e-4, "of the torque limit", "smallest RMS that matters of r1", JUDGEMENT)
-    visible_dynamics: float = threshold(1e-4, "of the torque limit", "smallest RMS that matters of r2", JUDGEMENT)
-    visible_twist: float = threshold(
-        5e-7, "rad", "smallest RMS that matters of r3", "a sixth of the noise of a sample of two encoders of 10 urad"
-    )
     tie: float = threshold(2.0, "nats", "within which the model with fewer parameters is preferred", JUDGEMENT)
     tied: int = threshold(4, "widths", "leaders among which a tie is looked for", NUMERICS)
+
+
+@dataclass(frozen=True)
+class Visible:
+    """Smallest RMS of a residual that matters (inference/visible.py)."""
+
+    controller: float = threshold(1e-5, "of the torque limit", "of r0, which no sensor blurs", JUDGEMENT)
+    drive: float = threshold(1e-4, "of the torque limit", "of r1", JUDGEMENT)
+    dynamics: float = threshold(1e-4, "of the torque limit", "of r2", JUDGEMENT)
+    friction: float = threshold(
+        0.03, "of the joint's friction", "of r2: friction varies by some per cent with posture and day", DEVELOPMENT
+    )
+    twist: float = threshold(5e-7, "rad", "of r3", "a sixth of the noise of a sample of two encoders of 10 urad")
 
 
 @dataclass(frozen=True)

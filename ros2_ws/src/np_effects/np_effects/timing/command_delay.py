@@ -12,7 +12,7 @@ from np_effects.signature import WHOLE, Shape, Signature, stack
 from np_effects.stage import Stage
 
 DELAY = Quantity("delay", "s", 0.0, 0.2)
-USUAL = 4.5e-4  # s, up to which a delay of commands is what any loop has
+USUAL = 1e-3  # s, up to which a delay of commands is what any loop has: a cycle of 1 kHz
 DELAYS = tuple(1e-4 * 1.35**n for n in range(18))  # s beyond it: so fine that the best leaves nothing to other effects
 STEP_KNOWN = 2e-5  # s, to which a delay is known where commands are held for a period
 
