@@ -19,7 +19,9 @@ from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.inference.search import Search
 from np_diagnosis.inference.visible import visible
 from np_diagnosis.thresholds import THRESHOLDS
+from np_effects.registry import all_signatures
 from np_effects.stage import Stage
+from np_effects.transmission.backlash import LEAST_REACH, _reach
 
 ARM = panda()
 
@@ -129,12 +131,14 @@ def test_guards_of_another_arm_are_not_known(log):
 
 
 def play(log, joint, half, floating):
-    """The log with a motor that leads a joint by half its play: to the side of its load, or now here and now there."""
+    """The log with a motor that leads a joint by half its play: to the side of its load, or now here and now there while it
+    has hardly any."""
     load = rigid.torque(ARM, log.position, log.velocity, np.gradient(log.velocity, log.time, axis=0))
     noise = 1e-5 * np.random.default_rng(1).normal(size=log.position.shape)
     side = np.tanh(load[:, joint] / 0.02)
     if floating:
-        side = np.clip(4 * np.sin(2 * np.pi * log.time / 0.9 + 2 * np.sin(0.7 * log.time)), -1, 1)
+        free = np.clip(4 * np.sin(2 * np.pi * log.time / 0.9 + 2 * np.sin(0.7 * log.time)), -1, 1)
+        side = np.where(np.abs(load[:, joint]) < 3e-3 * ARM.torque_limit[joint], free, side)
     motor = log.position + 1e-5 * load + noise
     motor[:, joint] += half * side + 3e-3  # and a zero of its own
     return replace(log, motor=motor)
@@ -164,6 +168,15 @@ def test_a_twist_of_a_load_or_of_noise_is_no_play(log):
         found = search.run(1, 1).members
         named = {(search.design.candidates[m].effect.id, search.design.candidates[m].joint) for m in found}
         assert named == ({("joint_elasticity", 1)} if slope else set())
+
+
+def test_a_twist_that_follows_the_angle_is_no_play(log):
+    """An encoder's disc off its centre: what floats explained it, and the joint passed for a gear in its play."""
+    motor = log.position + 1e-5 * np.random.default_rng(1).normal(size=log.position.shape)
+    motor[:, 4] += 2e-3 * np.sin(log.position[:, 4] + 1.0)
+    context = make_context([replace(log, motor=motor)], ARM)
+    plays = [e for e in all_signatures(context) if e.id == "backlash" and e.only_joint == 4]
+    assert not plays and _reach(context, 4)[1] > LEAST_REACH
 
 
 def test_friction_that_is_some_per_cent_off_is_no_fault_and_what_is_more_is_one():
