@@ -17,6 +17,7 @@ from np_effects.stage import Stage
 
 SCALE = Quantity("scale", "1", -1.0, 50.0)
 LEAST, MOST = -0.9, 5.0  # that is looked for
+AXES = 0.25  # of the change, to which one number says it: what is added to a link has axes of its own
 
 
 def _signatures(context: Context) -> list[Signature]:
@@ -33,6 +34,7 @@ def _signatures(context: Context) -> list[Signature]:
             f"link {i + 1}",
             is_arm=True,
             component=context.arm.joints[i],
+            model=AXES,
         )
         for i in range(len(context.arm))
     ]

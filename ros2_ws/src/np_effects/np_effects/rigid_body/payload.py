@@ -15,6 +15,8 @@ from np_effects.stage import Stage
 
 MASS = Quantity("mass", "kg", 0.0, 5.0)  # a hand that is not there is another nominal arm
 
+PLACE = 0.05  # of the mass, to which it is known while where on the hand it lies is not: some cm of half a metre
+
 
 def _signatures(context: Context) -> list[Signature]:
     x, y, z = context.arm.tip
@@ -27,6 +29,7 @@ def _signatures(context: Context) -> list[Signature]:
             {Stage.DYNAMICS: lambda c, j: stack(last[:, j] @ point)},
             "a point mass at the tool point",
             is_arm=True,
+            model=PLACE,
         )
     ]
 

@@ -15,6 +15,7 @@ from np_effects.timing.command_delay import delayed
 
 SHARE = Quantity("share", "1", 0.0, 1.0)
 LEAST_HELD = 20  # periods
+ROUNDS = 20
 SURE = 10.0  # nats by which holding must fit a period better than not holding
 
 
@@ -52,8 +53,17 @@ def find_held(d: evidence.Drive) -> tuple[np.ndarray, float, int]:
     seen = int(tellable.sum())
     if seen <= 100:
         return held, float(held.mean()), len(held)
-    # Where the two differ enough, the likelier one is right; to be sure of one is to miss some.
-    return held, float((held | (excess > 0))[tellable].mean()), seen
+    return held, _share(np.where(held, np.inf, excess)[tellable]), seen
+
+
+def _share(excess: np.ndarray) -> float:
+    """Share of periods that are held, from the nats (n,) by which holding fits each better: each counts by its probability
+    (the mixture's greatest likelihood, by expectation and maximisation: Dempster et al. 1977)."""
+    share = float(np.clip((excess > 0).mean(), 1e-6, 0.5))
+    for _ in range(ROUNDS):
+        odds = np.clip(excess, -50.0, 50.0) + np.log(share / (1.0 - share))
+        share = float(np.clip((1.0 / (1.0 + np.exp(-odds))).mean(), 1e-6, 0.5))
+    return share
 
 
 def _missed(c: Context, j: int) -> np.ndarray:
