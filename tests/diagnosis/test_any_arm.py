@@ -72,10 +72,10 @@ def test_an_arm_whose_links_are_heavier_has_no_gap():
 def test_friction_that_goes_up_and_down_with_the_angle_is_a_nuisance_and_its_mean_is_none(clean, joint):
     s, names = clean.samples, [p.name for p in nuisances.parameters(clean, Stage.DYNAMICS, joint)]
     waves = nuisances.columns(clean, Stage.DYNAMICS, joint)[
-        :, [n for n, name in enumerate(names) if "of friction" in name]
+        :, [n for n, name in enumerate(names) if "of friction, order" in name]
     ]
     direction = clean.prediction.direction[:, joint]
-    assert waves.shape[1] == 2 and np.abs(direction @ waves).max() < 1e-6 * direction @ direction
+    assert waves.shape[1] == 4 and np.abs(direction @ waves).max() < 1e-6 * direction @ direction
     uneven = 0.08 * ARM.frictionloss[joint] * np.sin(2.0 * (s.position[:, joint] - 0.1)) * direction
     uneven -= direction * (direction @ uneven) / (direction @ direction)
     found, *_ = np.linalg.lstsq(waves, uneven, rcond=None)
