@@ -21,6 +21,7 @@ from np_diagnosis.inference.visible import visible
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.registry import all_signatures
 from np_effects.stage import Stage
+from np_effects.timing.packet_loss import _share
 from np_effects.transmission.backlash import LEAST_REACH, _reach
 
 ARM = panda()
@@ -202,3 +203,14 @@ def test_friction_of_a_joint_counts_against_what_the_dynamics_leave_unless_two_r
     assert visible(replace(clean, reference=1), Stage.DYNAMICS, 6) == pytest.approx(1e-4 * ARM.torque_limit[6])
     assert visible(clean, Stage.DRIVE, 6) == pytest.approx(1e-4 * ARM.torque_limit[6])
     assert visible(clean, Stage.DYNAMICS, 0, 5e-4) == pytest.approx(5e-4 * ARM.torque_limit[0])
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.3])
+def test_a_share_of_lost_packets_is_counted_by_probability_where_lost_and_late_overlap(share):
+    """By the likelier one of each period, a hundredth lost came out as a thirtieth."""
+    rng, apart = np.random.default_rng(0), 4.0  # standard deviations
+    lost = rng.random(20000) < share
+    shown = apart * lost + rng.normal(size=20000)
+    found = _share(apart * (shown - apart / 2))
+    assert found == pytest.approx(lost.mean(), rel=0.12)
+    assert abs(found - lost.mean()) < abs((shown > apart / 2).mean() - lost.mean()) + 1e-3
