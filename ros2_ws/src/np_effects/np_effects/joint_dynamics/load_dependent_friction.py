@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_description.panda import NOMINAL
+from np_effects.background import WEIGHT_KNOWN
 from np_effects.behaviour import Resistance, Values, direction
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -21,6 +22,7 @@ def _signatures(context: Context) -> list[Signature]:
             (Parameter("coefficient", "1", COEFFICIENT.lower, COEFFICIENT.upper, 0.05),),
             {Stage.DYNAMICS: lambda c, j: stack(np.abs(c.prediction.load[:, j]) * c.prediction.direction[:, j])},
             "friction proportional to the load through the gear",
+            model=WEIGHT_KNOWN,
         )
     ]
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from np_effects.background import WEIGHT_KNOWN
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import Parameter, Signature, stack
@@ -28,6 +29,7 @@ def _signatures(context: Context) -> list[Signature]:
             {Stage.DYNAMICS: lambda c, j: stack(about_x[:, j], about_y[:, j])},
             "gravity in the frame of a base that stands crooked",
             is_arm=True,
+            model=WEIGHT_KNOWN,
         )
     ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from np_effects.background import WEIGHT_KNOWN
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import Parameter, Signature, stack
@@ -22,6 +23,7 @@ def _signatures(context: Context) -> list[Signature]:
             {Stage.DYNAMICS: lambda c, j: stack(-c.prediction.gravity[:, j])},
             "scale of the compensated gravity",
             is_arm=True,
+            model=WEIGHT_KNOWN,
         )
     ]
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from np_description.panda import NOMINAL
+from np_effects.background import WEIGHT_KNOWN
 from np_effects.behaviour import OnSensors, SensorSlot, Values
 from np_effects.evidence import Context
 from np_effects.panda_changes import rows
@@ -30,6 +31,7 @@ def _signatures(context: Context) -> list[Signature]:
             f"joint {k + 1}",
             is_arm=True,
             component=context.arm.joints[k],
+            model=WEIGHT_KNOWN,
         )
         for k in range(len(context.arm))
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from np_effects.background import WEIGHT_KNOWN
 from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord, Place, Quantity, Visible
@@ -19,11 +20,11 @@ def _signatures(context: Context) -> list[Signature]:
         return []  # nobody can tell a wrong scale from an unknown one
     scale = (Parameter("scale", "1", -MOST, MOST, 0.03, least=KNOWN),)
     unseen = {Stage.DYNAMICS: lambda c, j: stack(-c.prediction.load[:, j])}
-    found = [Signature("torque_scale", scale, unseen, SOURCE, "unseen by the sensor")]
+    found = [Signature("torque_scale", scale, unseen, SOURCE, "unseen by the sensor", model=WEIGHT_KNOWN)]
     if context.drive is not None:
         whole = {Stage.DRIVE: lambda c, j: stack(c.drive.commanded[:, j] + c.drive.gravity[:, j])}
         apart = {Stage.DRIVE: lambda c, j: stack(c.drive.commanded[:, j])}
-        found.append(Signature("torque_scale", scale, whole, SOURCE))
+        found.append(Signature("torque_scale", scale, whole, SOURCE, model=WEIGHT_KNOWN))
         found.append(Signature("torque_scale", scale, apart, SOURCE, "gravity apart"))
     return found
 
