@@ -9,6 +9,7 @@ from np_description.camera import CAMERA
 from np_description.domains import CARD, sample_task
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME
+from np_effects.patch import Patch, PatchEffect, dump_patch
 from np_ros.messages import keypoints_array, pose_message, stamp_nanoseconds
 
 STAMPS = (100_000_000, 134_000_000, 166_000_000)
@@ -46,3 +47,25 @@ def test_keypoints_are_the_projected_truth(graph, probe, noise):
     refused = pose_message(200_000_000, "somewhere", pose.position, pose.quaternion)
     probe.publish("object_pose", refused)
     assert len(ask(probe, pose)) == len(STAMPS)  # refused, and the node goes on
+
+
+def test_with_a_patch_it_sees_as_the_camera_that_is_wrong(graph, probe, tmp_path):
+    """A camera that is moved and late: pixels of the camera where it truly is, of the pose before."""
+    effects = (
+        PatchEffect("camera_extrinsics", "camera", {"y": 0.01}),
+        PatchEffect("camera_latency", "camera", {"delay": 0.034}),
+    )
+    (tmp_path / "patch.yaml").write_text(dump_patch(Patch(effects)))
+    probe.collect("keypoints", PointCloud2)
+    probe.advertise("object_pose", PoseStamped)
+    names = {graph.run("np_perception", "keypoint_oracle", {"effects": str(tmp_path / "patch.yaml")})}
+    probe.wait_until_ready(names)
+    pose, _ = sample_task(CARD, np.random.default_rng(1))
+    for number, stamp in enumerate(STAMPS[:2]):
+        moved = pose.position + [0.0, 0.01 * number, 0.0]
+        probe.publish("object_pose", pose_message(stamp, BASE_FRAME, moved, pose.quaternion))
+    received = probe.messages["keypoints"]
+    probe.wait_until(lambda: len(received) == 2, what="keypoints")
+    seen = keypoints_array(received[1])[:, :2]
+    corners = box_keypoints(np.asarray(CARD.half_size), pose.position - [0.0, 0.01, 0.0], pose.quaternion)
+    assert np.abs(seen - CAMERA.project(corners)[0]).max() < 1e-3  # of the first pose

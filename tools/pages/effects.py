@@ -13,6 +13,10 @@ from pages.markdown import head, table
 INTRODUCTION = """What an arm may have that its nominal simulator has not. An entry of `patch.yaml` is an id, a
 component (a joint's name, or `arm`) and the parameters below, in SI units, as changes against the nominal arm. A module
 is where reports say that an effect sits."""
+VIEW = """What the view of a simulated robot may have: its component is `camera` or `keypoints`, changes are against the camera that is
+believed in (as trained, or the calibration file's). Visible is the limit from which on the task suite is meant to show it. Carried by:
+the images of a backend; the keypoints of `keypoint_oracle`, in the detector's place. Nothing shows what is still to come: an image
+that would be of a later moment than its stamp is of its stamp."""
 RECORDED = """Ranges are what is physical. Visible is the magnitude from which on the excitation suite can show an
 effect at all, base to wrist. Carried by: the simulated arm of the bridge, the doctor's forward model, training."""
 
@@ -25,14 +29,40 @@ def page() -> str:
             ("effect", "module", "model", "parameters"), tabulated()
         )
     header = ("effect", "module", "where", "model", "parameters", "visible", "carried by")
-    return head("Effects", "the records of np_effects", f"{INTRODUCTION} {RECORDED}") + table(
-        header, (recorded(record) for record in records.values())
+    return (
+        head("Effects", "the records of np_effects", f"{INTRODUCTION} {RECORDED}")
+        + table(header, (recorded(record) for record in records.values()))
+        + viewed()
     )
+
+
+def viewed() -> str:
+    """The effects of the view."""
+    header = ("effect", "component", "model", "parameters", "visible", "carried by")
+    rows = (
+        (
+            f"`{record.id}`",
+            str(record.part),
+            record.entry["model"],
+            ranges(record),
+            f"{record.seen.limit:g} {'' if record.seen.unit == '1' else record.seen.unit}".strip(),
+            ", ".join(record.carriers),
+        )
+        for record in np_effects.VIEW_RECORDS.values()
+    )
+    return f"\n## Camera and keypoints\n\n{VIEW}\n\n" + table(header, rows)
+
+
+def ranges(record) -> str:
+    """What a patch may give, each with its range."""
+    numbers = (
+        f"`{q.name}` {q.lower:g} to {q.upper:g} {'' if q.unit == '1' else q.unit}".strip() for q in record.quantities
+    )
+    return "; ".join(numbers)
 
 
 def recorded(record) -> tuple[str, ...]:
     """The row of an np_effects.record.EffectRecord."""
-    quantities = (f"`{q.name}` {q.lower:g} to {q.upper:g} {'' if q.unit == '1' else q.unit}" for q in record.quantities)
     visible = ""
     if record.visible:
         limit = record.visible.limit
@@ -44,7 +74,7 @@ def recorded(record) -> tuple[str, ...]:
         record.module,
         str(record.place),
         model,
-        "; ".join(q.strip() for q in quantities),
+        ranges(record),
         visible,
         ", ".join(record.carriers),
     )

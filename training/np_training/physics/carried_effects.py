@@ -22,7 +22,7 @@ CARRIED = tuple(record.id for record in RECORDS.values() if record.is_simulated)
 
 def check_carried(patch: Patch) -> None:
     """Raise ValueError naming the effects that no simulator carries."""
-    others = sorted({f"{e.effect} at {e.component}" for e in patch.effects if not e.record.is_simulated})
+    others = sorted({f"{e.effect} at {e.component}" for e in patch.effects if "training" not in e.record.carriers})
     if others:
         raise ValueError(
             f"effects: training carries {', '.join(CARRIED)}; expected a patch of these, got {', '.join(others)}. Take them out"

@@ -33,7 +33,7 @@ ARGUMENTS = (
         "",
         "File written by `calibrate`: where the camera is; empty: as trained; none: a real robot, no camera.",
     ),
-    LaunchArgument("effects", "", "Patch file of effects that the simulated arm has; empty: the nominal arm."),
+    LaunchArgument("effects", "", "Patch file of effects that the simulated arm and its view have; empty: nominal."),
     LaunchArgument("weights", "", "Folder with released weights; empty: the project's own."),
     LaunchArgument("bag", "", "Record bags with this path, a number is appended; empty: no recorder."),
     LaunchArgument("record_at_start", "true", "true: record from the start; false: wait for recorder/start."),
@@ -61,6 +61,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     learned = {**seeing, "weights": given["weights"], "controller": given["controller"]}
     seed, image_rate = _integer(given, "seed"), _integer(given, "image_rate")
     from_camera = given["keypoints"] == "camera"
+    effects = {"effects": given["effects"]} if given["effects"] else {}
     simulated = [
         NodeSpec(
             backends.SIMULATORS.get(given["backend"], ""),
@@ -71,7 +72,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
                 "first_episode": _integer(given, "first_episode"),
                 "image_rate": image_rate,
                 "camera": from_camera,
-                **({"effects": given["effects"]} if given["effects"] else {}),
+                **effects,
             },
         ),
         NodeSpec("np_control", CONTROLLERS[given["controller"]], parameters=common),
@@ -80,7 +81,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
         *(elsewhere(given, CONTROLLERS[given["controller"]]) if elsewhere else simulated),
         NodeSpec("np_perception", "keypoint_detector", parameters={**task, "weights": given["weights"]})
         if from_camera
-        else NodeSpec("np_perception", "keypoint_oracle", parameters={**seeing, "seed": seed}),
+        else NodeSpec("np_perception", "keypoint_oracle", parameters={**seeing, "seed": seed, **effects}),
         NodeSpec("np_policy", "pre_contact", parameters=learned),
         NodeSpec("np_policy", "approach", parameters={**seeing, "seed": seed}),
         NodeSpec("np_policy", "post_contact", parameters=learned),

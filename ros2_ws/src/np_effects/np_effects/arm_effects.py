@@ -37,7 +37,7 @@ class ArmEffects:
         begin: float | np.ndarray = 0.0,
         arrays: Arrays = NUMPY,
     ):
-        patches = (patch,) if isinstance(patch, Patch) else tuple(patch)
+        patches = tuple(p.arm for p in ((patch,) if isinstance(patch, Patch) else patch))
         lead = () if isinstance(patch, Patch) else (len(patches),)
         named = {e.effect for p in patches for e in p.effects}
         present = [record for record in RECORDS.values() if record.id in named]

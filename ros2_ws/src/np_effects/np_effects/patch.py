@@ -16,7 +16,8 @@ import yaml
 
 from np_description.panda import NOMINAL, PandaModel
 from np_effects.record import ARM, EffectRecord, Place
-from np_effects.registry import RECORDS
+from np_effects.registry import RECORDS, VIEW_RECORDS
+from np_effects.view_record import ViewRecord
 
 PANDA = "panda"  # the arm that is simulated here
 LEAST_ARMATURE = 1e-3  # kg m^2, below which a simulator's steps would have to be shorter
@@ -24,16 +25,16 @@ LEAST_ARMATURE = 1e-3  # kg m^2, below which a simulator's steps would have to b
 
 @dataclass(frozen=True)
 class PatchEffect:
-    """One effect: id, component (a joint's name or "arm"), parameters in SI units."""
+    """One effect: id, component (a joint's name, "arm", "camera" or "keypoints"), parameters in SI units, px in images."""
 
     effect: str
     component: str
     parameters: Mapping[str, float]
 
     @property
-    def record(self) -> EffectRecord:
+    def record(self) -> EffectRecord | ViewRecord:
         """What it is."""
-        return RECORDS[self.effect]
+        return RECORDS.get(self.effect) or VIEW_RECORDS[self.effect]
 
     def get(self, name: str, default: float = 0.0) -> float:
         """A parameter, or its default."""
@@ -50,6 +51,16 @@ class Patch:
     """Effects that are in force together."""
 
     effects: tuple[PatchEffect, ...] = field(default=())
+
+    @property
+    def arm(self) -> Patch:
+        """Those of the arm."""
+        return Patch(tuple(e for e in self.effects if e.effect in RECORDS))
+
+    @property
+    def view(self) -> Patch:
+        """Those of camera and keypoints."""
+        return Patch(tuple(e for e in self.effects if e.effect in VIEW_RECORDS))
 
     def of(self, effect: str) -> list[PatchEffect]:
         """The effects of this id."""
@@ -83,7 +94,7 @@ class Patch:
                 joint = nominal.joints[j]
                 causes = [
                     e.effect
-                    for e in self.effects
+                    for e in self.arm.effects
                     if e.component in (ARM, joint)
                     and getattr(Patch((e,))._asked(nominal), name)[j] < getattr(nominal, name)[j]
                 ]
@@ -95,7 +106,7 @@ class Patch:
     def _asked(self, nominal: PandaModel) -> PandaModel:
         """The arm with the sums of all changes, physical or not."""
         arm = nominal
-        for e in self.effects:
+        for e in self.arm.effects:
             if e.record.panda is not None:
                 arm = e.record.panda(arm, e.component, e.values)
         return arm
@@ -119,12 +130,20 @@ def load_patch(path: str | Path) -> Patch:
 def _read(entry: object, place: str) -> PatchEffect:
     if not isinstance(entry, Mapping) or not {"effect", "component", "parameters"} <= set(entry):
         raise ValueError(f"{place}: expected effect, component and parameters, got {entry!r:.80}")
-    record = RECORDS.get(entry["effect"])
+    record = RECORDS.get(entry["effect"]) or VIEW_RECORDS.get(entry["effect"])
     if record is None:
-        raise ValueError(f"{place}: expected an effect of the arm ({', '.join(RECORDS)}), got {entry['effect']!r}")
-    if entry["component"] not in (ARM, *NOMINAL.joints):
+        raise ValueError(
+            f"{place}: expected an effect of the arm ({', '.join(RECORDS)}) or of the view ({', '.join(VIEW_RECORDS)}), "
+            f"got {entry['effect']!r}"
+        )
+    if isinstance(record, ViewRecord):
+        if entry["component"] != record.part:
+            raise ValueError(
+                f"{place}: expected '{record.part}' as component of {record.id}, got {entry['component']!r}"
+            )
+    elif entry["component"] not in (ARM, *NOMINAL.joints):
         raise ValueError(f"{place}: expected 'arm' or a joint as component, got {entry['component']!r}")
-    if record.place is Place.LINK and entry["component"] == ARM:
+    elif record.place is Place.LINK and entry["component"] == ARM:
         raise ValueError(f"{place}: expected the joint that moves the link as component of {record.id}, got 'arm'")
     known, values = {quantity.name: quantity for quantity in record.quantities}, {}
     for name, value in dict(entry["parameters"]).items():

@@ -18,10 +18,12 @@ from np_effects.catalogue import ROW, catalogue
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord
 from np_effects.signature import Signature
+from np_effects.view_record import Part, ViewRecord
 
 FOLDERS = "NP_EFFECTS_PATH"
 # In the order in which the doctor tries them.
 MODULES = ("joint_dynamics", "transmission", "torque_loop", "software", "timing", "rigid_body", "sensing")
+VIEW_MODULES = tuple(map(str, Part))
 
 
 def find_records(folders: str = "") -> Mapping[str, EffectRecord]:
@@ -30,7 +32,7 @@ def find_records(folders: str = "") -> Mapping[str, EffectRecord]:
     Raises ImportError for a file that holds no record, or another one than its name and place say.
     """
     found = {}
-    for place, module, record in (*_own(), *_of(folders)):
+    for place, module, record in (*_own(MODULES), *_of(folders)):
         row = record.text or catalogue().get(record.id)
         if (
             row is None
@@ -48,8 +50,21 @@ def find_records(folders: str = "") -> Mapping[str, EffectRecord]:
     return MappingProxyType(found)
 
 
-def _own() -> Iterator[tuple[str, str, EffectRecord]]:
-    for module in MODULES:
+def find_view_records() -> Mapping[str, ViewRecord]:
+    """The records of what may be wrong with camera and keypoints, by id. Raises ImportError as `find_records` does."""
+    found = {}
+    for place, module, record in _own(VIEW_MODULES):
+        row = catalogue().get(record.id)
+        if row is None or row["module"] != module or record.part != module or record.id != Path(place).stem:
+            raise ImportError(
+                f"{place}: expected the record of {Path(place).stem!r} of the {module}, got {record.id!r}"
+            )
+        found[record.id] = record
+    return MappingProxyType(found)
+
+
+def _own(modules: tuple[str, ...]) -> Iterator[tuple[str, str, EffectRecord | ViewRecord]]:
+    for module in modules:
         for file in sorted(entry.name for entry in (files("np_effects") / module).iterdir()):
             if file.endswith(".py") and not file.startswith("_"):
                 name = f"np_effects.{module}.{file.removesuffix('.py')}"
@@ -70,7 +85,10 @@ def _of(folders: str) -> Iterator[tuple[str, str, EffectRecord]]:
 
 
 RECORDS = find_records(os.environ.get(FOLDERS, ""))
-"""Every effect that the simulators or the doctor know, by id."""
+"""Every effect of the arm that the simulators or the doctor know, by id."""
+
+VIEW_RECORDS = find_view_records()
+"""Every effect of camera and keypoints that a simulated view carries, by id."""
 
 
 def all_signatures(context: Context) -> list[Signature]:

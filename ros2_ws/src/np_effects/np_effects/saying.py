@@ -8,8 +8,9 @@ from math import degrees, floor, log10
 from string import Formatter
 
 from np_effects.record import ARM, EffectRecord, Place
+from np_effects.view_record import ViewRecord
 
-_SCALES = {"%": 100.0, "ms": 1e3, "mrad": 1e3, "mrad/Nm": 1e3, "deg": degrees(1.0)}
+_SCALES = {"%": 100.0, "ppm": 1e6, "ms": 1e3, "mm": 1e3, "mrad": 1e3, "mrad/Nm": 1e3, "deg": degrees(1.0)}
 """Units that a phrase may ask for in place of the quantity's own, by what they are of it."""
 
 
@@ -38,14 +39,15 @@ class Value:
         return f"{value:.{digits}f} {unit} ({low:.{digits}f} to {high:.{digits}f}){word}".replace("_", " ")
 
 
-def say(record: EffectRecord, component: str, values: Mapping[str, Value], nominal: str) -> str:
+def say(record: EffectRecord | ViewRecord, component: str, values: Mapping[str, Value], nominal: str) -> str:
     """What the effect is, as half a sentence: "joint 4 has 0.80 Nm (0.79 to 0.81) more dry friction".
 
     values: by the quantity's name; one that was not found is zero. nominal: what is compared with, "the simulator".
     """
     known = {q.name: values.get(q.name, Value(0.0, 0.0, 0.0)) for q in record.quantities}
     phrase = record.said or _plain(record)
-    return phrase.format(at=place(record.place, component), nominal=nominal, **known)
+    where = place(record.place, component) if isinstance(record, EffectRecord) else str(record.part)
+    return phrase.format(at=where, nominal=nominal, **known)
 
 
 def fields(phrase: str) -> set[str]:

@@ -87,7 +87,7 @@ class Simulation:
         start, goal = sample_task(self.domain, np.random.default_rng([self._seed, episode]))
         self.engine.reset(start)
         self._opening = self._led = 0.0  # m: where the fingers shall be, and how far they have been led
-        self._effects = ArmEffects(self._patch, PERIOD / SECOND, self._seed) if self._patch.effects else None
+        self._effects = ArmEffects(self._patch, PERIOD / SECOND, self._seed) if self._patch.arm.effects else None
         self._measured: Measurement | None = None
         self.stamp = stamp
         self.task = Task(episode, start, goal)

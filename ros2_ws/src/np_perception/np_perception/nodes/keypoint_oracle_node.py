@@ -1,5 +1,7 @@
 """Keypoints from the true object pose, in the detector's place: for evaluation with KEYPOINTS=truth only.
 
+With a patch it sees as a camera does that is moved, late or blurred, and finds as a detector does that is noisy or wrong.
+
 No node of the policy path may subscribe to `object_pose`; this one stands in for the camera and the
 detector, to show what they cost.
 """
@@ -13,10 +15,13 @@ from sensor_msgs.msg import PointCloud2
 
 from np_description.calibration import calibrated_camera
 from np_description.camera import CAMERA
-from np_description.domains import DOMAINS, find_domain
-from np_description.keypoints import COUNT, box_keypoints
+from np_description.domains import DOMAINS, Pose, find_domain
+from np_description.keypoints import COUNT
 from np_description.panda import BASE_FRAME
 from np_description.scene import CAMERA_NAME
+from np_effects.patch import Patch, load_patch
+from np_effects.view_effects import ViewEffects
+from np_perception.seen_corners import SeenCorners
 from np_ros import qos
 from np_ros.messages import BadMessage, keypoints_message, pose_arrays, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run
@@ -38,8 +43,10 @@ class KeypointOracle(Node):
         self._noise = parameter(self, "noise", 0.0, "Standard deviation of the keypoints, px.", 0.0, 50.0)
         self._seed = parameter(self, "seed", 0, "Of the noise; with a stamp it names its draw.", 0, 2**31 - 1)
         calibration = parameter(self, "calibration", "", "File written by `calibrate`; empty: the camera as trained.")
-        self._camera = calibrated_camera(calibration)
-        self._half_size = np.asarray(find_domain(domain).half_size)
+        effects = parameter(self, "effects", "", "Patch file of effects that camera and detector have.")
+        patch = load_patch(effects) if effects else Patch()
+        self._view = ViewEffects(patch, calibrated_camera(calibration), self._seed)
+        self._corners = SeenCorners(np.asarray(find_domain(domain).half_size), self._view.oldest)
         self._diagnostics = Diagnostics(self)
         lockstep = mode == "lockstep"
         self._keypoints = self.create_publisher(PointCloud2, "keypoints", qos.publisher(lockstep))
@@ -53,7 +60,8 @@ class KeypointOracle(Node):
             self._diagnostics.count(f"refused_{error.kind}")
             self.get_logger().error(f"object_pose refused: {error}", throttle_duration_sec=5.0)
             return
-        pixels, _ = self._camera.project(box_keypoints(self._half_size, position, quaternion))
+        self._corners.keep(stamp, Pose(position, quaternion))
+        pixels = self._view.keypoints(self._corners.at, stamp)
         if self._noise:
             pixels = pixels + self._noise * np.random.default_rng((self._seed, stamp)).standard_normal((COUNT, 2))
         seen = ((pixels > -0.5) & (pixels < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=1)

@@ -28,6 +28,7 @@ from np_description.domains import DOMAINS, find_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.scene import CAMERA_NAME
 from np_effects.patch import Patch, load_patch
+from np_effects.view_effects import ViewEffects
 from np_ros import qos
 from np_ros.domain import refuse_second
 from np_ros.messages import (
@@ -49,6 +50,7 @@ from np_sim_bridge.renderer import RENDERERS, make_renderer
 from np_sim_bridge.renderer_process import RendererProcess
 from np_sim_bridge.schedule import PERIOD, SECOND, Schedule
 from np_sim_bridge.simulation import Simulation
+from np_sim_bridge.view import View
 
 REPEAT_AFTER = 1.0  # s of wall time without an answer, after which a state is published again
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
@@ -97,18 +99,20 @@ class Bridge(Node):
             3600.0,
         )
         priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90)
-        effects = parameter(self, "effects", "", "Patch file of effects that the nominal arm lacks.")
+        effects = parameter(self, "effects", "", "Patch file of effects that the nominal arm and its camera lack.")
         self._lockstep = mode == "lockstep"
         self._schedule = Schedule(policy_rate, image_rate)
         self._barrier = Barrier(self._schedule, tick_barrier=self._tick_barrier)
-        self._view = calibrated_camera(calibration)
+        patch = load_patch(effects) if effects else Patch()
+        view = ViewEffects(patch, calibrated_camera(calibration), seed)
+        self._believed, self._view = view.believed, View(view)
         self._simulation = Simulation(
             find_domain(domain),
             seed=seed,
             first_episode=first,
             substeps=substeps,
-            camera=self._view,
-            patch=load_patch(effects) if effects else Patch(),
+            camera=view.camera,
+            patch=patch,
             engine=engine,
         )
         self._filter = SafetyFilter()
@@ -131,6 +135,8 @@ class Bridge(Node):
         self.diagnostics.values.update(mode=mode, domain=domain, seed=seed, effects=effects or "none")
         if ignored := self._simulation.ignored_effects:
             self.get_logger().warn(f"effects that a backend cannot carry: {', '.join(ignored)}")
+        if camera and (left_out := view.only_in_keypoints):
+            self.get_logger().warn(f"effects that images do not carry, but keypoint_oracle does: {', '.join(left_out)}")
         if priority and not request_realtime(priority):  # for this thread: the camera's has been started
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
         self._create_inputs()
@@ -289,6 +295,7 @@ class Bridge(Node):
             raise ValueError(f"cannot reset: {self._filter.state} ({self._filter.watchdog.cause}); recover first")
         stamp = self._schedule.next_policy_tick(self._simulation.stamp)
         self._simulation.reset(self._next_episode, stamp)
+        self._view.begin()
         self._next_episode += 1
         self._stand_at_task()
         return f"episode {self._simulation.task.episode} at {stamp} ns"
@@ -343,13 +350,16 @@ class Bridge(Node):
         clock = ClockMessage(clock=stamp_message(stamp))
         self._clock_topic.publish(clock)
         self._state_messages = [(self._joint_states, joints), (self._clock_topic, clock)]
+        if self._camera is not None:
+            self._view.keep(stamp, simulation.configuration)
         if self._schedule.is_image_due(stamp):
             pose = simulation.object_pose()
             truth = pose_message(stamp, BASE_FRAME, pose.position, pose.quaternion)
             self._object_pose.publish(truth)
             self._state_messages.append((self._object_pose, truth))
             if self._camera is not None:
-                if not self._camera.submit(stamp, simulation.configuration(), wait=self._lockstep):
+                scene = self._view.scene(stamp, simulation.configuration)
+                if not self._camera.submit(stamp, scene, wait=self._lockstep):
                     self.diagnostics.count("dropped_images")
         self._waiting_since = self._repeated_at = time.monotonic()
         self.diagnostics.values["stamp"] = stamp
@@ -357,8 +367,8 @@ class Bridge(Node):
     def _publish_image(self, stamp: int, pixels: np.ndarray) -> None:
         """Called in the camera's thread."""
         messages = [
-            (self._camera_info, camera_info_message(stamp, CAMERA_NAME, self._view)),
-            (self._image, image_message(stamp, CAMERA_NAME, pixels)),
+            (self._camera_info, camera_info_message(stamp, CAMERA_NAME, self._believed)),
+            (self._image, image_message(stamp, CAMERA_NAME, self._view.through_lens(pixels))),
         ]
         for publisher, message in messages:
             publisher.publish(message)

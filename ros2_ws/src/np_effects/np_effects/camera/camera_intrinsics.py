@@ -1,0 +1,28 @@
+"""Camera intrinsics: another focal length, another centre of the image."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_description.camera import Camera
+from np_effects.record import Quantity
+from np_effects.view_record import Given, Part, Seen, ViewRecord
+
+
+def _lens(pixels: np.ndarray, camera: Camera, given: Given) -> np.ndarray:
+    centre = np.array([camera.cx, camera.cy])
+    return centre + (1.0 + given["focal"]) * (pixels - centre) + [given["centre_u"], given["centre_v"]]
+
+
+RECORD = ViewRecord(
+    "camera_intrinsics",
+    Part.CAMERA,
+    (
+        Quantity("focal", "1", -0.1, 0.1),
+        Quantity("centre_u", "px", -20.0, 20.0),
+        Quantity("centre_v", "px", -20.0, 20.0),
+    ),
+    Seen("1", 0.004),
+    "the camera's focal length is {focal:% more/less}, its centre {centre_u:px}, {centre_v:px} to the right and below",
+    lens=_lens,
+)

@@ -1,0 +1,1 @@
+"""What is wrong with keypoints once the image is there."""
