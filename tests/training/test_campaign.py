@@ -65,6 +65,18 @@ def recipes(tmp_path, monkeypatch):
     monkeypatch.setitem(RECIPES, "wall", Recipe(1.0, (Stage("hard", 1.0),), tmp_path / "wall.pt"))
 
 
+def test_what_is_resumed_goes_back_in_the_curriculum_once(tmp_path, monkeypatch):
+    recipe = Recipe(1.0, (Stage("hard", 1.0, back_to=10),), tmp_path / "wall.pt")
+    monkeypatch.setitem(RECIPES, "wall", recipe)
+    machine = Machine(pace=0.5)
+    campaign.campaign(["wall"], tmp_path / "out", 10.0, 50, [0], [], machine)
+    stages = [options.get("--stage") for options in machine.trained("wall")]
+    assert stages[0] == "10" and len(stages) > 1 and not any(stages[1:])
+    monkeypatch.setitem(RECIPES, "wall", Recipe(1.0, recipe.stages, None))
+    campaign.campaign(["wall"], tmp_path / "none", 10.0, 50, [0], [], begun := Machine())
+    assert "--resume" not in begun.trained("wall")[0] and "--stage" not in begun.trained("wall")[0]
+
+
 def test_every_domain_is_trained_distilled_and_judged(tmp_path):
     machine = Machine()
     outcome = campaign.campaign(["card", "wall"], tmp_path / "out", 10.0, 50, [0, 1], ["--worlds", "8"], machine)

@@ -314,6 +314,17 @@ def test_advantages_are_the_returns_where_lambda_and_the_values_say_so():
     assert torch.allclose(gain[:, 0], torch.tensor([1 + 0.9 * 2, 2.0, 3 + 0.9 * 10]))
 
 
+def test_a_stage_begun_anew_is_won_anew():
+    own = curriculum.Curriculum(100, curriculum.CurriculumConfig(practice=0.75), practices=2)
+    own.stage, own.success, own.episodes, own.practised = curriculum.STAGES + 1, 0.99, 5000, [1.0, 0.9]
+    own.go_back(curriculum.STAGES)
+    assert not own.randomised and own.shares[0] == pytest.approx(0.25) and own.practised == [0.5, 0.5]
+    assert not own.advance(0.5, 60) and own.advance(1.0, 1000) and own.randomised
+    for stage in (-1, curriculum.STAGES + 1):
+        with pytest.raises(ValueError, match=f"stage: expected 0 to {curriculum.STAGES}, got {stage}"):
+            own.go_back(stage)
+
+
 def test_curriculum_is_geometric_from_loose_to_tight():
     limits = [curriculum.stage_limits(stage) for stage in range(curriculum.STAGES + 2)]
     ratios = [b.position / a.position for a, b in zip(limits[:-2], limits[1:-1])]

@@ -26,7 +26,7 @@ from np_training.environment.fixed_contact import STARTS
 from np_training.physics.batched import CONTROLLERS, STEPPING, PhysicsConfig, physics_for
 from np_training.physics.carried_effects import load_effects
 from np_training.ppo import distributed
-from np_training.ppo.curriculum import CurriculumConfig
+from np_training.ppo.curriculum import STAGES, CurriculumConfig
 from np_training.ppo.learner import PPOConfig
 from np_training.ppo.log import Log
 from np_training.ppo.progress import Progress
@@ -44,6 +44,9 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--domain", choices=list(TASKS), default="card")
     parser.add_argument("--out", type=Path, help="default: runs/DOMAIN")
     parser.add_argument("--resume", type=Path, help="checkpoint to start from; default: OUT/checkpoint.pt, if any")
+    parser.add_argument(
+        "--stage", type=int, help=f"of the curriculum, at which what is resumed begins again (0 to {STAGES})"
+    )
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--iterations", type=int, default=10**9)
     parser.add_argument("--save-every", type=float, default=120.0, help="seconds between checkpoints")
@@ -187,6 +190,8 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         state = torch.load(source, map_location=device, weights_only=True)
         check_same_run(state, trainer, source if arguments.resume is None else None)
         trainer.load_state_dict(state)
+        if arguments.stage is not None:
+            trainer.go_back(arguments.stage)
         if distributed.rank() == 0:
             print(
                 f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, stage {trainer.curriculum.stage}",

@@ -63,7 +63,7 @@ class PhysicsConfig:
     timestep: float = 0.005
     substeps: int = 20
     contacts: int = 32
-    constraints: int = 128
+    constraints: int = 192  # 112 are too few for a card that stands on patches under two flat fingers
     iterations: int = 8
     ls_iterations: int = 10
     controller: str = "impedance"

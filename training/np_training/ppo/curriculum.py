@@ -70,6 +70,13 @@ class Curriculum:
         weights = [p * (1 - p) + self.config.least_weight for p in self.practised]
         return (1 - practice, *(practice * weight / sum(weights) for weight in weights))
 
+    def go_back(self, stage: int) -> None:
+        """Begin `stage` (0 to STAGES) anew, as if nothing were known of how well it goes."""
+        if not 0 <= stage <= STAGES:
+            raise ValueError(f"stage: expected 0 to {STAGES}, got {stage}")
+        self.stage, self.success, self.episodes = stage, 0.0, 0
+        self.practised = [0.5] * len(self.practised)
+
     def practise(self, number: int, success: float, episodes: int) -> None:
         """Count episodes that ended of practice `number`, `success` their share of successes."""
         weight = min(episodes * max(len(self.practised), 1) / self.window, 1.0)

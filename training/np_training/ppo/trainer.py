@@ -298,6 +298,12 @@ class Trainer:
         self._apply_stage()
         self._seed()
 
+    def go_back(self, stage: int) -> None:
+        """Begin a stage of the curriculum anew: of the same world, or of another, in which it has to be won again. Raises ValueError
+        for one that there is not."""
+        self.curriculum.go_back(stage)
+        self._apply_stage()
+
     def save(self, path: Path) -> None:
         """Write a checkpoint; a kill leaves the old one or the new one."""
         partial = path.with_suffix(".partial")
