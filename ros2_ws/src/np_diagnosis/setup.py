@@ -23,6 +23,7 @@ setup(
             "baselines = np_diagnosis.commands.baselines:main",
             "diagnose = np_diagnosis.commands.diagnose:main",
             "excite = np_diagnosis.commands.excite:main",
+            "scatter = np_diagnosis.commands.scatter:main",
         ],
     },
 )

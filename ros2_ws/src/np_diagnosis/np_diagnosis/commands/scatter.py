@@ -1,0 +1,45 @@
+"""`scatter BAG`: how keypoints scatter while the object rests, and which images show the one before again.
+
+Any recording with `keypoints` in which the object rests for 3 s in all: an episode's, or a camera's beside a still table. The last line
+printed is one JSON object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="scatter", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("bag", type=Path)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point. Status 2: a recording that breaks its contract."""
+    options = parse(arguments)
+    # Slow to import, and not wanted by --help.
+    from np_diagnosis.chain.findings import document, sentences
+    from np_diagnosis.chain.scatter import scatter
+    from np_diagnosis.chain.track import read_track
+    from np_diagnosis.recordings.reading import ContractViolation
+
+    try:
+        found = scatter(read_track(options.bag))
+    except ContractViolation as violation:
+        print(f"contract violation: {violation}", file=sys.stderr)
+        print(json.dumps({"error": f"contract violation: {violation}"}))
+        return 2
+    print("\n".join(sentences(found)))
+    print(json.dumps(document(found)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
