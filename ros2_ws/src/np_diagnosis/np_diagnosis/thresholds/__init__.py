@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_diagnosis.thresholds import checks, consequences, inference
+from np_diagnosis.thresholds import chain, checks, consequences, inference
 
 __all__ = ["THRESHOLDS", "Thresholds"]
 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """All thresholds, in the order in which a recording meets them."""
+    """All thresholds, in the order in which a recording meets them; those of the chain beside the arm come last."""
 
     recordings: checks.Recordings = checks.Recordings()
     plausibility: checks.Plausibility = checks.Plausibility()
@@ -42,6 +42,8 @@ class Thresholds:
     simulation: consequences.Simulating = consequences.Simulating()
     patching: consequences.Patching = consequences.Patching()
     refit: consequences.Refitting = consequences.Refitting()
+    streams: chain.Streams = chain.Streams()
+    clock: chain.Clock = chain.Clock()
 
 
 THRESHOLDS = Thresholds()
