@@ -91,7 +91,8 @@ def align(
             columns[:, :, DRIFT] = 0.0
         scale = _scale(np.abs(residual), (columns[:, :, OFFSET] ** 2).sum(axis=1))
         square = ((residual / scale) ** 2).sum(axis=1)
-        weight = ((CLOCK.freedom + 3) / (CLOCK.freedom + square))[:, None] / scale**2
+        trust = (CLOCK.freedom + 3) / (CLOCK.freedom + square)
+        weight = trust[:, None] / scale**2
         normal = np.einsum("ncj,nc,nck->njk", columns, weight, columns)
         score = np.einsum("ncj,nc,nc->nj", columns, weight, residual)
         step = -np.linalg.solve(_ridged(normal.sum(axis=0)), score.sum(axis=0))
@@ -102,7 +103,9 @@ def align(
     moved = seen.as_rotvec()
     density = np.full(len(first), np.nan)
     density[used] = -(CLOCK.freedom + 3) / 2 * np.log1p(square / CLOCK.freedom) - np.log(scale).sum()
-    errors, freedom = _jackknife(normal, score, (time[a] + time[b]) / 2)
+    # A residual that grows also loses weight, so that the likelihood is less curved than the equations above.
+    curved = normal - 2 / (CLOCK.freedom + 3) * score[:, :, None] * score[:, None, :]
+    errors, freedom = _jackknife(curved, score, (time[a] + time[b]) / 2)
     return Alignment(
         float(offset),
         float(drift),
@@ -154,7 +157,7 @@ def _ridged(normal: np.ndarray) -> np.ndarray:
     return normal + np.diag(RIDGE * diagonal + 1e-12 * diagonal.max() + (diagonal == 0))
 
 
-def _jackknife(normal: np.ndarray, score: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _jackknife(curved: np.ndarray, score: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Standard errors (2,) of offset and drift with their degrees of freedom (2,): each block of motion left out once.
 
     Blocks that hold no motion say nothing: the degrees of freedom are those of the information's spread over blocks.
@@ -162,12 +165,12 @@ def _jackknife(normal: np.ndarray, score: np.ndarray, time: np.ndarray) -> tuple
     block = ((time - time[0]) // CLOCK.block).astype(int)
     _, block = np.unique(block, return_inverse=True)
     count = int(block.max()) + 1
-    normals, scores = np.zeros((count, *normal.shape[1:])), np.zeros((count, score.shape[1]))
-    np.add.at(normals, block, normal)
+    curves, scores = np.zeros((count, *curved.shape[1:])), np.zeros((count, score.shape[1]))
+    np.add.at(curves, block, curved)
     np.add.at(scores, block, score)
-    whole, rest = normals.sum(axis=0), scores.sum(axis=0)
-    moved = np.array([np.linalg.solve(_ridged(whole - n), rest - s)[:2] for n, s in zip(normals, scores)])
+    whole, rest = curves.sum(axis=0), scores.sum(axis=0)
+    moved = np.array([np.linalg.solve(_ridged(whole - c), rest - s)[:2] for c, s in zip(curves, scores)])
     errors = np.sqrt((count - 1) / count * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0))
-    told = np.stack([normals[:, k, k] for k in (OFFSET, DRIFT)], axis=1)
+    told = np.stack([curves[:, k, k] for k in (OFFSET, DRIFT)], axis=1)
     spread = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
     return errors, np.maximum(spread - 1, 1.0)

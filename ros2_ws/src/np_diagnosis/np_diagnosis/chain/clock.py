@@ -39,7 +39,7 @@ class Value:
 class Clock:
     """The answer. offset: s by which the second stream's stamps are late, in the middle of the recording; drift: ppm by which
     they become later; both None where the recording does not tell, for the reason in `doubt`. thirds: offset in each third,
-    by itself; paces: over short and over long turns. rivals: s, offsets that explain the recording as well. agreement
+    by itself; paces: over short and over long turns. middle: s on the first stream's clock, where the offset is that. rivals: s, offsets that explain the recording as well. agreement
     (offsets (k,) s, correlation of the angular speeds (k,))."""
 
     names: tuple[str, str]
@@ -49,6 +49,7 @@ class Clock:
     drift_is_sure: bool = False
     thirds: tuple[Value | None, ...] = ()
     paces: tuple[Value | None, ...] = ()
+    middle: float | None = None
     rivals: tuple[float, ...] = ()
     doubt: str = ""
     agreement: tuple[np.ndarray, np.ndarray] = field(default=(np.zeros(0), np.zeros(0)), compare=False)
@@ -101,7 +102,8 @@ def compare(a: Stream, b: Stream, within: float = CLOCK.within) -> Clock:
         found = _compare(courses[0], courses[1], b, within, 1.0)
     else:
         found = _compare(courses[1], courses[0], a, within, -1.0)
-    return Clock(**about, **found)
+    middle = found.pop("middle", None)
+    return Clock(**about, **found, middle=None if middle is None else float(zero + middle))
 
 
 def _compare(reference: Course, other: Course, measured: Stream, within: float, sign: float) -> dict:
@@ -133,6 +135,7 @@ def _compare(reference: Course, other: Course, measured: Stream, within: float, 
         "drift_is_sure": abs(rate) > sure,
         "thirds": tuple(parts[:3]),
         "paces": tuple(parts[3:]),
+        "middle": (measured.time[0] + measured.time[-1]) / 2 - (best.offset if sign > 0 else 0.0),
         "doubt": doubt,
     }
 
