@@ -10,6 +10,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -101,13 +102,13 @@ def _row(clock: Clock) -> dict:
     return row
 
 
-def drawn(draws: int, seed: int, tell: Callable[[str], None]) -> Iterator[dict]:
+def drawn(draws: int, seed: int, tell: Callable[[str], None], base: Rig = Rig()) -> Iterator[dict]:
     """A row for each synthetic recording: what was true, and what was found."""
     for number in range(draws):
         rng = np.random.default_rng([seed, number])
         name = list(RIGS)[number % len(RIGS)]
         tell(f"synthetic, {name}")
-        rig = Rig(offset=rng.uniform(*OFFSETS), drift=float(rng.choice(DRIFTS)), **RIGS[name])
+        rig = replace(base, offset=rng.uniform(*OFFSETS), drift=float(rng.choice(DRIFTS)), **RIGS[name])
         clock = compare(*record(rig, rng))
         row = {"rig": name, "drift_ppm": rig.drift, "verdict": clock.verdict, "doubt": clock.doubt}
         if clock.offset:

@@ -27,7 +27,7 @@ class Alignment:
     """What a fit found. offset: s by which the measured stream's stamps are late against the course, at the middle of the
     measured stream; drift: s more a second; their standard errors (2,) and degrees of freedom (2,). hand: rotation from the
     body of the course to that of the measured stream. is_inverse: whether the measured poses are those of the surroundings in
-    the body's frame. share: of the squares of turns that the two have in common. turn: rad, root mean square of the turns.
+    the body's frame. share: of the squares of turns that the two have in common.
     density (p,): log probability of each pair's turn, NaN for pairs outside the course; time (p,) s: middle of each."""
 
     offset: float
@@ -37,7 +37,6 @@ class Alignment:
     hand: Rotation
     is_inverse: bool
     share: float
-    turn: float
     density: np.ndarray
     time: np.ndarray
 
@@ -52,6 +51,13 @@ def pairs(time: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
     last -= (time + span - time[last - 1]) < (time[last] - time - span)
     fits = np.abs(time[last] - time - span) <= CLOCK.span_error * span
     return np.flatnonzero(fits), last[fits]
+
+
+def turn(stream: Stream, span: float = CLOCK.span) -> float:
+    """Root mean square of a stream's turns within a span, rad; 0 where it has no rows so far apart."""
+    first, last = pairs(stream.time, span)
+    turned = _turns(Rotation.from_quat(stream.quaternion), first, last).magnitude() if first.size else np.zeros(1)
+    return float(np.sqrt((turned**2).mean()))
 
 
 def align(
@@ -114,7 +120,6 @@ def align(
         hand,
         is_inverse,
         share=float(1 - (weight * residual**2).sum() / (weight * moved**2).sum()),
-        turn=float(np.sqrt((moved**2).sum(axis=1).mean())),
         density=density,
         time=(time[first] + time[last]) / 2,
     )

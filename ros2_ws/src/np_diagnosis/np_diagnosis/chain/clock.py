@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from np_diagnosis.chain.alignment import Alignment, align
+from np_diagnosis.chain.alignment import Alignment, align, turn
 from np_diagnosis.chain.course import Course, course
 from np_diagnosis.chain.frames import Frames, frames
 from np_diagnosis.chain.streams import Stream
@@ -32,7 +32,7 @@ class Value:
 
     def holds(self, true: float) -> bool:
         """Whether the interval holds a number."""
-        return self.low <= true <= self.high
+        return bool(self.low <= true <= self.high)
 
 
 @dataclass(frozen=True)
@@ -108,15 +108,22 @@ def compare(a: Stream, b: Stream, within: float = CLOCK.within) -> Clock:
 
 def _compare(reference: Course, other: Course, measured: Stream, within: float, sign: float) -> dict:
     """The fields of a `Clock` that a comparison fills. sign: -1 where the course is that of the second stream."""
+    turned, noise = turn(measured), np.sqrt(6) * other.noise  # two poses make a turn, and it has three axes
+    if turned < CLOCK.noise * noise:
+        size, alone = (f"{np.degrees(value):.2g}" for value in (turned, noise))
+        return {
+            "doubt": f"the body hardly turns, {size} degrees in {CLOCK.span:g} s, of which noise alone makes {alone}; "
+            "turn it to and fro about two axes"
+        }
     offsets, agreement = speeds(reference, other, measured, within)
     found = {"agreement": (sign * offsets, agreement)}
     peaks = _peaks(offsets, agreement)
     fits = _distinct([fit for start in peaks if (fit := align(reference, measured, start))], within)
     if not fits:
-        return found | {"doubt": "too little of the two streams lies side by side without gaps"}
+        return found | {"doubt": _apart(within)}
     best = fits[0]
     rivals = tuple(fit for fit in fits[1:] if not _leads(best, fit))
-    if doubt := _unheard(best, other.noise, rivals, within):
+    if doubt := _unheard(best, rivals, within):
         return found | {"doubt": doubt, "rivals": tuple(sign * fit.offset for fit in rivals)}
     offset, drift = best.half_widths()
     thirds = _thirds(reference, measured, best)
@@ -131,7 +138,7 @@ def _compare(reference: Course, other: Course, measured: Stream, within: float, 
     rate = sign * best.drift
     return found | {
         "offset": value,
-        "drift": Value(1e6 * rate, 1e6 * (rate - drift), 1e6 * (rate + drift)),
+        "drift": Value(*(float(1e6 * ppm) for ppm in (rate, rate - drift, rate + drift))),
         "drift_is_sure": abs(rate) > sure,
         "thirds": tuple(parts[:3]),
         "paces": tuple(parts[3:]),
@@ -160,7 +167,7 @@ def _peaks(offsets: np.ndarray, agreement: np.ndarray) -> np.ndarray:
     """Offsets (m,) s at which speeds agree best, the best first."""
     value = np.nan_to_num(agreement, nan=-1.0)
     around = np.r_[-2.0, value, -2.0]
-    top = np.flatnonzero((value > 0) & (value >= around[:-2]) & (value >= around[2:]))
+    top = np.flatnonzero((value > max(CLOCK.peak * value.max(), 0.0)) & (value >= around[:-2]) & (value >= around[2:]))
     return offsets[top[np.argsort(-value[top])][: CLOCK.peaks]]
 
 
@@ -184,16 +191,10 @@ def _leads(best: Alignment, other: Alignment) -> bool:
     return blocks.sum() > max(CLOCK.decisive, CLOCK.gain_errors * error)
 
 
-def _unheard(best: Alignment, noise: float, rivals: tuple[Alignment, ...], within: float) -> str:
+def _unheard(best: Alignment, rivals: tuple[Alignment, ...], within: float) -> str:
     """Why a recording does not tell, "" where it does."""
-    # Two poses make a turn, and it has three axes.
-    if best.turn < CLOCK.noise * np.sqrt(6) * noise:
-        return (
-            f"the body hardly turns: {np.degrees(best.turn):.2g} degrees in {CLOCK.span:g} s, of which noise alone makes "
-            f"{np.degrees(np.sqrt(6) * noise):.2g}; turn it to and fro about two axes"
-        )
     if best.share < CLOCK.together:
-        return f"the two streams do not turn together within {within:g} s: they are not of one rigid body, or the offset is larger"
+        return _apart(within)
     if rivals:
         others = ", ".join(f"{1e3 * abs(fit.offset - best.offset):.0f}" for fit in rivals)
         return f"the motion repeats itself: offsets {others} ms away explain it as well; move at changing speed"
@@ -204,6 +205,13 @@ def _unheard(best: Alignment, noise: float, rivals: tuple[Alignment, ...], withi
             "it must change its angular velocity more often"
         )
     return ""
+
+
+def _apart(within: float) -> str:
+    return (
+        f"the two streams do not turn together within {within:g} s: they are not of one rigid body, the offset is larger, or too "
+        "little of them lies side by side without gaps"
+    )
 
 
 def _thirds(reference: Course, measured: Stream, best: Alignment) -> tuple[Alignment | None, ...]:

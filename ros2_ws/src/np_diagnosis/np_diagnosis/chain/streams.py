@@ -122,4 +122,4 @@ def read(source: str | Path) -> Stream:
         raise ContractViolation(
             f"{source}: expected rows of {COLUMNS} numbers (stamp, x y z, quaternion x y z w), got {values.shape}"
         )
-    return from_arrays((name or names[0]).rpartition("/")[2], values[:, 0], values[:, 1:4], values[:, 4:])
+    return from_arrays(name.rpartition("/")[2] or path.stem, values[:, 0], values[:, 1:4], values[:, 4:])

@@ -41,6 +41,9 @@ class Clock:
     step: float = threshold(0.01, "s", "between the offsets at which angular speeds are compared", NUMERICS)
     overlap: float = threshold(5.0, "s", "fewest in which both streams are there", JUDGEMENT)
     peaks: int = threshold(6, "offsets", "at which speeds agree best that are followed up", NUMERICS)
+    peak: float = threshold(
+        0.5, "1", "of the best correlation of speeds from which an offset is followed up", JUDGEMENT
+    )
     apart: float = threshold(0.02, "s", "within which two offsets are one", JUDGEMENT)
     span: float = threshold(
         0.5, "s", "between two poses whose turn is compared", "smallest errors on recordings of an arm's camera"
