@@ -8,8 +8,27 @@ import numpy as np
 
 from pages.markdown import table
 
-SYNTHETIC = ("motion", "draws", "undetermined", "intervals that hold", "error, ms", "half width, ms", "drift: hold", "error, ppm", "half width, ppm")
-REAL = ("recording", "frames", "verdicts", "offsets", "within 5 ms", "largest error, ms", "half width, ms", "intervals that hold")
+SYNTHETIC = (
+    "motion",
+    "draws",
+    "undetermined",
+    "intervals that hold",
+    "error, ms",
+    "half width, ms",
+    "drift: hold",
+    "error, ppm",
+    "half width, ppm",
+)
+REAL = (
+    "recording",
+    "frames",
+    "verdicts",
+    "offsets",
+    "within 5 ms",
+    "largest error, ms",
+    "half width, ms",
+    "intervals that hold",
+)
 
 
 def clock(data: Mapping) -> tuple[str, str]:

@@ -34,6 +34,9 @@ class Value:
         """Whether the interval holds a number."""
         return bool(self.low <= true <= self.high)
 
+    def __neg__(self) -> Value:
+        return Value(-self.value, -self.high, -self.low)
+
 
 @dataclass(frozen=True)
 class Clock:

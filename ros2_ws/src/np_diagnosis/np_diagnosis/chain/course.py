@@ -53,7 +53,7 @@ def course(stream: Stream) -> Course:
     """The smooth course of a stream's orientation.
 
     Cubic splines by least squares with a knot every so many rows, as generalised cross-validation has it: a spline through
-    every row would be less noisy between rows than on them, and an offset would then be drawn to half a period.
+    every row would be less noisy between rows than on them, and an offset would be drawn towards half a period.
     """
     rows = np.flatnonzero(~stream.is_repeated)
     time, quaternion = stream.time[rows], stream.quaternion[rows]

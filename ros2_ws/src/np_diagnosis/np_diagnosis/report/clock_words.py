@@ -43,9 +43,9 @@ def document(clock: Clock) -> dict:
 
 def _said(clock: Clock) -> str:
     a, b = clock.names
-    how = "late" if clock.offset.value > 0 else "early"
-    size = f"{1e3 * abs(clock.offset.value):.1f} ms {how}"
-    bounds = f"95 %: {_span(clock.offset, 1e3)} ms"
+    late, how = (clock.offset, "late") if clock.offset.value > 0 else (-clock.offset, "early")
+    size = f"{1e3 * late.value:.1f} ms {how}"
+    bounds = f"95 %: {_span(late, 1e3)} ms"
     if clock.verdict == "no_gap":
         return f"The stamps of {b} agree with those of {a}: {size} ({bounds})."
     said = f"The stamps of {b} are {size} against those of {a} ({bounds})."
