@@ -64,6 +64,7 @@ def recorded():
         (lambda t, p, q: (t, p, q * 0.9), "length 1, that of row 0 has 0.9"),
         (lambda t, p, q: (np.r_[t[:50], t[50:] - 1.0], p, q), "row 50 is 0.967 s before an earlier row"),
         (lambda t, p, q: (t * 0 + 7.0, p, q), "all are 7 s"),
+        (lambda t, p, q: (t * 1e9, p, q), "stamps in s, .* apart, got 3.33e.07"),
         (lambda t, p, q: (t, p, q[:, :3]), "quaternions"),
     ],
 )
@@ -96,8 +97,10 @@ def test_a_stream_is_read_by_its_name(tmp_path):
         with pytest.raises(ContractViolation, match=said):
             read(source)
     (tmp_path / "text.npz").write_text("nothing")
-    with pytest.raises(ContractViolation, match="expected arrays of numbers"):
-        read(tmp_path / "text.npz")
+    (tmp_path / "cut.npz").write_bytes(path.read_bytes()[:1000])
+    for source in ("text.npz", "cut.npz"):
+        with pytest.raises(ContractViolation, match="expected arrays of numbers"):
+            read(tmp_path / source)
 
 
 # Frames

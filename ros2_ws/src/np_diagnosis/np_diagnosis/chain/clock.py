@@ -212,8 +212,8 @@ def _unheard(best: Alignment, rivals: tuple[Alignment, ...], within: float) -> s
 
 def _apart(within: float) -> str:
     return (
-        f"the two streams do not turn together within {within:g} s: they are not of one rigid body, the offset is larger, or too "
-        "little of them lies side by side without gaps"
+        f"the two streams do not turn together within {within:g} s: they are not of one rigid body, the offset is larger, a "
+        "quaternion is not in the order x y z w, or too little of them lies side by side without gaps"
     )
 
 

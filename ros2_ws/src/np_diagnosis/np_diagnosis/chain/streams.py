@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -90,6 +91,9 @@ def from_arrays(name: str, time: np.ndarray, position: np.ndarray, quaternion: n
         )
     if time.max() == time.min():
         raise ContractViolation(f"{name}: expected stamps that go on, all are {time[0]:g} s")
+    period, (least, most) = float(np.median(np.diff(np.unique(time)))), STREAMS.periods
+    if not least <= period <= most:
+        raise ContractViolation(f"{name}: expected stamps in s, {least:g} to {most:g} s apart, got {period:.3g}")
     order = np.argsort(time, kind="stable")
     turned = quaternion[order] / length[order, None]
     signs = np.where((turned[1:] * turned[:-1]).sum(axis=1) < 0, -1.0, 1.0)
@@ -112,9 +116,9 @@ def read(source: str | Path) -> Stream:
             if name not in names and (name or len(names) != 1):
                 raise ContractViolation(f"{path}: expected {name or 'the name of one array'}, got {', '.join(names)}")
             values = np.asarray(arrays[name or names[0]], dtype=float)
-    except (OSError, ValueError) as error:
-        if isinstance(error, ContractViolation):
-            raise
+    except ContractViolation:
+        raise
+    except (OSError, ValueError, BadZipFile) as error:
         raise ContractViolation(
             f"{path}: expected arrays of numbers as numpy.savez writes them, got: {error}"
         ) from error

@@ -12,6 +12,9 @@ class Streams:
     """What a stream of poses must be, and when frames are missing (chain/streams.py, chain/frames.py)."""
 
     rows: int = threshold(60, "rows", "fewest of a stream: two seconds at 30 Hz", JUDGEMENT)
+    periods: tuple[float, float] = threshold(
+        (0.0002, 1.0), "s", "median time between rows of a stream", "otherwise its stamps are not in seconds"
+    )
     norm: float = threshold(0.01, "1", "by which the length of a quaternion may differ from 1", JUDGEMENT)
     overtaken: float = threshold(
         0.1, "s", "by which a row may be stamped before the one before it: messages overtake one another", JUDGEMENT
