@@ -43,6 +43,7 @@ RIGS = {
     "lively": {},
     "slow and noisy": {"reach": 0.06, "angle": 0.01},
     "slow, correlated noise": {"reach": 0.1, "angle": 0.008, "memory": 0.9},
+    "slow, error of a lens": {"reach": 0.1, "bend": 0.01},
 }
 """What the synthetic recordings are like, as changes of `Rig`."""
 

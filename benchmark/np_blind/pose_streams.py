@@ -17,6 +17,7 @@ from np_description.panda import NOMINAL
 from np_diagnosis.chain.streams import Stream, from_arrays
 
 WAVES = 4  # sinusoids a joint
+BEND = 0.4  # m
 EXPOSED = 5  # moments of an exposure that are averaged
 
 
@@ -25,7 +26,7 @@ class Rig:
     """What is recorded, and how badly. duration s; rates Hz; frequencies Hz of the sinusoids of each joint, and the share of
     half its range that they cover together; exposure s, about the moment that counts; jitter s, standard deviation of a
     picture's stamp; angle rad and place m: standard deviations of a picture's pose, correlated by `memory` from one to the
-    next; lost: share of pictures; offset s at the middle, drift ppm: of the camera's stamps."""
+    next; bend rad: error of a pose that depends on the pose alone, as of a lens, a wave of BEND in place; lost: share of pictures; offset s at the middle, drift ppm: of the camera's stamps."""
 
     duration: float = 40.0
     arm_rate: float = 100.0
@@ -38,6 +39,7 @@ class Rig:
     angle: float = 0.006
     place: float = 0.001
     memory: float = 0.6
+    bend: float = 0.0
     lost: float = 0.1
     offset: float = 0.03
     drift: float = 0.0
@@ -94,6 +96,8 @@ def _pictures(rig: Rig, rng: np.random.Generator, motion: Motion) -> Stream:
     spread = (half.inv()[np.repeat(np.arange(exposed.size), EXPOSED)] * seen).as_rotvec()
     seen = half * Rotation.from_rotvec(spread.reshape(-1, EXPOSED, 3).mean(axis=1))
     place = place.reshape(-1, EXPOSED, 3).mean(axis=1)
+    wave = np.sin(2 * np.pi * place @ rng.normal(size=(3, 3)) / BEND + rng.uniform(0, 2 * np.pi, 3))
+    seen = seen * Rotation.from_rotvec(rig.bend * wave)
     seen = seen * Rotation.from_rotvec(rig.angle * _correlated(rng, exposed.size, rig.memory))
     place = place + rig.place * _correlated(rng, exposed.size, rig.memory)
     if rng.random() < 0.5:  # trackers give the target in the camera's frame, or the other way round
