@@ -98,15 +98,14 @@ def compare(a: Stream, b: Stream, within: float = CLOCK.within) -> Clock:
             f"{a.name}, {b.name}: expected at least {CLOCK.overlap:g} s in common, got {max(common, 0.0):.3g} s; "
             "their stamps must be of about the same time"
         )
-    about = {"names": (a.name, b.name), "frames": (frames(a), frames(b))}
-    courses = course(a), course(b)
-    turned = courses[0].density <= courses[1].density  # the quieter one is interpolated
-    if turned:
-        found = _compare(courses[0], courses[1], b, within, 1.0)
+    of_a, of_b = course(a), course(b)
+    if of_a.density <= of_b.density:  # the quieter one is interpolated
+        found = _compare(of_a, of_b, b, within, 1.0)
     else:
-        found = _compare(courses[1], courses[0], a, within, -1.0)
-    middle = found.pop("middle", None)
-    return Clock(**about, **found, middle=None if middle is None else float(zero + middle))
+        found = _compare(of_b, of_a, a, within, -1.0)
+    if "middle" in found:
+        found["middle"] = float(zero + found["middle"])
+    return Clock((a.name, b.name), (frames(a), frames(b)), **found)
 
 
 def _compare(reference: Course, other: Course, measured: Stream, within: float, sign: float) -> dict:

@@ -13,7 +13,10 @@ class Streams:
 
     rows: int = threshold(60, "rows", "fewest of a stream: two seconds at 30 Hz", JUDGEMENT)
     periods: tuple[float, float] = threshold(
-        (0.0002, 1.0), "s", "median time between rows of a stream", "otherwise its stamps are not in seconds"
+        (0.0002, 0.25),
+        "s",
+        "median time between rows of a stream",
+        "more often: stamps are not in seconds; more seldom: turns are missed",
     )
     norm: float = threshold(0.01, "1", "by which the length of a quaternion may differ from 1", JUDGEMENT)
     overtaken: float = threshold(
