@@ -27,7 +27,8 @@ class Alignment:
     """What a fit found. offset: s by which the measured stream's stamps are late against the course, at the middle of the
     measured stream; drift: s more a second; their standard errors (2,) and degrees of freedom (2,). hand: rotation from the
     body of the course to that of the measured stream. is_inverse: whether the measured poses are those of the surroundings in
-    the body's frame. share: of the squares of turns that the two have in common. density (p,): log probability of each pair's turn, NaN for pairs outside the course; time (p,) s: middle of each."""
+    the body's frame. share: of the squares of turns that the two have in common. density (p,): log
+    probability of each pair's turn, NaN for pairs outside the course; time (p,) s: middle of each."""
 
     offset: float
     drift: float
