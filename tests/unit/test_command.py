@@ -83,6 +83,7 @@ SLOW = ("rclpy", "rosbags", "matplotlib", "mujoco", "onnxruntime", "torch", "cv2
         "np_bringup.commands.demo",
         "np_bringup.commands.evaluate",
         "np_diagnosis.commands.baselines",
+        "np_diagnosis.commands.clock",
         "np_diagnosis.commands.diagnose",
         "np_diagnosis.commands.excite",
         "np_perception.commands.calibrate",

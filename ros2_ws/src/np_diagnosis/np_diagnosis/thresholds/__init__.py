@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_diagnosis.thresholds import checks, consequences, inference, keypoints
+from np_diagnosis.thresholds import chain, checks, consequences, inference, keypoints
 
 __all__ = ["THRESHOLDS", "Thresholds"]
 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """All thresholds, in the order in which a recording meets them."""
+    """All thresholds, in the order in which a recording meets them; those of the chain beside the arm come last."""
 
     recordings: checks.Recordings = checks.Recordings()
     plausibility: checks.Plausibility = checks.Plausibility()
@@ -44,6 +44,8 @@ class Thresholds:
     refit: consequences.Refitting = consequences.Refitting()
     track: keypoints.Tracking = keypoints.Tracking()
     scatter: keypoints.Scattering = keypoints.Scattering()
+    streams: chain.Streams = chain.Streams()
+    clock: chain.Clock = chain.Clock()
 
 
 THRESHOLDS = Thresholds()

@@ -34,8 +34,8 @@ def svg(figure: Figure) -> str:
     return text.getvalue()[text.getvalue().index("<svg") :]
 
 
-def page(package: str, **values: object) -> str:
-    """`data/report.html.j2` of a package, filled in. Raises jinja2.UndefinedError for a value left out."""
+def page(package: str, template: str = "report.html.j2", **values: object) -> str:
+    """A template of a package's data, filled in. Raises jinja2.UndefinedError for a value left out."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(package, "data"),
         autoescape=True,
@@ -43,4 +43,4 @@ def page(package: str, **values: object) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html.j2").render(values)
+    return environment.get_template(template).render(values)
