@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_diagnosis.thresholds import checks, consequences, inference
+from np_diagnosis.thresholds import checks, consequences, inference, pushes
 
 __all__ = ["THRESHOLDS", "Thresholds"]
 
@@ -42,6 +42,8 @@ class Thresholds:
     simulation: consequences.Simulating = consequences.Simulating()
     patching: consequences.Patching = consequences.Patching()
     refit: consequences.Refitting = consequences.Refitting()
+    pushing: pushes.Pushing = pushes.Pushing()
+    push_model: pushes.PushModel = pushes.PushModel()
 
 
 THRESHOLDS = Thresholds()

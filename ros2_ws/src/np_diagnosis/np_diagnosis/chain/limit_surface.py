@@ -1,0 +1,142 @@
+"""A slow push of a flat object: force and moment of the table's friction from the object's own motion.
+
+Friction of a plane contact is normal to a limit surface in the space of force and moment (Goyal, Ruina and Papadopoulos,
+Wear 1991); an ellipsoid comes near it (Howe and Cutkosky, IJRR 1996), and with it a push is quasi-static as by Lynch and Mason
+(IJRR 1996). Convex polynomials are closer for a few points of support (Zhou et al., ICRA 2016); how far the ellipsoid is from
+four corners is asked in the tests. Nothing here needs the mass: the table's friction is one force, mu m g, unless the object
+is accelerated by more than a small share of mu g.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from np_diagnosis.chain.pushing import Windows
+from np_diagnosis.thresholds import THRESHOLDS
+
+MODEL = THRESHOLDS.push_model
+CHANNELS = ("force", "direction", "moment", "touch", "tip")
+
+
+@dataclass(frozen=True)
+class Pushed:
+    """What a slow push depends on; pairs are x, y. The object is a square block whose frame has its axes along the sides.
+
+    friction: N, force of sliding friction without rotation. support: radius of the limit surface over the side of the block, .30 to
+    .72 between a patch and four corners (.383: uniform pressure). tip_friction: coefficient of tip on block. half_side: m.
+    centre: m, of friction, from the middle of the block. anisotropy: half the relative difference of friction along and across
+    the table's x axis, and along and across its diagonal. speed: d log(friction) / d log(speed). place: 1/m, gradient of
+    log(friction) over the table.
+
+    What is not the object's: marker: m, middle of the block in the tracked frame. heading: rad, of the block in it. registration:
+    m, what the tip's position lacks in the world's frame. sensor_turn: rad, of the force about the vertical. bias: N, left on it.
+    """
+
+    friction: float = 1.0
+    support: float = 0.46
+    tip_friction: float = 0.25
+    half_side: float = 0.05
+    centre: tuple[float, float] = (0.0, 0.0)
+    anisotropy: tuple[float, float] = (0.0, 0.0)
+    speed: float = 0.0
+    place: tuple[float, float] = (0.0, 0.0)
+    marker: tuple[float, float] = (0.0, 0.0)
+    heading: float = 0.0
+    registration: tuple[float, float] = (0.0, 0.0)
+    sensor_turn: float = 0.0
+    bias: tuple[float, float] = (0.0, 0.0)
+
+    def with_vector(self, names: tuple[tuple[str, int | None], ...], vector: np.ndarray) -> Pushed:
+        """The same with the fields of these names (name, element of a pair or None) set to the vector's numbers."""
+        changed = {}
+        for (name, element), value in zip(names, vector):
+            if element is None:
+                changed[name] = float(value)
+            else:
+                pair = list(changed.get(name, getattr(self, name)))
+                pair[element] = float(value)
+                changed[name] = tuple(pair)
+        return replace(self, **changed)
+
+
+def wrench(pushed: Pushed, velocity: np.ndarray, rate: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Force (w, 2) N and moment (w,) Nm about the centre of friction that keep a block going.
+
+    velocity (w, 2) m/s of that centre and rate (w,) rad/s, in the table's frame; along (w,): factor of friction there and then.
+    """
+    a, b = pushed.anisotropy
+    radius = 2 * pushed.half_side * pushed.support
+    pull = velocity @ np.array([[1 + 2 * a, 2 * b], [2 * b, 1 - 2 * a]])
+    size = np.sqrt(np.maximum((velocity * pull).sum(axis=1), 0) + (radius * rate) ** 2) + 1e-12
+    level = pushed.friction * along / size
+    return level[:, None] * pull, level * radius**2 * rate
+
+
+def residuals(pushed: Pushed, seen: Windows) -> np.ndarray:
+    """What a push shows beyond the model, (w, 5) in the order of CHANNELS.
+
+    force: log of measured over predicted force. direction: rad, of measured from predicted force. moment: m, by how much the
+    predicted force passes the place where it would turn the block as it turns. touch: m, from the tip's surface to the face.
+    tip: rad, of measured force to the edge of the tip's cone of friction where the tip slides, beyond it where it sticks.
+    """
+    heading = seen.yaw + pushed.heading
+    place = _turn(seen.yaw, np.array(pushed.marker))
+    middle = seen.position + place
+    centre = place + _turn(heading, np.array(pushed.centre))
+    tip = seen.tip + pushed.registration - middle
+    face = _turn(heading, seen.face)
+    velocity = seen.velocity + _cross(seen.rate, centre)
+    along = _along(pushed, seen, velocity)
+    force, moment = wrench(pushed, velocity, seen.rate, along)
+    contact = tip - seen.tip_radius * face
+    arm = seen.position + place + contact - (seen.position + centre)
+    level = np.hypot(*force.T) + 1e-12
+    missed = (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0] - moment) / level
+    sensed = force + pushed.bias
+    measured = _turn(pushed.sensor_turn, seen.force)
+    touch = (tip * face).sum(axis=1) - pushed.half_side - seen.tip_radius
+    slip = seen.tip_velocity - seen.velocity - _cross(seen.rate, place + contact)
+    across = np.column_stack([-face[:, 1], face[:, 0]])
+    return np.column_stack(
+        [
+            np.log(np.hypot(*measured.T) + 1e-12) - np.log(np.hypot(*sensed.T) + 1e-12),
+            _between(sensed, measured),
+            missed,
+            touch,
+            _beyond_cone(pushed, _between(-face, measured), -(slip * across).sum(axis=1)),
+        ]
+    )
+
+
+def _along(pushed: Pushed, seen: Windows, velocity: np.ndarray) -> np.ndarray:
+    """Factor (w,) of friction by speed and place, one at the usual speed and at the table's origin."""
+    speed = np.log(np.maximum(np.hypot(*velocity.T), MODEL.slowest) / MODEL.usual_speed)
+    return np.exp(pushed.speed * speed + seen.position @ np.array(pushed.place))
+
+
+def _beyond_cone(pushed: Pushed, angle: np.ndarray, slip: np.ndarray) -> np.ndarray:
+    """rad (w,) of the angle of force in the face, positive as the slip (w,) m/s of the tip along it, beyond what the cone says."""
+    cone = np.arctan(pushed.tip_friction)
+    sliding = np.clip(np.abs(slip) / MODEL.sure_slip, 0, 1)
+    held = np.clip(angle, -cone, cone)
+    return angle - (sliding * np.sign(slip) * cone + (1 - sliding) * held)
+
+
+def _turn(angle: np.ndarray | float, vector: np.ndarray) -> np.ndarray:
+    """Vectors (2,) or (w, 2) turned by angles () or (w,) rad: (w, 2)."""
+    x, y = np.moveaxis(np.asarray(vector, dtype=float), -1, 0)
+    return np.column_stack(
+        np.broadcast_arrays(np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y)
+    )
+
+
+def _cross(rate: np.ndarray, arm: np.ndarray) -> np.ndarray:
+    """Velocity (w, 2) of points at arms (w, 2) about what turns at rates (w,)."""
+    return np.column_stack([-rate * arm[:, 1], rate * arm[:, 0]])
+
+
+def _between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Angles (w,) rad from one (w, 2) to another."""
+    return np.arctan2(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0], (one * other).sum(axis=1))
