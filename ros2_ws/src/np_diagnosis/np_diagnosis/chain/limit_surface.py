@@ -9,7 +9,8 @@ is accelerated by more than a small share of mu g.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,64 +49,51 @@ class Pushed:
     sensor_turn: float = 0.0
     bias: tuple[float, float] = (0.0, 0.0)
 
-    def with_vector(self, names: tuple[tuple[str, int | None], ...], vector: np.ndarray) -> Pushed:
-        """The same with the fields of these names (name, element of a pair or None) set to the vector's numbers."""
-        changed = {}
-        for (name, element), value in zip(names, vector):
-            if element is None:
-                changed[name] = float(value)
-            else:
-                pair = list(changed.get(name, getattr(self, name)))
-                pair[element] = float(value)
-                changed[name] = tuple(pair)
-        return replace(self, **changed)
-
 
 def wrench(pushed: Pushed, velocity: np.ndarray, rate: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Force (w, 2) N and moment (w,) Nm about the centre of friction that keep a block going.
 
     velocity (w, 2) m/s of that centre and rate (w,) rad/s, in the table's frame; along (w,): factor of friction there and then.
     """
-    a, b = pushed.anisotropy
+    (a, b), (x, y) = pushed.anisotropy, velocity.T
     radius = 2 * pushed.half_side * pushed.support
-    pull = velocity @ np.array([[1 + 2 * a, 2 * b], [2 * b, 1 - 2 * a]])
+    pull = np.column_stack([(1 + 2 * a) * x + 2 * b * y, 2 * b * x + (1 - 2 * a) * y])
     size = np.sqrt(np.maximum((velocity * pull).sum(axis=1), 0) + (radius * rate) ** 2) + 1e-12
     level = pushed.friction * along / size
     return level[:, None] * pull, level * radius**2 * rate
 
 
 def residuals(pushed: Pushed, seen: Windows) -> np.ndarray:
-    """What a push shows beyond the model, (w, 5) in the order of CHANNELS.
+    """What a push shows beyond the model, (w, 5) in the order of CHANNELS. Numbers of `pushed` may be of each window, (w,).
 
     force: log of measured over predicted force. direction: rad, of measured from predicted force. moment: m, by how much the
     predicted force passes the place where it would turn the block as it turns. touch: m, from the tip's surface to the face.
     tip: rad, of measured force to the edge of the tip's cone of friction where the tip slides, beyond it where it sticks.
     """
     heading = seen.yaw + pushed.heading
-    place = _turn(seen.yaw, np.array(pushed.marker))
-    middle = seen.position + place
-    centre = place + _turn(heading, np.array(pushed.centre))
-    tip = seen.tip + pushed.registration - middle
-    face = _turn(heading, seen.face)
-    velocity = seen.velocity + _cross(seen.rate, centre)
-    along = _along(pushed, seen, velocity)
-    force, moment = wrench(pushed, velocity, seen.rate, along)
-    contact = tip - seen.tip_radius * face
-    arm = seen.position + place + contact - (seen.position + centre)
-    level = np.hypot(*force.T) + 1e-12
-    missed = (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0] - moment) / level
-    sensed = force + pushed.bias
-    measured = _turn(pushed.sensor_turn, seen.force)
+    middle = _turn(seen.yaw, pushed.marker)
+    offset = _turn(heading, pushed.centre)
+    face = _turn(heading, seen.face.T)
+    tip = (
+        seen.tip + np.column_stack(np.broadcast_arrays(*pushed.registration, seen.yaw))[:, :2] - seen.position - middle
+    )
+    contact = tip - seen.tip_radius[:, None] * face
+    velocity = seen.velocity + _cross(seen.rate, middle + offset)
+    force, moment = wrench(pushed, velocity, seen.rate, _along(pushed, seen, velocity))
+    arm = contact - offset
+    missed = (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0] - moment) / (np.hypot(*force.T) + 1e-12)
+    sensed = force + np.column_stack(np.broadcast_arrays(*pushed.bias, seen.yaw))[:, :2]
+    measured = _turn(pushed.sensor_turn, seen.force.T)
     touch = (tip * face).sum(axis=1) - pushed.half_side - seen.tip_radius
-    slip = seen.tip_velocity - seen.velocity - _cross(seen.rate, place + contact)
-    across = np.column_stack([-face[:, 1], face[:, 0]])
+    slip = seen.tip_velocity - seen.velocity - _cross(seen.rate, middle + contact)
+    inward = slip[:, 0] * face[:, 1] - slip[:, 1] * face[:, 0]
     return np.column_stack(
         [
             np.log(np.hypot(*measured.T) + 1e-12) - np.log(np.hypot(*sensed.T) + 1e-12),
             _between(sensed, measured),
             missed,
             touch,
-            _beyond_cone(pushed, _between(-face, measured), -(slip * across).sum(axis=1)),
+            _beyond_cone(pushed, _between(-face, measured), inward),
         ]
     )
 
@@ -113,23 +101,22 @@ def residuals(pushed: Pushed, seen: Windows) -> np.ndarray:
 def _along(pushed: Pushed, seen: Windows, velocity: np.ndarray) -> np.ndarray:
     """Factor (w,) of friction by speed and place, one at the usual speed and at the table's origin."""
     speed = np.log(np.maximum(np.hypot(*velocity.T), MODEL.slowest) / MODEL.usual_speed)
-    return np.exp(pushed.speed * speed + seen.position @ np.array(pushed.place))
+    x, y = seen.position.T
+    return np.exp(pushed.speed * speed + pushed.place[0] * x + pushed.place[1] * y)
 
 
 def _beyond_cone(pushed: Pushed, angle: np.ndarray, slip: np.ndarray) -> np.ndarray:
-    """rad (w,) of the angle of force in the face, positive as the slip (w,) m/s of the tip along it, beyond what the cone says."""
+    """rad (w,) of the angle of force in the face beyond what the cone says; slip (w,) m/s of the tip, positive as the angle."""
     cone = np.arctan(pushed.tip_friction)
     sliding = np.clip(np.abs(slip) / MODEL.sure_slip, 0, 1)
-    held = np.clip(angle, -cone, cone)
-    return angle - (sliding * np.sign(slip) * cone + (1 - sliding) * held)
+    return angle - (sliding * np.sign(slip) * cone + (1 - sliding) * np.clip(angle, -cone, cone))
 
 
-def _turn(angle: np.ndarray | float, vector: np.ndarray) -> np.ndarray:
-    """Vectors (2,) or (w, 2) turned by angles () or (w,) rad: (w, 2)."""
-    x, y = np.moveaxis(np.asarray(vector, dtype=float), -1, 0)
-    return np.column_stack(
-        np.broadcast_arrays(np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y)
-    )
+def _turn(angle: np.ndarray | float, vector: Sequence[float | np.ndarray]) -> np.ndarray:
+    """Vectors of components x, y, each () or (w,), turned by angles () or (w,) rad: (w, 2)."""
+    x, y = vector
+    turned = np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
+    return np.column_stack(turned)
 
 
 def _cross(rate: np.ndarray, arm: np.ndarray) -> np.ndarray:

@@ -40,8 +40,8 @@ class Windows:
     """A push in w windows of sliding contact, all in the world's frame but `face`.
 
     time (w,) s; position (w, 2) m, yaw (w,) rad, velocity (w, 2) m/s and rate (w,) rad/s of the object's frame; tip (w, 2) m
-    and tip_velocity (w, 2) m/s; force (w, 2) N on the object, without the sensor's bias. face (2,): outward normal of the
-    face that is pushed, in the object's frame. bias_error: N, standard error of the bias.
+    and tip_velocity (w, 2) m/s; force (w, 2) N on the object, without the sensor's bias. face (w, 2): outward normal of the
+    face that is pushed, in the object's frame, the same in each; tip_radius (w,) m.
     """
 
     name: str
@@ -54,8 +54,7 @@ class Windows:
     tip_velocity: np.ndarray
     force: np.ndarray
     face: np.ndarray
-    tip_radius: float
-    bias_error: float
+    tip_radius: np.ndarray
 
 
 def read_push(
@@ -71,7 +70,9 @@ def read_push(
     for stream, (values, columns) in streams.items():
         _check(name, stream, np.asarray(values), columns)
     if np.shape(turn) != (3, 3) or not np.allclose(np.asarray(turn) @ np.transpose(turn), np.eye(3), atol=1e-6):
-        raise ValueError(f"push {name}: expected an orthogonal turn (3, 3) of the force, got {np.asarray(turn).tolist()}")
+        raise ValueError(
+            f"push {name}: expected an orthogonal turn (3, 3) of the force, got {np.asarray(turn).tolist()}"
+        )
     quaternion = pose[:, 4:]
     length = np.linalg.norm(quaternion, axis=1)
     if np.abs(length - 1).max() > PUSHING.unit:
@@ -106,7 +107,9 @@ def windows(push: Push) -> Windows:
     force = push.force - bias
     shown = np.hypot(*uniform_filter1d(force, _rows(push.force_time, PUSHING.window), axis=0).T)
     if shown.max() < max(PUSHING.onset * noise, PUSHING.least_force):
-        raise ValueError(f"push {push.name}: expected contact, got a force of {shown.max():.2g} N in noise of {noise:.2g} N")
+        raise ValueError(
+            f"push {push.name}: expected contact, got a force of {shown.max():.2g} N in noise of {noise:.2g} N"
+        )
     centres = np.arange(free + PUSHING.window / 2, end - PUSHING.window / 2, PUSHING.window)
     motion = np.column_stack([push.position, push.yaw])
     pose, twist = _lines(push.object_time, motion, centres)
@@ -121,7 +124,6 @@ def windows(push: Push) -> Windows:
             f"push {push.name}: expected {PUSHING.least_windows} windows of sliding contact, got {kept.sum()}"
         )
     kept_pose, kept_force = pose[kept], mean[kept]
-    error = float(noise / np.sqrt(PUSHING.free / PUSHING.window))
     return Windows(
         push.name,
         centres[kept],
@@ -132,9 +134,8 @@ def windows(push: Push) -> Windows:
         tip[kept],
         tip_velocity[kept],
         kept_force,
-        _face(kept_force, kept_pose[:, 2]),
-        push.tip_radius,
-        error,
+        np.tile(_face(kept_force, kept_pose[:, 2]), (kept.sum(), 1)),
+        np.full(kept.sum(), push.tip_radius),
     )
 
 

@@ -44,6 +44,9 @@ class Thresholds:
     refit: consequences.Refitting = consequences.Refitting()
     pushing: pushes.Pushing = pushes.Pushing()
     push_model: pushes.PushModel = pushes.PushModel()
+    push_spreads: pushes.PushSpreads = pushes.PushSpreads()
+    push_fit: pushes.PushFit = pushes.PushFit()
+    push_change: pushes.PushChange = pushes.PushChange()
 
 
 THRESHOLDS = Thresholds()
