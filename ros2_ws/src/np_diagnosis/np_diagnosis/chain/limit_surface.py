@@ -108,7 +108,7 @@ def _along(pushed: Pushed, seen: Windows, velocity: np.ndarray) -> np.ndarray:
 def _beyond_cone(pushed: Pushed, angle: np.ndarray, slip: np.ndarray) -> np.ndarray:
     """rad (w,) of the angle of force in the face beyond what the cone says; slip (w,) m/s of the tip, positive as the angle."""
     cone = np.arctan(pushed.tip_friction)
-    sliding = np.clip(np.abs(slip) / MODEL.sure_slip, 0, 1)
+    sliding = np.clip((np.abs(slip) - MODEL.no_slip) / (MODEL.sure_slip - MODEL.no_slip), 0, 1)
     return angle - (sliding * np.sign(slip) * cone + (1 - sliding) * np.clip(angle, -cone, cone))
 
 

@@ -33,7 +33,8 @@ class PushModel:
 
     usual_speed: float = threshold(0.1, "m/s", "at which friction is what it is called", JUDGEMENT)
     slowest: float = threshold(0.005, "m/s", "below which friction no longer follows the speed", JUDGEMENT)
-    sure_slip: float = threshold(0.01, "m/s", "speed along the face at which the tip slides", JUDGEMENT)
+    no_slip: float = threshold(0.006, "m/s", "speed along the face that may be noise of a window", JUDGEMENT)
+    sure_slip: float = threshold(0.015, "m/s", "speed along the face at which the tip slides", JUDGEMENT)
 
 
 def spreads(known: float, varies: float, change: float, unit: str, meaning: str, source: str) -> Any:
