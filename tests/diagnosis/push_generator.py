@@ -14,6 +14,7 @@ import numpy as np
 PERIOD = 0.04  # s
 FREE = 0.5  # s before contact
 HEIGHT = 0.02  # m
+EDGE = 0.9  # of the half side, beyond which the tip is taken off
 FASTEST = 8.0  # rad/s
 OWN = 1e-4  # m/s, below which a point of support creeps
 
@@ -71,7 +72,7 @@ def pushes(worlds, sensing: Sensing, rng: np.random.Generator, level: float = 0.
     yaw = rng.uniform(-np.pi, np.pi, count)
     speed = rng.uniform(0.03, 0.08, count)
     direction = yaw + face + np.pi + rng.uniform(-0.35, 0.35, count)
-    along = rng.uniform(-0.5, 0.5, count) * half  # of contact along the face
+    along = rng.uniform(-0.4, 0.4, count) * half  # of contact along the face
     place = rng.uniform(-0.1, 0.1, (count, 2)) - 0.5 * speed[:, None] * duration * _unit(direction)
     phase, number = rng.uniform(0, 2 * np.pi, (count, 1)), rng.uniform(20, 60, (count, 1, 2))
     velocity = speed[:, None] * _unit(direction)
@@ -82,13 +83,15 @@ def pushes(worlds, sensing: Sensing, rng: np.random.Generator, level: float = 0.
         ground = _rotate(yaw[:, None], points)
         local = weight * (1 + waves[:, None] * np.sin(((place[:, None] + ground) * number).sum(-1) + phase))
 
+        pull = drag[:, None] * velocity + magnet[:, None] * place / (np.hypot(*place.T)[:, None] + 0.02)
+
         def dragged(which, slip):
             at_contact = velocity[which] - slip[:, None] * across[which]
-            return _dragged(at_contact, ground[which] - contact[which, None], local[which])
+            at_middle = contact[which, 1] * pull[which, 0] - contact[which, 0] * pull[which, 1]
+            return _dragged(at_contact, ground[which] - contact[which, None], local[which], at_middle)
 
         force, _ = dragged(every, np.zeros(count))
-        pull = drag[:, None] * velocity + magnet[:, None] * place / (np.hypot(*place.T)[:, None] + 0.02)
-        force = force + pull  # at the middle: its moment is left out, as everything here is unlike the doctor's model
+        force = force + pull
         angle = _angle(-normal, force)
         sign = -np.sign(angle)  # of slip along `across`; force along -across is a positive angle
         slides = np.flatnonzero(np.abs(angle) > np.arctan(mu))
@@ -102,26 +105,30 @@ def pushes(worlds, sensing: Sensing, rng: np.random.Generator, level: float = 0.
         slip[slides] = sign[slides] * high
         force, rate = dragged(every, slip)
         force = force + pull
-        rows.append((place.copy(), yaw.copy(), place + contact, normal.copy(), force))
+        rows.append((place.copy(), yaw.copy(), place + contact, normal.copy(), force, np.abs(along) < EDGE * half))
         at_contact = velocity - slip[:, None] * across
         place = place + PERIOD * (at_contact - rate[:, None] * np.column_stack([-contact[:, 1], contact[:, 0]]))
         yaw, along = yaw + PERIOD * rate, along + PERIOD * slip
-    places, yaws, contacts, normals, forces = (np.array(v) for v in zip(*rows))
+    places, yaws, contacts, normals, forces, on = (np.array(v) for v in zip(*rows))
+    length = np.where(on.all(axis=0), len(on), np.argmin(on, axis=0))
     return [
-        _sensed(places[:, n], yaws[:, n], contacts[:, n], normals[:, n], forces[:, n], velocity[n], sensing, rng)
-        for n in range(count)
+        _sensed(*(v[:k, n] for v in (places, yaws, contacts, normals, forces)), velocity[n], sensing, rng)
+        for n, k in enumerate(length)
     ]
 
 
-def _dragged(velocity: np.ndarray, arms: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Force (b, 2) and rate (b,) of blocks whose point of contact has this velocity (b, 2): friction's moment about it is nothing."""
+def _dragged(
+    velocity: np.ndarray, arms: np.ndarray, weight: np.ndarray, more: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Force (b, 2) and rate (b,) of blocks whose point of contact has this velocity (b, 2):
+    friction's moment about it and `more` (b,) Nm add up to nothing."""
     high = np.full(len(velocity), FASTEST)
     low = -high
     for _ in range(18):
         rate = (low + high) / 2
         v = velocity[:, None] + rate[:, None, None] * np.stack([-arms[..., 1], arms[..., 0]], axis=-1)
         friction = weight[..., None] * v / np.sqrt((v * v).sum(-1, keepdims=True) + OWN**2)
-        moment = (arms[..., 0] * friction[..., 1] - arms[..., 1] * friction[..., 0]).sum(-1)
+        moment = (arms[..., 0] * friction[..., 1] - arms[..., 1] * friction[..., 0]).sum(-1) + more
         low, high = np.where(moment < 0, rate, low), np.where(moment < 0, high, rate)
     return friction.sum(axis=1), rate
 

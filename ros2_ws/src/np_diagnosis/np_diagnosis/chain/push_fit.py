@@ -22,6 +22,7 @@ from np_diagnosis.thresholds import THRESHOLDS
 
 FIT = THRESHOLDS.push_fit
 LOG_2PI = float(np.log(2 * np.pi))
+LEVELS = np.array([p.is_log for p in PARAMETERS])  # friction is another every time; a table is not
 STEP = 1e-3  # of a parameter's scale, for differences
 
 
@@ -98,7 +99,8 @@ def identify(runs: Sequence[Windows], nominal: Pushed) -> Setup:
         d = len(PARAMETERS)
         own = np.diag(found.covariance)[d:].reshape(len(runs), d)
         squares = (found.deviation**2 + own).sum(axis=0)
-        spread = np.sqrt((FIT.freedom * varies**2 + squares) / (FIT.freedom + len(runs)))
+        seen = np.sqrt((FIT.freedom * varies**2 + squares) / (FIT.freedom + len(runs)))
+        spread = np.where(LEVELS, seen, varies)
         noise, correlated = _noise(found.left)
         setup = Setup(found.common, found.covariance[:d, :d], spread, freedom, noise, correlated)
     return setup
@@ -118,31 +120,34 @@ def fit(runs: Sequence[Windows], setup: Setup, changed: np.ndarray | None = None
         change[changed] = width * x[d:first]
         return setup.mean + root @ x[:d], change, setup.spread * x[first:].reshape(count, d)
 
-    def off(x: np.ndarray) -> np.ndarray:
+    def off(x: np.ndarray, tails: float) -> np.ndarray:
         common, change, deviation = split(x)
         seen = np.concatenate([(e / scale).ravel() for e in _beside(common + change + deviation, runs)])
-        return np.concatenate([x[:first], _student(x[first:], setup.freedom), _student(seen, FIT.tails)])
+        return np.concatenate([x[:first], _student(x[first:], setup.freedom), _student(seen, tails)])
 
-    def slopes(x: np.ndarray) -> np.ndarray:
+    def slopes(x: np.ndarray, tails: float) -> np.ndarray:
         common, change, deviation = split(x)
         vectors = common + change + deviation
         steps = STEP * setup.spread
-        several = [run for run in runs for _ in range(2 * d)]
-        moved = np.repeat(vectors, 2 * d, axis=0) + np.tile(np.vstack([np.diag(steps), -np.diag(steps)]), (count, 1))
-        shown = iter(_beside(moved, several))
+        several = [run for run in runs for _ in range(d + 1)]
+        moved = np.repeat(vectors, d + 1, axis=0) + np.tile(np.vstack([np.zeros(d), np.diag(steps)]), (count, 1))
+        shown = [(e / scale).ravel() for e in _beside(moved, several)]
         rows = [np.eye(len(x))]
         rows[0][np.arange(first, len(x)), np.arange(first, len(x))] = _student_slope(x[first:], setup.freedom)
-        for n, here in enumerate(_beside(vectors, runs)):
-            both = np.array([(next(shown) / scale).ravel() for _ in range(2 * d)])
-            by = ((both[:d] - both[d:]) / (2 * steps[:, None])).T
-            by *= _student_slope((here / scale).ravel(), FIT.tails)[:, None]
+        for n in range(count):
+            here, *there = shown[n * (d + 1) : (n + 1) * (d + 1)]
+            by = (np.column_stack(there) - here[:, None]) / steps * _student_slope(here, tails)[:, None]
             row = np.zeros((len(by), len(x)))
             row[:, :d], row[:, d:first] = by @ root, by[:, changed] * width
             row[:, first + n * d : first + (n + 1) * d] = by * setup.spread
             rows.append(row)
         return np.vstack(rows)
 
-    best = least_squares(off, np.zeros(first + count * d), jac=slopes, ftol=FIT.tolerance, max_nfev=FIT.steps)
+    # With long tails alone a gap would be taken for a heap of outliers: where the search begins, tails are short.
+    start = np.zeros(first + count * d)
+    for tails, tolerance in ((FIT.first_tails, FIT.first_tolerance), (FIT.tails, FIT.tolerance)):
+        best = least_squares(off, start, slopes, method="lm", ftol=tolerance, max_nfev=FIT.steps, args=(tails,))
+        start = best.x
     bend = best.jac.T @ best.jac
     constant = gammaln((setup.freedom + 1) / 2) - gammaln(setup.freedom / 2) - 0.5 * np.log(np.pi * setup.freedom)
     evidence = (

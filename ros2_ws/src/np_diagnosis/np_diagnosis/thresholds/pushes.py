@@ -85,6 +85,8 @@ class PushFit:
     passes: int = threshold(4, "passes", "alternations between numbers, their spread and noise", NUMERICS)
     steps: int = threshold(60, "steps", "most of an optimisation", NUMERICS)
     tolerance: float = threshold(1e-5, "1", "relative change of the cost at which an optimisation ends", NUMERICS)
+    first_tails: float = threshold(100.0, "1", "the same of windows' noise where the search begins", NUMERICS)
+    first_tolerance: float = threshold(1e-3, "1", "the same of the cost there", NUMERICS)
     lags: int = threshold(3, "windows", "over which windows are taken to say the same", JUDGEMENT)
     noise: tuple[float, ...] = threshold(
         (0.1, 0.05, 0.003, 0.001, 0.08), "1, rad, m, m, rad", "of a window before any is seen, by channel", JUDGEMENT
