@@ -21,6 +21,7 @@ from np_diagnosis.thresholds import THRESHOLDS
 
 CHANGE = THRESHOLDS.push_change
 Effect = tuple[str, ...]
+WIDTHS = np.array([p.change for p in PARAMETERS])
 
 
 @dataclass(frozen=True)
@@ -52,13 +53,15 @@ class Named:
 class Change:
     """The answer. verdict: no_gap, gap or unexplained. named: effects, strongest first. gains: nats of each effect alone.
 
-    misfit: by channel, what is left of the new runs over the noise of the reference.
+    misfit: by channel, what is left of the new runs over the noise of the reference. strained: nuisances that would have to be
+    farther off than they ever are. Either one too large makes the answer unexplained.
     """
 
     verdict: str
     named: tuple[Named, ...]
     gains: dict[Effect, float]
     misfit: dict[str, float]
+    strained: tuple[str, ...]
 
 
 def what_changed(setup: Setup, runs: Sequence[Windows]) -> Change:
@@ -93,8 +96,17 @@ def what_changed(setup: Setup, runs: Sequence[Windows]) -> Change:
         rivals = tuple(other for other in others if value(chosen) - value(rest | {other}) < CHANGE.equal)
         named.append(Named(effect, gain, _sizes(found, setup, chosen, effect), rivals, _split_by(effect, rivals)))
     named.sort(key=lambda one: -one.gain)
-    verdict = "unexplained" if misfit.max() > CHANGE.misfit else "gap" if named else "no_gap"
-    return Change(verdict, tuple(named), gains, dict(zip(CHANNELS, misfit.tolist())))
+    strained = _strained(found, setup)
+    is_off = misfit.max() > CHANGE.misfit or bool(strained)
+    verdict = "unexplained" if is_off else "gap" if named else "no_gap"
+    return Change(verdict, tuple(named), gains, dict(zip(CHANNELS, misfit.tolist())), strained)
+
+
+def _strained(found: Fit, setup: Setup) -> tuple[str, ...]:
+    """Nuisances that are farther from the set-up than set-up, session and run together may be."""
+    usual = np.sqrt(WIDTHS**2 + np.diag(setup.covariance) + setup.spread**2)
+    off = np.abs(found.common + found.change + found.deviation - setup.mean).max(axis=0) / usual
+    return tuple(field for field in NUISANCES if off[numbers(field)].max() > CHANGE.strain)
 
 
 def _numbers(effects: frozenset[Effect]) -> np.ndarray:

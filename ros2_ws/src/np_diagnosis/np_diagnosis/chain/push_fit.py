@@ -195,10 +195,10 @@ def spread_of(z: np.ndarray) -> np.ndarray:
 
 def _noise(left: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Noise (5,) of a window in each channel, and factor (5,) of it for what windows one after the other have in common."""
-    every = np.concatenate(left)
-    noise = np.maximum(np.sqrt(np.mean(every**2, axis=0)), FIT.least_noise)
+    power = np.mean(np.concatenate(left) ** 2, axis=0)
+    noise = np.maximum(np.sqrt(power), FIT.least_noise)
     shared = np.ones(len(CHANNELS))
     for lag in range(1, FIT.lags + 1):
         products = np.concatenate([e[lag:] * e[:-lag] for e in left])
-        shared += 2 * np.maximum(products.mean(axis=0) / np.mean(every**2, axis=0), 0)
+        shared += 2 * np.maximum(products.mean(axis=0), 0) / noise**2
     return noise, np.sqrt(shared)

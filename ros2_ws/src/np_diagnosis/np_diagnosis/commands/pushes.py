@@ -158,7 +158,13 @@ def _as_dict(change) -> dict:
         for one in change.named
     ]
     gains = {"/".join(effect): float(gain) for effect, gain in change.gains.items()}
-    return {"verdict": change.verdict, "named": named, "gains_nats": gains, "misfit": change.misfit}
+    return {
+        "verdict": change.verdict,
+        "named": named,
+        "gains_nats": gains,
+        "misfit": change.misfit,
+        "strained": list(change.strained),
+    }
 
 
 def _figures(alone: dict, others: dict) -> dict:

@@ -86,7 +86,7 @@ class PushFit:
     steps: int = threshold(60, "steps", "most of an optimisation", NUMERICS)
     tolerance: float = threshold(1e-5, "1", "relative change of the cost at which an optimisation ends", NUMERICS)
     first_tails: float = threshold(100.0, "1", "the same of windows' noise where the search begins", NUMERICS)
-    first_tolerance: float = threshold(1e-3, "1", "the same of the cost there", NUMERICS)
+    first_tolerance: float = threshold(1e-2, "1", "the same of the cost there", NUMERICS)
     lags: int = threshold(3, "windows", "over which windows are taken to say the same", JUDGEMENT)
     noise: tuple[float, ...] = threshold(
         (0.1, 0.05, 0.003, 0.001, 0.08), "1, rad, m, m, rad", "of a window before any is seen, by channel", JUDGEMENT
@@ -107,3 +107,4 @@ class PushChange:
     misfit: float = threshold(
         2.0, "1", "times the noise of the reference beyond which what is left is unexplained", JUDGEMENT
     )
+    strain: float = threshold(4.0, "1", "standard deviations by which a nuisance may be off", JUDGEMENT)
