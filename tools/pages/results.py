@@ -30,6 +30,7 @@ KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = 
     ("calibration", "", "calibration", perception.calibration),
     ("blind_", "", "blind set", doctor.sealed),
     ("doctor_", "", "doctor", doctor.clean_arm),
+    ("chain_pushes", "", "real pushes", contact.pushes),
     ("identification_z1_delays", "", "identification", doctor.delays),
     ("identification_", "", "identification", doctor.identified),
     ("static_bench", "", "contact", contact.static_bench),

@@ -13,6 +13,7 @@ import argparse
 import datetime
 import fnmatch
 import json
+import shlex
 import sys
 from pathlib import Path
 
@@ -56,7 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     found = {
         "date": datetime.date.today().isoformat(),
-        "command": " ".join(["ros2 run np_diagnosis pushes", *(_without_folder(word) for word in given)]),
+        "command": "ros2 run np_diagnosis pushes " + shlex.join(_without_folder(word) for word in given),
         **found,
     }
     if options.out:
@@ -81,9 +82,9 @@ def answer(options: argparse.Namespace) -> dict:
 
     setup = set_up(reference)
     known = setup.pushed
-    alone = {run.name: _as_dict(what_changed(setup, [run])) for run in new}
+    alone = {run.name: _in_short(what_changed(setup, [run])) for run in new}
     others = {
-        run.name: _as_dict(what_changed(set_up([r for r in reference if r is not run]), [run])) for run in reference
+        run.name: _in_short(what_changed(set_up([r for r in reference if r is not run]), [run])) for run in reference
     }
     return {
         "set_up": {
@@ -95,7 +96,7 @@ def answer(options: argparse.Namespace) -> dict:
             "half_side_m": float(known.half_side),
         },
         "new_alone": alone,
-        "new_together": _as_dict(what_changed(setup, new)),
+        "new_together": _in_full(what_changed(setup, new)),
         "reference_alone": others,
         "figures": _figures(alone, others),
     }
@@ -146,7 +147,12 @@ def _turn(text: str) -> np.ndarray:
     return turn
 
 
-def _as_dict(change) -> dict:
+def _in_full(change) -> dict:
+    gains = {"/".join(effect): float(gain) for effect, gain in change.gains.items()}
+    return {**_in_short(change), "gains_nats": gains, "misfit": change.misfit, "strained": list(change.strained)}
+
+
+def _in_short(change) -> dict:
     named = [
         {
             "effect": list(one.effect),
@@ -157,14 +163,7 @@ def _as_dict(change) -> dict:
         }
         for one in change.named
     ]
-    gains = {"/".join(effect): float(gain) for effect, gain in change.gains.items()}
-    return {
-        "verdict": change.verdict,
-        "named": named,
-        "gains_nats": gains,
-        "misfit": change.misfit,
-        "strained": list(change.strained),
-    }
+    return {"verdict": change.verdict, "named": named}
 
 
 def _figures(alone: dict, others: dict) -> dict:
