@@ -47,6 +47,7 @@ class Thresholds:
     push_spreads: pushes.PushSpreads = pushes.PushSpreads()
     push_fit: pushes.PushFit = pushes.PushFit()
     push_change: pushes.PushChange = pushes.PushChange()
+    sliding: pushes.Sliding = pushes.Sliding()
 
 
 THRESHOLDS = Thresholds()

@@ -108,3 +108,20 @@ class PushChange:
         2.0, "1", "times the noise of the reference beyond which what is left is unexplained", JUDGEMENT
     )
     strain: float = threshold(4.0, "1", "standard deviations by which a nuisance may be off", JUDGEMENT)
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """Friction from free slides (chain/sliding.py)."""
+
+    smoothing: float = threshold(0.03, "s", "over which speeds are averaged to find slides", JUDGEMENT)
+    rise: float = threshold(0.03, "m/s", "vertical speed up to which an object lies flat", JUDGEMENT)
+    rocking: float = threshold(0.5, "rad/s", "rate of tilting up to which it does", JUDGEMENT)
+    slowest: float = threshold(0.05, "m/s", "speed down to which a slide counts", JUDGEMENT)
+    shortest: float = threshold(0.06, "s", "shortest slide", JUDGEMENT)
+    least: int = threshold(3, "slides", "fewest from which friction is given", JUDGEMENT)
+    coloured: float = threshold(3.0, "1", "factor of a tracker's variance as its noise is not white", JUDGEMENT)
+    spread: float = threshold(0.03, "1", "usual spread of mu from slide to slide", "10 to 20 % of .2 to .3")
+    tilt: float = threshold(0.01, "rad", "standard deviation of a table's tilt", ".1 to 1 degree")
+    tails: float = threshold(4.0, "1", "degrees of freedom of a slide, Student's", JUDGEMENT)
+    passes: int = threshold(5, "passes", "alternations between mu and its spread", NUMERICS)
