@@ -15,7 +15,8 @@ from pages.markdown import head, paragraph, table
 SETS = "sets.yaml"
 DRIVER = ("tracking", "approach", "suite", "faults")
 PICTURES = (".svg", ".png", "_strips.jpg", "_reliability.png", "_view.png")
-INTRODUCTION = """Everything measured, newest first. All of it is simulated: no real arm or camera has been used yet.
+INTRODUCTION = """Everything measured, newest first. All of it is simulated but what others have recorded (a Unitree Z1,
+real pushes): no real arm or camera has been used here yet.
 The policies were trained and evaluated with MuJoCo's default contacts, which are soft: a fingertip sinks 2 to 6.6 mm into
 the card, which is 5 mm thick."""
 # Kind of a set, as the index names it, by what its file is called: the first that fits.

@@ -140,7 +140,7 @@ def windows(push: Push) -> Windows:
 
 
 def _before_contact(push: Push) -> tuple[float, np.ndarray, float]:
-    """End of the free part in s, bias (2,) N and noise N of a window's mean in it; the least that is free is asked for."""
+    """End of the free part in s, bias (2,) N and noise N of a reading in its first part. Raises ValueError if it is short."""
     time, first = push.force_time, push.force_time[0]
     begin = time < first + PUSHING.free
     noise = float(np.sqrt(np.mean(np.var(push.force[begin], axis=0)))) + 1e-9
