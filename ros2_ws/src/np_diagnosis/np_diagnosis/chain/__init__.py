@@ -1,1 +1,1 @@
-"""The chain beside the arm: so far the clocks of two streams of poses, and the frames that are missing."""
+"""The chain beside the arm: clocks of two streams of poses, keypoints at rest, slow pushes and free slides."""

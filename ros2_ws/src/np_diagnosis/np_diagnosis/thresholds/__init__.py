@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_diagnosis.thresholds import chain, checks, consequences, inference, keypoints
+from np_diagnosis.thresholds import chain, checks, consequences, inference, keypoints, pushes
 
 __all__ = ["THRESHOLDS", "Thresholds"]
 
@@ -46,6 +46,12 @@ class Thresholds:
     scatter: keypoints.Scattering = keypoints.Scattering()
     streams: chain.Streams = chain.Streams()
     clock: chain.Clock = chain.Clock()
+    pushing: pushes.Pushing = pushes.Pushing()
+    push_model: pushes.PushModel = pushes.PushModel()
+    push_spreads: pushes.PushSpreads = pushes.PushSpreads()
+    push_fit: pushes.PushFit = pushes.PushFit()
+    push_change: pushes.PushChange = pushes.PushChange()
+    sliding: pushes.Sliding = pushes.Sliding()
 
 
 THRESHOLDS = Thresholds()
