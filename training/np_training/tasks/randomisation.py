@@ -73,7 +73,7 @@ ROBUST = dataclasses.replace(
     stiffness=(0.25, 4.0),
     damping=(0.5, 2.0),
     housing_friction=(0.5, 2.0),
-    # A box on its corners turns like a disc of .70 of its half side, a pressed patch like one of .38: .30 to .68.
+    # A box on its corners turns like a disc of .70 of its side, a pressed patch like one of .38: .30 to .68.
     support=(0.43, 0.97),
     limit_margin=(0.75, 0.95),
     # What our own calibration leaves (docs/results/calibration.md), rounded up; hand-eye routines leave more.
