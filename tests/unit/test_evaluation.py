@@ -146,7 +146,7 @@ def test_the_plot_shows_every_whole_episode():
     assert svg.startswith("<svg") and "success: 2" in svg and "failure: 0" in svg
 
 
-def test_the_patch_of_an_evaluation_goes_to_the_simulated_arm_and_nowhere_else(tmp_path):
+def test_the_patch_of_an_evaluation_goes_to_the_simulated_arm_and_its_view_and_nowhere_else(tmp_path):
     patch = tmp_path / "patch.yaml"
     patch.write_text("effects: [{effect: command_delay, component: arm, parameters: {delay: 0.004}}]")
     options = command.parse(["--effects", str(patch)])
@@ -155,7 +155,8 @@ def test_the_patch_of_an_evaluation_goes_to_the_simulated_arm_and_nowhere_else(t
         node.name: dict(node.parameters).get("effects")
         for node in task_graph({"keypoints": "truth", "effects": options.effects})
     }
-    assert carrying.pop("sim_bridge") == options.effects and not any(carrying.values())
+    simulated = [carrying.pop(name) for name in ("sim_bridge", "keypoint_oracle")]
+    assert simulated == [options.effects] * 2 and not any(carrying.values())
     nominal = task_graph({"keypoints": "truth", "effects": ""})
     assert "effects" not in next(node.parameters for node in nominal if node.name == "sim_bridge")
 

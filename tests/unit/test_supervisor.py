@@ -87,15 +87,20 @@ def test_nodes_end_with_a_supervisor_that_is_killed(tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
 def test_a_command_is_interrupted_by_a_closed_terminal_too(number):
-    # Not signal.pause(): a signal that comes just before it is not waited for any more, and nothing ends it.
+    # Not signal.pause(): a signal that comes just before it is not waited for any more, and nothing ends it. Under nohup the tests'
+    # children ignore a closed terminal, and so would the command.
     code = (
-        "import time; from np_record.command import interrupt_on_sigterm; interrupt_on_sigterm()\n"
+        "import signal, time; signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
+        "from np_record.command import interrupt_on_sigterm; interrupt_on_sigterm()\n"
         "try:\n    print('up', flush=True)\n    while True: time.sleep(0.05)\nexcept KeyboardInterrupt:\n    print('ended')"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout.readline() == "up\n"
-        process.send_signal(number)
-        assert process.communicate(timeout=20)[0] == "ended\n"
+        try:
+            assert process.stdout.readline() == "up\n"
+            process.send_signal(number)
+            assert process.communicate(timeout=20)[0] == "ended\n"
+        finally:
+            process.kill()
 
 
 def test_a_node_that_ends_is_reported_with_its_name_and_last_lines(supervisor):
