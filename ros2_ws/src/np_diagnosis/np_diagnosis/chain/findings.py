@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from np_diagnosis.chain.scatter import Scatter
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import VIEW_RECORDS
 from np_effects.saying import Value, say
 
@@ -18,7 +19,10 @@ def effects(found: Scatter) -> dict[str, dict[str, Value]]:
         "keypoint_outliers": ("share", {"share": found.share, "size": found.size}),
         "frame_drop": ("share", {"share": found.repeated or NOBODYS}),
     }
-    return {name: values for name, (size, values) in named.items() if values[size].low > VIEW_RECORDS[name].seen.limit}
+    seen = {name: values for name, (size, values) in named.items() if values[size].low > VIEW_RECORDS[name].seen.limit}
+    if found.size.low < THRESHOLDS.scatter.gross:  # the long tail of a small scatter harms nobody
+        seen.pop("keypoint_outliers", None)
+    return seen
 
 
 def sentences(found: Scatter) -> list[str]:

@@ -1,6 +1,6 @@
 """`scatter BAG`: how keypoints scatter while the object rests, and which images show the one before again.
 
-Any recording with `keypoints` in which the object rests for 3 s in all: an episode's, or a camera's beside a still table. The last line
+Any recording with `keypoints` in which the object rests for 1.5 s in all: an episode's, or a camera's beside a still table. The last line
 printed is one JSON object.
 """
 

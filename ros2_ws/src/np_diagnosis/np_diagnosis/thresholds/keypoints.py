@@ -39,10 +39,11 @@ class Tracking:
 class Scattering:
     """How keypoints scatter (`np_diagnosis.chain.scatter`)."""
 
-    least: float = threshold(3.0, "s", "of rest in all, to tell", JUDGEMENT)
+    least: float = threshold(1.5, "s", "of rest in all, to tell; the approach of an episode has 2.5", JUDGEMENT)
     finest: float = threshold(1e-3, "px", "scatter below it is rounding", NUMERICS)
     wide: float = threshold(8.0, "1", "times the spread, at which gross errors are first looked for", NUMERICS)
     apart: float = threshold(2.5, "1", "times the spread that gross errors are, or they are its tail", JUDGEMENT)
+    gross: float = threshold(2.0, "px", "size from which on gross errors are named", JUDGEMENT)
     surely: float = threshold(10.0, "nats", "by which two kinds of corners must be likelier than one", JUDGEMENT)
     rounds: int = threshold(60, "rounds", "of expectation and maximisation", NUMERICS)
     pairs: int = threshold(40, "pairs", "of images one after the other, to tell a memory", JUDGEMENT)
