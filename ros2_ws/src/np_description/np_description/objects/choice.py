@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -39,6 +40,11 @@ def domain_with(name: str, choice: str = DEFAULT) -> Domain:
     domain = find_domain(name)
     spec = find_object(domain.name, choice)
     return domain if spec is None else place_in(domain, spec)
+
+
+def recorded_domain(information: Mapping[str, object]) -> Domain:
+    """The domain of a recording, with the object that it was played with, by what the recorder kept of the run."""
+    return domain_with(str(information.get("domain", "card")), str(information.get("object", DEFAULT)))
 
 
 def portable(domain: str, choice: str) -> str:
