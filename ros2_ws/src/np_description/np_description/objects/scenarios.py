@@ -49,7 +49,7 @@ SCENARIOS = {
     "bump": (
         Scenario(_from(0.5, 0.5), Place(0.5, 0.5, roll=3)),  # onto the bump, tipped over its edge
         Scenario(_from(0.2, 0.5, 0.3), Place(0.6, 0.5, 0.0, goal=1)),  # beyond it, on the same face
-        Scenario(_from(0.8, 0.5, -0.3, pitch=1), Place(0.4, 0.5, 0.0, roll=2)),  # onto it, on the opposite face
+        Scenario(_from(0.8, 0.5, -0.3, pitch=1), Place(0.2, 0.5, 0.0, roll=2)),  # onto it, on the opposite face
     ),
     "wall": (
         Scenario(_from(0.5, 0.5), Place(0.5, 0.5)),  # up, and to the left
