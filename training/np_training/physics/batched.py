@@ -150,10 +150,12 @@ class BatchedPhysics:
     noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
     the limits of joint velocity, and of torque as commanded; peak (2, worlds, 7): the largest shares of them; margin (worlds,):
     share of the data sheet's joint velocity that counts as the limit, and of its torque; seen_q rad, m, seen_dq (worlds, 9):
-    what the sensors say of joints and fingers.
+    what the sensors say of joints and fingers. Raises ValueError for an object that is not rigid.
     """
 
     def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
+        if domain.object is not None and not domain.object.is_rigid:
+            raise ValueError(f"object: training moves rigid ones, got {domain.object.name}, which has moving parts")
         self.config, self.worlds, self.device = config, worlds, torch.device(device)
         panda = config.effects.panda()
         model = load_model(

@@ -57,7 +57,7 @@ SCENARIOS = {
         Scenario(_from(0.5, 0.1), Place(0.8, 0.8)),  # up, far, and across
     ),
 }
-"""By domain, in order."""
+"""By domain, in order; left, right, away: as seen from the robot."""
 COUNT = 3
 
 
