@@ -1,6 +1,8 @@
 """Objects as data: the rows of the paper's table, files of one's own, and what the compiled scene makes of them."""
 
+import re
 from dataclasses import fields, replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -238,6 +240,12 @@ def test_scenarios_are_tasks_of_the_domain(domain):
 @every_row
 def test_the_text_of_an_object_is_the_object(spec):
     assert parse_object(object_text(spec), "text") == spec
+
+
+def test_the_files_of_the_guide_are_objects():
+    page = Path(__file__).parents[2] / "docs/guide/your_own_object.md"
+    blocks = re.findall(r"```yaml\n(.*?)```", page.read_text(), re.DOTALL)
+    assert [parse_object(block, "guide").name for block in blocks] == ["tea box", "wet wipes"]
 
 
 def test_a_file_names_what_it_leaves_out_by_default(tmp_path):

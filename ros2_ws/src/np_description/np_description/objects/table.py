@@ -20,22 +20,14 @@ SURFACES = {
     for surface in (
         Surface("plastic", _RUBBER, _TABLE),
         Surface("paper", _RUBBER, _TABLE),
+        Surface("vinyl", _RUBBER, Friction(0.45, "estimate: a film clings a little more than the paper below it")),
         Surface(
-            "vinyl",
-            _RUBBER,
-            Friction(
-                0.45, "estimate: a film clings a little more than the paper below it (plastic film on film: .2 to .6)"
-            ),
-        ),
-        Surface(
-            "acrylic",
-            _RUBBER,
-            Friction(0.45, "estimate: handbooks have .4 to .5 for acrylic glass on steel, dry, and none for wood"),
+            "acrylic", _RUBBER, Friction(0.45, "estimate: handbooks have .4 to .5 on dry steel, and nothing on wood")
         ),
         Surface(
             "wood",
-            Friction(0.9, "handbooks: rubber soles on wood, .9 at rest"),
-            Friction(0.45, "handbooks: wood on wood, dry, .25 to .5; .3 sliding, .5 at rest"),
+            Friction(0.9, "S. A. Hill, Coefficients of Friction (2022): shoes on wood, .9 at rest"),
+            Friction(0.45, "estimate: wood on wood has .5 at rest, .3 sliding (the same page)"),
         ),
     )
 }
@@ -52,14 +44,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Baselines:
-    """Of 15 tries with the default object: without joint limits adapted to the state (zeta*), and operational space control."""
+    """Of 15 tries with the default object: limits of the residual at zeta* from the first step of training (None: not tried), and
+    operational space control."""
 
-    fixed_limits: int
+    fixed_limits: int | None
     operational_space: int
 
 
 TRIES = 15
-BASELINES = {"card": Baselines(11, 2), "bump": Baselines(11, 1), "wall": Baselines(11, 0)}
+BASELINES = {"card": Baselines(11, 2), "bump": Baselines(None, 1), "wall": Baselines(None, 0)}
 
 
 def _row(domain, name: str, grams: float, surface: str, successes: int, **soft) -> Row:
