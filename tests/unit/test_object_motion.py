@@ -15,6 +15,7 @@ from np_description.objects.table import ROWS, rows_of
 from np_description.panda import NOMINAL
 from np_physx_bridge.engine import PhysxEngine
 from np_physx_bridge.library import missing
+from np_policy.collision import CollisionModel
 from np_sim_bridge.mujoco_engine import MujocoEngine
 from np_sim_bridge.simulation import Simulation
 
@@ -68,7 +69,7 @@ def drawn(engine, domain, contact):
     made.reset(Pose(start, FLAT))
     ranges = made.model.jnt_range[made.model.joint("object").id + 1 :]
     positions, beyond = [], 0.0
-    for a, b, periods in zip(joints, joints[1:], (600, 200, 400, 400)):
+    for a, b, periods in zip(joints, joints[1:], (300, 100, 300, 200)):
         for k in range(periods):
             q, dq, _ = made.joints()
             torque = stiffness * (a + (b - a) * (k + 1) / periods - q[:7]) - 1.4 * np.sqrt(stiffness) * dq[:7]
@@ -86,7 +87,7 @@ def test_it_bears_being_pressed_and_drawn(engine, contact, domain, name):
     domain = replace(domain_with(domain, name), obstacles=())
     positions, beyond = drawn(engine, domain, contact)
     assert np.isfinite(positions).all()
-    rest, pressed = domain.half_size[2], positions[600:800, 2]
+    rest, pressed = domain.half_size[2], positions[300:400, 2]
     tips = 0.002 if domain.name == "wall" else -2e-5  # it is tall: pressed beside its middle, an edge of it lifts
     assert rest - travel(domain) - 0.0012 < pressed.min() < rest + tips  # MuJoCo's default contact sinks by 1 mm itself
     assert beyond < 0.001
@@ -121,6 +122,12 @@ def test_the_bridge_sees_the_core_and_draws_every_part(engine):
     data.qpos[:] = configuration
     mujoco.mj_kinematics(simulation.model, data)
     np.testing.assert_allclose(data.body("object").xpos, pose.position)
+
+
+def test_the_planner_keeps_clear_of_the_box_that_is_there():
+    spec = replace(rows_of("bump")["sponge"].spec, size=(0.1, 0.09, 0.08))
+    model = CollisionModel(place_in(DOMAINS["bump"], spec)).model
+    assert model.nq == 16 and model.geom("object").size == pytest.approx([0.05, 0.045, 0.04])
 
 
 @in_both

@@ -308,14 +308,17 @@ def _add_supports(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) ->
 
 
 def main() -> None:
-    """Print the scene of a domain as MJCF."""
+    """Print the scene of a domain, and of an object if one is named, as MJCF."""
     import argparse
 
-    from np_description.domains import DOMAINS, find_domain
+    from np_description.domains import DOMAINS
+    from np_description.objects.choice import DEFAULT, domain_with
 
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("domain", choices=list(DOMAINS))
-    spec = build_scene(find_domain(parser.parse_args().domain))
+    parser.add_argument("object", nargs="?", default=DEFAULT)
+    options = parser.parse_args()
+    spec = build_scene(domain_with(options.domain, options.object))
     spec.compile()
     print(spec.to_xml())
 

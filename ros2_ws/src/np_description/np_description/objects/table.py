@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from np_description.contact import SOFT
-from np_description.domains import BUMP, CARD, DOMAINS, WALL
+from np_description.contact import IN_FORCE
+from np_description.domains import BUMP, CARD, DOMAINS, WALL, Domain
 from np_description.objects.spec import Contents, Friction, ObjectSpec, Softness, Surface
 
 _TRAINED = "np_description.contact: what the released weights were trained with"
-_RUBBER, _TABLE = Friction(SOFT.finger, _TRAINED), Friction(SOFT.table, _TRAINED)
+_RUBBER, _TABLE = Friction(IN_FORCE.finger, _TRAINED), Friction(IN_FORCE.table, _TRAINED)
 
 SURFACES = {
     surface.name: surface
@@ -55,12 +55,12 @@ TRIES = 15
 BASELINES = {"card": Baselines(11, 2), "bump": Baselines(None, 1), "wall": Baselines(None, 0)}
 
 
-def _row(domain, name: str, grams: float, surface: str, successes: int, **soft) -> Row:
+def _row(domain: Domain, name: str, grams: float, surface: str, successes: int, **soft) -> Row:
     size = tuple(2 * half for half in domain.half_size)
     return Row(ObjectSpec(name, domain.name, size, grams / 1e3, SURFACES[surface], **soft), successes)
 
 
-def _default(domain, surface: str, successes: int) -> Row:
+def _default(domain: Domain, surface: str, successes: int) -> Row:
     """The domain's own object; its mass is density times volume, which the paper rounds to grams."""
     row = _row(domain, "default", 1e3 * domain.mass, surface, successes)
     return replace(row, spec=replace(row.spec, mass=domain.mass))
