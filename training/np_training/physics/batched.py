@@ -142,6 +142,12 @@ def impedance_kernel(
     ctrl[i, j] = wp.clamp(torque, -most, most)
 
 
+def check_trainable(domain: Domain) -> None:
+    """Raises ValueError for an object that is not rigid: a world has no room for its parts."""
+    if domain.object is not None and not domain.object.is_rigid:
+        raise ValueError(f"object: training moves rigid ones, got {domain.object.name}, which has moving parts")
+
+
 class BatchedPhysics:
     """`worlds` copies of a domain's scene.
 
@@ -154,8 +160,7 @@ class BatchedPhysics:
     """
 
     def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
-        if domain.object is not None and not domain.object.is_rigid:
-            raise ValueError(f"object: training moves rigid ones, got {domain.object.name}, which has moving parts")
+        check_trainable(domain)
         self.config, self.worlds, self.device = config, worlds, torch.device(device)
         panda = config.effects.panda()
         model = load_model(
