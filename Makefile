@@ -43,8 +43,8 @@ ros2_ws/install/.built: .venv/.ros2 $(BUILT_FROM)
 	@tools/check.sh && $(ACTIVATE) cd ros2_ws && colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
 	@touch $@
 
-demo: setup ## DOMAIN EPISODES SEED KEYPOINTS: three episodes through the graph: bag, report, video
-	@$(ACTIVATE) exec ros2 run np_bringup demo --domain $(DOMAIN) --seed $(SEED) --keypoints $(KEYPOINTS) \
+demo: setup ## DOMAIN EPISODES SEED KEYPOINTS OBJECT: three episodes through the graph: bag, report, video
+	@$(ACTIVATE) exec ros2 run np_bringup demo --domain $(DOMAIN) --seed $(SEED) --keypoints $(KEYPOINTS) --object $(OBJECT) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
 evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT EFFECTS ENGINE=mujoco|physx: success rate as JSON

@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from pages import effects, parameters, report_schema, results
+from pages import effects, objects, parameters, report_schema, results
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -15,6 +15,7 @@ def generate(root: Path = ROOT) -> dict[str, str]:
     """Text of every generated page by its path below docs."""
     return {
         "reference/effects.md": effects.page(),
+        "reference/objects.md": objects.page(),
         "reference/parameters.md": parameters.page(root),
         "reference/report_schema.md": report_schema.page(),
         **{f"results/{name}": text for name, text in results.pages(root / "docs/results").items()},

@@ -140,6 +140,29 @@ def test_the_command_reads_its_setting_from_the_checkpoint_and_draws(tmp_path, m
     assert strips.shape == (2 * CAMERA.height, PICTURES * CAMERA.width, 3) and strips.std() > 5
 
 
+def test_the_command_takes_a_rigid_object(tmp_path, monkeypatch, capsys):
+    setting = {"domain": "bump", "start": "above", "controller": "impedance", "limit": 2}
+    torch.save({"networks": ActorCritic().state_dict(), "steps": 7, "setting": setting}, tmp_path / "checkpoint.pt")
+    asked = [
+        "evaluate",
+        "--checkpoint",
+        str(tmp_path / "checkpoint.pt"),
+        "--episodes",
+        "2",
+        "--device",
+        "cpu",
+        "--object",
+    ]
+    monkeypatch.setattr("sys.argv", [*asked, "dense"])
+    command.main()
+    assert json.loads(capsys.readouterr().out.strip().splitlines()[-1])["object"] == "dense"
+    for name, said in {"sponge": "training moves rigid ones, got sponge", "sofa": "expected one of default"}.items():
+        monkeypatch.setattr("sys.argv", [*asked, name])
+        with pytest.raises(SystemExit):
+            command.main()
+        assert f"object: {said}" in capsys.readouterr().err.splitlines()[-1]
+
+
 def test_a_recording_without_an_episode_to_draw_says_so(tmp_path):
     np.savez(
         tmp_path / "none.npz",

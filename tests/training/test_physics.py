@@ -11,6 +11,7 @@ from np_description.camera import CAMERA
 from np_description.contact import HARD
 from np_description.depths import PAIRS
 from np_description.domains import BUMP, CARD, WALL, Pose
+from np_description.objects.choice import domain_with
 from np_description.panda import NOMINAL
 from np_description.penetration import Penetration
 from np_description.scene import SUPPORT_PROUD
@@ -226,3 +227,11 @@ def test_a_camera_that_is_off_shifts_what_is_seen():
     distance = np.linalg.norm(np.array([0.5, 0.0, 0.0025]) - CAMERA.position)
     assert float(moved[:, 1].std()) == pytest.approx(0.003 * np.hypot(1, distance), rel=0.15)
     assert moved.mean(0).abs().max() < 1e-3
+
+
+def test_a_rigid_object_is_trained_with_its_own_mass_and_friction_and_another_is_refused():
+    physics = BatchedPhysics(domain_with("card", "wood"), WORLDS, "cpu", PhysicsConfig(substeps=SUBSTEPS))
+    assert physics.mass[:, physics.object_body].tolist() == pytest.approx([0.008] * WORLDS)
+    assert physics.friction[0, physics.host_model.geom("table").id, 0] == pytest.approx(0.45)
+    with pytest.raises(ValueError, match="object: training moves rigid ones, got tissue, which has moving parts"):
+        BatchedPhysics(domain_with("card", "tissue"), WORLDS, "cpu")

@@ -7,11 +7,13 @@ from dataclasses import replace
 import pytest
 from packages import packages_of, sources
 
+from np_bringup.commands import demo
 from np_bringup.commands import evaluate as command
 from np_bringup.evaluation import CODE, Results, breakdown, code_sha256, result_of, summary
 from np_bringup.results_plot import results_plot
 from np_bringup.task_graph import task_graph
 from np_description.domains import CARD
+from np_description.objects.choice import portable, recorded_domain
 from np_record.intervals import wilson_interval
 from np_record.recorded_episode import Outcome
 
@@ -198,3 +200,25 @@ def test_results_under_another_patch_are_results_of_their_own(tmp_path):
     nominal = Results(tmp_path, {**SETTINGS, "effects": "none"})
     nominal.add(good(0))
     assert Results(tmp_path, {**SETTINGS, "effects": "effects: []"}).results == []
+
+
+def test_a_file_of_an_object_is_read_once_and_goes_to_every_node_that_knows_sizes_and_into_the_bag(tmp_path):
+    path = tmp_path / "tea.yaml"
+    path.write_text("{name: tea, domain: card, size: [0.06, 0.07, 0.006], mass: 0.012, surface: paper}")
+    options = command.parse(["--object", str(path)])
+    assert options.object == demo.parse(["--object", str(path)]).object == portable("card", str(path))
+    path.unlink()
+    graph = {node.name: node.parameters for node in task_graph({"object": options.object, "bag": "b", "scenario": "2"})}
+    told = {name for name, parameters in graph.items() if parameters.get("object") == options.object}
+    assert told == {"sim_bridge", "pre_contact", "approach", "post_contact", "episode"}
+    assert graph["sim_bridge"]["scenario"] == 2
+    kept = json.loads(graph["recorder"]["run_info"])
+    assert recorded_domain(kept).half_size == (0.03, 0.035, 0.003)
+
+
+@pytest.mark.parametrize("tool", (command, demo), ids=("evaluate", "demo"))
+def test_an_object_that_is_none_ends_the_command_with_one_line(tool, capsys):
+    with pytest.raises(SystemExit) as ended:
+        tool.parse(["--domain", "wall", "--object", "tissue"])
+    assert ended.value.code == 2
+    assert "object: expected one of default, wrapped, dense, wood" in capsys.readouterr().err.splitlines()[-1]

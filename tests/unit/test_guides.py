@@ -12,6 +12,7 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 AFTER = {
+    "your_own_object": "assert domain.half_size == (0.03, 0.035, 0.003) and abs(scene.body('object').mass[0] - 0.012) < 1e-9 and TILE.mass > 0",
     "your_own_robot": "assert worn.velocity_limit[0] == limits.velocity[0] and scene.dof_frictionloss[0] > 0.2 and '<robot' in text",
     "your_own_effect": "assert felt.shape == (1, 7) and abs(felt[0, 1]) > 1 and abs(felt[0, 0]) < 1e-6",
 }

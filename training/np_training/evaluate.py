@@ -24,6 +24,7 @@ from np_control.operational_space import CartesianGains, uniform_gains
 from np_description import limit_share
 from np_description.depths import Tally
 from np_description.domains import DOMAINS, find_domain
+from np_description.objects.choice import DEFAULT, domain_with, portable
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PreContactStudent
 from np_policy.weights import load
@@ -32,7 +33,7 @@ from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.environment.fixed_contact import STARTS, FixedContact
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
 from np_training.episodes.recording import save_recording
-from np_training.physics.batched import CONTROLLERS, STEPPING, PhysicsConfig, physics_for
+from np_training.physics.batched import CONTROLLERS, STEPPING, PhysicsConfig, check_trainable, physics_for
 from np_training.physics.carried_effects import load_effects
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.randomisation import CONDITIONS, GROUPS, PAPER, widen
@@ -155,6 +156,9 @@ def main() -> None:
     """Evaluate checkpoints; every line printed is one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--domain", choices=list(DOMAINS), help="default: the checkpoint's")
+    parser.add_argument(
+        "--object", default=DEFAULT, help="a rigid row of the domain's table of objects, or a .yaml file"
+    )
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--checkpoint", type=Path)
     source.add_argument("--released", choices=list(DOMAINS), help="the weights that the nodes load, of a domain")
@@ -192,6 +196,8 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.video and not arguments.record:
         parser.error("--video needs --record FILE, beside which it writes")
+    if arguments.video and arguments.object != DEFAULT:
+        parser.error("--video draws a domain's own object: leave it out with --object")
     try:
         effects = load_effects(arguments.effects)
     except ValueError as error:
@@ -205,8 +211,14 @@ def main() -> None:
     setting |= {name: value for name in setting if (value := getattr(arguments, name)) is not None}
     contract = PolicyContract.of(PRE_CONTACT, find_domain(setting["domain"]), setting["controller"])
     student = load(PreContactStudent(), arguments.student, contract).to(arguments.device) if arguments.student else None
+    try:
+        choice = portable(setting["domain"], arguments.object)
+        domain = domain_with(setting["domain"], choice)
+        check_trainable(domain)
+    except ValueError as error:
+        parser.error(str(error))
     environment = Environment(
-        find_domain(setting["domain"]),
+        domain,
         arguments.device,
         EnvironmentConfig(
             worlds=arguments.episodes,
@@ -233,6 +245,7 @@ def main() -> None:
                 "conditions": conditions,
                 "student": bool(student),
                 **setting,
+                **({"object": choice} if choice != DEFAULT else {}),
                 "effects": [f"{e.effect} at {e.component}" for e in effects.effects],
                 "seeds": arguments.seeds,
                 "steps": steps,

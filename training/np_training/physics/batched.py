@@ -142,6 +142,12 @@ def impedance_kernel(
     ctrl[i, j] = wp.clamp(torque, -most, most)
 
 
+def check_trainable(domain: Domain) -> None:
+    """Raises ValueError for an object that is not rigid: a world has no room for its parts."""
+    if domain.object is not None and not domain.object.is_rigid:
+        raise ValueError(f"object: training moves rigid ones, got {domain.object.name}, which has moving parts")
+
+
 class BatchedPhysics:
     """`worlds` copies of a domain's scene.
 
@@ -150,10 +156,11 @@ class BatchedPhysics:
     noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
     the limits of joint velocity, and of torque as commanded; peak (2, worlds, 7): the largest shares of them; margin (worlds,):
     share of the data sheet's joint velocity that counts as the limit, and of its torque; seen_q rad, m, seen_dq (worlds, 9):
-    what the sensors say of joints and fingers.
+    what the sensors say of joints and fingers. Raises ValueError for an object that is not rigid.
     """
 
     def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
+        check_trainable(domain)
         self.config, self.worlds, self.device = config, worlds, torch.device(device)
         panda = config.effects.panda()
         model = load_model(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from np_bringup import backends
+from np_description.objects.choice import portable
 from np_ros.graph import LaunchArgument, NodeSpec, complete
 
 CONTROLLERS = {"impedance": "joint_impedance", "osc": "operational_space"}
@@ -14,6 +15,12 @@ KEYPOINT_SOURCES = ("camera", "truth")
 
 ARGUMENTS = (
     LaunchArgument("domain", "card", "Task family: card, bump or wall; it needs released weights."),
+    LaunchArgument(
+        "object",
+        "default",
+        "What is moved: default, another row of the domain's table of objects, or a .yaml file of your own.",
+    ),
+    LaunchArgument("scenario", "0", "1, 2, 3: a fixed task of the domain in every episode; 0: tasks are drawn."),
     LaunchArgument("seed", "0", "With an episode's number it names the task; equal seeds give equal runs in lockstep."),
     LaunchArgument("first_episode", "0", "Number of the episode that the first reset draws."),
     LaunchArgument("mode", "lockstep", "lockstep: time waits for every answer; realtime: it does not."),
@@ -56,8 +63,9 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     backends.check(given)
     elsewhere = {backends.REAL: backends.real_nodes, backends.OWN: backends.own_nodes}.get(given["backend"])
     common = {"mode": given["mode"]}
-    task = {**common, "domain": given["domain"]}
-    seeing = {**task, "calibration": given["calibration"]}
+    given["object"] = portable(given["domain"], given["object"])  # for the bag too, wherever that goes
+    named = {**common, "domain": given["domain"]}
+    seeing = {**named, "object": given["object"], "calibration": given["calibration"]}
     learned = {**seeing, "weights": given["weights"], "controller": given["controller"]}
     seed, image_rate = _integer(given, "seed"), _integer(given, "image_rate")
     from_camera = given["keypoints"] == "camera"
@@ -68,6 +76,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             given["backend"],
             parameters={
                 **seeing,
+                "scenario": _integer(given, "scenario"),
                 "seed": seed,
                 "first_episode": _integer(given, "first_episode"),
                 "image_rate": image_rate,
@@ -79,7 +88,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     ]
     nodes = [
         *(elsewhere(given, CONTROLLERS[given["controller"]]) if elsewhere else simulated),
-        NodeSpec("np_perception", "keypoint_detector", parameters={**task, "weights": given["weights"]})
+        NodeSpec("np_perception", "keypoint_detector", parameters={**named, "weights": given["weights"]})
         if from_camera
         else NodeSpec("np_perception", "keypoint_oracle", parameters={**seeing, "seed": seed, **effects}),
         NodeSpec("np_policy", "pre_contact", parameters=learned),

@@ -10,10 +10,10 @@ from np_description.scene import OBJECT, load_model
 
 
 def contact_definition(domain: Domain, contact: ContactModel = IN_FORCE) -> dict[str, object]:
-    """Cone, impratio, timestep s of the scene as it is built by default, and by partner (surroundings, arm, fingers,
+    """Cone, impratio, timestep s of the scene with the domain's own object, as it is built by default, and by partner (surroundings, arm, fingers,
     object) the friction, solref, solimp and further parameters of its geoms, each parameter once for all geoms that share it.
     """
-    model = load_model(domain, contact=contact)
+    model = load_model(domain.plain, contact=contact)
     partners: dict[str, dict[str, list]] = {}
     for geom in range(model.ngeom):
         if not (model.geom_contype[geom] or model.geom_conaffinity[geom]):

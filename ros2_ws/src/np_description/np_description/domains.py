@@ -7,11 +7,12 @@ distributions in words; the ranges in metres below are this project's reading of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
 
+from np_description.objects.spec import ObjectSpec
 from np_description.rotations import (
     matrix_from_quaternion,
     matrix_from_vector,
@@ -65,7 +66,9 @@ class Domain:
     object counts as lost; min_distance m: tasks nearer than this are drawn again; max_opening m: of one finger, beyond
     which the object could be gripped, or an edge of it be jammed between the fingers: what is learned is to be done without;
     aim: share of the tolerance that policies are trained to reach and that the estimated pose has to reach, the rest being
-    left to the estimate's error; interchangeable: policies see the object under other names of its faces (np_description.symmetry).
+    left to the estimate's error; interchangeable: policies see the object under other names of its faces (np_description.symmetry);
+    object: another than its own, whose size and mean density the domain then has (np_description.objects.choice); None: its own, a
+    homogeneous box.
     """
 
     name: str
@@ -83,6 +86,12 @@ class Domain:
     max_opening: float = 0.005
     aim: float = 0.8
     interchangeable: bool = False
+    object: ObjectSpec | None = None
+
+    @property
+    def plain(self) -> Domain:
+        """The domain with a hard, homogeneous box of the object's size and mass: for who looks or plans, and moves no parts."""
+        return replace(self, object=None)
 
     @property
     def mass(self) -> float:

@@ -23,6 +23,10 @@ class Penetration:
         self._data = mujoco.MjData(self._model)
         self._joints = np.array([self._model.joint(name).qposadr[0] for name in STATE_NAMES])
         self._object = int(self._model.joint(OBJECT).qposadr[0])
+        # Where it gives way it may be entered: plates stand at their stops.
+        for joint in range(self._model.njnt):
+            if self._model.jnt_stiffness[joint]:
+                self._data.qpos[self._model.jnt_qposadr[joint]] = self._model.jnt_range[joint].sum()
         self._kinds = [kind_of(self._model.geom(geom).name) for geom in range(self._model.ngeom)]
 
     def depths(self, joints: np.ndarray, pose: Pose) -> dict[str, float]:
@@ -48,7 +52,7 @@ def kind_of(name: str) -> str:
     """What a geom of the scene is a part of, by its name: object, finger, housing, link, surroundings, or nothing that touches.
 
     A finger works with its tip; its bare shaft is counted with the housing."""
-    if name == OBJECT or name.startswith(SUPPORT):
+    if name.startswith((OBJECT, SUPPORT)):
         return "object"
     if name.startswith("panda_hand") or (name.startswith("panda_finger") and name.endswith(SHAFT)):
         return "housing"

@@ -6,6 +6,8 @@ are also what is drawn. `python -m np_description.scene card > card.xml` writes 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
@@ -14,6 +16,7 @@ from np_description.contact import IN_FORCE, OBJECT_FRICTION, ROLLING, TORSION, 
 from np_description.domains import Domain
 from np_description.hand import BoxShape, CapsuleShape
 from np_description.keypoints import CORNERS
+from np_description.objects.bodies import add_parts
 from np_description.panda import BASE_FRAME, FINGER_FORCE, FINGER_MAX, NOMINAL, TCP_FRAME, PandaModel
 
 OBJECT = "object"
@@ -66,9 +69,11 @@ def build_scene(
 
     timestep s. With `arm_collision` false only the last link, hand and fingers touch things (training: the other links never
     reach anything, and their pairs cost time). Joint torques act through seven motors, fingers through position servos;
-    gravity is compensated for the robot, as the real one does by itself. contact: how rough and how hard everything is. supports:
-    give the object patches to stand on (`SUPPORT`), whose sizes may then be changed.
+    gravity is compensated for the robot, as the real one does by itself. contact: how rough and how hard everything is, but for
+    the object's own surface (`contact_of`). supports: give the object patches to stand on (`SUPPORT`), whose sizes may then be
+    changed. Parts of an object that is not rigid come after all else in the generalised positions.
     """
+    contact = contact_of(domain, contact)
     spec = mujoco.MjSpec()
     spec.modelname = f"panda_{domain.name}"
     spec.compiler.degree = False
@@ -82,7 +87,7 @@ def build_scene(
     spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 1024
     _add_surroundings(spec, domain, camera, contact)
     _add_robot(spec, panda, arm_collision, contact)
-    _add_object(spec, domain, contact)
+    parts = _add_object(spec, domain, contact)
     if supports:
         _add_supports(spec, domain, contact)
     key = spec.add_key(name="ready")
@@ -98,6 +103,7 @@ def build_scene(
         0,
         0,
         0,
+        *[0.0] * parts,
     ]
     key.ctrl = [0.0] * 9
     return spec
@@ -106,6 +112,14 @@ def build_scene(
 def load_model(domain: Domain, **options) -> mujoco.MjModel:
     """The compiled scene; options as for `build_scene`."""
     return build_scene(domain, **options).compile()
+
+
+def contact_of(domain: Domain, contact: ContactModel) -> ContactModel:
+    """The contact definition with the frictions of the domain's object, where it is another than its own."""
+    if domain.object is None:
+        return contact
+    surface = domain.object.surface
+    return replace(contact, table=surface.table.coefficient, finger=surface.finger.coefficient)
 
 
 def set_friction_law(option: mujoco.MjOption, contact: ContactModel) -> None:
@@ -241,19 +255,21 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
         actuator.set_to_position(kp=FINGER_STIFFNESS, kv=FINGER_DAMPING)
 
 
-def _add_object(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> None:
+def _add_object(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> int:
+    """The object that the domain is played with; the number of parts that move on it."""
     half = np.asarray(domain.half_size)
     body = spec.worldbody.add_body(name=OBJECT, pos=[0.5, 0, half[2]])
     body.add_freejoint(name=OBJECT)
+    shape = dict(group=3, **surface(OBJECT_FRICTION, contact.hard))
+    touching = dict(contype=OBJECT_BIT, conaffinity=ENVIRONMENT_BIT | ROBOT_BIT)
+    is_soft = domain.object is not None and domain.object.compliance is not None
     body.add_geom(
         name=OBJECT,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=half,
         density=domain.density,
-        group=3,
-        contype=OBJECT_BIT,
-        conaffinity=ENVIRONMENT_BIT | ROBOT_BIT,
-        **surface(OBJECT_FRICTION, contact.hard),
+        **shape,
+        **(dict(contype=0, conaffinity=0) if is_soft else touching),
     )
     for corner, colour in zip(CORNERS, CORNER_COLOURS):
         body.add_geom(
@@ -266,6 +282,7 @@ def _add_object(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> N
             contype=0,
             conaffinity=0,
         )
+    return 0 if domain.object is None else add_parts(body, domain.object, {**shape, **touching})
 
 
 def _add_supports(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> None:
@@ -291,14 +308,17 @@ def _add_supports(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) ->
 
 
 def main() -> None:
-    """Print the scene of a domain as MJCF."""
+    """Print the scene of a domain, and of an object if one is named, as MJCF."""
     import argparse
 
-    from np_description.domains import DOMAINS, find_domain
+    from np_description.domains import DOMAINS
+    from np_description.objects.choice import DEFAULT, domain_with
 
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("domain", choices=list(DOMAINS))
-    spec = build_scene(find_domain(parser.parse_args().domain))
+    parser.add_argument("object", nargs="?", default=DEFAULT)
+    options = parser.parse_args()
+    spec = build_scene(domain_with(options.domain, options.object))
     spec.compile()
     print(spec.to_xml())
 

@@ -19,7 +19,7 @@ class SceneData:
 
     def __init__(self, domain: Domain):
         self.domain = domain
-        self._model = load_model(domain)
+        self._model = load_model(domain.plain)
         self._data = mujoco.MjData(self._model)
         self._joints = [self._model.joint(name).qposadr[0] for name in STATE_NAMES]
         self.bodies = [WORLD, *robot_bodies(self._model), OBJECT, GOAL]

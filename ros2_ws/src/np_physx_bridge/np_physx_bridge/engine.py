@@ -17,13 +17,12 @@ from np_description.panda import (
     STATE_NAMES,
     PandaModel,
 )
-from np_description.scene import FINGER_DAMPING, FINGER_STIFFNESS, OBJECT, load_model
+from np_description.scene import FINGER_DAMPING, FINGER_STIFFNESS, OBJECT, contact_of, load_model
 from np_physx_bridge.library import sapien
-from np_physx_bridge.scene import Translator, scene
+from np_physx_bridge.scene import STICTION, Translator, scene
 from np_sim_bridge.schedule import PERIOD, SECOND
 
 HARD_AS_IN_FORCE = replace(HARD, hand=IN_FORCE.hand)  # with the shapes that bags are judged by
-STICTION = 1e4  # Nm s/rad: slope of Coulomb friction about standstill, until its limit is reached
 
 
 class PhysxEngine:
@@ -51,7 +50,9 @@ class PhysxEngine:
         # As the scene's joints have it: the arm's viscous damping is no part of its drives, the fingers' is.
         self._damping = panda.damping
         self._finger_damping = FINGER_DAMPING + float(self.model.dof_damping[self._dof(STATE_NAMES[-1])])
-        self._contact = contact
+        self._contact = contact_of(domain, contact)
+        first = self.model.joint(OBJECT).id + 1
+        self._part_names = [self.model.joint(joint).name for joint in range(first, self.model.njnt)]
 
     def _dof(self, joint: str) -> int:
         return int(self.model.joint(joint).dofadr[0])
@@ -61,10 +62,11 @@ class PhysxEngine:
         self._scene, self._system = scene(self._sapien, self._timestep)
         translator = Translator(self._sapien, self.model, self._contact)
         entities, self.articulation, joints = translator.articulation(BASE_FRAME)
-        body, self.object = translator.free_body(OBJECT)
-        body.pose = self._sapien.Pose(start.position, start.quaternion)
-        for entity in (translator.surroundings(), *entities, body):
+        things, self.object, self._parts = self._make_object(translator, start)
+        for entity in (translator.surroundings(), *entities, *things):
             self._scene.add_entity(entity)
+        if self._parts is not None:
+            self._parts.set_root_pose(self._sapien.Pose(start.position, start.quaternion))
         order = [joint.name for joint in self.articulation.get_active_joints()]
         self._order = np.array([order.index(name) for name in STATE_NAMES])
         self._drives = [joints[name] for name in STATE_NAMES[len(JOINT_NAMES) :]]
@@ -83,6 +85,17 @@ class PhysxEngine:
         self._read()
         self._position = position
 
+    def _make_object(self, translator: Translator, start: Pose):
+        """The object's entities, the component that is seen, and the articulation of one that is not rigid, else None."""
+        if not self._part_names:
+            body, component = translator.free_body(OBJECT)
+            body.pose = self._sapien.Pose(start.position, start.quaternion)
+            return [body], component, None
+        entities, articulation, joints = translator.articulation(OBJECT, is_free=True)
+        order = [joint.name for joint in articulation.get_active_joints()]
+        self._part_order = [order.index(name) for name in self._part_names]
+        return entities, articulation.get_links()[0], articulation
+
     def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As in Engine."""
         return self._position.copy(), self._velocity.copy(), self._effort.copy()
@@ -98,7 +111,8 @@ class PhysxEngine:
     def configuration(self) -> np.ndarray:
         """As in Engine."""
         pose = self.object_pose()
-        return np.concatenate([self._position, pose.position, pose.quaternion])
+        parts = [] if self._parts is None else np.asarray(self._parts.get_qpos(), float)[self._part_order]
+        return np.concatenate([self._position, pose.position, pose.quaternion, parts])
 
     def step(self, torque: np.ndarray, extra: np.ndarray, opening: float) -> None:
         """As in Engine."""

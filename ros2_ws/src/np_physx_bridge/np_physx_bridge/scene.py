@@ -16,13 +16,15 @@ from np_description.scene import OBJECT
 
 CONTACT_OFFSET = 0.01  # m, from which on contacts are looked for: the library's own
 POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1  # with fewer, a box that is pulled at .9 of its friction creeps
+STICTION = 1e4  # N s/m, Nm s/rad: slope of Coulomb friction about standstill, until its limit is reached
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def coefficient(contact: ContactModel, friction: float, is_object: bool) -> float:
     """Coulomb coefficient of one shape, such that a pair's average is what MuJoCo makes of the pair: the partner's with the
-    object, the larger one between robot and surroundings (there a partner less rough than the table has its own instead)."""
-    return contact.table if is_object else 2 * friction - contact.table
+    object, the larger one between robot and surroundings (there a partner less rough than the table has its own instead). No partner
+    comes below half of what the table has with the object."""
+    return contact.table if is_object else max(0.0, 2 * friction - contact.table)
 
 
 def scene(library: ModuleType, timestep: float):
@@ -65,8 +67,9 @@ class Translator:
         entity.add_component(component)
         return entity, component
 
-    def articulation(self, root: str):
-        """The tree of bodies below `root`, which stands still, without weight: its entities and, by joint, components."""
+    def articulation(self, root: str, *, is_free: bool = False):
+        """The tree of bodies below `root`: its entities and, by joint, components. It stands still and weighs nothing, or moves
+        freely and has weight, and springs and friction of its joints act by themselves."""
         model, links, entities, joints = self._model, {}, [], {}
         first = model.body(root).id
         for body in range(first, model.nbody):  # parents come before their children
@@ -76,12 +79,15 @@ class Translator:
             link = self._physx.PhysxArticulationLinkComponent(links.get(parent))
             self._attach(link, body)
             self._weigh(link, body)
-            link.set_disable_gravity(True)
+            link.set_disable_gravity(not is_free)
             link.set_linear_damping(0.0)
             link.set_angular_damping(0.0)
-            name = self._join(link.joint, body, is_root=body == first)
-            if name:
+            if body == first:
+                link.joint.type = "free" if is_free else "fixed"
+            elif name := self._join(link.joint, body):
                 joints[name] = link.joint
+                if is_free:
+                    self._spring(link.joint, name)
             entity = self._sapien.Entity()
             entity.add_component(link)
             links[body] = link
@@ -92,13 +98,11 @@ class Translator:
         articulation.set_solver_velocity_iterations(VELOCITY_ITERATIONS)
         return entities, articulation, joints
 
-    def _join(self, joint, body: int, is_root: bool) -> str:
+    def _join(self, joint, body: int) -> str:
         """Set the joint that moves `body`; its name, empty where it is fixed."""
         model, pose = self._model, self._sapien.Pose
         frame = pose(model.body_pos[body], model.body_quat[body])
         joint.type = "fixed"
-        if is_root:
-            return ""
         if not model.body_jntnum[body]:
             joint.pose_in_parent = frame
             return ""
@@ -112,6 +116,18 @@ class Translator:
         joint.set_friction(0.0)
         joint.name = model.joint(number).name
         return joint.name
+
+    def _spring(self, joint, name: str) -> None:
+        """A spring towards 0 with its damping, or friction: a drive towards standstill that gives at most so much."""
+        model, number = self._model, self._model.joint(name).id
+        dof = model.jnt_dofadr[number]
+        stiffness, friction = float(model.jnt_stiffness[number]), float(model.dof_frictionloss[dof])
+        if friction:
+            joint.set_drive_properties(0.0, STICTION, friction)
+        else:
+            joint.set_drive_properties(stiffness, float(model.dof_damping[dof]))
+        joint.set_drive_target(0.0)
+        joint.set_drive_velocity_target(0.0)
 
     def _weigh(self, component, body: int) -> None:
         model = self._model
@@ -127,7 +143,7 @@ class Translator:
             if not (kind or affinity):
                 continue
             friction = coefficient(
-                self._contact, float(model.geom_friction[geom, 0]), is_object=model.geom(geom).name == OBJECT
+                self._contact, float(model.geom_friction[geom, 0]), is_object=model.geom(geom).name.startswith(OBJECT)
             )
             shape = self._shape(geom, self._physx.PhysxMaterial(friction, friction, 0.0))
             shape.set_collision_groups([kind, affinity, 0, 0])
@@ -155,10 +171,12 @@ class Translator:
 
 
 def _from_x(axis: np.ndarray) -> np.ndarray:
-    """Quaternion wxyz (4,) of a rotation that takes x to y or z."""
+    """Quaternion wxyz (4,) of a rotation that takes x to x, y or z."""
     half = np.sqrt(0.5)
+    if np.allclose(axis, [1, 0, 0]):
+        return np.array([1.0, 0, 0, 0])
     if np.allclose(axis, [0, 0, 1]):
         return np.array([half, 0, -half, 0])
     if np.allclose(axis, [0, 1, 0]):
         return np.array([half, 0, 0, half])
-    raise ValueError(f"joint axis: expected y or z, got {axis}")
+    raise ValueError(f"joint axis: expected x, y or z, got {axis}")

@@ -85,7 +85,7 @@ class CollisionModel:
         return self.model.body(body).name if body else self.model.geom(geom).name
 
     def _build(self) -> mujoco.MjModel:
-        spec = build_scene(self.domain, panda=self.panda)
+        spec = build_scene(self.domain.plain, panda=self.panda)
         for geom in spec.geoms:
             if geom.group == 1:  # robot
                 geom.contype |= _SELF_BIT

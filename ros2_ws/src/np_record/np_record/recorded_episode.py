@@ -9,8 +9,9 @@ import numpy as np
 
 from np_description.camera import CAMERA
 from np_description.depths import PAIRS
-from np_description.domains import Domain, Pose, find_domain, is_success, pose_error
+from np_description.domains import Domain, Pose, is_success, pose_error
 from np_description.keypoints import box_keypoints
+from np_description.objects.choice import recorded_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.penetration import Penetration
 from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, PhaseState, first_end, split_reason
@@ -124,7 +125,7 @@ def load_episode(recording: Recording) -> EpisodeData:
     commands = series("effort_command", lambda m: joint_state_arrays(m, JOINT_NAMES), (3, 7))
     poses = series("object_pose", lambda m: np.concatenate(pose_arrays(m, BASE_FRAME)), (7,))
     keypoints = series("keypoints", keypoints_array, (8, 3))
-    domain = find_domain(recording.information.get("domain", "card"))
+    domain = recorded_domain(recording.information)
     goal = Pose(*pose_arrays(collected["goal_pose"][0].decode(), BASE_FRAME))
     distance, angle = pose_error(poses.values[:, :3], poses.values[:, 3:], goal.position, goal.quaternion)
     changes = phase_changes(f"bag {recording.path}", collected)

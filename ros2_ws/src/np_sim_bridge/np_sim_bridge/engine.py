@@ -27,10 +27,11 @@ class Engine(Protocol):
         """Position (9,) rad, m, velocity (9,) and effort (9,) Nm, N of the drives, seven joints, then two fingers."""
 
     def object_pose(self) -> Pose:
-        """True pose of the object in the base frame."""
+        """True pose of the object in the base frame: of the body that the camera sees, whatever moves on or in it."""
 
     def configuration(self) -> np.ndarray:
-        """Generalised positions (nq,) of `model`: 7 joints, 2 fingers, position and quaternion wxyz of the object."""
+        """Generalised positions (nq,) of `model`: 7 joints, 2 fingers, position and quaternion wxyz of the object,
+        and where its parts are, if it has any, m."""
 
     def step(self, torque: np.ndarray, extra: np.ndarray, opening: float) -> None:
         """One control period: the drives give `torque` (7,) Nm within their limits, `extra` (7,) Nm acts on the joints besides

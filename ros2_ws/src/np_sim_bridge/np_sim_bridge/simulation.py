@@ -13,6 +13,7 @@ import numpy as np
 
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, sample_task
+from np_description.objects.scenarios import fixed_task
 from np_description.panda import FINGER_MAX, FINGER_SPEED
 from np_effects.arm_effects import ArmEffects
 from np_effects.patch import Patch
@@ -50,7 +51,8 @@ class Task:
 class Simulation:
     """The arm at its ready posture and the object at the start of the task, at stamp 0, until stepped.
 
-    seed: together with an episode number it names a task; first_episode: the task that stands there at the
+    seed: together with an episode number it names a task; scenario: a fixed one instead, of which they name the scatter, 0 for
+    none (np_description.objects.scenarios); first_episode: the task that stands there at the
     beginning; substeps: physics steps in a control period of 2 ms; camera: the one in the scene; patch: effects
     that the nominal arm lacks; engine: builds the physics.
     """
@@ -59,6 +61,7 @@ class Simulation:
         self,
         domain: Domain,
         *,
+        scenario: int = 0,
         seed: int = 0,
         first_episode: int = 0,
         substeps: int = 1,
@@ -68,7 +71,7 @@ class Simulation:
     ):
         self.domain = domain
         self.engine = engine(domain, substeps=substeps, camera=camera, panda=patch.panda())
-        self._patch, self._seed = patch, seed
+        self._patch, self._seed, self._scenario = patch, seed, scenario
         self.stamp = 0
         self.reset(first_episode, 0)
 
@@ -84,7 +87,11 @@ class Simulation:
         """
         if stamp < self.stamp:
             raise ValueError(f"reset: time never runs backwards; it is {self.stamp} ns, got {stamp} ns")
-        start, goal = sample_task(self.domain, np.random.default_rng([self._seed, episode]))
+        rng = np.random.default_rng([self._seed, episode])
+        if self._scenario:
+            start, goal = fixed_task(self.domain, self._scenario, rng)
+        else:
+            start, goal = sample_task(self.domain, rng)
         self.engine.reset(start)
         self._opening = self._led = 0.0  # m: where the fingers shall be, and how far they have been led
         self._effects = ArmEffects(self._patch, PERIOD / SECOND, self._seed) if self._patch.arm.effects else None

@@ -9,7 +9,7 @@ from pathlib import Path
 from np_bringup.backends import SIMULATED
 from np_bringup.nodes.conductor_node import Conductor
 from np_bringup.task_graph import task_graph
-from np_description.domains import find_domain
+from np_description.objects.choice import recorded_domain
 from np_ros.supervisor import Supervisor
 
 
@@ -20,7 +20,7 @@ def running_graph(arguments: Mapping[str, str], logs: Path, **callbacks) -> Iter
     callbacks as for Conductor. Raises what Supervisor.start and Conductor.wait_until_ready raise.
     """
     specs = task_graph(arguments)
-    domain = find_domain(arguments.get("domain", "card"))
+    domain = recorded_domain(arguments)
     lockstep = arguments.get("mode", "lockstep") == "lockstep"
     with Supervisor(logs) as supervisor:
         supervisor.start(specs)

@@ -13,6 +13,7 @@ import numpy as np
 
 from np_bringup.task_graph import KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
+from np_description.objects.choice import DEFAULT, portable
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_record.intervals import wilson_interval
 from np_ros.supervisor import NodeDied
@@ -26,6 +27,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
+    parser.add_argument("--object", default=DEFAULT, help="a row of the domain's table of objects, or a .yaml file")
     parser.add_argument("--episodes", type=int, default=3)
     parser.add_argument("--seed", type=int, default=0, help="names the tasks, together with the episode's number")
     parser.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="camera")
@@ -35,6 +37,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.episodes < 1:
         parser.error(f"--episodes: expected at least 1, got {options.episodes}")
+    try:
+        options.object = portable(options.domain, options.object)
+    except ValueError as error:
+        parser.error(str(error))
     return options
 
 
@@ -46,6 +52,7 @@ def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcom
     domain = find_domain(options.domain)
     arguments = {
         "domain": options.domain,
+        "object": options.object,
         "seed": str(options.seed),
         "keypoints": options.keypoints,
         "image_rate": str(options.image_rate),

@@ -13,6 +13,8 @@ from np_bringup.backends import ENGINES
 from np_bringup.evaluation import Result, Results, breakdown, code_sha256, result_of, summary
 from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
+from np_description.objects.choice import DEFAULT, portable
+from np_description.objects.scenarios import COUNT
 from np_description.phases import FAULT
 from np_physx_bridge.library import missing
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
@@ -29,7 +31,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=0, help="names the tasks, together with the episode's number")
     parser.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="camera")
     parser.add_argument("--controller", choices=list(CONTROLLERS), default="impedance")
-    parser.add_argument("--object", choices=["default"], default="default")
+    parser.add_argument("--object", default=DEFAULT, help="a row of the domain's table of objects, or a .yaml file")
+    parser.add_argument(
+        "--scenario", type=int, choices=range(COUNT + 1), default=0, help="a fixed task; 0: tasks are drawn"
+    )
     parser.add_argument(
         "--effects", default="none", help="patch.yaml of effects that the simulated arm has; none: nominal"
     )
@@ -43,6 +48,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.episodes < 1:
         parser.error(f"--episodes: expected at least 1, got {options.episodes}")
+    try:
+        options.object = portable(options.domain, options.object)
+    except ValueError as error:
+        parser.error(str(error))
     if options.engine == "physx" and missing():
         parser.error(f"--engine physx: {missing()}")
     if options.effects != "none":
@@ -77,6 +86,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         "keypoints": options.keypoints,
         "controller": options.controller,
         "object": options.object,
+        **({"scenario": options.scenario} if options.scenario else {}),
         "effects": "none" if options.effects == "none" else Path(options.effects).read_text(encoding="utf-8"),
         "code_sha256": code_sha256(),
         **origin(options.weights),
@@ -97,6 +107,8 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         logs = new_folder(options.out / "log")
         arguments = {
             "domain": options.domain,
+            "object": options.object,
+            "scenario": str(options.scenario),
             "backend": ENGINES[options.engine],
             "seed": str(options.seed),
             "first_episode": str(len(results.results)),

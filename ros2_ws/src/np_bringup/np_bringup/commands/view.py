@@ -6,7 +6,8 @@ import argparse
 import sys
 from contextlib import closing
 
-from np_description.domains import DOMAINS, find_domain
+from np_description.domains import DOMAINS
+from np_description.objects.choice import DEFAULT, domain_with, recorded_domain
 
 
 def parser() -> argparse.ArgumentParser:
@@ -14,6 +15,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(prog="view", description=__doc__.partition(": ")[2])
     p.add_argument("bag", nargs="?", help="bag to play; without one, the graph in this ROS_DOMAIN_ID")
     p.add_argument("--domain", choices=list(DOMAINS), default="card", help="what a running graph works on; %(default)s")
+    p.add_argument("--object", default=DEFAULT, help="and what with: a row of its table, or a .yaml file; %(default)s")
     p.add_argument("--window", action="store_true", help="MuJoCo's viewer on this display instead of a page")
     p.add_argument("--host", default="127.0.0.1", help="address to serve at; 0.0.0.0 lets everybody look; %(default)s")
     p.add_argument("--port", type=int, default=8300, help="0: any that is free; %(default)s")
@@ -43,7 +45,7 @@ def _play(options: argparse.Namespace) -> int:
         from np_record.bag import Recording
 
         with Recording(options.bag, required=("joint_states",)) as recording:
-            play(recording, find_domain(recording.information.get("domain", "card")))
+            play(recording, recorded_domain(recording.information))
         return 0
     from np_bringup.view.recorded import RecordedEpisode
     from np_bringup.view.server import serve
@@ -64,7 +66,7 @@ def _watch(options: argparse.Namespace) -> int:
         if options.window:
             from np_bringup.view.window import Window
 
-            domain = find_domain(options.domain)
+            domain = domain_with(options.domain, options.object)
             with closing(Window(domain)) as window:
                 live = LiveGraph(peer, domain)
                 while window.is_open:
@@ -72,7 +74,7 @@ def _watch(options: argparse.Namespace) -> int:
                     if (moment := live.moment()) is not None:
                         window.show(moment)
             return 0
-        _tell(serve(LiveGraph(peer, find_domain(options.domain)), options.host, options.port))
+        _tell(serve(LiveGraph(peer, domain_with(options.domain, options.object)), options.host, options.port))
         while True:
             peer.spin_once(0.2)
 

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from np_description.domains import DOMAINS, Domain, Pose, find_domain, resting_pose
+from np_description.domains import Domain, Pose, resting_pose
 from np_description.panda import BASE_FRAME
 from np_ros import qos
 from np_ros.goals import GOAL, goal_text
@@ -26,6 +26,7 @@ from np_ros.messages import BadMessage, pose_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run
 from np_ros.services import Services, Wait
 from np_ros.spin import Spinner
+from np_ros.task_domain import declare_domain
 
 MARGIN = 1e-6  # m or rad
 EPISODE_LIMIT = 3600.0  # s; the episode node has limits of its own for every phase
@@ -58,7 +59,7 @@ class Goal(Node):
 
     def __init__(self):
         super().__init__("goal")
-        domain = find_domain(parameter(self, "domain", "card", "Task family.", choices=tuple(DOMAINS)))
+        domain = declare_domain(self)
         x = parameter(
             self, "x", np.mean(domain.goals[0].x).item(), "Of the object's centre in the base frame, m.", 0.0, 1.0
         )

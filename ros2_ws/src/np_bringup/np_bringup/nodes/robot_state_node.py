@@ -9,7 +9,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from np_description.domains import DOMAINS, Pose, find_domain
+from np_description.domains import Pose
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_description.robot_description import WORLD, urdf
 from np_description.rotations import matrix_from_quaternion, quaternion_multiply
@@ -17,6 +17,7 @@ from np_description.scene_data import SceneData
 from np_ros import qos
 from np_ros.messages import BadMessage, joint_state_arrays, pose_arrays, pose_message, stamp_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run
+from np_ros.task_domain import declare_domain
 
 
 def tf_message() -> type | None:
@@ -82,7 +83,7 @@ class RobotState(Node):
 
     def __init__(self):
         super().__init__("robot_state")
-        domain = find_domain(parameter(self, "domain", "card", "Task family.", choices=tuple(DOMAINS)))
+        domain = declare_domain(self)
         rate = parameter(self, "rate", 20.0, "Scenes a second of wall time.", 0.5, 100.0)
         self._data = SceneData(domain)
         self._scene = self._data.scene()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from np_description.domains import Pose, find_domain, pose_error
+from np_description.domains import Pose, pose_error
+from np_description.objects.choice import recorded_domain
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_description.scene_data import SceneData
 from np_record.bag import BagError, Recording
@@ -21,7 +22,7 @@ class RecordedEpisode:
 
     def __init__(self, path: str):
         recording = Recording(path, required=("joint_states",))
-        self._scene = SceneData(find_domain(recording.information.get("domain", "card")))
+        self._scene = SceneData(recorded_domain(recording.information))
         self._start = recording.start
         self._moments: list[dict] = []
         self._images: list[tuple[int, bytes]] = []

@@ -40,7 +40,7 @@ class Window:
             )
         from mujoco import viewer
 
-        self._domain, self._model = domain, load_model(domain)
+        self._domain, self._model = domain, load_model(domain.plain)
         self._data = mujoco.MjData(self._model)
         self._joints = [self._model.joint(name).qposadr[0] for name in STATE_NAMES]
         self._body = self._model.jnt_qposadr[self._model.body(OBJECT).jntadr[0]]

@@ -15,7 +15,7 @@ from sensor_msgs.msg import PointCloud2
 
 from np_description.calibration import calibrated_camera
 from np_description.camera import CAMERA
-from np_description.domains import DOMAINS, Pose, find_domain
+from np_description.domains import Pose
 from np_description.keypoints import COUNT
 from np_description.panda import BASE_FRAME
 from np_description.scene import CAMERA_NAME
@@ -25,6 +25,7 @@ from np_perception.seen_corners import SeenCorners
 from np_ros import qos
 from np_ros.messages import BadMessage, keypoints_message, pose_arrays, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run
+from np_ros.task_domain import declare_domain
 
 
 class KeypointOracle(Node):
@@ -32,7 +33,7 @@ class KeypointOracle(Node):
 
     def __init__(self):
         super().__init__("keypoint_oracle")
-        domain = parameter(self, "domain", "card", "Task family.", choices=tuple(DOMAINS))
+        domain = declare_domain(self)
         mode = parameter(
             self,
             "mode",
@@ -46,7 +47,7 @@ class KeypointOracle(Node):
         effects = parameter(self, "effects", "", "Patch file of effects that camera and detector have.")
         patch = load_patch(effects) if effects else Patch()
         self._view = ViewEffects(patch, calibrated_camera(calibration), self._seed)
-        self._corners = SeenCorners(np.asarray(find_domain(domain).half_size), self._view.oldest)
+        self._corners = SeenCorners(np.asarray(domain.half_size), self._view.oldest)
         self._diagnostics = Diagnostics(self)
         lockstep = mode == "lockstep"
         self._keypoints = self.create_publisher(PointCloud2, "keypoints", qos.publisher(lockstep))

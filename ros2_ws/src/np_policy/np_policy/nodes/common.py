@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 
 from np_description.calibration import calibrated_camera
 from np_description.camera import Camera
-from np_description.domains import DOMAINS, Domain, find_domain
+from np_description.domains import Domain
 from np_description.panda import STATE_NAMES
 from np_policy import action
 from np_policy.contract import CONTROLLERS
@@ -22,6 +22,7 @@ from np_ros.messages import NANOSECONDS, BadMessage, joint_state_arrays, keypoin
 from np_ros.newest import Newest
 from np_ros.node import Diagnostics, parameter
 from np_ros.raw import decoded
+from np_ros.task_domain import declare_domain
 
 OLDEST_STATE = 200_000_000  # ns before the image; the clocks of a robot and a camera may be apart too
 
@@ -47,8 +48,9 @@ class Settings:
 
 
 def declare_settings(node: Node) -> Settings:
-    """Declare and read the parameters that every node of this package has. Raises CalibrationError for a bad file."""
-    domain = parameter(node, "domain", "card", "Task family.", choices=tuple(DOMAINS))
+    """Declare and read the parameters that every node of this package has. Raises CalibrationError for a bad file, ValueError
+    for an object that is none of the domain's."""
+    domain = declare_domain(node)
     mode = parameter(
         node, "mode", "lockstep", "Who waits: time for the answers, or nobody.", choices=("lockstep", "realtime")
     )
@@ -57,7 +59,7 @@ def declare_settings(node: Node) -> Settings:
     calibration = parameter(
         node, "calibration", "", "File written by `calibrate`: where the camera is; empty: as trained."
     )
-    return Settings(find_domain(domain), mode == "lockstep", NANOSECONDS // rate, score, calibrated_camera(calibration))
+    return Settings(domain, mode == "lockstep", NANOSECONDS // rate, score, calibrated_camera(calibration))
 
 
 def declare_weights(node: Node) -> tuple[str, str]:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_description.domains import Domain, Pose, find_domain
+from np_description.domains import Domain, Pose
+from np_description.objects.choice import recorded_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import ACTIVE, PRE, SUCCEEDED, first_end
 from np_record.bag import BagError, Message, Recording
@@ -123,7 +124,7 @@ def episode_frames(recording: Recording) -> Frames:
         PHASE: np.array([[ACTIVE.index(said)] for said in _phases(changes, times)]),
         DONE: (np.arange(len(times)) == len(times) - 1)[:, None],
     }
-    domain = find_domain(recording.information.get("domain", "card"))
+    domain = recorded_domain(recording.information)
     success = end is not None and end.phase == SUCCEEDED
     if len(poses["object_pose"][0]):
         columns[OBJECT] = newest("object_pose", *poses["object_pose"], times + _ROUNDING)

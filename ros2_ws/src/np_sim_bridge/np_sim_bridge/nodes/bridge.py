@@ -24,7 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from np_control.safety import Applied, Refusal, SafetyFilter, State
 from np_description.calibration import calibrated_camera
-from np_description.domains import DOMAINS, find_domain
+from np_description.objects import scenarios
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.scene import CAMERA_NAME
 from np_effects.patch import Patch, load_patch
@@ -43,6 +43,7 @@ from np_ros.messages import (
 from np_ros.node import Diagnostics, parameter
 from np_ros.phases import phase_state
 from np_ros.spin import request_realtime
+from np_ros.task_domain import declare_domain
 from np_sim_bridge.barrier import ACTIVE_PHASES, Barrier
 from np_sim_bridge.engine import MakeEngine
 from np_sim_bridge.imaging import CameraThread
@@ -66,9 +67,12 @@ class Bridge(Node):
 
     def __init__(self, name: str, engine: MakeEngine):
         super().__init__(name)
-        domain = parameter(self, "domain", "card", "Task family.", choices=tuple(DOMAINS))
+        domain = declare_domain(self)
         seed = parameter(self, "seed", 0, "With the episode's number it names the task.", 0, 2**31 - 1)
         first = parameter(self, "first_episode", 0, "Number of the episode that the first reset draws.", 0, 2**31 - 1)
+        scenario = parameter(
+            self, "scenario", 0, "Fixed task of every episode; 0: tasks are drawn.", 0, scenarios.COUNT
+        )
         substeps = parameter(self, "substeps", 1, "Physics steps in a control period of 2 ms.", 1, 20)
         mode = parameter(
             self, "mode", "lockstep", "Who waits: time for the answers, or nobody.", choices=("lockstep", "realtime")
@@ -107,7 +111,8 @@ class Bridge(Node):
         view = ViewEffects(patch, calibrated_camera(calibration), seed)
         self._believed, self._view = view.believed, View(view)
         self._simulation = Simulation(
-            find_domain(domain),
+            domain,
+            scenario=scenario,
             seed=seed,
             first_episode=first,
             substeps=substeps,
@@ -132,7 +137,7 @@ class Bridge(Node):
             )
             self._camera = CameraThread(make, self._publish_image)
         self.diagnostics = Diagnostics(self)
-        self.diagnostics.values.update(mode=mode, domain=domain, seed=seed, effects=effects or "none")
+        self.diagnostics.values.update(mode=mode, domain=domain.name, seed=seed, effects=effects or "none")
         if ignored := self._simulation.ignored_effects:
             self.get_logger().warn(f"effects that a backend cannot carry: {', '.join(ignored)}")
         if camera and (left_out := view.only_in_keypoints):

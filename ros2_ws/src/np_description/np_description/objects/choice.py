@@ -1,0 +1,92 @@
+"""Which object a domain is played with: its own, a row of the table, a file, or the text of one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from np_description.domains import Domain, Region, find_domain
+from np_description.objects.files import SUFFIXES, ObjectError, object_text, parse_object, read_object
+from np_description.objects.spec import ObjectSpec
+from np_description.objects.table import rows_of
+
+DEFAULT = "default"
+
+
+def find_object(domain: str, choice: str) -> ObjectSpec | None:
+    """The object that `choice` names for a domain: a row, a .yaml file, or the text of one; None for its own.
+
+    Raises ValueError, which an ObjectError is, for a name that is none, and for an object of another domain.
+    """
+    if choice == DEFAULT:
+        return None
+    if choice.lstrip().startswith("{"):
+        spec = parse_object(choice, "(text)")
+    elif choice.endswith(SUFFIXES):
+        spec = read_object(choice)
+    elif choice in (rows := rows_of(domain)):
+        return rows[choice].spec
+    else:
+        raise ValueError(f"object: expected one of {', '.join(rows)}, or a .yaml file, got {choice!r}")
+    if spec.domain != domain:
+        raise ObjectError(f"object {spec.name}: expected one of domain {domain}, got one of {spec.domain}")
+    return spec
+
+
+def domain_with(name: str, choice: str = DEFAULT) -> Domain:
+    """The domain called `name`, played with the object that `choice` names. Raises what find_domain and find_object raise."""
+    domain = find_domain(name)
+    spec = find_object(domain.name, choice)
+    return domain if spec is None else place_in(domain, spec)
+
+
+def recorded_domain(information: Mapping[str, object]) -> Domain:
+    """The domain of a recording, with the object that it was played with, by what the recorder kept of the run."""
+    return domain_with(str(information.get("domain", "card")), str(information.get("object", DEFAULT)))
+
+
+def portable(domain: str, choice: str) -> str:
+    """`choice` such that it means the same elsewhere: a file's content instead of its path. Raises what find_object raises."""
+    spec = find_object(domain, choice)
+    return object_text(spec) if spec is not None and choice.endswith(SUFFIXES) else choice
+
+
+def place_in(domain: Domain, spec: ObjectSpec) -> Domain:
+    """The domain with this object: starts and goals beside obstacles keep the gap to them that the domain's own object has."""
+    regions = [_moved(domain, region, spec) for region in (domain.start, *domain.goals)]
+    return replace(
+        domain,
+        half_size=spec.half_size,
+        density=spec.density,
+        object=spec,
+        start=regions[0],
+        goals=tuple(regions[1:]),
+    )
+
+
+def _moved(domain: Domain, region: Region, spec: ObjectSpec) -> Region:
+    """The region, away from each obstacle that it stands beside by as much as the object is larger."""
+    if region.surface:
+        return region
+    for box in domain.obstacles:
+        for axis, name in enumerate("xy"):
+            low, high = getattr(region, name)
+            side = np.sign(low + high - 2 * box.centre[axis])
+            nearest = low if side > 0 else high
+            if abs(nearest - box.centre[axis]) < box.half_size[axis]:
+                continue
+            shift = side * (_reach(region, spec.half_size, axis) - _reach(region, domain.half_size, axis))
+            if shift:
+                region = replace(region, **{name: (low + shift, high + shift)})
+    return region
+
+
+def _reach(region: Region, half_size: tuple[float, float, float], axis: int) -> float:
+    """How far, m, an object in the region reaches along x or y from its middle, turned as it may be."""
+    if region.quarter_turns:
+        return float(np.linalg.norm(sorted(half_size)[1:]))
+    if region.yaw[0] == region.yaw[1] == 0.0 and not region.pitch:
+        return half_size[axis]
+    return float(np.linalg.norm(half_size[:2]))

@@ -1,0 +1,161 @@
+"""Objects that are not rigid, in both engines: they rest, bear a push by the fingers, and what is inside slides."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from np_control.kinematics import forward_kinematics, solve_ik
+from np_description.contact import CONTACTS, HARD
+from np_description.domains import DOMAINS, Pose, resting_pose
+from np_description.objects.choice import domain_with, place_in
+from np_description.objects.spec import Contents
+from np_description.objects.table import ROWS, rows_of
+from np_description.panda import NOMINAL
+from np_physx_bridge.engine import PhysxEngine
+from np_physx_bridge.library import missing
+from np_policy.collision import CollisionModel
+from np_sim_bridge.mujoco_engine import MujocoEngine
+from np_sim_bridge.simulation import Simulation
+
+ENGINES = {
+    "mujoco": MujocoEngine,
+    "physx": pytest.param(PhysxEngine, marks=pytest.mark.skipif(bool(missing()), reason=missing() or "PhysX is here")),
+}
+in_both = pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
+SOFT = [(row.spec.domain, row.spec.name) for row in ROWS if not row.spec.is_rigid]
+every_soft_one = pytest.mark.parametrize("domain, name", SOFT, ids=map("-".join, SOFT))
+in_every_contact = pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS)
+ZERO, FLAT = np.zeros(7), np.array([1.0, 0, 0, 0])
+
+
+def travel(domain) -> float:
+    """How far a face gives way, m."""
+    return domain.object.compliance.travel if domain.object.compliance else 0.0
+
+
+@in_both
+@in_every_contact
+@every_soft_one
+def test_it_comes_to_rest_where_it_is_put(engine, contact, domain, name):
+    domain = domain_with(domain, name)
+    made = engine(domain, contact=contact)
+    start = resting_pose(domain, domain.start, np.mean(domain.start.x), np.mean(domain.start.y), 0.0, 0.0, 0.0)
+    made.reset(start)
+    for _ in range(400):
+        made.step(ZERO, ZERO, 0.0)
+    before = made.configuration()
+    for _ in range(100):
+        made.step(ZERO, ZERO, 0.0)
+    pose = made.object_pose()
+    assert np.abs(made.configuration() - before)[9:].max() < 2e-5
+    assert 0 <= start.position[2] - pose.position[2] < 0.2 * travel(domain) + 1e-4
+    assert np.abs(pose.position - start.position)[:2].max() < 5e-4
+    assert abs(pose.quaternion @ start.quaternion) > 1 - 1e-6
+
+
+def drawn(engine, domain, contact):
+    """Positions (n, 3) of the object, its heights and the deepest that a part went beyond its travel, m, while a fingertip comes
+    down on its middle, presses, draws it 3 cm and leaves it."""
+    start, stiffness = np.array([0.5, 0.1, domain.half_size[2]]), 200.0
+    _, rotation = forward_kinematics(NOMINAL.ready)
+    top = 2 * domain.half_size[2]
+    over, low = ([*start[:2], z] for z in (top + 0.015, top - 0.0012 - travel(domain)))
+    joints = [solve_ik(NOMINAL.ready, np.array(over), rotation)]
+    for target in (low, low, np.array(low) + [0.03, 0.0, 0.0], np.array(over) + [0.03, 0.0, 0.02]):
+        joints.append(solve_ik(joints[-1], np.array(target), rotation))
+    made = engine(domain, panda=replace(NOMINAL, ready=joints[0]), contact=contact)
+    made.reset(Pose(start, FLAT))
+    ranges = made.model.jnt_range[made.model.joint("object").id + 1 :]
+    positions, beyond = [], 0.0
+    for a, b, periods in zip(joints, joints[1:], (300, 100, 300, 200)):
+        for k in range(periods):
+            q, dq, _ = made.joints()
+            torque = stiffness * (a + (b - a) * (k + 1) / periods - q[:7]) - 1.4 * np.sqrt(stiffness) * dq[:7]
+            made.step(torque, ZERO, 0.0)
+            parts = made.configuration()[16:]
+            positions.append(made.object_pose().position)
+            beyond = max(beyond, *(ranges[:, 0] - parts), *(parts - ranges[:, 1])) if len(parts) else beyond
+    return np.array(positions), beyond
+
+
+@in_both
+@in_every_contact
+@every_soft_one
+def test_it_bears_being_pressed_and_drawn(engine, contact, domain, name):
+    domain = replace(domain_with(domain, name), obstacles=())
+    positions, beyond = drawn(engine, domain, contact)
+    assert np.isfinite(positions).all()
+    rest, pressed = domain.half_size[2], positions[300:400, 2]
+    tips = 0.002 if domain.name == "wall" else -2e-5  # it is tall: pressed beside its middle, an edge of it lifts
+    assert rest - travel(domain) - 0.0012 < pressed.min() < rest + tips  # MuJoCo's default contact sinks by 1 mm itself
+    assert beyond < 0.001
+    assert abs(positions[-1, 2] - rest) < 0.005
+    if domain.name != "wall":
+        assert 0.01 < positions[-1, 0] - positions[0, 0] < 0.05
+
+
+@in_both
+def test_what_is_loose_falls_to_the_lower_end_and_stays_where_the_box_lies(engine):
+    spec = replace(rows_of("wall")["default"].spec, contents=Contents(0.02, (0.0, 0.0, 0.01), 0.3))
+    half = np.sqrt(0.5)
+    upright, upside_down, lying = FLAT, np.array([0, 1.0, 0, 0]), np.array([half, 0, half, 0])
+    for quaternion, height, expected in ((upright, 0.05, -0.01), (upside_down, 0.05, 0.01), (lying, 0.025, 0.0)):
+        made = engine(replace(place_in(DOMAINS["wall"], spec), obstacles=()), contact=HARD)
+        made.reset(Pose(np.array([0.5, 0.1, height]), quaternion))
+        for _ in range(400):
+            made.step(ZERO, ZERO, 0.0)
+        assert made.configuration()[16:] == pytest.approx([expected], abs=2e-4)
+        assert abs(made.object_pose().quaternion @ quaternion) > 1 - 1e-6
+
+
+@in_both
+def test_the_bridge_sees_the_core_and_draws_every_part(engine):
+    simulation = Simulation(domain_with("wall", "water_tissue_box"), scenario=2, seed=1, engine=engine)
+    for _ in range(20):
+        simulation.step(ZERO)
+    configuration, pose = simulation.configuration(), simulation.object_pose()
+    assert configuration.shape == (simulation.model.nq,) == (23,)
+    np.testing.assert_array_equal(configuration[9:16], [*pose.position, *pose.quaternion])
+    data = mujoco.MjData(simulation.model)
+    data.qpos[:] = configuration
+    mujoco.mj_kinematics(simulation.model, data)
+    np.testing.assert_allclose(data.body("object").xpos, pose.position)
+
+
+def test_the_planner_keeps_clear_of_the_box_that_is_there():
+    spec = replace(rows_of("bump")["sponge"].spec, size=(0.1, 0.09, 0.08))
+    model = CollisionModel(place_in(DOMAINS["bump"], spec)).model
+    assert model.nq == 16 and model.geom("object").size == pytest.approx([0.05, 0.045, 0.04])
+
+
+@in_both
+def test_a_soft_object_is_a_function_of_seed_episode_and_torques(engine):
+    domain = domain_with("bump", "sponge")
+    fresh = Simulation(domain, seed=4, first_episode=2, engine=engine)
+    used = Simulation(domain, seed=4, first_episode=7, engine=engine)
+    for i in range(40):
+        used.step(10 * np.sin(np.arange(7) + i))
+    used.reset(2, used.stamp)
+    for i in range(100):
+        for simulation in (fresh, used):
+            simulation.step(5 * np.cos(np.arange(7) * i) + [0, 8, 0, 0, 0, 0, 0])  # into the box
+        np.testing.assert_array_equal(fresh.configuration(), used.configuration())
+
+
+@pytest.mark.skipif(bool(missing()), reason=missing() or "PhysX is here")
+def test_the_second_engine_has_the_same_masses_and_springs():
+    domain = domain_with("wall", "water_tissue_box")
+    engine = PhysxEngine(domain)
+    engine.reset(Simulation(domain).task.start)
+    links = engine.object.articulation.get_links()
+    assert sum(link.mass for link in links) == pytest.approx(domain.object.mass, rel=1e-5)
+    joints = {joint.name: joint for joint in engine.object.articulation.get_active_joints()}
+    for name, joint in joints.items():
+        number = engine.model.joint(name).id
+        dof = engine.model.jnt_dofadr[number]
+        assert joint.stiffness == pytest.approx(engine.model.jnt_stiffness[number])
+        assert joint.armature[0] == pytest.approx(engine.model.dof_armature[dof])
+        np.testing.assert_allclose(joint.limits[0], engine.model.jnt_range[number], rtol=1e-6)
+    assert joints["object_inside_z"].force_limit == pytest.approx(0.3 * 0.12 * 9.81, rel=1e-5)

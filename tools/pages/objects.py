@@ -1,0 +1,71 @@
+"""docs/reference/objects.md: the table of objects and the fixed scenarios, from np_description.objects."""
+
+from __future__ import annotations
+
+from np_description.domains import DOMAINS
+from np_description.objects.spec import ObjectSpec
+from np_description.objects.table import BASELINES, SURFACES, TRIES, rows_of
+from pages.markdown import head, paragraph, table
+
+INTRODUCTION = f"""The 21 objects of the paper's Table III: `make evaluate DOMAIN=bump OBJECT=sponge`. Masses, surfaces and which are not
+rigid are the paper's, and so are the successes of its policy, of {TRIES} tries with the real robot. It prints no sizes: every row
+has the size of its domain's own object. Frictions, and how soft and how loose things are, are estimates with their source. `default` is the
+domain's own object, unchanged. An object of your own: [guide](../guide/your_own_object.md)."""
+
+PARTS = """
+## What is not rigid
+
+The object that keypoints and `object_pose` speak of is its core; in both engines the rest are bodies that slide on it along one
+axis each. A soft object has a plate on each face, on a spring with critical damping; at the end of its travel it is hard. Edges give
+way with their plates, bulges do not exist. What is loose inside slides along each axis with clearance, with Coulomb friction of its
+weight, until a stop; it does not turn. Mass, centre of mass and inertia of the whole are the object's while every part is in its
+middle. Springs are as fast as a step of 2 ms bears (150 rad/s): a blow meets more inertia than a sponge has, a slow push
+the stiffness alone. Evaluations count what goes deeper into a soft face than its travel as penetration.
+"""
+
+SCENARIOS = """Three fixed tasks a domain (`--scenario 1` of `evaluate`, `scenario:=1` of the launch file): the start by the camera, the
+goal in outline, its corners in their colours. The paper shows its own and prints no poses; these are ours. The start of an
+episode scatters by 2 mm and .03 rad, named by seed and episode, where its region leaves room. The pictures:
+`python tools/scenarios.py card docs/guide/images/scenarios_card.jpg`."""
+
+
+def softness(spec: ObjectSpec) -> str:
+    """What of an object is not rigid, in words; "" for nothing."""
+    words = []
+    if spec.compliance:
+        words.append(f"soft: {spec.compliance.stiffness:g} N/m along z, {1e3 * spec.compliance.travel:g} mm a face")
+    if spec.contents:
+        inside = spec.contents
+        gaps = " ".join(f"{axis} {1e3 * gap:g}" for axis, gap in zip("xyz", inside.clearance) if gap)
+        words.append(f"loose: {1e3 * inside.mass:g} g, +- mm {gaps}, friction {inside.friction:g}")
+    return "; ".join(words)
+
+
+def page() -> str:
+    """The page."""
+    parts = [head("Objects", "np_description.objects", INTRODUCTION)]
+    for name in DOMAINS:
+        rows, base = rows_of(name).values(), BASELINES[name]
+        size = " x ".join(f"{1e3 * edge:g}" for edge in next(iter(rows)).spec.size)
+        parts.append(f"## {name}\n\n{size} mm\n\n")
+        cells = (
+            (f"`{r.spec.name}`", f"{1e3 * r.spec.mass:.4g}", r.spec.surface.name, softness(r.spec), str(r.successes))
+            for r in rows
+        )
+        parts.append(table(("object", "mass, g", "surface", "not rigid", f"the paper's, of {TRIES}"), cells))
+        fixed = f", limits at zeta* from the first step {base.fixed_limits}" if base.fixed_limits else ""
+        parts.append(
+            f"\nThe paper's baselines, with `default`: operational space control {base.operational_space}{fixed}.\n\n"
+        )
+    parts.append("## Surfaces\n\n")
+    cells = (
+        (f"`{s.name}`", f"{s.finger.coefficient:g}", s.finger.source, f"{s.table.coefficient:g}", s.table.source)
+        for s in SURFACES.values()
+    )
+    parts.append(table(("surface", "with a fingertip", "source", "with table and obstacles", "source"), cells))
+    parts.append(PARTS)
+    parts.append(f"\n## Scenarios\n\n{paragraph(SCENARIOS)}\n")
+    parts += [
+        f"\n![{name}: start and goal of three scenarios](../guide/images/scenarios_{name}.jpg)\n" for name in DOMAINS
+    ]
+    return "".join(parts)
