@@ -31,7 +31,14 @@ def drive(seed, count=600):
     rng = np.random.default_rng(seed)
     commanded = np.cumsum(rng.normal(size=(count, 2)), axis=0)
     starts = np.array([0, 170, 171])
-    known = {"commanded": commanded, "measured": commanded, "arrived": commanded, "starts": starts, "period": PERIOD}
+    known = {
+        "commanded": commanded,
+        "measured": commanded,
+        "arrived": commanded,
+        "starts": starts,
+        "period": PERIOD,
+        "late": 0.0,
+    }
     return SimpleNamespace(**known), rng
 
 
@@ -160,7 +167,7 @@ def test_periods_in_which_the_last_command_was_held_are_found():
     assert share == pytest.approx(0.05, abs=0.01)
 
 
-@pytest.mark.parametrize("share_late", [0.0, 0.1, 0.2])
+@pytest.mark.parametrize("share_late", [0.0, 0.1, 0.2, 0.45])
 def test_packets_are_lost_in_a_loop_that_is_late_as_well(share_late):
     """A loop that is late shows less of a lost packet: counted with the delay, every tenth and more was not seen."""
     d, rng = drive(6, 6000)

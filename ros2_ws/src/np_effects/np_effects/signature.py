@@ -71,7 +71,8 @@ class Signature:
     from other signatures of this id, in words. component: of an arm effect, the joint it sits at, or "arm". only_joint: the
     one joint a variant is meant for, None for all. constants: numbers of the variant that a simulator needs besides the
     parameters. absorbs: the nuisance that says the same: what the data put into it beyond its usual value belongs to the
-    effect. model: share of a value to which the law itself is known, half of a 95 % interval.
+    effect. model: share of a value to which the law itself is known, half of a 95 % interval. acts: share of the rows in which
+    it acts at all, by which it is judged whether it matters: what is rare is small on average.
     """
 
     id: str
@@ -86,6 +87,7 @@ class Signature:
     constants: Mapping[str, float] = field(default_factory=dict)
     absorbs: str = ""
     model: float = MODEL
+    acts: float = 1.0
 
     @property
     def key(self) -> str:

@@ -194,19 +194,22 @@ class Search:
 
     def is_material(self, one: Model, other: Model) -> bool:
         """Whether a residual falls by an amount that matters, by effects none of which is negligible."""
-        if any(self.is_negligible(one, m) for m in one.members if m not in other.members):
+        new = [m for m in one.members if m not in other.members]
+        if any(self.is_negligible(one, m) for m in new):
             return False
+        acts = max((self.design.candidates[m].effect.acts for m in new), default=1.0)
         before, after = self.energies(other.members), self.energies(one.members)
-        for cell, old, new in zip(self.design.cells, before, after):
+        for cell, old, left in zip(self.design.cells, before, after):
             rows = max(cell.rows.sum(), 1)
             least = visible(self.design.context, cell.stage, cell.joint)
-            if old - new > max(SEARCH.energy_share * old, least**2 * rows):
+            if old - left > acts * max(SEARCH.energy_share * old, least**2 * rows):
                 return True
         return False
 
     def is_negligible(self, model: Model, member: int) -> bool:
         """Whether a member is so small that any arm has as much of it, or does nothing that matters at any stage."""
-        ids, shape = self.design.candidates[member].ids, self.design.candidates[member].effect.shape
+        ids, effect = self.design.candidates[member].ids, self.design.candidates[member].effect
+        shape = effect.shape
         least = np.array([self.design.parameters[i].least for i in ids])
         if shape is not None and shape.least:
             least = least + shape.least / shape.value
@@ -214,16 +217,17 @@ class Search:
         group = self.ids(joints, inside)
         found = self.group(joints, inside)[0].fit.parameters.mean(axis=0)
         own = np.isin(group, ids)
-        values = found[own] + absorbed(self.design, group, found, self.design.candidates[member].effect)
-        return bool((np.abs(values) <= least).all()) or not self._is_visible(group[own], values)
+        values = found[own] + absorbed(self.design, group, found, effect)
+        return bool((np.abs(values) <= least).all()) or not self._is_visible(group[own], values, effect.acts)
 
-    def _is_visible(self, ids: np.ndarray, values: np.ndarray) -> bool:
-        """Whether parameters of these values do, by themselves, anything that matters at any stage of any joint."""
+    def _is_visible(self, ids: np.ndarray, values: np.ndarray, acts: float = 1.0) -> bool:
+        """Whether parameters of these values do, by themselves and in the share `acts` of rows, anything that matters at any
+        stage of any joint."""
         for cell in self.design.cells:
             columns, at = places(cell, ids)
             if len(columns):
                 done = values[at] @ cell.unwhitened[columns[:, None], columns] @ values[at]
-                if done > visible(self.design.context, cell.stage, cell.joint) ** 2 * cell.test_rows.sum():
+                if done > acts * visible(self.design.context, cell.stage, cell.joint) ** 2 * cell.test_rows.sum():
                     return True
         return False
 

@@ -41,13 +41,19 @@ def find_held(d: evidence.Drive) -> tuple[np.ndarray, float, int]:
     tellable = 0.5 * np.square(step).sum(axis=1) > 2 * SURE
     begins = np.zeros(len(residual), bool)
     begins[d.starts] = True
+    shown, late = scaled + arrived, d.late / d.period
     # Only periods that holding could explain at all are looked at one by one, and those after a held one.
     for first in np.flatnonzero((excess > SURE) & ~begins).tolist():
         if held[first] or held[first - 1]:
             continue
+        last = command[first - 1]
         for i in range(first, len(residual)):
-            change = command[first - 1] - arrived[i]
-            if (begins[i] and i > first) or free[i] - 0.5 * np.square(scaled[i] - change).sum() <= SURE:
+            if begins[i] and i > first:
+                break
+            # What is late after a lost command is the one before it: as if half lost itself, where that is forgotten.
+            come = (1.0 - late) * command[i] + late * last
+            excess[i] = 0.5 * (np.square(shown[i] - come).sum() - np.square(shown[i] - last).sum())
+            if excess[i] <= SURE:
                 break
             held[i] = True
     seen = int(tellable.sum())
@@ -84,6 +90,7 @@ def _signatures(context: Context) -> list[Signature]:
             {Stage.DRIVE: lambda c, j: stack(_missed(c, j)) / share},
             "a lost command leaves the last one in force",
             is_arm=True,
+            acts=share,
         )
     ]
 
