@@ -131,9 +131,6 @@ def test_what_are_the_same_forces_no_experiment_can_tell(uneven):
     assert to_json(report) and NONE in render(report, diagnosis)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="what is known of a joint's level of friction lets a plan tell the same forces apart"
-)
 def test_the_rival_is_what_explains_the_recording_and_not_a_part_of_it(uneven):
     """A constant torque alone is no rival of uneven friction; beside plain friction it is the same forces."""
     diagnosis, _ = uneven

@@ -106,17 +106,23 @@ def reach(search: Search, member: int) -> tuple[int, ...]:
 
 def _beside(search: Search, chosen: Model, member: int, name: str) -> dict[tuple[str, ...], Model]:
     """The best model with the effect `name` at a member's place and without the member, where it comes
-    near; called by all that it has and the chosen one has not."""
+    near; called by all that it has and the chosen one has not. What it comes near without is left out: that
+    explains something else, which the chosen model could have beside the member as well."""
     design, joints = search.design, search.design.context.arm.joints
-    place, found = design.candidates[member].at(joints), []
-    for model in search.tried.values():
-        at_place = [c for c in map(design.candidates.__getitem__, model.members) if c.at(joints) == place]
-        is_near = search.value(model) > search.value(chosen) - AMBIGUITY.near
-        if is_near and member not in model.members and name in {c.effect.id for c in at_place}:
-            found.append(model)
+    place = design.candidates[member].at(joints)
+    least = search.value(chosen) - AMBIGUITY.near
+
+    def stands_in(model: Model) -> bool:
+        here = {c.effect.id for c in map(design.candidates.__getitem__, model.members) if c.at(joints) == place}
+        return member not in model.members and name in here and search.value(model) > least
+
+    found = [model for model in search.tried.values() if stands_in(model)]
     if not found:
         return {}
     best = max(found, key=search.value)
+    for spare in sorted(set(best.members) - set(chosen.members)):
+        less = search.model(tuple(m for m in best.members if m != spare))
+        best = less if stands_in(less) else best
     added = set(best.members) - set(chosen.members)
     return {tuple(sorted(design.candidates[m].effect.id for m in added)): best}
 
