@@ -84,8 +84,8 @@ class _Solved:
 
 
 def _padded(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """(cells, m, k, k) of Gram matrices of different sizes, zeros where one is smaller."""
-    size = max(p.shape[-1] for p in parts)
+    """(cells, m, k, k) of Gram matrices of different sizes, zeros where one is smaller and in the last row and column."""
+    size = max(p.shape[-1] for p in parts) + 1
     whole = np.zeros((len(parts), len(parts[0]), size, size))
     for n, p in enumerate(parts):
         whole[n, :, : p.shape[-1], : p.shape[-1]] = p
@@ -113,14 +113,16 @@ def _fit(
     variance = np.maximum(grams[:, :, 0, 0] / rows, FIT.variance)
     shape = Shape.of([cell.joint for cell in cells], where, size)
     local = [shape.places(cell.joint, own) for cell, own in zip(cells, where)]
+    stacked = _stacked(shape, [cell.joint for cell in cells], local, grams)
     for number in range(FIT.passes):
         normal, moment = Arrow.diagonal(shape, count, prior**-2), np.tile(centre * prior**-2, (count, 1))
-        for cell, own, at_, gram, v in zip(cells, where, local, grams, variance):
-            k = len(own)
-            if k:
-                scaled = gram[:, : k + 1, 1 : k + 1] / v[:, None, None]
-                normal.parts[cell.joint][:, at_[:, None], at_] += scaled[:, 1:]
-                moment[:, own] += scaled[:, 0]
+        for joint, (mine, equations) in stacked.items():
+            block, border = shape.blocks[joint], shape.border
+            width = len(block) + len(border)
+            sums = np.matmul(1 / variance[mine].T[:, None], equations).reshape(count, width + 1, width)
+            normal.parts[joint] += sums[:, 1:]
+            moment[:, block] += sums[:, 0, : len(block)]
+            moment[:, border] += sums[:, 0, len(block) :]
         if number == FIT.passes - 1:
             inverse = normal.inverse()
             solution = inverse.times(moment)
@@ -133,6 +135,24 @@ def _fit(
         values = np.concatenate([solved, np.zeros((count, 1))], axis=1)[:, at].transpose(1, 0, 2)
         variance = np.maximum(remaining(grams, values) / spare, FIT.variance)
     return _Solved(solved, inverse, local, variance)
+
+
+def _stacked(
+    shape: Shape, joints: Sequence[int], local: Sequence[np.ndarray], grams: np.ndarray
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Of each joint the numbers (c,) of its cells and, one below the other, their moments and normal equations
+    (m, c, (k + 1) k) in the order of its block and the border: a pass over them is one product."""
+    found = {}
+    for joint, block in shape.blocks.items():
+        mine = np.flatnonzero(np.array(joints) == joint)
+        equations = []
+        for n in mine:
+            column = np.full(len(block) + len(shape.border), grams.shape[-1] - 1)  # that is zero
+            column[local[n]] = 1 + np.arange(len(local[n]))
+            rows = grams[n].take(np.concatenate([[0], column]), axis=1)
+            equations.append(rows.take(column, axis=2).reshape(len(rows), -1))
+        found[joint] = mine, np.stack(equations, axis=1)
+    return found
 
 
 def score(cells: Sequence[Cell], ids: np.ndarray, parameters: Sequence[Parameter]) -> Score:
