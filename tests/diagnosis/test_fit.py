@@ -268,9 +268,17 @@ def test_an_arrow_is_solved_and_inverted_as_any_matrix_is(seed, count, shared):
         matrix[:, own[:, None], own] += part.transpose(0, 2, 1) @ part
         arrow.parts[group][:, at[:, None], at] += part.transpose(0, 2, 1) @ part
     rows, values, more = np.array([2, 0]), rng.normal(size=(2, size)), rng.uniform(0.0, 3.0, (2, size))
-    np.testing.assert_allclose(arrow.inverse(), np.linalg.inv(matrix), atol=1e-9)
+    inverse, exact, moment = arrow.inverse(), np.linalg.inv(matrix), rng.normal(size=(3, size))
+    np.testing.assert_allclose(inverse.whole(), exact, atol=1e-9)
+    np.testing.assert_allclose(inverse.times(moment).values, np.matmul(exact, moment[..., None])[..., 0], atol=1e-9)
+    for group, own in enumerate(members):
+        at = shape.places(group, own)
+        np.testing.assert_allclose(inverse.part(group)[:, at[:, None], at], exact[:, own[:, None], own], atol=1e-9)
     np.testing.assert_allclose(arrow.on_diagonal(rows), np.diagonal(matrix[rows], axis1=1, axis2=2))
-    for added in (None, more):
-        whole = matrix[rows] + (0.0 if added is None else added[:, None] * np.eye(size))
-        exact = np.linalg.solve(whole, values[..., None])[..., 0]
-        np.testing.assert_allclose(arrow.solve(values, rows, added), exact, atol=1e-9)
+    more[rng.random(more.shape) < 0.5] = 0.0  # a block with nothing added is not solved again
+    solution = arrow.solve(moment)
+    np.testing.assert_allclose(solution.values, np.matmul(exact, moment[..., None])[..., 0], atol=1e-9)
+    values = np.where(more > 0, values, moment[rows])
+    stiffer = np.linalg.solve(matrix[rows] + more[:, None] * np.eye(size), values[..., None])[..., 0]
+    for before in (solution, inverse.times(moment)):
+        np.testing.assert_allclose(arrow.solve_again(before, values, rows, more).values, stiffer, atol=1e-9)

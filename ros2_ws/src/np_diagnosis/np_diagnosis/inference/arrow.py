@@ -66,38 +66,106 @@ class Arrow:
             found[:, border] += own[:, len(b) :]
         return found
 
-    def solve(self, values: np.ndarray, rows: np.ndarray, more: np.ndarray | None = None) -> np.ndarray:
-        """(n, p) solutions for values (n, p) of the matrices that `rows` (n,) name; more (n, p): added to their diagonals."""
-        found, border = np.empty_like(values), self.shape.border
-        corner, left = self.corner[rows], values[:, border]
-        if more is not None:
-            corner = corner + more[:, border, None] * np.eye(len(border))
+    def solve(self, values: np.ndarray) -> Solution:
+        """Solutions for values (m, p)."""
         inner = {}
         for g, b in self.shape.blocks.items():
-            k, part = len(b), self.parts[g][rows]
-            if more is not None:
-                part[:, np.arange(k), np.arange(k)] += more[:, b]
-            x = np.linalg.solve(part[:, :k, :k], np.concatenate([part[:, :k, k:], values[:, b, None]], axis=2))
-            tied = np.matmul(part[:, k:, :k], x)
-            corner, left = corner + part[:, k:, k:] - tied[..., :-1], left - tied[..., -1]
+            k, part = len(b), self.parts[g]
+            inner[g] = np.linalg.solve(part[:, :k, :k], np.concatenate([part[:, :k, k:], values[:, b, None]], axis=2))
+        return self._tied(inner, values, slice(None), self.corner)
+
+    def solve_again(self, before: Solution, values: np.ndarray, rows: np.ndarray, more: np.ndarray) -> Solution:
+        """Of the matrices that `rows` (n,) name, with more (n, p) on their diagonals, for values (n, p), which differ from those
+        of `before` where that is not zero: a block in which nothing is added stays as it was solved."""
+        inner, border = {}, self.shape.border
+        for g, b in self.shape.blocks.items():
+            k, x = len(b), before.inner[g][rows]
+            new = np.flatnonzero(more[:, b].any(axis=1))
+            if len(new):
+                part = self.parts[g][rows[new]]
+                part[:, np.arange(k), np.arange(k)] += more[new[:, None], b]
+                x[new] = np.linalg.solve(
+                    part[:, :k, :k], np.concatenate([part[:, :k, k:], values[new[:, None], b, None]], axis=2)
+                )
             inner[g] = x
+        return self._tied(inner, values, rows, self.corner[rows] + more[:, border, None] * np.eye(len(border)))
+
+    def _tied(self, inner: dict[int, np.ndarray], values: np.ndarray, rows, corner: np.ndarray) -> Solution:
+        """Blocks solved each by itself, put together at the border."""
+        found, border = np.empty_like(values), self.shape.border
+        left = values[:, border]
+        for g, b in self.shape.blocks.items():
+            k, part = len(b), self.parts[g][rows, len(b) :]
+            tied = np.matmul(part[:, :, :k], inner[g])
+            corner, left = corner + part[:, :, k:] - tied[..., :-1], left - tied[..., -1]
         found[:, border] = np.linalg.solve(corner, left[..., None])[..., 0]
         for g, b in self.shape.blocks.items():
             found[:, b] = inner[g][..., -1] - np.matmul(inner[g][..., :-1], found[:, border, None])[..., 0]
-        return found
+        return Solution(found, inner)
 
-    def inverse(self) -> np.ndarray:
-        """(m, p, p) inverses."""
-        border, count = self.shape.border, len(self.corner)
-        ties, corner = np.zeros((count, self.shape.size, len(border))), self.corner
-        inverses = {}
+    def inverse(self) -> Inverse:
+        """Of each matrix, its inverse."""
+        corner, own, ties = self.corner, {}, {}
         for g, b in self.shape.blocks.items():
             k, part = len(b), self.parts[g]
-            inverses[g] = np.linalg.inv(part[:, :k, :k])
-            ties[:, b] = -np.matmul(inverses[g], part[:, :k, k:])
-            corner = corner + part[:, k:, k:] + np.matmul(part[:, k:, :k], ties[:, b])
-        ties[:, border] = np.eye(len(border))
-        found = np.matmul(np.matmul(ties, np.linalg.inv(corner)), ties.transpose(0, 2, 1))
+            own[g] = np.linalg.inv(part[:, :k, :k])
+            ties[g] = -np.matmul(own[g], part[:, :k, k:])
+            corner = corner + part[:, k:, k:] + np.matmul(part[:, k:, :k], ties[g])
+        return Inverse(self.shape, own, ties, np.linalg.inv(corner))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Values (m, p); inner: of each block alone what it gives for its ties to the border and for its values, (m, k, s + 1)."""
+
+    values: np.ndarray
+    inner: dict[int, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Inverse:
+    """m inverses of arrows: of each block alone (m, k, k), what ties it to the border (m, k, s), the border's (m, s, s).
+
+    An arrow's inverse is full, but what is between two blocks is most of it and seldom asked for.
+    """
+
+    shape: Shape
+    own: dict[int, np.ndarray]
+    ties: dict[int, np.ndarray]
+    corner: np.ndarray
+
+    def times(self, values: np.ndarray) -> Solution:
+        """Products (m, p) with values (m, p)."""
+        found, border, inner = np.empty_like(values), self.shape.border, {}
+        sums = values[:, border, None]
         for g, b in self.shape.blocks.items():
-            found[:, b[:, None], b] += inverses[g]
+            sums = sums + np.matmul(self.ties[g].transpose(0, 2, 1), values[:, b, None])
+        shared = np.matmul(self.corner, sums)
+        found[:, border] = shared[..., 0]
+        for g, b in self.shape.blocks.items():
+            alone = np.matmul(self.own[g], values[:, b, None])
+            found[:, b] = (alone + np.matmul(self.ties[g], shared))[..., 0]
+            inner[g] = np.concatenate([-self.ties[g], alone], axis=2)
+        return Solution(found, inner)
+
+    def part(self, group: int) -> np.ndarray:
+        """Of a block with the border behind it (m, k + s, k + s), in the order of `Shape.places`."""
+        own, ties = self.own[group], self.ties[group]
+        k, tied = own.shape[-1], np.matmul(ties, self.corner)
+        found = np.empty((len(own), k + tied.shape[-1], k + tied.shape[-1]))
+        found[:, :k, :k] = own + np.matmul(tied, ties.transpose(0, 2, 1))
+        found[:, :k, k:], found[:, k:, :k] = tied, tied.transpose(0, 2, 1)
+        found[:, k:, k:] = self.corner
+        return found
+
+    def whole(self) -> np.ndarray:
+        """All of them (m, p, p)."""
+        border, count = self.shape.border, len(self.corner)
+        ties = np.zeros((count, self.shape.size, len(border)))
+        ties[:, border] = np.eye(len(border))
+        for g, b in self.shape.blocks.items():
+            ties[:, b] = self.ties[g]
+        found = np.matmul(np.matmul(ties, self.corner), ties.transpose(0, 2, 1))
+        for g, b in self.shape.blocks.items():
+            found[:, b[:, None], b] += self.own[g]
         return found

@@ -220,9 +220,10 @@ def _sums(
         for lag, c in enumerate(whiten, 1):
             if c:
                 white -= c * whole[:, lags - lag : -lag]
-        white[:, ~kept[start:end]] = 0.0
+        counts = np.concatenate([[0], np.cumsum(kept[start:end])])  # rows before each that count, which may be few
+        white = white[:, kept[start:end]]
         for k in range(3):
-            part = white[:, max(edges[k] - start, 0) : max(edges[k + 1] - start, 0)]
+            part = white[:, counts[max(edges[k] - start, 0)] : counts[max(edges[k + 1] - start, 0)]]
             parts[k, b] = part @ part.T
     return parts
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from np_diagnosis.inference.arrow import Arrow, Shape
+from np_diagnosis.inference.arrow import Arrow, Inverse, Shape, Solution
 from np_diagnosis.inference.cells import Cell
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.signature import Parameter
@@ -69,12 +69,23 @@ def fit(
     """Posterior mode within the bounds for each of the m sums; grams, rows: of each cell, (m, ...) and (m,)."""
     where = [places(cell, ids) for cell in cells]
     needed = _padded([part(gram, columns) for gram, (columns, _) in zip(grams, where)])
-    return _fit(cells, [at for _, at in where], needed, np.array(rows), [parameters[i] for i in ids])
+    found = _fit(cells, [at for _, at in where], needed, np.array(rows), [parameters[i] for i in ids])
+    return Fit(found.parameters, found.inverse.whole(), found.variance)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """A fit whose covariance is not written out; local: of each cell's parameters, the places in its joint's part of it."""
+
+    parameters: np.ndarray
+    inverse: Inverse
+    local: list[np.ndarray]
+    variance: np.ndarray
 
 
 def _padded(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """(cells, m, k, k) of Gram matrices of different sizes, zeros where one is smaller."""
-    size = max(p.shape[-1] for p in parts)
+    """(cells, m, k, k) of Gram matrices of different sizes, zeros where one is smaller and in the last row and column."""
+    size = max(p.shape[-1] for p in parts) + 1
     whole = np.zeros((len(parts), len(parts[0]), size, size))
     for n, p in enumerate(parts):
         whole[n, :, : p.shape[-1], : p.shape[-1]] = p
@@ -87,7 +98,7 @@ def _fit(
     grams: np.ndarray,
     rows: np.ndarray,
     chosen: Sequence[Parameter],
-) -> Fit:
+) -> _Solved:
     """Of the cells' padded Gram matrices (cells, m, k, k), whose columns are the parameters `where`; rows (cells, m)."""
     count, size = rows.shape[1], len(chosen)
     prior, centre, lower, upper = (
@@ -102,26 +113,46 @@ def _fit(
     variance = np.maximum(grams[:, :, 0, 0] / rows, FIT.variance)
     shape = Shape.of([cell.joint for cell in cells], where, size)
     local = [shape.places(cell.joint, own) for cell, own in zip(cells, where)]
-    solved, covariance, everywhere = np.zeros((count, size)), np.zeros(0), np.arange(count)
+    stacked = _stacked(shape, [cell.joint for cell in cells], local, grams)
     for number in range(FIT.passes):
         normal, moment = Arrow.diagonal(shape, count, prior**-2), np.tile(centre * prior**-2, (count, 1))
-        for cell, own, at_, gram, v in zip(cells, where, local, grams, variance):
-            k = len(own)
-            if k:
-                scaled = gram[:, : k + 1, 1 : k + 1] / v[:, None, None]
-                normal.parts[cell.joint][:, at_[:, None], at_] += scaled[:, 1:]
-                moment[:, own] += scaled[:, 0]
+        for joint, (mine, equations) in stacked.items():
+            block, border = shape.blocks[joint], shape.border
+            width = len(block) + len(border)
+            sums = np.matmul(1 / variance[mine].T[:, None], equations).reshape(count, width + 1, width)
+            normal.parts[joint] += sums[:, 1:]
+            moment[:, block] += sums[:, 0, : len(block)]
+            moment[:, border] += sums[:, 0, len(block) :]
         if number == FIT.passes - 1:
-            covariance = normal.inverse()
-            solved = np.matmul(covariance, moment[..., None])[..., 0]
+            inverse = normal.inverse()
+            solution = inverse.times(moment)
         else:
-            solved = normal.solve(moment, everywhere)
+            solution = normal.solve(moment)
+        solved = solution.values
         outside = (solved < lower) | (solved > upper)
         if outside.any():
-            solved = _bounded(normal, moment, solved, lower, upper, outside)
+            solved = _bounded(normal, moment, solution, lower, upper, outside)
         values = np.concatenate([solved, np.zeros((count, 1))], axis=1)[:, at].transpose(1, 0, 2)
         variance = np.maximum(remaining(grams, values) / spare, FIT.variance)
-    return Fit(solved, covariance, variance)
+    return _Solved(solved, inverse, local, variance)
+
+
+def _stacked(
+    shape: Shape, joints: Sequence[int], local: Sequence[np.ndarray], grams: np.ndarray
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Of each joint the numbers (c,) of its cells and, one below the other, their moments and normal equations
+    (m, c, (k + 1) k) in the order of its block and the border: a pass over them is one product."""
+    found = {}
+    for joint, block in shape.blocks.items():
+        mine = np.flatnonzero(np.array(joints) == joint)
+        equations = []
+        for n in mine:
+            column = np.full(len(block) + len(shape.border), grams.shape[-1] - 1)  # that is zero
+            column[local[n]] = 1 + np.arange(len(local[n]))
+            rows = grams[n].take(np.concatenate([[0], column]), axis=1)
+            equations.append(rows.take(column, axis=2).reshape(len(rows), -1))
+        found[joint] = mine, np.stack(equations, axis=1)
+    return found
 
 
 def score(cells: Sequence[Cell], ids: np.ndarray, parameters: Sequence[Parameter]) -> Score:
@@ -131,16 +162,19 @@ def score(cells: Sequence[Cell], ids: np.ndarray, parameters: Sequence[Parameter
     train, test = (_padded([p[side] for p in parts]) for side in (0, 1))
     rows = np.array([cell.test_rows.sum() - cell.held_rows for cell in cells])
     fitted = _fit(cells, [at for _, at in where], train, rows, [parameters[i] for i in ids])
+    covariance = {joint: fitted.inverse.part(joint) for joint in {cell.joint for cell in cells}}
     spread, squares = np.zeros(rows.shape), np.zeros(rows.shape)
-    for n, (_, at) in enumerate(where):
+    for n, (cell, (_, at), local) in enumerate(zip(cells, where, fitted.local)):
         own = test[n, :, : len(at) + 1, : len(at) + 1]
         squares[n] = remaining(own, fitted.parameters[:, at])
         if len(at):
-            spread[n] = (own[:, 1:, 1:] * fitted.covariance[:, at[:, None], at]).sum(axis=(1, 2))
+            spread[n] = (own[:, 1:, 1:] * covariance[cell.joint][:, local[:, None], local]).sum(axis=(1, 2))
     rows = np.maximum(np.array([cell.test_rows for cell in cells]), 1)
     variance = fitted.variance + spread / rows
     density = -0.5 * rows * (np.log(2 * np.pi * variance) + squares / rows / variance)
-    return Score((density * np.array([cell.used for cell in cells])).sum(axis=0), replace(fitted, covariance=None))
+    return Score(
+        (density * np.array([cell.used for cell in cells])).sum(axis=0), Fit(fitted.parameters, None, fitted.variance)
+    )
 
 
 def energy(cell: Cell, ids: np.ndarray, fit: Fit) -> float:
@@ -156,19 +190,19 @@ def held_out(cell: Cell, ids: np.ndarray, fit: Fit) -> np.ndarray:
     return cell.residual - sum((cell.matrix[:, k] * values[:, n] for n, k in enumerate(columns)), 0.0)
 
 
-def _bounded(normal: Arrow, moment, solved, lower, upper, outside) -> np.ndarray:
+def _bounded(normal: Arrow, moment, solution: Solution, lower, upper, outside) -> np.ndarray:
     """Least squares in a box: what leaves it is held at its side, and the rest is solved again, twice."""
     rows = np.flatnonzero(outside.any(axis=1))
-    outside, inside = outside[rows], solved[rows]
+    outside, inside = outside[rows], solution.values[rows]
     held, diagonal = np.zeros_like(outside), normal.on_diagonal(rows)
     for _ in range(FIT.bound_passes):
         held |= outside
         side = np.clip(inside, lower, upper)
         stiff = np.where(held, 1e9 * diagonal, 0.0)
-        inside = normal.solve(moment[rows] + stiff * side, rows, stiff)
+        inside = normal.solve_again(solution, moment[rows] + stiff * side, rows, stiff).values
         outside = ((inside < lower) | (inside > upper)) & ~held
         if not outside.any():
             break
-    found = solved.copy()
+    found = solution.values.copy()
     found[rows] = np.clip(inside, lower, upper)
     return found

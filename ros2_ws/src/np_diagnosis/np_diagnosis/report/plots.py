@@ -45,7 +45,7 @@ def velocity_plot(diagnosis: Diagnosis) -> str:
 def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: float) -> str:
     samples = diagnosis.context.samples
     with style():
-        figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
+        figure = Figure(figsize=(WIDTH, 4.4), dpi=200, layout="constrained")
         columns = (len(diagnosis.context.arm) + 2) // 2
         panels = figure.subplots(2, columns).ravel()
         stride = max(1, len(samples) // 1500)
@@ -56,7 +56,8 @@ def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: fl
             x = np.arange(len(samples)) / RATE if over_time else samples.velocity[:, cell.joint]
             for values, colour in ((diagnosis.gap.nominal[n], BEFORE), (diagnosis.gap.residuals[n], AFTER)):
                 shown = np.where(cell.rows, values, np.nan)
-                axes.plot(x[::stride], shown[::stride], mark, color=colour, lw=size, ms=size)
+                # As an image: thousands of marks are slow to write, and to show.
+                axes.plot(x[::stride], shown[::stride], mark, color=colour, lw=size, ms=size, rasterized=True)
             axes.set_title(diagnosis.context.arm.joints[cell.joint], fontsize=8)
             axes.set_xlabel(label, fontsize=8)
         panels[0].set_ylabel("residual (Nm)")
