@@ -96,7 +96,7 @@ def test_hard_contact_is_stepped_twice_as_often_and_holds_a_policy_period():
     physics = BatchedPhysics(CARD, 1, "cpu", physics_for("hard", substeps=1))
     assert physics.host_model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
     assert physics.host_model.opt.ls_iterations >= HARD.line_search
-    with pytest.raises(ValueError, match="expected one of soft, firm, hard, got 'rigid'"):
+    with pytest.raises(ValueError, match="expected one of soft, firm, hard, swift, got 'rigid'"):
         physics_for("rigid")
 
 
