@@ -81,7 +81,7 @@ def answer_all(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs:
 def _answer(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: int, pool) -> None:
     out = asking.out
     answered = {c.number for c in cases if is_answered(out, c.number)}
-    recorded = {c.number for c in cases if shown(bag_path(out, c.number)).exists()} - answered
+    recorded = {c.number for c in cases if _is_recorded(out, c)} - answered
     missing = [c for c in cases if c.number not in answered | recorded]
     for case in missing:  # cut off while it was written
         _remove_bags(out, case.number)
@@ -100,6 +100,11 @@ def _answer(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: in
     for future in as_completed(answers):
         done += future.result()
         bar.show(done, "diagnosed")
+
+
+def _is_recorded(out: Path, case: Case) -> bool:
+    paths = [bag_path(out, case.number), *([reference_path(out, case.number)] if case.day else [])]
+    return all(shown(path).exists() for path in paths)
 
 
 def _record(cases: Sequence[Case], only: Sequence[str], asking: Asking) -> dict[int, str]:

@@ -161,7 +161,9 @@ def test_periods_in_which_the_last_command_was_held_are_found():
     lost[d.starts] = False
     row = np.maximum.accumulate(np.where(lost, 0, np.arange(6000)))
     d.measured = d.commanded[row] + 0.02 * rng.normal(size=(6000, 2))
-    held, share, _ = find_held(d)
+    found = find_held(d)
+    held, (share, error) = found.held, found.share(np.ones(6000, bool))
+    assert 0.001 < error < 0.01
     tellable = lost & (np.abs(d.commanded[row] - d.commanded).max(axis=1) > 0.2)
     assert held[tellable].all() and not held[~lost].any()
     assert share == pytest.approx(0.05, abs=0.01)
@@ -181,10 +183,11 @@ def test_packets_are_lost_in_a_loop_that_is_late_as_well(share_late):
 
     d.late, d.arrived = share_late * PERIOD, late(d.commanded)
     d.measured = late(force) + 0.02 * rng.normal(size=(6000, 2))
-    held, share, _ = find_held(d)
+    found = find_held(d)
+    held, (share, error) = found.held, found.share(np.ones(6000, bool))
     assert share == pytest.approx(lost.mean(), rel=0.08) and held[~lost].mean() < 2e-3
     ((effect,),) = [
-        RECORDS["packet_loss"].signatures(SimpleNamespace(drive=d, held=held, held_share=share, held_seen=6000))
+        RECORDS["packet_loss"].signatures(SimpleNamespace(drive=d, held=held, held_share=share, held_error=error))
     ]
     column = effect.columns[Stage.DRIVE](SimpleNamespace(drive=d, held=held), 0)[:, 0]
     residual = d.measured[:, 0] - d.arrived[:, 0]
@@ -211,7 +214,7 @@ def make(seed, count=900):
         times=lambda s: (trajectory, time),
         rows=lambda s, j, at_reversal: rows,
         residual=lambda s, j: residual,
-        change=lambda s, j, rows, matrix, residual: (matrix, residual),
+        change=lambda s, j, rows, matrix, residual, at_reversal: (matrix, residual),
     )
     whiten = np.array([0.4, -0.2])
     parameters = [Parameter("p", "1", -9.0, 9.0, 1.0)] * 3

@@ -151,7 +151,10 @@ class Context:
 
     drive: None without commands. transmission: None without motor angles. ripples: orders per revolution found, by joint.
     quanta (k,) rad: step of each encoder, 0 where none shows. held (n,) bool: periods of the drive in which the last command
-    was held, None without drive; held_share: their share of the `held_seen` periods in which that could have been seen.
+    was held, None without drive; held_share: their share, held_error: its standard error, since losses come by chance.
+    With a reference, quanta are 0 where they are as they were, and held_share is by how much more are lost now, with the
+    periods now lost in held where that is sure, and none where it is not; set_aside (n,) bool: lost periods of which
+    nothing is asked, since the arm had such before.
     logs: the recordings, one after the other; reference: of how many of them, the first ones, the arm is what the others
     are compared with. 0: with the nominal arm. constant (n, k) Nm: what a share of error of a motor's torque constant is a
     share of, where torque is a current times a constant that the recording itself had to tell; None where it was measured.
@@ -168,6 +171,7 @@ class Context:
     held: np.ndarray | None
     held_share: float
     quanta: np.ndarray
-    held_seen: int = 0
+    held_error: float = 0.0
+    set_aside: np.ndarray | None = None
     reference: int = 0
     constant: np.ndarray | None = None

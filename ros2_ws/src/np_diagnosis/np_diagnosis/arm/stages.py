@@ -65,8 +65,9 @@ def expected_torque(position, velocity, acceleration, arm: Arm, with_gravity: bo
     return rigid_part + acceleration * arm.armature + sign(velocity) * arm.frictionloss + velocity * arm.damping
 
 
-def drive(logs: list[Log], arm: Arm) -> Drive | None:
-    """The drive side of logs with commands, None where none has."""
+def drive(logs: list[Log], arm: Arm, reference: int = 0) -> Drive | None:
+    """The drive side of logs with commands, None where none has. reference: how many of them, the first, are of the arm as it
+    was, whose loop's delay then counts; 0: all."""
     parts, starts, count = [], [], 0
     period = 0.0
     for number, log in enumerate(logs):
@@ -107,17 +108,20 @@ def drive(logs: list[Log], arm: Arm) -> Drive | None:
     time, trajectory, *rest = (np.concatenate(column) for column in zip(*parts))
     is_replayed = all(log.commands.has_law for log in logs if log.commands is not None)
     found = Drive(time, trajectory, period, np.concatenate(starts), *rest, 0.0, rest[1], is_replayed)
-    late = _late(found)
+    before = trajectory < reference
+    late = _late(found, before if before.any() else np.ones(len(time), bool))
     arrived = np.column_stack([delayed(found, column, late) for column in found.commanded.T])
     return replace(found, late=late, arrived=arrived)
 
 
-def _late(d: Drive) -> float:
+def _late(d: Drive, rows: np.ndarray) -> float:
     """What the loop is late by, s, up to what any is: by how much of its last step the measured torque lags behind each
-    command, the median over the joints. Periods that show nothing but the command before (a lost packet) are left out."""
+    command, the median over the joints. Looked at are rows (n,) bool; periods that show nothing but the command before (a lost
+    packet) are left out."""
     step = np.diff(d.commanded, axis=0, prepend=d.commanded[:1])
     step[d.starts] = 0.0
-    residual, kept, share = d.measured - d.commanded, np.ones(len(step), bool), 0.0
+    step, residual = step[rows], (d.measured - d.commanded)[rows]
+    kept, share = np.ones(len(step), bool), 0.0
     for _ in range(2):
         moved = np.maximum(np.square(step[kept]).sum(axis=0), 1e-12)
         share = float(np.median(-(residual * step)[kept].sum(axis=0) / moved))

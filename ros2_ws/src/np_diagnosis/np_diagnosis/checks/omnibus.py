@@ -164,5 +164,13 @@ class _Residual:
     def rows(self, stage: Stage, joint: int, at_reversal: bool) -> np.ndarray:
         return self.kept
 
-    def change(self, stage: Stage, joint: int, rows: np.ndarray, matrix: np.ndarray, residual: np.ndarray):
+    def change(
+        self,
+        stage: Stage,
+        joint: int,
+        rows: np.ndarray,
+        matrix: np.ndarray,
+        residual: np.ndarray,
+        at_reversal: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray]:
         return matrix, residual

@@ -63,7 +63,7 @@ def planned_context(names: Sequence[str], context: Context) -> Context:
         planned,
         held=held,
         held_share=context.held_share,
-        held_seen=context.held_seen,
+        held_error=context.held_error,
         ripples=context.ripples,
         quanta=context.quanta,
     )

@@ -144,7 +144,7 @@ def make_cell(
     trajectory, time = stages.times(stage)
     residual = stages.residual(stage, joint)
     counted = stages.rows(stage, joint, at_reversal)
-    matrix, residual = stages.change(stage, joint, counted, matrix, residual)
+    matrix, residual = stages.change(stage, joint, counted, matrix, residual, at_reversal)
     kept = _kept(counted, trajectory)
     pieces = _pieces(trajectory, time, blocks)
     plain = _sums(matrix, residual, kept, np.zeros(0), pieces).sum(axis=0)

@@ -19,15 +19,19 @@ def is_later(context: Context, trajectory: np.ndarray) -> np.ndarray:
     return trajectory >= context.reference
 
 
-def apart(common: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (n, c) without what a fit to their `rows` (n,) bool puts into the columns (n, s) that recordings have in common."""
+def directions(common: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """What columns (n, s) that recordings have in common span, as columns (n, k) that are orthonormal over `rows` (n,) bool."""
     used = common[rows]
     scale = np.sqrt(np.mean(np.square(used), axis=0)) if len(used) else np.zeros(common.shape[1])
     shown = scale > 0
     if not shown.any():
-        return values
+        return np.zeros((len(common), 0))
     common, used = common[:, shown] / scale[shown], used[:, shown] / scale[shown]
-    power, directions = np.linalg.eigh(used.T @ used)
+    power, axes = np.linalg.eigh(used.T @ used)
     kept = power > KNOWN * power[-1]
-    basis = directions[:, kept] / np.sqrt(power[kept])
-    return values - common @ (basis @ (basis.T @ (used.T @ values[rows])))
+    return common @ (axes[:, kept] / np.sqrt(power[kept]))
+
+
+def apart(spanned: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (n, c) without what a fit to their `rows` (n,) bool puts into `directions` (n, k) of the same rows."""
+    return values - spanned @ (spanned.T @ (values * rows[:, None]))

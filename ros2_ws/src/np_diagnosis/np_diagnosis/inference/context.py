@@ -9,7 +9,7 @@ from np_diagnosis.arm.model import Arm
 from np_diagnosis.arm.stages import Prediction, drive, predict
 from np_diagnosis.recordings.signals import Log, Samples, sample
 from np_diagnosis.thresholds import THRESHOLDS
-from np_effects.evidence import Context, Transmission
+from np_effects.evidence import Context, Drive, Transmission
 from np_effects.sensing.encoder_quantisation import find_quantum
 from np_effects.timing.packet_loss import find_held
 
@@ -28,8 +28,8 @@ def make_context(logs: list[Log], arm: Arm, reference: int = 0, constant: np.nda
     """
     samples = sample(logs, all(log.commands is not None for log in logs))
     prediction = predict(samples, arm)
-    driven = drive(logs, arm)
-    held, share, seen = (None, 0.0, 0) if driven is None else find_held(driven)
+    driven = drive(logs, arm, reference)
+    held, share, error, set_aside = (None, 0.0, 0.0, None) if driven is None else lost_since(driven, reference)
     return Context(
         arm,
         logs,
@@ -41,11 +41,31 @@ def make_context(logs: list[Log], arm: Arm, reference: int = 0, constant: np.nda
         _ripples(samples, prediction),
         held,
         share,
-        np.array([find_quantum(logs[0].position[:, j]) for j in range(len(arm))]),
-        seen,
+        _quanta(logs, reference),
+        error,
+        set_aside,
         reference,
         constant,
     )
+
+
+def lost_since(driven: Drive, reference: int) -> tuple[np.ndarray, float, float, np.ndarray | None]:
+    """(held, held_share, held_error, set_aside) of `Context`."""
+    found = find_held(driven)
+    if not reference:
+        return found.held, *found.share(np.ones(len(found.held), bool)), None
+    now = driven.trajectory >= reference
+    (share, error), (before, error_before) = found.share(now), found.share(~now)
+    error = float(np.hypot(error, error_before))
+    is_more = share - before > HINTS.more_lost * error
+    return found.held & now & is_more, share - before, error, found.held & ~(now & is_more)
+
+
+def _quanta(logs: list[Log], reference: int) -> np.ndarray:
+    """Steps (k,) rad of the encoders, 0 where none shows or, with a reference, where they are as they were."""
+    before, now = ([find_quantum(column) for column in logs[n].position.T] for n in (0, reference))
+    same = np.isclose(now, before, rtol=HINTS.same_step) if reference else np.zeros(len(now), bool)
+    return np.where(same, 0.0, now)
 
 
 def _transmission(logs: list[Log], samples: Samples, prediction: Prediction) -> Transmission | None:

@@ -26,8 +26,9 @@ BESIDE = ("packet_loss", "torque_scale", "torque_offset")  # effects that a dela
 
 
 def settle_delay(design: Design) -> Design:
-    """The design with the prior of all delays about what this loop has. As it is without commands."""
-    if design.context.drive is None:
+    """The design with the prior of all delays about what this loop has. As it is without commands, and for the change between
+    two recordings, of which no delay is usual."""
+    if design.context.drive is None or design.context.reference:
         return design
     usual = float(np.clip(loop_delay(design), 0.0, USUAL))
     own = set(np.concatenate(design.nuisances).tolist())

@@ -9,6 +9,8 @@ without them, errors of the links would be found in the rotors.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from np_diagnosis.arm.rigid import felt_inertia
@@ -28,6 +30,11 @@ _NONE: tuple[Parameter, ...] = ()
 _DELAYED = {
     Stage.DRIVE: Parameter("command_delay", "s", -3e-4, 1.4e-3, NUISANCES.delay_spread, centre=NUISANCES.delay),
     Stage.DYNAMICS: Parameter("motion_delay", "s", -3e-4, 1.4e-3, NUISANCES.delay_spread, centre=NUISANCES.delay),
+}
+# Between two recordings of an arm there is no delay that any loop has.
+_DRIFTED = {
+    stage: replace(p, lower=-3e-4, upper=3e-4, prior=NUISANCES.delay_between, centre=0.0)
+    for stage, p in _DELAYED.items()
 }
 # Shares of the nominal friction that turn over late, within each of `NUISANCES.breakaways`: they span what lies between.
 # The larger is also that of a joint with more friction on the same bristles.
@@ -55,9 +62,10 @@ _LOOSE = Parameter("motion_delay", "s", -0.01, 0.01, NUISANCES.loose_delay_sprea
 def parameters(context: Context, stage: Stage, joint: int) -> tuple[Parameter, ...]:
     """The nuisance parameters of one stage of one joint, in the order of `columns`."""
     if stage is Stage.DRIVE:
-        return (_DELAYED[stage],)
+        return (_DRIFTED[stage] if context.reference else _DELAYED[stage],)
     if stage is Stage.DYNAMICS:
-        late = _DELAYED[stage] if context.drive is not None else _LOOSE
+        usual = _DRIFTED[stage] if context.reference else _DELAYED[stage]
+        late = usual if context.drive is not None else _LOOSE
         whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
         components = context.prediction.link_errors[joint].shape[1]
         links = (Parameter(f"links {n + 1}", "1", -MOST_ERRORS, MOST_ERRORS, 1.0) for n in range(components))

@@ -6,7 +6,7 @@ import numpy as np
 
 from np_diagnosis.arm.stages import slides
 from np_diagnosis.inference import nuisances
-from np_diagnosis.inference.change import apart, is_later
+from np_diagnosis.inference.change import apart, directions, is_later
 from np_diagnosis.inference.flexible import flexible
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
@@ -16,7 +16,10 @@ from np_effects.signature import Signature
 from np_effects.stage import Stage
 
 ROWS = THRESHOLDS.rows
-SELF_SEEN = ("transmission_hysteresis",)  # effects whose columns are made of the residual that they explain
+SELF_SEEN = (
+    "transmission_hysteresis",
+    "packet_loss",
+)  # effects whose columns are made of the residual that they explain
 
 
 class Stages:
@@ -25,7 +28,7 @@ class Stages:
     def __init__(self, context: Context):
         self.context = context
         self.signatures = all_signatures(context)
-        self._common: tuple[tuple[Stage, int], np.ndarray] | None = None  # of the cell asked for last
+        self._common: dict[tuple[Stage, int, bool], np.ndarray] = {}  # `directions` of each cell
         # Of the last joint asked for.
         self._drive_columns: tuple[int, dict[int, tuple[Signature, np.ndarray]]] = (-1, {})
         self._projected: dict[tuple[int, int], tuple[Signature, np.ndarray]] = {}
@@ -67,7 +70,7 @@ class Stages:
         """Columns (n, c) of a further question, and what is left (n,) to ask it of: of the change only, where there is one."""
         if not self.context.reference:
             return columns, left
-        both = apart(columns, rows, np.column_stack([self.later(stage, columns), left]))
+        both = apart(directions(columns, rows), rows, np.column_stack([self.later(stage, columns), left]))
         return both[:, :-1], both[:, -1]
 
     def later(self, stage: Stage, columns: np.ndarray | None) -> np.ndarray | None:
@@ -77,24 +80,35 @@ class Stages:
         return columns * is_later(self.context, self.times(stage)[0])[:, None]
 
     def change(
-        self, stage: Stage, joint: int, rows: np.ndarray, matrix: np.ndarray, residual: np.ndarray
+        self,
+        stage: Stage,
+        joint: int,
+        rows: np.ndarray,
+        matrix: np.ndarray,
+        residual: np.ndarray,
+        at_reversal: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Columns (n, p) and residual (n,) of a cell without what its recordings have in common, by a fit to some rows; as
+        """Columns (n, p) and residual (n,) of a cell without what its recordings have in common, by a fit to its rows; as
         they are without a reference."""
         if not self.context.reference:
             return matrix, residual
-        if self._common is None or self._common[0] != (stage, joint):
-            own = [nuisances.columns(self.context, stage, joint), flexible(self.context, stage, joint, expected=True)]
-            own += [
-                effect.columns[stage](self.context, joint)
-                for effect in self.signatures
-                if effect.only_joint in (None, joint) and stage in effect.columns and effect.id not in SELF_SEEN
-            ]
-            self._common = (stage, joint), np.column_stack(own)
+        cell = stage, joint, at_reversal
+        if cell not in self._common:  # a shape that is being settled asks for it again and again
+            self._common[cell] = directions(self._alike(stage, joint), rows)
         known = np.isfinite(residual)
         values = np.column_stack([matrix, np.where(known, residual, 0.0)])
-        left = apart(self._common[1], rows, values)
+        left = apart(self._common[cell], rows, values)
         return np.asfortranarray(left[:, :-1]), np.where(known, left[:, -1], np.nan)
+
+    def _alike(self, stage: Stage, joint: int) -> np.ndarray:
+        """Columns (n, s) of all that could be said of both recordings of a cell."""
+        own = [nuisances.columns(self.context, stage, joint), flexible(self.context, stage, joint, expected=True)]
+        own += [
+            effect.columns[stage](self.context, joint)
+            for effect in self.signatures
+            if effect.only_joint in (None, joint) and stage in effect.columns and effect.id not in SELF_SEEN
+        ]
+        return np.column_stack(own)
 
     def _everywhere(self, effect: Signature, stage: Stage, joint: int) -> np.ndarray | None:
         """Columns (n, parameters) of an effect in all recordings.
@@ -142,7 +156,7 @@ class Stages:
             return np.isfinite(c.transmission.twist[:, joint])
         if stage is Stage.CONTROLLER:
             return self._is_smooth & ~c.drive.guarded[:, joint]
-        return np.ones(len(c.drive.time), bool)
+        return np.ones(len(c.drive.time), bool) if c.set_aside is None else ~c.set_aside
 
 
 def _smooth(context: Context) -> np.ndarray:

@@ -75,6 +75,9 @@ class Nuisances:
 
     delay: float = threshold(2e-4, "s", "usual delay between command and torque", DEVELOPMENT)
     delay_spread: float = threshold(1.5e-4, "s", "its standard deviation", DEVELOPMENT)
+    delay_between: float = threshold(
+        5e-5, "s", "standard deviation of its change between two recordings: clocks start at a new phase", JUDGEMENT
+    )
     loose_delay_spread: float = threshold(
         1e-3, "s", "the same without commands: torque and motion may come from clocks of their own", JUDGEMENT
     )
@@ -124,6 +127,8 @@ class Hints:
     play: float = threshold(
         1e-5, "rad", "motion of a smoothed twist that may be noise", "some standard deviations of a smoothed encoder"
     )
+    more_lost: float = threshold(3.0, "standard errors", "by which more packets are lost than before", JUDGEMENT)
+    same_step: float = threshold(0.05, "of it", "by which an encoder's step differs and is the same", JUDGEMENT)
 
 
 @dataclass(frozen=True)

@@ -29,11 +29,13 @@ def delayed(d: evidence.Drive, values: np.ndarray, delay: float) -> np.ndarray:
 
 
 def _signature(delay: float) -> Signature:
-    """What a loop is late by beyond the usual, which is a nuisance's: of the two together nothing counts twice."""
+    """What a loop is late by beyond the usual, which is a nuisance's: of the two together nothing counts twice. Of a change, what
+    it is late by beyond what it was."""
 
     def columns(c: Context, j: int) -> np.ndarray:
         d, values = c.drive, c.drive.commanded[:, j]
-        return stack(delayed(d, values, USUAL + delay) - delayed(d, values, USUAL))
+        usual = d.late if c.reference else USUAL
+        return stack(delayed(d, values, usual + delay) - delayed(d, values, usual))
 
     return Signature(
         "command_delay",

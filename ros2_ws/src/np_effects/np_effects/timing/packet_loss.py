@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from np_description.rotations import namespace
@@ -19,15 +21,36 @@ ROUNDS = 20
 SURE = 10.0  # nats by which holding must fit a period better than not holding
 
 
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Periods in which the last command was held.
+
+    held (n,) bool: those for certain; excess (n,): nats by which holding fits each better; tellable (n,) bool: those in
+    which the command and the one before differ enough to tell.
+    """
+
+    held: np.ndarray
+    excess: np.ndarray
+    tellable: np.ndarray
+
+    def share(self, rows: np.ndarray) -> tuple[float, float]:
+        """(share of some periods (n,) bool in which the command was held, its standard error: losses come by chance)."""
+        seen = rows & self.tellable
+        if seen.sum() > 100:
+            found, count = _share(self.excess[seen]), seen.sum()
+        else:
+            found, count = float(self.held[rows].mean()) if rows.any() else 0.0, rows.sum()
+        return found, float(np.sqrt(found * (1.0 - found) / max(count, 1)))
+
+
 def hold(d: evidence.Drive, held: np.ndarray) -> np.ndarray:
     """Commands (n, k) in force when those of the periods `held` (n,) never arrived."""
     row = np.where(held, 0, np.arange(len(held)))
     return d.commanded[np.maximum.accumulate(row)]
 
 
-def find_held(d: evidence.Drive) -> tuple[np.ndarray, float, int]:
-    """(periods (n,) in which all joints show the command before instead of their own, their share of those in which the two
-    differ enough to tell, the number of those)."""
+def find_held(d: evidence.Drive) -> Held:
+    """The periods in which all joints show the command before instead of their own."""
     residual = d.measured - d.arrived
     spread = 1.4826 * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0)
     spread = np.maximum(spread, 1e-6)
@@ -56,10 +79,7 @@ def find_held(d: evidence.Drive) -> tuple[np.ndarray, float, int]:
             if excess[i] <= SURE:
                 break
             held[i] = True
-    seen = int(tellable.sum())
-    if seen <= 100:
-        return held, float(held.mean()), len(held)
-    return held, _share(np.where(held, np.inf, excess)[tellable]), seen
+    return Held(held, np.where(held, np.inf, excess), tellable)
 
 
 def _share(excess: np.ndarray) -> float:
@@ -81,8 +101,7 @@ def _signatures(context: Context) -> list[Signature]:
     # Of periods too alike to tell, none is lost for certain: there is no share of those to go by.
     if context.drive is None or context.held is None or context.held.sum() <= LEAST_HELD or context.held_share <= 0:
         return []
-    share = context.held_share
-    known = float(np.sqrt(share * (1.0 - share) / max(context.held_seen, 1)))  # losses come by chance
+    share, known = context.held_share, context.held_error
     return [
         Signature(
             "packet_loss",
