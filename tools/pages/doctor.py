@@ -8,14 +8,21 @@ from np_blind.scoring import Score
 from np_blind.tables import failures_table, figures_table
 from pages.markdown import table
 
+# Of a sealed set; a set of changes has neither strangers nor a held-out gap, but its false alarms are half of the question.
+HEADLINE = (
+    ("module", "module_accuracy"),
+    ("effect", "effect_class_accuracy"),
+    ("false alarm", "false_alarm"),
+    ("strangers", "abstain_out_of_catalogue"),
+    ("harm", "harm"),
+)
+
 
 def sealed(data: Mapping) -> tuple[str, str]:
     """Headline and body of a sealed set: figures beside their goals, effects, every failure."""
     figures, scores = data["figures"], [Score(**case) for case in data["cases"]]
-    headline = (
-        f"module {figures['module_accuracy']:.3f}, effect {figures['effect_class_accuracy']:.3f}, "
-        f"strangers {figures['abstain_out_of_catalogue']:.3f}, harm {figures['harm']:.3f}"
-    )
+    asked = {name: figures[key] for name, key in HEADLINE if figures[key] is not None}
+    headline = ", ".join(f"{name} {value:.3f}" for name, value in asked.items())
     body = figures_table(figures, scores) + "\n## Failures\n\n" + failures_table(scores)
     if "doctor_sha256" in figures:
         body += f"\nKey `{figures['key_sha256']}`, doctor `{figures['doctor_sha256']}` (SHA-256).\n"

@@ -265,7 +265,8 @@ class Search:
                 for n in self.promising(fewer, SEARCH.tried)
                 if len(self.design.candidates[n].ids) < size and self._is_new(fewer, n)
             ]
-            equals = [s for s in simpler if not self.beats(chosen, s)]
+            least = self.value(chosen) - SEARCH.tie
+            equals = [s for s in simpler if not self.beats(chosen, s) and self.value(s) > least]
             if equals:
                 return self.pruned(max(equals, key=self.value))
         return chosen
