@@ -4,6 +4,7 @@ On recordings of arms whose truth is known: a short one for the torque domain, a
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,11 +23,12 @@ from np_diagnosis.inference.averaging import spread
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.ranking import generalisations
-from np_diagnosis.inference.search import Search
+from np_diagnosis.inference.search import Model, Search
 from np_diagnosis.recordings.reading import read_bag
 from np_diagnosis.recordings.signals import GRID
 from np_diagnosis.simulation.patching import tried_patch
 from np_diagnosis.thresholds import THRESHOLDS
+from np_effects.stage import Stage
 
 RNG = np.random.default_rng(3)
 STUCK, AGEING, DROPPING = 3, 3, 1  # the joints, counted from 0
@@ -138,3 +140,20 @@ def test_a_patch_that_makes_the_closed_loop_worse_loses_what_does_so(stuck):
     assert left_out == [f"armature at {NOMINAL.joints[1]}"]
     assert table[NOMINAL.joints[STUCK]]["after"] < 0.3 * table[NOMINAL.joints[STUCK]]["before"]
     assert tried_patch(replace(stuck, findings=(inertia,)))[0].effects == ()
+
+
+@pytest.mark.parametrize("effect, matters", [("link_inertia", False), ("presliding_friction", True)])
+def test_an_inertia_has_to_matter_in_all_rows_of_a_joint_and_friction_where_it_acts(monkeypatch, effect, matters):
+    """.011 Nm in the few rows about reversals, hardly anything in the others."""
+    cells = [
+        SimpleNamespace(stage=Stage.DYNAMICS, joint=2, at_reversal=at, rows=np.ones(n, bool))
+        for at, n in ((False, 9000), (True, 1000))
+    ]
+    candidate = SimpleNamespace(effect=SimpleNamespace(id=effect, acts=1.0))
+    search = Search(SimpleNamespace(cells=cells, candidates=[candidate], context=None))
+    squares = {(): [9000 * 0.02**2, 1000 * 0.024**2], (0,): [9000 * (0.02**2 - 0.003**2), 1000 * (0.024**2 - 0.011**2)]}
+    monkeypatch.setattr(Search, "energies", lambda _, members: squares[members])
+    monkeypatch.setattr(Search, "is_negligible", lambda *_: False)
+    monkeypatch.setattr("np_diagnosis.inference.search.visible", lambda *_: 0.0087)
+    one, none = (Model(members, np.zeros(1), 0.0) for members in ((0,), ()))
+    assert search.is_material(one, none) is matters

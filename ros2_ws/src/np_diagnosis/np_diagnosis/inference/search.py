@@ -197,11 +197,17 @@ class Search:
         new = [m for m in one.members if m not in other.members]
         if any(self.is_negligible(one, m) for m in new):
             return False
-        acts = max((self.design.candidates[m].effect.acts for m in new), default=1.0)
-        before, after = self.energies(other.members), self.energies(one.members)
-        for cell, old, left in zip(self.design.cells, before, after):
-            rows = max(cell.rows.sum(), 1)
-            least = visible(self.design.context, cell.stage, cell.joint)
+        effects = [self.design.candidates[m].effect for m in new]
+        acts = max((effect.acts for effect in effects), default=1.0)
+        # A link's inertia acts in all of a joint's rows. Those about its reversals are few, and show most of what it can
+        # take up in place of errors that each joint has to explain by itself.
+        is_pooled = all(effect.id == "link_inertia" for effect in effects)
+        sums: dict[tuple, np.ndarray] = {}
+        for cell, old, left in zip(self.design.cells, self.energies(other.members), self.energies(one.members)):
+            key = cell.stage, cell.joint, cell.at_reversal and not is_pooled
+            sums[key] = sums.get(key, 0.0) + np.array([old, left, max(cell.rows.sum(), 1)])
+        for (stage, joint, _), (old, left, rows) in sums.items():
+            least = visible(self.design.context, stage, joint)
             if old - left > acts * max(SEARCH.energy_share * old, least**2 * rows):
                 return True
         return False
@@ -265,8 +271,7 @@ class Search:
                 for n in self.promising(fewer, SEARCH.tried)
                 if len(self.design.candidates[n].ids) < size and self._is_new(fewer, n)
             ]
-            least = self.value(chosen) - SEARCH.tie
-            equals = [s for s in simpler if not self.beats(chosen, s) and self.value(s) > least]
+            equals = [s for s in simpler if not self.beats(chosen, s)]
             if equals:
                 return self.pruned(max(equals, key=self.value))
         return chosen
