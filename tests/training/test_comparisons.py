@@ -105,11 +105,14 @@ def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypat
     state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
     assert state["setting"] == {
         "domain": "bump",
+        "object": "default",
         "start": "right",
         "controller": "osc",
         "cartesian_stiffness": 400.0,
         "limit": 4,
         "contact": "soft",
+        "reward": "potentials",
+        "max_opening": BUMP.max_opening,
     }
     rows = read_log(tmp_path / "log.csv")
     assert len(rows) == 2 and rows[-1]["joint_range"] == 1.0 and "pre_kl" not in rows[-1]

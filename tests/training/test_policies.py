@@ -7,8 +7,6 @@ import json
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 
 from np_control.impedance import torque
 from np_control.kinematics import forward_kinematics, pose_distance
@@ -35,7 +33,6 @@ from np_training.tasks.bump import YAWS
 from np_training.tasks.poses import quarter_tips, sample_tasks
 from np_training.tasks.randomisation import PAPER
 from np_training.tasks.registry import find_task
-from np_training.tasks.rewards import Measures, RewardConfig, reward_terms
 
 WORLDS = 16
 
@@ -284,26 +281,6 @@ def test_randomised_episodes_stay_sound(environment):
         assert not out["broken"].any() and torch.isfinite(out["reward"]).all()
         assert all(torch.isfinite(part).all() for part in environment.observe())
         environment.reset(out["done"].nonzero()[:, 0])
-
-
-def test_finishing_pays_more_than_hovering_at_the_tolerance():
-    config, discount = RewardConfig(), ppo.PPOConfig().discount
-    zero = torch.zeros(1)
-    near, goal = (Measures(torch.tensor([d]), zero, zero) for d in (0.011, 0.010))
-    no, yes = torch.tensor([False]), torch.tensor([True])
-    low = torch.full((1, 7), 40.0)
-    hover = sum(reward_terms(config, near, near, no, no, low, no).values()) / (1 - discount)
-    finish = sum(reward_terms(config, near, goal, yes, no, low, no).values())
-    assert finish > hover + 1
-
-
-@given(st.lists(st.tuples(st.floats(0, 0.5), st.floats(0, np.pi), st.floats(0, 0.5)), min_size=2, max_size=6))
-def test_a_way_back_to_where_it_began_earns_nothing(stations):
-    config, no, soft = RewardConfig(far=500.0), torch.tensor([False]), torch.full((1, 7), 10.0)
-    measures = [Measures(*(torch.tensor([x], dtype=torch.float64) for x in s)) for s in (*stations, stations[0])]
-    terms = [reward_terms(config, a, b, no, no, soft, no) for a, b in zip(measures, measures[1:])]
-    for name in ("progress", "far", "turn", "reach"):
-        assert abs(float(sum(t[name] for t in terms))) < 1e-9
 
 
 def test_advantages_are_the_returns_where_lambda_and_the_values_say_so():

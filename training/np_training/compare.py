@@ -14,6 +14,7 @@ from pathlib import Path
 
 from np_training.report import Run, read_run
 from np_training.reports.curves import draw_comparison, reached, save
+from np_training.setting import UNSAID
 
 EVALUATED = ("steps", "conditions", "student", "success", "ci95", "episodes", "breaks_first")
 
@@ -26,6 +27,7 @@ def summary(run: Run, success: float) -> dict:
         "seed": run.config.get("environment", {}).get("seed"),
         "device": run.config.get("device"),
         "processes": run.config.get("processes", 1),
+        **{name: run.config.get("setting", {}).get(name, UNSAID[name]) for name in ("object", "reward")},
         "reached": reached(run.rows, success),
         "evaluations": [{name: line.get(name) for name in EVALUATED} for line in run.evaluations],
         "end": {name: last[name] for name in ("steps", "elapsed", "stage", "success")},

@@ -16,8 +16,9 @@ from pathlib import Path
 import torch
 
 from np_description.contact import IN_FORCE
-from np_description.domains import DOMAINS, Domain, find_domain
+from np_description.domains import DOMAINS, Domain
 from np_description.hand import HandShapes
+from np_description.objects.choice import choice_of
 from np_policy import hand_pose
 from np_policy.contract import PRE_CONTACT
 from np_policy.networks import PreContactStudent
@@ -28,6 +29,7 @@ from np_training.environment import contact
 from np_training.environment.environment import as_seen, corners, pre_contact_state
 from np_training.physics.batched import physics_for
 from np_training.ppo.networks import PreContactPolicy
+from np_training.setting import OBJECT_HELP, chosen, domain_of, setting_of
 from np_training.tasks.poses import Poses, sample_tasks
 
 KEYPOINT_NOISE = 0.02  # largest standard deviation, normalised image units; 1.0 is half an image
@@ -113,6 +115,7 @@ def main() -> None:
     """Distil the checkpoint's pre-contact policy; writes pre_contact_student_DOMAIN.safetensors."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--domain", choices=list(DOMAINS), help="default: the checkpoint's")
+    parser.add_argument("--object", help=f"{OBJECT_HELP}; default: the checkpoint's")
     parser.add_argument("--checkpoint", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--minutes", type=float, default=2.0)
@@ -122,10 +125,11 @@ def main() -> None:
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     arguments = parser.parse_args()
     state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
-    setting = {"domain": "card", "controller": "impedance", "contact": "soft"} | state.get(
-        "setting", {}
-    )  # the first version did not say
-    domain = find_domain(arguments.domain or setting["domain"])
+    setting = setting_of(state)
+    try:
+        domain = domain_of(chosen(setting, domain=arguments.domain, object=arguments.object))
+    except ValueError as error:
+        parser.error(str(error))
     teacher = PreContactPolicy().to(arguments.device)
     teacher.load_state_dict({name[4:]: tensor for name, tensor in state["networks"].items() if name.startswith("pre.")})
     student, figures = distil(
@@ -140,8 +144,9 @@ def main() -> None:
     )
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / f"pre_contact_student_{domain.name}.safetensors"
-    save(student, path, trained_contract(PRE_CONTACT, domain, setting["controller"]), {"domain": domain.name})
-    print(json.dumps({"file": str(path), **figures}))
+    played = {"domain": domain.name, "object": choice_of(domain)}
+    save(student, path, trained_contract(PRE_CONTACT, domain, setting["controller"]), played)
+    print(json.dumps({"file": str(path), **played, "reward": setting["reward"], **figures}))
 
 
 if __name__ == "__main__":

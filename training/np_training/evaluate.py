@@ -5,7 +5,7 @@
 
 One JSON object a line and condition, printed and appended to --out. `twice` widens friction, mass and noise
 to twice the range that training draws from, all together, then one at a time, and names what breaks first.
-Domain, start, controller and time limit are the checkpoint's. In place of one, --released DOMAIN plays the weights
+Domain, object, start, controller and time limit are the checkpoint's. `reward` of a line says which one trained it. In place of one, --released DOMAIN plays the weights
 that the nodes load, contacts chosen by the student. --video N draws episodes, half of them failures where there are as
 many.
 """
@@ -20,11 +20,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from np_control.operational_space import CartesianGains, uniform_gains
+from np_control.operational_space import uniform_gains
 from np_description import limit_share
 from np_description.depths import Tally
 from np_description.domains import DOMAINS, find_domain
-from np_description.objects.choice import DEFAULT, domain_with, portable
+from np_description.objects.choice import DEFAULT
+from np_description.objects.scenarios import COUNT
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PreContactStudent
 from np_policy.weights import load
@@ -33,20 +34,12 @@ from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.environment.fixed_contact import STARTS, FixedContact
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
 from np_training.episodes.recording import save_recording
-from np_training.physics.batched import CONTROLLERS, STEPPING, PhysicsConfig, check_trainable, physics_for
+from np_training.physics.batched import CONTROLLERS, STEPPING, PhysicsConfig, physics_for
 from np_training.physics.carried_effects import load_effects
 from np_training.ppo.networks import ActorCritic
+from np_training.setting import OBJECT_HELP, UNSAID, chosen, domain_of, setting_of
 from np_training.tasks.randomisation import CONDITIONS, GROUPS, PAPER, widen
 from np_training.tasks.registry import find_task
-
-SETTING = {
-    "domain": "card",
-    "start": "contact",
-    "controller": "impedance",
-    "cartesian_stiffness": CartesianGains.position,
-    "limit": 100,
-    "contact": "soft",
-}
 
 
 def rate(success: np.ndarray) -> dict:
@@ -102,16 +95,17 @@ def evaluate(
     conditions: str | None = None,
     seeds: tuple[int | None, ...] = (None,),
     record: Path | None = None,
+    scenario: int = 0,
 ) -> dict:
     """One episode in every world for each seed; conditions: a key of CONDITIONS, or the environment's own
-    where None. record: file for the recording of the first seed's."""
+    where None. record: file for the recording of the first seed's. scenario: see `run_episodes`."""
     chooser = networks.pre if start == "contact" else FixedContact(start)
 
     def play(wanted) -> Episodes:
         parts = []
         for number, seed in enumerate(seeds):
             recorded = record is not None and number == 0 and wanted is here
-            parts.append(run_episodes(environment, networks, chooser, student, wanted, seed, recorded))
+            parts.append(run_episodes(environment, networks, chooser, student, wanted, seed, recorded, scenario))
             if recorded:
                 save_recording(record, environment.domain.name, parts[0])
         return concatenate(parts)
@@ -139,25 +133,25 @@ def read_checkpoint(path: Path) -> tuple[ActorCritic, dict, int]:
     state = torch.load(path, map_location="cpu", weights_only=True)
     networks = ActorCritic()
     networks.load_state_dict(state["networks"])
-    # Checkpoints of the first version did not say what they were trained with.
-    return networks, SETTING | state.get("setting", {}), state["steps"]
+    return networks, setting_of(state), state["steps"]
 
 
 def released_networks(domain: str) -> tuple[ActorCritic, dict, None]:
     """Networks whose post-contact policy is the released one of a domain, and its setting; the others, which are not
     released, are untrained. Raises WeightsError where the weights are missing or were trained for something else."""
     networks, task = ActorCritic(), find_task(domain)
-    contract = PolicyContract.of(POST_CONTACT, task.domain, SETTING["controller"])
+    contract = PolicyContract.of(POST_CONTACT, task.domain, UNSAID["controller"])
     load(networks.post, weights_file(POST_CONTACT, task.domain), contract)
-    return networks, SETTING | {"domain": domain, "limit": task.limit}, None
+    return networks, setting_of({"setting": {"domain": domain, "limit": task.limit}}), None
 
 
 def main() -> None:
     """Evaluate checkpoints; every line printed is one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--domain", choices=list(DOMAINS), help="default: the checkpoint's")
+    parser.add_argument("--object", help=f"{OBJECT_HELP}; default: the checkpoint's")
     parser.add_argument(
-        "--object", default=DEFAULT, help="a rigid row of the domain's table of objects, or a .yaml file"
+        "--scenario", type=int, choices=range(COUNT + 1), default=0, help="a fixed task; 0: tasks are drawn"
     )
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--checkpoint", type=Path)
@@ -196,8 +190,6 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.video and not arguments.record:
         parser.error("--video needs --record FILE, beside which it writes")
-    if arguments.video and arguments.object != DEFAULT:
-        parser.error("--video draws a domain's own object: leave it out with --object")
     try:
         effects = load_effects(arguments.effects)
     except ValueError as error:
@@ -208,15 +200,15 @@ def main() -> None:
     networks.to(arguments.device)
     if arguments.released and not arguments.student:
         arguments.student = weights_file(PRE_CONTACT, find_domain(arguments.released))
-    setting |= {name: value for name in setting if (value := getattr(arguments, name)) is not None}
-    contract = PolicyContract.of(PRE_CONTACT, find_domain(setting["domain"]), setting["controller"])
-    student = load(PreContactStudent(), arguments.student, contract).to(arguments.device) if arguments.student else None
     try:
-        choice = portable(setting["domain"], arguments.object)
-        domain = domain_with(setting["domain"], choice)
-        check_trainable(domain)
+        setting = chosen(setting, **{name: getattr(arguments, name, None) for name in setting})
+        domain = domain_of(setting)
     except ValueError as error:
         parser.error(str(error))
+    if arguments.video and setting["object"] != DEFAULT:
+        parser.error("--video draws a domain's own object: leave it out with another")
+    contract = PolicyContract.of(PRE_CONTACT, find_domain(setting["domain"]), setting["controller"])
+    student = load(PreContactStudent(), arguments.student, contract).to(arguments.device) if arguments.student else None
     environment = Environment(
         domain,
         arguments.device,
@@ -239,13 +231,22 @@ def main() -> None:
     for conditions in arguments.conditions:
         begin = time.monotonic()
         record = arguments.record if conditions == arguments.conditions[-1] else None
-        figures = evaluate(environment, networks, student, setting["start"], conditions, tuple(arguments.seeds), record)
+        figures = evaluate(
+            environment,
+            networks,
+            student,
+            setting["start"],
+            conditions,
+            tuple(arguments.seeds),
+            record,
+            arguments.scenario,
+        )
         line = json.dumps(
             {
                 "conditions": conditions,
                 "student": bool(student),
                 **setting,
-                **({"object": choice} if choice != DEFAULT else {}),
+                "scenario": arguments.scenario,
                 "effects": [f"{e.effect} at {e.component}" for e in effects.effects],
                 "seeds": arguments.seeds,
                 "steps": steps,

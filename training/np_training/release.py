@@ -2,8 +2,9 @@
 
     python -m np_training.release runs/bump --student runs/bump/pre_contact_student_bump.safetensors
 
-Takes checkpoint.pt, log.csv, config.json and evaluation.jsonl from the run's folder, the domain from the
-checkpoint. training_DOMAIN.pt beside the weights is what `np_training.train --resume` goes on from.
+Takes checkpoint.pt, log.csv, config.json and evaluation.jsonl from the run's folder, the domain and its object from the
+checkpoint. training_DOMAIN.pt beside the weights is what `np_training.train --resume` goes on from. Weights for another object
+than the domain's own go into a folder of their own (`--weights`), which the nodes take when they are told (`weights:=FOLDER`).
 """
 
 from __future__ import annotations
@@ -13,12 +14,15 @@ import datetime
 import json
 import shlex
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 import torch
 
 from np_description.domains import find_domain
-from np_description.weights_header import tensors_sha256
+from np_description.objects.choice import DEFAULT
+from np_description.released import WeightsError, weights_folder
+from np_description.weights_header import read_metadata, tensors_sha256
 from np_policy.contract import KINDS, POST_CONTACT, PRE_CONTACT
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256
@@ -26,6 +30,9 @@ from np_training.contracts import trained_contract
 from np_training.report import PHYSICS_STEPS, Run, read_run
 from np_training.reports.curves import draw_curves
 from np_training.reports.curves import save as save_figure
+from np_training.setting import OBJECT_HELP, chosen, domain_of, setting_of
+
+WEIGHTS, RESULTS = Path("weights"), Path("docs/results")
 
 _CARD = """# {title}
 
@@ -35,6 +42,8 @@ _CARD = """# {title}
 |---|---|
 | file | `{file}`, sha256 `{digest}`, of its tensors alone `{tensors}` |
 | domain | {domain} |
+| object | {played} |
+| reward | {reward} |
 | data | simulated episodes only (MuJoCo Warp, `np_training.environment.environment`); no real data |
 | training | {steps:.0f} M policy steps ({physics:.1f} G physics steps), seed {seed}, {machine} |
 | command | `{command}` |
@@ -98,7 +107,7 @@ def figure_table(lines: list[dict]) -> str:
 
 
 def check_releasable(setting: dict, evaluations: list[dict]) -> None:
-    """Raise ValueError for a run that the nodes cannot deploy, or that was never evaluated."""
+    """Raise ValueError for a run that the nodes cannot deploy, or that was never evaluated, or with another object."""
     for name, expected in (("start", "contact"), ("controller", "impedance")):
         if setting.get(name, expected) != expected:
             raise ValueError(
@@ -113,22 +122,51 @@ def check_releasable(setting: dict, evaluations: list[dict]) -> None:
         raise ValueError(
             f"release: expected evaluations of {setting['domain']}, got some of {', '.join(sorted(wrong))}"
         )
+    played = setting.get("object", DEFAULT)
+    if others := {line.get("object", DEFAULT) for line in evaluations} - {played}:
+        raise ValueError(
+            f"release: expected evaluations with object {played}, got some with {', '.join(sorted(others))}"
+        )
+
+
+def check_place(played: str, weights: Path) -> None:
+    """Raise ValueError where weights for another object than the domain's own would lie where nodes look for its own."""
+    if played == DEFAULT:
+        return
+    own = {WEIGHTS.resolve()}
+    with suppress(WeightsError):
+        own.add(weights_folder().resolve())
+    if weights.resolve() in own:
+        raise ValueError(
+            f"release: expected --weights FOLDER, another than {weights}, for object {played}: from there the nodes load the "
+            "weights for the domain's own object"
+        )
 
 
 def release(
-    run: Run, state: dict, student: Path, weights: Path, results: Path, machine: str, command: str, note: str = ""
+    run: Run,
+    state: dict,
+    student: Path,
+    weights: Path,
+    results: Path,
+    machine: str,
+    command: str,
+    note: str = "",
+    choice: str | None = None,
 ) -> list[Path]:
     """Write weights with cards, training_DOMAIN.pt beside them, and training_DOMAIN.{json,csv,png} into results; returns
-    the weights' files. note: what a user has to know of their behaviour."""
-    # Checkpoints of the first version did not say what they were trained with.
-    setting = {"domain": "card"} | state.get("setting", {})
+    the weights' files. note: what a user has to know of their behaviour; choice: the object that they are for (None: that of the
+    training). Raises ValueError, and WeightsError, before anything is written."""
+    setting = chosen(setting_of(state), object=choice)
+    domain, played = domain_of(setting).name, setting["object"]
     check_releasable(setting, run.evaluations)
-    domain, seed = setting["domain"], run.config.get("environment", {}).get("seed", 0)
+    check_place(played, weights)
+    if (theirs := read_metadata(student).get("object", DEFAULT)) != played:
+        raise ValueError(f"release: expected a student for object {played}, got one for {theirs}: {student}")
+    seed = run.config.get("environment", {}).get("seed", 0)
     post = PostContactPolicy()
     post.load_state_dict({name[5:]: tensor for name, tensor in state["networks"].items() if name.startswith("post.")})
-    contracts = {
-        kind: trained_contract(kind, find_domain(domain), setting.get("controller", "impedance")) for kind in KINDS
-    }
+    contracts = {kind: trained_contract(kind, find_domain(domain), setting["controller"]) for kind in KINDS}
     modules = {POST_CONTACT: post, PRE_CONTACT: load(PreContactStudent(), student, contracts[PRE_CONTACT])}
     today = datetime.date.today().isoformat()
     weights.mkdir(parents=True, exist_ok=True)
@@ -136,7 +174,7 @@ def release(
     files = []
     for name, title, what in _FILES:
         file = weights / f"{name}_{domain}.safetensors"
-        save(modules[name], file, contracts[name], {"domain": domain, "date": today})
+        save(modules[name], file, contracts[name], {"domain": domain, "object": played, "date": today})
         file.with_suffix(".md").write_text(
             _CARD.format(
                 title=f"{title}, {domain}",
@@ -145,6 +183,8 @@ def release(
                 digest=sha256(file),
                 tensors=tensors_sha256(file),
                 domain=domain,
+                played=played,
+                reward=setting["reward"],
                 steps=state["steps"] / 1e6,
                 physics=state["steps"] * PHYSICS_STEPS / 1e9,
                 seed=seed,
@@ -164,6 +204,8 @@ def release(
             {
                 "command": command,
                 "seed": seed,
+                "object": played,
+                "reward": setting["reward"],
                 "machine": machine,
                 "date": today,
                 "note": note,
@@ -185,11 +227,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--student", type=Path, required=True)
+    parser.add_argument("--object", help=f"{OBJECT_HELP}; default: the checkpoint's")
     parser.add_argument("--command", help="how it was trained; default: what config.json says")
     parser.add_argument("--note", default="", help="what a user has to know of its behaviour, for the cards")
     parser.add_argument("--machine", help="default: what config.json says")
-    parser.add_argument("--weights", type=Path, default=Path("weights"))
-    parser.add_argument("--results", type=Path, default=Path("docs/results"))
+    parser.add_argument(
+        "--weights", type=Path, default=WEIGHTS, help="for another object than the domain's own: not this"
+    )
+    parser.add_argument("--results", type=Path, help=f"default: {RESULTS}; with another object: where the weights go")
     arguments = parser.parse_args()
     run = read_run(arguments.run)
     state = torch.load(arguments.run / "checkpoint.pt", map_location="cpu", weights_only=True)
@@ -197,10 +242,15 @@ def main() -> None:
     command = arguments.command or shlex.join(
         ["python", "-m", "np_training.train", *run.config.get("command", [""])[1:]]
     )
-    files = release(
-        run, state, arguments.student, arguments.weights, arguments.results, machine, command, arguments.note
-    )
-    print(json.dumps({"files": [str(file) for file in files]}))
+    try:
+        played = chosen(setting_of(state), object=arguments.object)["object"]
+        results = arguments.results or (RESULTS if played == DEFAULT else arguments.weights)
+        files = release(
+            run, state, arguments.student, arguments.weights, results, machine, command, arguments.note, played
+        )
+    except ValueError as error:
+        parser.error(str(error))
+    print(json.dumps({"files": [str(file) for file in files], "object": played}))
 
 
 if __name__ == "__main__":

@@ -36,9 +36,10 @@ class Run:
         """Names and figures of the run."""
         last, config = self.rows[-1], self.config
         substeps = config.get("environment", {}).get("physics", {}).get("substeps", PHYSICS_STEPS)
-        processes = config.get("processes", 1)
+        processes, setting = config.get("processes", 1), config.get("setting", {})
         facts = [
             ("command", " ".join(config.get("command", []))),
+            *((name, setting[name]) for name in ("object", "reward") if name in setting),
             ("machine", f"{processes} x {config.get('device', 'not recorded')}"),
             (
                 "policy steps",

@@ -28,7 +28,8 @@ from np_training.tasks.joint_range import JointRange
 from np_training.tasks.poses import Poses, quarter_tips
 from np_training.tasks.practice import Tasks, draw_tasks
 from np_training.tasks.randomisation import NOMINAL_CONDITIONS, Conditions
-from np_training.tasks.rewards import Measures, RewardConfig, reward_terms
+from np_training.tasks.registry import Reward
+from np_training.tasks.rewards import Measures, RewardConfig
 
 PRE_STATE_SIZE = 18
 DELAY_STEP = 0.005  # s, of `Conditions.delay`
@@ -52,7 +53,7 @@ class EnvironmentConfig:
     shares: tuple[float, ...] = (1.0,)
     explore: float = 0.0
     reflex: bool = False
-    reward: RewardConfig = RewardConfig()
+    reward: Reward = RewardConfig()
     physics: PhysicsConfig = PhysicsConfig()
     conditions: Conditions = NOMINAL_CONDITIONS
 
@@ -133,12 +134,13 @@ class Environment:
         """How far the episodes are from their goals now."""
         objects = self.objects
         distance, angle = pose_error(objects.position, objects.quaternion, self.goals.position, self.goals.quaternion)
+        apart = (corners(self.domain, objects) - self.goal_corners).norm(dim=-1)
         if self.domain.tolerance_angle is None:
             angle = torch.zeros_like(angle)
         else:
-            distance = (corners(self.domain, objects) - self.goal_corners).norm(dim=-1).mean(-1)
+            distance = apart.mean(-1)
         hand, _ = forward_kinematics(self.physics.qpos[:, ARM])
-        return Measures(distance, angle, (hand - objects.position).norm(dim=-1))
+        return Measures(distance, angle, (hand - objects.position).norm(dim=-1), apart)
 
     def observe(self) -> tuple[torch.Tensor, torch.Tensor]:
         """What the policy sees (n, 79), with sensor noise, and what only the critic sees beside it (n, 29)."""
@@ -308,11 +310,11 @@ class Environment:
         lost = (is_lost(self.domain, objects.position) | broken) & ~success & ~stopped
         timeout = (self.age >= config.limit) & ~success & ~lost & ~stopped
         after = self.measure()
-        after = Measures(
-            *(torch.where(broken, getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures))
-        )
+        # A world whose numbers are none is where it was before.
+        pairs = ((getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures))
+        after = Measures(*(torch.where(broken.view(-1, *[1] * (old.ndim - 1)), old, new) for old, new in pairs))
         bare = physics.contacts.touching("housing-object", "link-object")
-        terms = reward_terms(config.reward, before, after, success, lost | stopped, target.stiffness, bare)
+        terms = config.reward.terms(before, after, success, lost | stopped, target.stiffness, bare)
         if self.joint_range is not None:
             terms["joint_range"] = config.reward.scale * self.joint_range.term(physics.qpos[:, ARM])
         reward = sum(terms.values())

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from np_description.depths import Tally
+from np_description.objects.scenarios import fixed_task
 from np_description.panda import NOMINAL
 from np_description.scene import SUPPORT_SHARE
 from np_policy import hand_pose
@@ -85,9 +86,10 @@ def run_episodes(
     conditions: Conditions | None = None,
     seed: int | None = None,
     record: bool = False,
+    scenario: int = 0,
 ) -> Episodes:
     """One episode in every world of tasks drawn with `seed`, under conditions (both the environment's, where
-    None).
+    None). scenario: 1 to 3, that fixed task in every world, its start scattered (`np_description.objects.scenarios`); 0: none.
 
     chooser: the pre-contact policy, state (n, 18) to action (n, 9); a student takes its place. An episode
     whose contact cannot be reached is counted as such and not as what became of it.
@@ -105,7 +107,7 @@ def run_episodes(
     env.physics.stiffen(everyone, one, one)
     env.physics.support(everyone, SUPPORT_SHARE * one[:, None].expand(worlds, 3))
     env.conditions.fill_(1.0)
-    objects, goals = sample_tasks(env.domain, worlds, env.generator)
+    objects, goals = fixed_tasks(env, scenario, seed) if scenario else sample_tasks(env.domain, worlds, env.generator)
     feasible = _start(env, objects, goals, chooser, student)
     env.reset(everyone)
 
@@ -143,6 +145,20 @@ def run_episodes(
         torch.cat([goals.position, goals.quaternion], -1).cpu().numpy(),
         torch.stack(frames).cpu().numpy() if record else None,
     )
+
+
+def fixed_tasks(env: Environment, scenario: int, seed: int | None) -> tuple[Poses, Poses]:
+    """Starts and goals (worlds,) of a scenario of the domain. Raises ValueError for one that there is not."""
+    rng = np.random.default_rng(seed)
+    tasks = [fixed_task(env.domain, scenario, rng) for _ in range(env.config.worlds)]
+
+    def stacked(name: str, end: int) -> torch.Tensor:
+        return torch.tensor(
+            np.stack([getattr(task[end], name) for task in tasks]), dtype=torch.float32, device=env.device
+        )
+
+    starts, goals = (Poses(stacked("position", end), stacked("quaternion", end)) for end in (0, 1))
+    return starts, goals
 
 
 def _start(

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import torch
 
+from np_description.objects.choice import choice_of
 from np_policy.action import STIFFNESS
 from np_training.environment.environment import Environment
 from np_training.environment.fixed_contact import FixedContact
@@ -30,7 +31,8 @@ class TrainConfig:
     limits end an episode then; pre_least: episodes without which the pre-contact policy is left as it is;
     start: contact where the pre-contact policy chooses, else see `fixed_contact`; stiffness: that an untrained
     policy commands, -1 to 1 of its range; deviation: that actions are drawn with at most, of their range: what a robot runs
-    is the mean, which goes round in circles that drawn actions leave; adaptive_joint_range: see `joint_range`; conditions: what is randomised
+    is the mean, which goes round in circles that drawn actions leave; privileged: whether the critic sees more than the policy
+    (`Environment.observe`), else nothing but zeros there; adaptive_joint_range: see `joint_range`; conditions: what is randomised
     once the limits are tight, by its name in `CONDITIONS`."""
 
     rollout: int = 12
@@ -40,6 +42,7 @@ class TrainConfig:
     pre_least: int = 64
     start: str = "contact"
     stiffness: float = 0.0
+    privileged: bool = True
     deviation: float | None = None
     adaptive_joint_range: bool = False
     conditions: str = "paper"
@@ -86,11 +89,14 @@ class Trainer:
         env = self.environment
         return {
             "domain": env.domain.name,
+            "object": choice_of(env.domain),
             "start": self.config.start,
             "controller": env.config.physics.controller,
             "cartesian_stiffness": env.config.physics.cartesian.position,
             "limit": env.config.limit,
             "contact": env.config.physics.contact.name,
+            "reward": env.config.reward.name,
+            "max_opening": env.domain.max_opening,
         }
 
     def _seed(self) -> None:
@@ -121,8 +127,7 @@ class Trainer:
         ended: list[tuple[torch.Tensor, ...]] = []
         sums: dict[str, torch.Tensor] = {}
         for _ in range(self.config.rollout):
-            state, privileged = env.observe()
-            critic_state = torch.cat([state, privileged], -1)
+            state, critic_state = self._observe()
             with torch.no_grad():
                 action, logp = sample(nets.post, state)
                 value = nets.post_value(critic_state)[:, 0]
@@ -159,6 +164,11 @@ class Trainer:
         update = self._update(data, ended)
         self._narrow()
         return self._row(distributed.total(sums, env.device)) | update
+
+    def _observe(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """What the policy sees (n, 79), and its critic (n, 108)."""
+        state, privileged = self.environment.observe()
+        return state, torch.cat([state, privileged if self.config.privileged else torch.zeros_like(privileged)], -1)
 
     def _narrow(self) -> None:
         if self.config.deviation:
@@ -232,8 +242,7 @@ class Trainer:
         env, nets = self.environment, self.networks
         stacked = {name: torch.stack(tensors) for name, tensors in data.items()}
         with torch.no_grad():
-            state, privileged = env.observe()
-            last_value = nets.post_value(torch.cat([state, privileged], -1))[:, 0]
+            last_value = nets.post_value(self._observe()[1])[:, 0]
         gain = advantages(self.ppo, stacked["reward"], stacked["done"], stacked["value"], last_value)
         returns = gain + stacked["value"]
         flat = {name: tensor.flatten(0, 1) for name, tensor in stacked.items()}

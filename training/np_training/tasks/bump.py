@@ -15,14 +15,13 @@ from np_training.tasks.kinds import OWN, Kind, rolls, slides, turns
 
 YAWS = (0.35, pi / 2, pi)  # rad: grades of how far a cube is turned about the vertical at most
 FLAT = (0.75, 1.0)  # share of the obstacles' height that is sunk where they are hardly felt
-_ANYWHERE = (DOMAIN.start, *DOMAIN.goals)
 
 
 def _graded(grade: int, yaw: float) -> tuple[Kind, ...]:
     return (
         Kind(f"roll{grade}", partial(rolls, yaw=yaw)),
-        Kind(f"slide{grade}", partial(slides, regions=_ANYWHERE, yaw=yaw), FLAT),
-        Kind(f"cross{grade}", partial(slides, regions=(DOMAIN.start,), yaw=yaw), (0.0, FLAT[0])),
+        Kind(f"slide{grade}", partial(slides, yaw=yaw), FLAT),
+        Kind(f"cross{grade}", partial(slides, yaw=yaw, from_start=True), (0.0, FLAT[0])),
     )
 
 

@@ -8,7 +8,7 @@ from math import pi
 
 import torch
 
-from np_description.domains import Domain, Region
+from np_description.domains import Domain
 from np_description.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
 from np_training.tasks.poses import Poses, from_any, sample_poses, sample_tasks, uniform
 
@@ -43,10 +43,10 @@ def lower(name: str, draw: Draw) -> list[Kind]:
 
 
 def slides(
-    domain: Domain, count: int, generator: torch.Generator, regions: tuple[Region, ...], yaw: float
+    domain: Domain, count: int, generator: torch.Generator, yaw: float, from_start: bool = False
 ) -> tuple[Poses, Poses]:
-    """From one of `regions` to any, with the same face up, turned by up to `yaw`."""
-    starts = from_any(domain, regions, count, generator)
+    """From any region, or from the domain's start, to any, with the same face up, turned by up to `yaw`."""
+    starts = from_any(domain, (domain.start,) if from_start else (domain.start, *domain.goals), count, generator)
     goals = from_any(domain, (domain.start, *domain.goals), count, generator)
     turned = quaternion_multiply(yaw_quaternion(uniform(count, (-yaw, yaw), generator)), starts.quaternion)
     return starts, _resting(domain, Poses(goals.position, turned), goals.quaternion)

@@ -53,6 +53,16 @@ def portable(domain: str, choice: str) -> str:
     return object_text(spec) if spec is not None and choice.endswith(SUFFIXES) else choice
 
 
+def choice_of(domain: Domain) -> str:
+    """What `domain_with` makes this domain's object of, anywhere: "default", the name of a row, or the text of an object."""
+    spec = domain.object
+    if spec is None:
+        return DEFAULT
+    row = rows_of(domain.name).get(spec.name)
+    is_row = row is not None and row.spec == spec and spec.name != DEFAULT
+    return spec.name if is_row else object_text(spec)
+
+
 def place_in(domain: Domain, spec: ObjectSpec) -> Domain:
     """The domain with this object: starts and goals beside obstacles keep the gap to them that the domain's own object has."""
     regions = [_moved(domain, region, spec) for region in (domain.start, *domain.goals)]

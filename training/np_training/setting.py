@@ -1,0 +1,50 @@
+"""What a checkpoint says that it was trained with: what evaluation, distillation and release have to share with the training."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from np_control.operational_space import CartesianGains
+from np_description.domains import Domain, find_domain
+from np_description.objects.choice import DEFAULT, domain_with, portable
+from np_training.physics.batched import check_trainable
+from np_training.tasks.rewards import RewardConfig
+
+UNSAID = {
+    "domain": "card",
+    "object": DEFAULT,
+    "start": "contact",
+    "controller": "impedance",
+    "cartesian_stiffness": CartesianGains.position,
+    "limit": 100,
+    "contact": "soft",
+    "reward": RewardConfig.name,
+}
+"""What holds where a checkpoint does not say: those of the first versions did not."""
+OBJECT_HELP = "a rigid row of the domain's table of objects, or a .yaml file"
+
+
+def setting_of(state: Mapping[str, object]) -> dict:
+    """The whole setting of a checkpoint, by name. max_opening: of one finger, m, at a pre-contact action of 1."""
+    setting = UNSAID | state.get("setting", {})
+    return {**setting, "max_opening": setting.get("max_opening", find_domain(setting["domain"]).max_opening)}
+
+
+def chosen(setting: Mapping[str, object], **given: object) -> dict:
+    """The setting with what a command line gives (None: nothing), an object as it means the same elsewhere.
+
+    Raises ValueError, one line, for an object that the domain has not.
+    """
+    setting = {**setting, **{name: value for name, value in given.items() if value is not None}}
+    return {**setting, "object": portable(setting["domain"], setting["object"])}
+
+
+def domain_of(setting: Mapping[str, object]) -> Domain:
+    """The domain of a setting, with its object and opening.
+
+    Raises ValueError, one line, for an object that the domain has not, or that training cannot move.
+    """
+    domain = domain_with(setting["domain"], setting["object"])
+    check_trainable(domain)
+    return replace(domain, max_opening=setting["max_opening"])
