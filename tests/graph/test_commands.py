@@ -97,6 +97,7 @@ def test_an_evaluation_counts_and_goes_on_where_it_stopped(tmp_path, untrained):
     options = ("--keypoints", "camera", "--seed", 3, "--out", tmp_path / "eval")
     status, first, _, err = finish(start("evaluate", untrained, "--episodes", 1, *options))
     assert status == 0, err
+    assert (first["object"], first["scenario"]) == ("default", 0)
     assert first["episodes"] == 1 and first["warnings"] == [] and first["kept"] == 0 and "kept from" not in err
     status, second, _, err = finish(start("evaluate", untrained, "--episodes", 2, *options))
     assert status == 0, err

@@ -3,8 +3,9 @@
 The paper's own reward is np_training.tasks.paper_reward: it pays nearness to the goal every step. Here a potential stands in its
 place, paid as a difference, so that only progress pays and the optimum is to finish. Three more potentials leave that optimum where
 it is: the distance itself, because its inverse is flat far from the goal; the angle to the goal, because the mean distance of the
-corners hardly depends on it while it is large; and the hand's distance from the object. Of the paper's numbers C1 (.02 m), C2
-(1000) and C4 (-100) mean the same here; its C3 (.03) weighs the fingers' nearness to the object, and is here the price of stiffness.
+corners hardly depends on it while it is large; and the hand's distance from the object. The paper's C1 (.02 m), C2 (1000) and C4
+(-100) are here too, C4 also for an object that is lost. Its C3 (.03) weighs how near the fingers are to the object; here the same
+number is the price of stiffness.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The three domains: object, fixed surroundings, start and goal distributions, success.
 
-Object sizes, densities and tolerances are the paper's (Kim et al., IROS 2023). It describes the start and goal
-distributions in words; the ranges in metres below are this project's reading of them, in the base frame of the robot
-(x forward, y left, z up, table top at z = 0).
+Densities and tolerances are the paper's (Kim et al., IROS 2023). It prints no sizes, which follow here from mass and density, and
+describes the start and goal distributions in words; the ranges in metres below are this project's reading of them, in the base frame
+of the robot (x forward, y left, z up, table top at z = 0).
 """
 
 from __future__ import annotations

@@ -136,7 +136,8 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
                         file=sys.stderr,
                     )
                     break
-    figures = {"engine": options.engine, **summary(results.results[: options.episodes])}
+    played = {"object": options.object, "scenario": options.scenario}
+    figures = {"engine": options.engine, **played, **summary(results.results[: options.episodes])}
     figures["wall_s"] = round(figures["wall_s"] + seconds_ready, 1)
     figures["this_run_s"] = round(time.monotonic() - started, 1)
     picture = results.path.with_suffix(".svg")
