@@ -79,6 +79,7 @@ def folder(tmp_path):
                 "command": ["train.py", "--domain", "bump", "--out", "my run"],
                 "device": "<GPU>",
                 "processes": 2,
+                "setting": {"domain": "bump", "object": "dense", "reward": "paper"},
                 "environment": {"seed": 7, "physics": {"substeps": 20}},
             }
         )
@@ -124,6 +125,8 @@ def test_the_report_says_what_the_run_did(folder):
         "failed: infeasible",
         "bump_0001_lost",
         "data:video/webm;base64,",
+        '<td>object</td><td class="number">dense</td>',
+        '<td>reward</td><td class="number">paper</td>',
         "lost 3",
         "0.0100",
     ):
@@ -146,6 +149,7 @@ def test_runs_are_compared_by_when_they_reach_a_success(folder, tmp_path, monkey
     compare.main()
     result = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
     assert set(result["runs"]) == {"with", "bump"} and result["runs"]["with"]["seed"] == 7
+    assert (result["runs"]["with"]["object"], result["runs"]["with"]["reward"]) == ("dense", "paper")
     assert result["runs"]["with"]["reached"] == reached(read_log(folder / "log.csv"), 0.9)
     assert result["runs"]["with"]["evaluations"][0]["success"] == EVALUATION["success"]
     assert json.loads((tmp_path / "both.json").read_text()) == result
