@@ -8,7 +8,6 @@ from dataclasses import replace
 from np_control.operational_space import CartesianGains
 from np_description.domains import Domain, find_domain
 from np_description.objects.choice import DEFAULT, domain_with, portable
-from np_training.physics.batched import check_trainable
 from np_training.tasks.rewards import RewardConfig
 
 UNSAID = {
@@ -45,6 +44,8 @@ def domain_of(setting: Mapping[str, object]) -> Domain:
 
     Raises ValueError, one line, for an object that the domain has not, or that training cannot move.
     """
+    from np_training.physics.batched import check_trainable  # slow, and who only reads a setting needs no simulator
+
     domain = domain_with(setting["domain"], setting["object"])
     check_trainable(domain)
     return replace(domain, max_opening=setting["max_opening"])
