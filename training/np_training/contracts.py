@@ -19,14 +19,16 @@ from np_description.released import WeightsError, sha256
 from np_description.weights_header import read_metadata, tensors_sha256, with_metadata
 from np_perception.contract import DetectorContract
 from np_policy.contract import CONTROLLERS, KINDS, PolicyContract
-from np_training.physics.batched import PhysicsConfig
+from np_training.physics.batched import LEARNED_IN, PhysicsConfig, physics_for
 from np_training.tasks.randomisation import PAPER
 
 
 def trained_contract(
-    kind: str, domain: Domain, controller: str, physics: PhysicsConfig = PhysicsConfig()
+    kind: str, domain: Domain, controller: str, physics: PhysicsConfig | None = None
 ) -> PolicyContract:
-    """The contract of weights that the training writes now, with what only the training knows."""
+    """The contract of weights that the training writes now, with what only the training knows; physics: default the
+    one in which the domain's policies are learned."""
+    physics = physics or physics_for(LEARNED_IN[domain.contact.name])
     return PolicyContract.of(
         kind,
         domain,

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import torch
 
-from np_description.contact import IN_FORCE
 from np_description.domains import DOMAINS, Domain
 from np_description.hand import HandShapes
 from np_description.objects.choice import choice_of
@@ -60,7 +59,7 @@ def distil(
     batch: int = 8192,
     seed: int = 0,
     steps: int | None = None,
-    hand: HandShapes = IN_FORCE.hand,
+    hand: HandShapes | None = None,
 ) -> tuple[PreContactStudent, dict[str, float]]:
     """Train a student for some minutes, or for so many steps, of a teacher that has `hand`; returns it with its errors on fresh noiseless tasks: means (mm, rad,
     mm) and the angle's median, which a teacher that decides between two faces leaves far below the mean."""

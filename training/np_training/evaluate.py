@@ -142,7 +142,8 @@ def released_networks(domain: str) -> tuple[ActorCritic, dict, None]:
     networks, task = ActorCritic(), find_task(domain)
     contract = PolicyContract.of(POST_CONTACT, task.domain, UNSAID["controller"])
     load(networks.post, weights_file(POST_CONTACT, task.domain), contract)
-    return networks, setting_of({"setting": {"domain": domain, "limit": task.limit}}), None
+    setting = {"domain": domain, "limit": task.limit, "contact": task.domain.contact.name}
+    return networks, setting_of({"setting": setting}), None
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import torch
 
+from np_description.contact import SOFT
 from np_description.domains import find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.released import WeightsError, weights_folder
@@ -113,6 +114,11 @@ def check_releasable(setting: dict, evaluations: list[dict]) -> None:
             raise ValueError(
                 f"release: expected a run with {name} {expected}, which the nodes deploy, got {setting[name]}"
             )
+    deployed = find_domain(setting["domain"]).contact.name
+    if (contact := setting.get("contact", SOFT.name)) != deployed:
+        raise ValueError(
+            f"release: expected a run in {deployed} contacts, which {setting['domain']}'s scene is made of, got {contact}"
+        )
     if not evaluations:
         raise ValueError(
             "release: expected evaluation.jsonl with a line in the run's folder (np_training.evaluate --out)"

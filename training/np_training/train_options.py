@@ -8,12 +8,11 @@ from pathlib import Path
 import torch
 
 from np_control.operational_space import CartesianGains
-from np_description.contact import IN_FORCE
 from np_description.domains import Domain, find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.panda import FINGER_MAX
 from np_training.environment.fixed_contact import STARTS
-from np_training.physics.batched import CONTROLLERS, STEPPING, PhysicsConfig
+from np_training.physics.batched import CONTROLLERS, LEARNED_IN, STEPPING, PhysicsConfig
 from np_training.physics.carried_effects import load_effects
 from np_training.ppo.curriculum import STAGES
 from np_training.ppo.learner import PPOConfig
@@ -68,7 +67,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument(
         "--effects", type=Path, help="patch.yaml of the gap doctor: what the arm has besides the nominal one"
     )
-    parser.add_argument("--contact", choices=list(STEPPING), default=IN_FORCE.name, help="see np_description.contact")
+    parser.add_argument("--contact", choices=list(STEPPING), help="see np_description.contact; default: the domain's")
     parser.add_argument(
         "--conditions",
         choices=("paper", "robust"),
@@ -152,6 +151,7 @@ def parse() -> argparse.Namespace:
         arguments.reward = reward_for(arguments.reward, task.far, far=arguments.far, turn=arguments.turn)
     except ValueError as error:
         parser.error(str(error))
+    arguments.contact = arguments.contact or LEARNED_IN[task.domain.contact.name]
     if arguments.tolerance is None:
         arguments.tolerance = task.domain.aim
     arguments.out = arguments.out or Path("runs") / arguments.domain

@@ -17,7 +17,6 @@ import numpy as np
 import torch
 
 from np_control.kinematics import pose_distance
-from np_description.contact import IN_FORCE
 from np_description.domains import Domain
 from np_description.hand import BoxShape, CapsuleShape, HandShapes, Shape
 from np_description.panda import NOMINAL
@@ -50,10 +49,11 @@ class Contacts:
 
 
 def contact_pose(
-    domain: Domain, action: torch.Tensor, objects: Poses, hand: HandShapes = IN_FORCE.hand
+    domain: Domain, action: torch.Tensor, objects: Poses, hand: HandShapes | None = None
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """T_E position (n, 3) m, rotation (n, 3, 3) and finger width (n,) m, up to what the domain allows, that actions
     (n, 9) choose on the objects."""
+    hand = hand or domain.contact.hand
     tip = hand.tip
     action = action.clamp(-1, 1)
     point, normal = surface_point(domain, action[:, 6:], objects)
@@ -114,7 +114,7 @@ def reach(
     width: torch.Tensor,
     objects: Poses,
     sunk: torch.Tensor | float = 0.0,
-    hand: HandShapes = IN_FORCE.hand,
+    hand: HandShapes | None = None,
 ) -> Contacts:
     """Contacts at given hand poses, with a joint solution from the ready posture, and whether it is feasible. sunk (n,) m:
     how deep the obstacles are."""
@@ -131,7 +131,7 @@ def resolve(
     action: torch.Tensor,
     objects: Poses,
     sunk: torch.Tensor | float = 0.0,
-    hand: HandShapes = IN_FORCE.hand,
+    hand: HandShapes | None = None,
 ) -> Contacts:
     """The contacts that actions (n, 9) choose on objects at the poses given, with obstacles sunk (n,) m."""
     return reach(domain, *contact_pose(domain, action, objects, hand), objects, sunk, hand)
@@ -143,14 +143,14 @@ def gripper_clearance(
     width: torch.Tensor,
     objects: Poses,
     sunk: torch.Tensor | float = 0.0,
-    hand: HandShapes = IN_FORCE.hand,
+    hand: HandShapes | None = None,
 ) -> torch.Tensor:
     """Least distance (n,) m of hand and fingers to table, obstacles sunk (n,) m, and object; negative in collision.
 
     Shapes are filled with spheres and their edges lined with points, which is exact for the table and within some 2 mm for
     boxes of these sizes.
     """
-    centres, radii = gripper_spheres(*forward_kinematics(q), width, hand)
+    centres, radii = gripper_spheres(*forward_kinematics(q), width, hand or domain.contact.hand)
     least = (centres[..., 2] - radii).amin(-1)
     down = torch.zeros(len(q), 1, 3).to(centres)
     down[:, 0, 2] = sunk
@@ -172,7 +172,7 @@ def gripper_spheres(
     tcp: torch.Tensor,
     rotation: torch.Tensor,
     width: torch.Tensor,
-    hand: HandShapes = IN_FORCE.hand,
+    hand: HandShapes,
     with_housing: bool = True,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Centres (n, k, 3) m in the base frame and radii (k,) of spheres that fill the gripper's shapes, and of points along

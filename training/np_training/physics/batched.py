@@ -16,7 +16,7 @@ import torch
 import warp as wp
 
 from np_control.operational_space import CartesianGains
-from np_description.contact import HARD, IN_FORCE, SOFT, Compliance, ContactModel
+from np_description.contact import HARD, SOFT, Compliance, ContactModel
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
 from np_description.penetration import kind_of
@@ -69,7 +69,7 @@ class PhysicsConfig:
     controller: str = "impedance"
     cartesian: CartesianGains = CartesianGains()
     effects: Patch = Patch()
-    contact: ContactModel = IN_FORCE
+    contact: ContactModel = SOFT
     supports: bool = False
 
     def __post_init__(self) -> None:
@@ -95,6 +95,9 @@ STEPPING = {
     # The same to learn in: MuJoCo then holds time constants at two steps, 8 ms, and a policy does as well there as in "hard".
     "swift": (HARD, dict(timestep=0.004, substeps=25, iterations=8, ls_iterations=20)),
 }
+
+LEARNED_IN = {SOFT.name: "soft", HARD.name: "swift"}
+"""How the contacts of a domain are stepped where its policies are learned, by the definition's name."""
 
 
 def physics_for(contact: str, **options) -> PhysicsConfig:

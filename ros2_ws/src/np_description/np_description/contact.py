@@ -1,7 +1,7 @@
 """Contact: which shapes, how rough, how hard, by which friction law. One definition for every engine, for training and for the bench.
 
 Two definitions stand side by side. `SOFT` is MuJoCo's default: a fingertip sinks millimetres into wood. `HARD` is as hard as a
-simulator steps at the same rate. `IN_FORCE` is the one of them in which the released weights were trained.
+simulator steps at the same rate. A domain says in which of them its released weights were trained (`Domain.contact`).
 """
 
 from __future__ import annotations
@@ -92,9 +92,6 @@ HARD = ContactModel(
     # With 20 the solver ends before friction has settled, and a box that is pulled at .9 of its friction slides at 14 mm/s.
     line_search=50,
 )
-
-IN_FORCE = SOFT
-"""What scenes are made of, bags judged by and weights trained for where nothing else is said."""
 
 CONTACTS = {model.name: model for model in (SOFT, HARD)}
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import mujoco
 
-from np_description.contact import IN_FORCE, ContactModel
+from np_description.contact import ContactModel
 from np_description.domains import Domain
 from np_description.scene import OBJECT, load_model
 
 
-def contact_definition(domain: Domain, contact: ContactModel = IN_FORCE) -> dict[str, object]:
+def contact_definition(domain: Domain, contact: ContactModel | None = None) -> dict[str, object]:
     """Cone, impratio, timestep s of the scene with the domain's own object, as it is built by default, and by partner (surroundings, arm, fingers,
-    object) the friction, solref, solimp and further parameters of its geoms, each parameter once for all geoms that share it.
+    object) the friction, solref, solimp and further parameters of its geoms, each parameter once for all geoms that share it. contact: default the domain's.
     """
     model = load_model(domain.plain, contact=contact)
     partners: dict[str, dict[str, list]] = {}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from np_description.contact import IN_FORCE, ContactModel
+from np_description.contact import ContactModel
 from np_description.depths import PAIRS
 from np_description.domains import Domain, Pose
 from np_description.panda import STATE_NAMES
@@ -16,9 +16,9 @@ from np_description.scene import OBJECT, SHAFT, SUPPORT, load_model
 
 
 class Penetration:
-    """Depths of contact in a domain's scene. contact: whose shapes they are judged by."""
+    """Depths of contact in a domain's scene. contact: whose shapes they are judged by; default: the domain's."""
 
-    def __init__(self, domain: Domain, contact: ContactModel = IN_FORCE):
+    def __init__(self, domain: Domain, contact: ContactModel | None = None):
         self._model = load_model(domain, contact=contact)
         self._data = mujoco.MjData(self._model)
         self._joints = np.array([self._model.joint(name).qposadr[0] for name in STATE_NAMES])

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.contact import IN_FORCE, OBJECT_FRICTION, ROLLING, TORSION, Compliance, ContactModel
+from np_description.contact import OBJECT_FRICTION, ROLLING, TORSION, Compliance, ContactModel
 from np_description.domains import Domain
 from np_description.hand import BoxShape, CapsuleShape
 from np_description.keypoints import CORNERS
@@ -62,7 +62,7 @@ def build_scene(
     arm_collision: bool = True,
     panda: PandaModel = NOMINAL,
     camera: Camera = CAMERA,
-    contact: ContactModel = IN_FORCE,
+    contact: ContactModel | None = None,
     supports: bool = False,
 ) -> mujoco.MjSpec:
     """The scene of a domain as an MjSpec, robot at its ready posture in keyframe "ready".
@@ -70,10 +70,10 @@ def build_scene(
     timestep s. With `arm_collision` false only the last link, hand and fingers touch things (training: the other links never
     reach anything, and their pairs cost time). Joint torques act through seven motors, fingers through position servos;
     gravity is compensated for the robot, as the real one does by itself. contact: how rough and how hard everything is, but for
-    the object's own surface (`contact_of`). supports: give the object patches to stand on (`SUPPORT`), whose sizes may then be
+    the object's own surface (`contact_of`); default: the domain's. supports: give the object patches to stand on (`SUPPORT`), whose sizes may then be
     changed. Parts of an object that is not rigid come after all else in the generalised positions.
     """
-    contact = contact_of(domain, contact)
+    contact = contact_of(domain, contact or domain.contact)
     spec = mujoco.MjSpec()
     spec.modelname = f"panda_{domain.name}"
     spec.compiler.degree = False

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.contact import HARD, IN_FORCE, ContactModel
+from np_description.contact import HARD, ContactModel
 from np_description.domains import Domain, Pose
 from np_description.panda import (
     BASE_FRAME,
@@ -22,11 +22,10 @@ from np_physx_bridge.library import sapien
 from np_physx_bridge.scene import STICTION, Translator, scene
 from np_sim_bridge.schedule import PERIOD, SECOND
 
-HARD_AS_IN_FORCE = replace(HARD, hand=IN_FORCE.hand)  # with the shapes that bags are judged by
-
 
 class PhysxEngine:
-    """An Engine of PhysX; arguments as for MakeEngine. contact: its coefficients of friction, all else is PhysX's own.
+    """An Engine of PhysX; arguments as for MakeEngine. contact: its coefficients of friction, all else is PhysX's own;
+    default: the hard ones, with the hand that the domain's bags are judged by.
 
     Coulomb friction of a joint is a drive towards standstill that gives at most `frictionloss`: PhysX solves it implicitly
     with the contacts, so that a joint sticks. Its own joint friction is a coefficient on the load, which is another law.
@@ -40,9 +39,10 @@ class PhysxEngine:
         substeps: int = 1,
         camera: Camera = CAMERA,
         panda: PandaModel = NOMINAL,
-        contact: ContactModel = HARD_AS_IN_FORCE,
+        contact: ContactModel | None = None,
     ):
         self._sapien = sapien()
+        contact = contact or replace(HARD, hand=domain.contact.hand)
         self._timestep, self._substeps = PERIOD / SECOND / substeps, substeps
         self.model = load_model(domain, timestep=self._timestep, camera=camera, panda=panda, contact=contact)
         self._ready, self._limit = panda.ready, panda.torque_limit

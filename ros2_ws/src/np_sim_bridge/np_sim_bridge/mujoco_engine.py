@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.contact import IN_FORCE, ContactModel
+from np_description.contact import ContactModel
 from np_description.domains import Domain, Pose
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES, PandaModel
 from np_description.scene import OBJECT, load_model
@@ -16,7 +16,7 @@ DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, 
 
 
 class MujocoEngine:
-    """An Engine of MuJoCo; arguments as for MakeEngine. contact: how rough and how hard everything is."""
+    """An Engine of MuJoCo; arguments as for MakeEngine. contact: how rough and how hard everything is; default: the domain's."""
 
     def __init__(
         self,
@@ -25,7 +25,7 @@ class MujocoEngine:
         substeps: int = 1,
         camera: Camera = CAMERA,
         panda: PandaModel = NOMINAL,
-        contact: ContactModel = IN_FORCE,
+        contact: ContactModel | None = None,
     ):
         timestep = PERIOD / SECOND / substeps
         self.model = load_model(domain, timestep=timestep, camera=camera, panda=panda, contact=contact)

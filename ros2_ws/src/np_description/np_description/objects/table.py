@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from np_description.contact import IN_FORCE
+from np_description.contact import HARD
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, Domain
 from np_description.objects.spec import Contents, Friction, ObjectSpec, Softness, Surface
 
 _TRAINED = "np_description.contact: what the released weights were trained with"
-_RUBBER, _TABLE = Friction(IN_FORCE.finger, _TRAINED), Friction(IN_FORCE.table, _TRAINED)
+_RUBBER, _TABLE = Friction(HARD.finger, _TRAINED), Friction(HARD.table, _TRAINED)
 
 SURFACES = {
     surface.name: surface
