@@ -1,0 +1,138 @@
+"""What the view stage found, in words and as what stands in a JSON file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+
+from np_diagnosis.chain.view import Named, View
+from np_diagnosis.chain.view_parameters import EFFECTS, PARAMETERS, SHOWN_BY
+from np_effects import VIEW_RECORDS
+from np_effects.saying import Value
+
+PUT_DOWN = "the object put down at eight places, all over the picture"
+
+
+def sentences(view: View) -> list[str]:
+    """The finding; what tells its members apart; what it is worth; what was left out; what the recording does not show."""
+    said = [_verdict(view)]
+    if view.verdict in ("identified", "ambiguous"):
+        said += [_capital(_alternatives(one)) for one in view.named]
+        held = view.held_out
+        said.append(
+            f"At places that were not fitted a corner is {held.before:.1f} px from where it is believed to be, and {held.after:.1f} px "
+            "from where this puts it."
+        )
+    if view.left_out:
+        said.append(f"Left out, as the object does not lie flat there: {', '.join(view.left_out)}.")
+    if view.unseen and view.verdict != "unexplained":
+        of = {p.name: p.said for p in PARAMETERS}
+        said.append(f"Not narrowed by this recording: {', '.join(of[name] for name in view.unseen)}.")
+    if told := next_steps(view):
+        said.append(f"What would tell more: {'; '.join(told)}.")
+    return said
+
+
+def next_steps(view: View) -> list[str]:
+    """Experiments that tell rivals apart, or show what the recording does not; each once, none where all is told."""
+    if view.verdict == "unexplained":
+        return []
+    told = [] if view.named or view.verdict == "no_gap" else [PUT_DOWN]
+    told += [text for one in view.named for text in one.split_by]
+    hidden = [
+        name
+        for name, effect in EFFECTS.items()
+        if all(PARAMETERS[n].name in view.unseen for n in effect.numbers) and view.verdict in ("no_gap", "undetermined")
+    ]
+    return list(dict.fromkeys(told + [SHOWN_BY[name] for name in hidden]))
+
+
+def document(view: View) -> dict:
+    """The answer as JSON holds it: SI units, px in images, intervals of 95 %; `effects` as `patch.yaml` has them."""
+    return {
+        "verdict": view.verdict,
+        "effects": patch(view),
+        "sentences": sentences(view),
+        "places": view.places,
+        "left_out": list(view.left_out),
+        "off_px": view.off,
+        "named": [_named(one) for one in view.named],
+        "gains_nats": view.gains,
+        "bounds": _values(view.bounds),
+        "unseen": list(view.unseen),
+        "scatter_px": view.scatter[0] if view.scatter else None,
+        "scatter_without_px": view.scatter[1] if view.scatter else None,
+        "held_out": asdict(view.held_out) if view.held_out else None,
+        "doubt": view.doubt,
+        "next": next_steps(view),
+    }
+
+
+def patch(view: View) -> list[dict]:
+    """Entries of `patch.yaml`: of what is named alone, and what a simulated view carries."""
+    entries: dict[str, dict] = {}
+    for one in view.named if view.verdict in ("identified", "ambiguous") else ():
+        effect = EFFECTS[one.effect]
+        if one.rivals or not effect.quantities:
+            continue
+        record = VIEW_RECORDS[effect.ids[0]]
+        entry = {"effect": record.id, "component": str(record.part), "parameters": {}}
+        values = (value.value for value in one.sizes.values())
+        entries.setdefault(record.id, entry)["parameters"].update(zip(effect.quantities, values))
+    return list(entries.values())
+
+
+def _verdict(view: View) -> str:
+    if view.verdict == "identified" or view.verdict == "ambiguous":
+        return f"Corners at {view.places} places are not where they are believed to be ({view.off:.1f} px off)."
+    if view.verdict == "no_gap":
+        return f"Corners are where they are believed to be ({view.off:.1f} px off at {view.places} places), as far as this shows."
+    start = (
+        "Nothing that the doctor knows explains"
+        if view.verdict == "unexplained"
+        else "The recording does not tell what decides"
+    )
+    seen = (
+        "where corners are seen"
+        if view.off is None
+        else f"where corners are seen, {view.off:.1f} px from where they are believed to be"
+    )
+    return f"{start} {seen}: {view.doubt}."
+
+
+def _alternatives(one: Named) -> str:
+    """An effect with its rivals, each with the sizes that it has where it stands alone."""
+    ways = [said(one.effect, one.sizes), *(said(name, sizes) for name, sizes in one.rivals.items())]
+    return f"{ways[0]}." if len(ways) == 1 else f"either {'; or '.join(ways)}."
+
+
+def said(effect: str, sizes: Mapping[str, Value]) -> str:
+    """An effect in words, as half a sentence."""
+    return EFFECTS[effect].said.format(**sizes).replace("  ", " ")
+
+
+def _named(one: Named) -> dict:
+    effect = EFFECTS[one.effect]
+    rivals = [{"name": n, "effect": list(EFFECTS[n].ids), "sizes": _values(v)} for n, v in one.rivals.items()]
+    return {
+        "name": one.effect,
+        "effect": list(effect.ids),
+        "gain_nats": one.gain,
+        "sizes": _values(one.sizes),
+        "rivals": rivals,
+        "split_by": list(one.split_by),
+    }
+
+
+def _values(values: Mapping[str, Value]) -> dict[str, dict[str, float]]:
+    return {name: asdict(value) for name, value in values.items()}
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+SCOPE = (
+    "Changes are against the camera, table and object that are believed in. A corner's error is taken to be another in every view and "
+    "for every corner; what is wrong in all views alike is what this page is about."
+)
