@@ -177,7 +177,8 @@ def test_too_few_places_tell_nothing_and_say_what_is_missing(detector):
     made = places(Case(GAPS["camera_turn"], detector, CARD, 8), np.random.default_rng(12))
     for few in (made[:1], made[:2], [made[0]] * 5):
         found = document(view(few))
-        assert found["verdict"] == "undetermined" and found["named"] == [] and found["effects"] == []
+        assert found["verdict"] == "undetermined" and found["unseen"] == list(NAMES)
+        assert not (found["named"] or found["effects"] or found["bounds"])
         assert "are needed" in found["doubt"] and any("eight places" in step for step in found["next"])
 
 

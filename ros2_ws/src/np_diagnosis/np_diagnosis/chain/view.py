@@ -18,10 +18,10 @@ from scipy.stats import t as student
 from np_description.camera import CAMERA, Camera
 from np_diagnosis.chain.lying import lying
 from np_diagnosis.chain.places import Place
+from np_diagnosis.chain.view_checks import HeldOut, distances, held_out, patterns
 from np_diagnosis.chain.view_fit import Fit, Prior, at_numbers, fit
 from np_diagnosis.chain.view_model import Scene, scene
 from np_diagnosis.chain.view_parameters import EFFECTS, GAP, NAMES, PARAMETERS, USUAL, split_by
-from np_diagnosis.chain.view_tests import HeldOut, distances, held_out, patterns
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.saying import Value
@@ -92,7 +92,7 @@ def view(places: Sequence[Place], camera: Camera = CAMERA) -> View:
     off = float(np.median(distances(seen, believed, models.start)))
     told = {"places": len(kept), "left_out": left_out, "off": off, "scene": seen, "nominal": nominal}
     if doubt := _too_little(seen):
-        return View("undetermined", **told, doubt=doubt, fit=nominal, **_bounds(models, frozenset()))
+        return View("undetermined", **told, doubt=doubt, fit=nominal, unseen=NAMES)
     chosen = models.chosen()
     best = models.of(chosen)
     named = tuple(sorted((_named(models, chosen, effect) for effect in chosen), key=lambda one: -one.gain))

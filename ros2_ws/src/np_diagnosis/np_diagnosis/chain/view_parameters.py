@@ -62,12 +62,13 @@ def numbers(prefix: str) -> np.ndarray:
 class Effect:
     """One explanation. ids: of the catalogue; several are one in every picture, and are named together.
 
-    fields: which numbers it changes. said: what it is, with its numbers in braces (`np_effects.saying`). quantities: what `patch.yaml` calls the numbers, empty where a
+    fields: which numbers it changes. called: what is off; said: how, with its numbers in braces (`np_effects.saying`). quantities: what `patch.yaml` calls the numbers, empty where a
     patch cannot say which of the ids it is, or cannot carry it.
     """
 
     ids: tuple[str, ...]
     fields: tuple[str, ...]
+    called: str
     said: str
     quantities: tuple[str, ...] = ()
 
@@ -81,30 +82,45 @@ EFFECTS: dict[str, Effect] = {
     "camera_place": Effect(
         ("camera_extrinsics",),
         ("camera",),
+        "where the camera stands",
         "the camera is {camera_x:mm}, {camera_y:mm}, {camera_z:mm} from where it is believed to be (x, y, z)",
         ("x", "y", "z"),
     ),
     "camera_turn": Effect(
         ("camera_extrinsics",),
         ("camera_turn",),
+        "where the camera looks",
         "the camera is turned by {camera_turn_x:deg}, {camera_turn_y:deg}, {camera_turn_z:deg} (about x, y, z)",
         ("turn_x", "turn_y", "turn_z"),
     ),
     "focal_length": Effect(
-        ("camera_intrinsics",), ("focal",), "the camera's focal length is {focal:% more/less}", ("focal",)
+        ("camera_intrinsics",),
+        ("focal",),
+        "the camera's focal length",
+        "the camera's focal length is {focal:% more/less}",
+        ("focal",),
     ),
     "image_offset": Effect(
         ("camera_intrinsics", "keypoint_bias"),
         ("offset",),
+        "the image's centre, or where corners are found",
         "the image's centre, or where corners are found, is off by {offset_u:px right/left} and {offset_v:px down/up}",
     ),
-    "distortion": Effect(("lens_distortion",), ("k1",), "the lens distorts, k1 {k1}", ("k1",)),
-    "table_height": Effect(("table_height",), ("table_height",), "the table is {table_height:mm higher/lower}"),
+    "distortion": Effect(("lens_distortion",), ("k1",), "the lens", "the lens distorts, k1 {k1}", ("k1",)),
+    "table_height": Effect(
+        ("table_height",), ("table_height",), "the table's height", "the table is {table_height:mm higher/lower}"
+    ),
     "table_tilt": Effect(
-        ("table_tilt",), ("table_tilt",), "the table is tilted by {table_tilt_x:deg}, {table_tilt_y:deg} (about x, y)"
+        ("table_tilt",),
+        ("table_tilt",),
+        "the table's tilt",
+        "the table is tilted by {table_tilt_x:deg}, {table_tilt_y:deg} (about x, y)",
     ),
     "object_size": Effect(
-        ("object_size",), ("size",), "the object's edges are {size_x:mm}, {size_y:mm}, {size_z:mm} longer (x, y, z)"
+        ("object_size",),
+        ("size",),
+        "the object's size",
+        "the object's edges are {size_x:mm}, {size_y:mm}, {size_z:mm} longer (x, y, z)",
     ),
 }
 """By name. The centre of the image and the bias of a detector are the same two numbers: no recording of corners splits them."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict
 
 from np_diagnosis.chain.view import Named, View
@@ -17,7 +17,7 @@ def sentences(view: View) -> list[str]:
     """The finding; what tells its members apart; what it is worth; what was left out; what the recording does not show."""
     said = [_verdict(view)]
     if view.verdict in ("identified", "ambiguous"):
-        said += [_capital(_alternatives(one)) for one in view.named]
+        said += [_capital(_alternatives(one, view.unseen)) for one in view.named]
         held = view.held_out
         said.append(
             f"At places that were not fitted a corner is {held.before:.1f} px from where it is believed to be, and {held.after:.1f} px "
@@ -25,7 +25,7 @@ def sentences(view: View) -> list[str]:
         )
     if view.left_out:
         said.append(f"Left out, as the object does not lie flat there: {', '.join(view.left_out)}.")
-    if view.unseen and view.verdict != "unexplained":
+    if view.bounds and view.unseen and view.verdict != "unexplained":
         of = {p.name: p.said for p in PARAMETERS}
         said.append(f"Not narrowed by this recording: {', '.join(of[name] for name in view.unseen)}.")
     if told := next_steps(view):
@@ -37,14 +37,14 @@ def next_steps(view: View) -> list[str]:
     """Experiments that tell rivals apart, or show what the recording does not; each once, none where all is told."""
     if view.verdict == "unexplained":
         return []
-    told = [] if view.named or view.verdict == "no_gap" else [PUT_DOWN]
-    told += [text for one in view.named for text in one.split_by]
-    hidden = [
-        name
-        for name, effect in EFFECTS.items()
-        if all(PARAMETERS[n].name in view.unseen for n in effect.numbers) and view.verdict in ("no_gap", "undetermined")
-    ]
-    return list(dict.fromkeys(told + [SHOWN_BY[name] for name in hidden]))
+    if not view.bounds:  # too few places for anything
+        blind = [] if view.scene.measured.any() else ["camera_place", "table_height"]
+        return [PUT_DOWN, *(SHOWN_BY[name] for name in blind)]
+    told = [text for one in view.named for text in one.split_by]
+    if not view.named:
+        hidden = (n for n, e in EFFECTS.items() if all(PARAMETERS[i].name in view.unseen for i in e.numbers))
+        told += [SHOWN_BY[name] for name in hidden]
+    return list(dict.fromkeys(told))
 
 
 def document(view: View) -> dict:
@@ -83,32 +83,37 @@ def patch(view: View) -> list[dict]:
 
 
 def _verdict(view: View) -> str:
-    if view.verdict == "identified" or view.verdict == "ambiguous":
-        return f"Corners at {view.places} places are not where they are believed to be ({view.off:.1f} px off)."
+    off = "" if view.off is None else f" ({view.off:.1f} px off)"
+    seen = f"at {view.places} places corners are"
+    if view.verdict == "unexplained":
+        return f"Nothing that the doctor knows explains where corners are seen{off}: {view.doubt}."
+    if view.verdict == "undetermined":
+        return f"The recording does not tell whether corners are where they should be{off}: {view.doubt}."
     if view.verdict == "no_gap":
-        return f"Corners are where they are believed to be ({view.off:.1f} px off at {view.places} places), as far as this shows."
-    start = (
-        "Nothing that the doctor knows explains"
-        if view.verdict == "unexplained"
-        else "The recording does not tell what decides"
-    )
-    seen = (
-        "where corners are seen"
-        if view.off is None
-        else f"where corners are seen, {view.off:.1f} px from where they are believed to be"
-    )
-    return f"{start} {seen}: {view.doubt}."
+        return f"As far as this recording shows, {seen} where they are believed to be{off}."
+    return f"{_capital(seen)} not where they are believed to be{off}."
 
 
-def _alternatives(one: Named) -> str:
+def _alternatives(one: Named, unseen: Collection[str]) -> str:
     """An effect with its rivals, each with the sizes that it has where it stands alone."""
-    ways = [said(one.effect, one.sizes), *(said(name, sizes) for name, sizes in one.rivals.items())]
+    ways = [said(name, sizes, unseen) for name, sizes in ((one.effect, one.sizes), *one.rivals.items())]
     return f"{ways[0]}." if len(ways) == 1 else f"either {'; or '.join(ways)}."
 
 
-def said(effect: str, sizes: Mapping[str, Value]) -> str:
-    """An effect in words, as half a sentence."""
-    return EFFECTS[effect].said.format(**sizes).replace("  ", " ")
+def said(effect: str, sizes: Mapping[str, Value], unseen: Collection[str] = ()) -> str:
+    """An effect in words, as half a sentence; a number that the recording does not narrow is a question mark."""
+    if sizes.keys() <= set(unseen):
+        return f"{EFFECTS[effect].called} is off, by how much this recording does not tell"
+    told = {name: _Unknown() if name in unseen else value for name, value in sizes.items()}
+    return EFFECTS[effect].said.format(**told).replace("  ", " ")
+
+
+class _Unknown:
+    """What stands for a number that nobody knows."""
+
+    def __format__(self, spec: str) -> str:
+        unit = spec.partition(" ")[0]
+        return f"? {unit}".strip()
 
 
 def _named(one: Named) -> dict:

@@ -92,7 +92,9 @@ class ViewChange:
     matters: float = threshold(0.3, "px", "root mean square of such a pattern that matters", ".6 mm on the table")
     cut: float = threshold(3.0, "1", "times its scatter to which a corner's error is cut in such patterns", JUDGEMENT)
     flat: float = threshold(0.5, "1", "share of the places at which the object must lie flat", JUDGEMENT)
-    blind: float = threshold(0.5, "1", "share of the numbers that must be seen to say that nothing is off", JUDGEMENT)
+    blind: float = threshold(
+        0.35, "1", "share of the numbers beyond which, unseen, nobody can say that nothing is off", JUDGEMENT
+    )
     narrowed: float = threshold(
         0.25, "1", "of a gap's interval to which a recording must narrow it to see it", JUDGEMENT
     )

@@ -45,7 +45,7 @@ def patterns(scene: Scene, found: Fit, prior: Prior) -> str:
         extra = np.zeros((len(right), columns.shape[-1]))
         extra[:rows] = (weights[..., None] * columns).reshape(rows, -1)
         extra -= base @ np.linalg.lstsq(base, extra, rcond=None)[0]  # what the explanation cannot make
-        axes, lengths, turn = np.linalg.svd(extra, full_matrices=False)
+        axes, lengths, _ = np.linalg.svd(extra, full_matrices=False)
         kept = lengths > FAINT * lengths.max(initial=1e-12)
         rank, freedom = int(kept.sum()), found.freedom - kept.sum()
         if rank == 0 or freedom < 1:
@@ -53,19 +53,11 @@ def patterns(scene: Scene, found: Fit, prior: Prior) -> str:
         shown = axes[:, kept].T @ right
         drawn = max(right @ right - shown @ shown, 1e-12)
         chance = fisher.sf((shown @ shown / rank) / (drawn / freedom), rank, freedom)
-        pattern = (columns @ (turn[kept].T @ (shown / lengths[kept])))[scene.usable]  # (n, 2) px
-        pattern -= _made_by(found.lines.by_vector[scene.usable], pattern)
-        size = np.sqrt((pattern**2).sum(axis=-1).mean())
+        # As far as it is seen: what the poses of the places make of it is no error of a corner, unless it was measured where they are.
+        size = found.scatter * np.sqrt(shown @ shown / scene.usable.sum())
         if chance * tries < VIEW.sure and size > VIEW.matters:
             told[kind] = min(told.get(kind, (1.0, "")), (chance, f"{text} ({size:.1f} px)"))
     return "; ".join(text for _, text in told.values())
-
-
-def _made_by(by_vector: np.ndarray, pattern: np.ndarray) -> np.ndarray:
-    """What of a pattern (n, 2) px the numbers make, by_vector (n, 2, d) px: no pattern of its own."""
-    columns = by_vector.reshape(-1, COUNT)
-    columns = columns / np.linalg.norm(columns, axis=0)
-    return (columns @ np.linalg.lstsq(columns, pattern.ravel(), rcond=None)[0]).reshape(pattern.shape)
 
 
 def _equations(scene: Scene, found: Fit, prior: Prior, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
