@@ -185,7 +185,7 @@ def test_too_few_places_tell_nothing_and_say_what_is_missing(detector):
 @pytest.mark.parametrize(
     ("case", "words"),
     [
-        (Case(dent=0.012, domain=BUMP, count=12), "not the box"),
+        (Case(dent=0.012, domain=BUMP, count=12), "corner 3 is not where"),
         (Case(moved=(5, Truth(turn=(1.0 * DEGREE, 1.0 * DEGREE, 0.0))), count=10), "was moved"),
         (Case(detector=Detector(own=3.5), count=10), "px from view to view"),
     ],

@@ -93,13 +93,15 @@ def _tops(domain: Domain) -> Sequence[float]:
 
 
 def _surfaces(domain: Domain, at: Sequence[float]) -> list[float]:
-    """Heights m of what an object at (x, y) may lie on: the table, and the tops that are under it or nearly so."""
-    tops = [
-        box.centre[2] + box.half_size[2]
-        for box in domain.obstacles
-        if all(abs(at[i] - box.centre[i]) <= box.half_size[i] + PLACES.margin for i in (0, 1))
-    ]
-    return [0.0, *sorted(set(tops))]
+    """Heights m of what an object at (x, y) may lie on: the table, a top that is under it, or both near the top's edge."""
+    found = {0.0}
+    for box in domain.obstacles:
+        inside = min(half - abs(x - middle) for x, middle, half in zip(at, box.centre, box.half_size[:2]))
+        if inside >= -PLACES.margin:
+            found.add(box.centre[2] + box.half_size[2])
+        if inside > PLACES.margin:
+            found.discard(0.0)
+    return sorted(found)
 
 
 def _off(place: Place, camera: Camera, face: np.ndarray, surface: float, pose: np.ndarray) -> float:

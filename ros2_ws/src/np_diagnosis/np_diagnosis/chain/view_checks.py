@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import f as fisher
 
+from np_description.keypoints import COUNT as CORNER_COUNT
 from np_diagnosis.chain.view_fit import MEASURED, Fit, Prior, at_numbers, fit
 from np_diagnosis.chain.view_model import SHIFT, TURN, Scene
 from np_diagnosis.chain.view_parameters import COUNT
@@ -54,7 +55,8 @@ def patterns(scene: Scene, found: Fit, prior: Prior) -> str:
         drawn = max(right @ right - shown @ shown, 1e-12)
         chance = fisher.sf((shown @ shown / rank) / (drawn / freedom), rank, freedom)
         # As far as it is seen: what the poses of the places make of it is no error of a corner, unless it was measured where they are.
-        size = found.scatter * np.sqrt(shown @ shown / scene.usable.sum())
+        concerned = scene.usable & (columns != 0).any(axis=(2, 3))
+        size = found.scatter * np.sqrt(shown @ shown / max(concerned.sum(), 1))
         if chance * tries < VIEW.sure and size > VIEW.matters:
             told[kind] = min(told.get(kind, (1.0, "")), (chance, f"{text} ({size:.1f} px)"))
     return "; ".join(text for _, text in told.values())
@@ -90,9 +92,9 @@ def _suspects(scene: Scene, found: Fit) -> Iterator[tuple[str, str, np.ndarray, 
         columns,
         1,
     )
-    if (scene.half == scene.half[0]).all():
-        own = np.einsum("kcij,cd->kcidj", lines.by_point, np.eye(8)).reshape(*powers.shape[:2], 2, -1)
-        yield "box", "what is left goes with the corner: the object is not the box that it is taken for", own, 1
+    for corner in range(CORNER_COUNT if (scene.half == scene.half[0]).all() else 0):
+        own = lines.by_point * (np.arange(CORNER_COUNT) == corner)[:, None, None]
+        yield "box", f"corner {corner} is not where the box that it is taken for has it", own, CORNER_COUNT
     # One place alone may have two corners that are gross together; where its pose was measured, all of them count.
     alone = 1 if scene.measured.all() else 2
     boundaries = range(alone, len(scene) - alone + 1)

@@ -24,7 +24,9 @@ class Places:
     corners: int = threshold(5, "corners", "fewest usable of a place", "the pose takes three numbers of ten")
     images: float = threshold(0.5, "1", "share of the images of a rest in which a corner must be usable", JUDGEMENT)
     memory: float = threshold(0.9, "1", "of a corner's scatter from image to image", "the released detector, at rest")
-    margin: float = threshold(0.02, "m", "about an obstacle's top, on which the object may lie as well", JUDGEMENT)
+    margin: float = threshold(
+        0.02, "m", "to either side of an obstacle's edge, where the object may lie on it or beside it", JUDGEMENT
+    )
     lean: float = threshold(radians(5.0), "rad", "tilt from which a measured pose does not lie flat", JUDGEMENT)
     lifted: float = threshold(0.04, "m", "over a surface at which a measured pose does not lie on it", JUDGEMENT)
     off: float = threshold(
