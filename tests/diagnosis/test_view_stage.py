@@ -175,8 +175,10 @@ def test_with_a_measured_pose_the_table_is_no_longer_the_camera():
 @pytest.mark.parametrize("detector", [Detector(), UNMEASURED], ids=["measured", "unmeasured"])
 def test_too_few_places_tell_nothing_and_say_what_is_missing(detector):
     made = places(Case(GAPS["camera_turn"], detector, CARD, 8), np.random.default_rng(12))
-    for few in (made[:1], made[:2], [made[0]] * 5):
+    near = [replace(made[0], pixels=made[0].pixels + 3.0 * n) for n in range(4)]
+    for few, count in ((made[:1], 1), (made[:2], 2), ([made[0]] * 5, 1), (near, 4)):
         found = document(view(few))
+        assert found["places"] == count
         assert found["verdict"] == "undetermined" and found["unseen"] == list(NAMES)
         assert not (found["named"] or found["effects"] or found["bounds"])
         assert "are needed" in found["doubt"] and any("eight places" in step for step in found["next"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -95,6 +96,16 @@ def places(track: Track, domain: Domain) -> list[tuple[Place, slice]]:
             name = f"{track.name} from {begin:.1f} s"
             found.append((Place(name, pixels, error, domain, images=images), slice(group[0].start, group[-1].stop)))
     return found
+
+
+def distinct(found: Sequence[Place]) -> list[Place]:
+    """The places, each once: a detector errs in the same way where the same object is seen at the same place again."""
+    kept: list[Place] = []
+    for place in found:
+        alike = (p for p in kept if p.domain.half_size == place.domain.half_size)
+        if all(_distance(p.pixels, place.pixels) >= PLACES.same for p in alike):
+            kept.append(place)
+    return kept
 
 
 def _rows(track: Track, group: list[slice]) -> np.ndarray:

@@ -17,11 +17,11 @@ from scipy.stats import t as student
 
 from np_description.camera import CAMERA, Camera
 from np_diagnosis.chain.lying import lying
-from np_diagnosis.chain.places import Place
+from np_diagnosis.chain.places import Place, distinct
 from np_diagnosis.chain.view_checks import HeldOut, distances, held_out, patterns
 from np_diagnosis.chain.view_fit import Fit, Prior, at_numbers, fit
 from np_diagnosis.chain.view_model import Scene, scene
-from np_diagnosis.chain.view_parameters import EFFECTS, GAP, NAMES, PARAMETERS, USUAL, split_by
+from np_diagnosis.chain.view_parameters import BY_NAME, EFFECTS, GAP, NAMES, PARAMETERS, USUAL, split_by
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.saying import Value
@@ -73,9 +73,13 @@ class View:
 
 
 def view(places: Sequence[Place], camera: Camera = CAMERA) -> View:
-    """Of places at which the object rested. camera: the one that is believed in. Raises ContractViolation without a place."""
+    """Of places at which the object rested, each of which counts once. camera: the one that is believed in.
+
+    Raises ContractViolation without a place.
+    """
     if not places:
         raise ContractViolation("expected places at which the object rests in the picture, got none")
+    places = distinct(places)
     ways = [lying(place, camera) for place in places]
     flat = np.array([way.is_flat for way in ways])
     left_out = tuple(place.name for place, is_flat in zip(places, flat) if not is_flat)
@@ -211,7 +215,7 @@ def _named(models: _Models, chosen: Names, effect: str) -> Named:
     return Named(
         effect,
         models.value(chosen) - models.value(rest),
-        models.sizes(effect),
+        models.sizes(effect, frozenset(rivals)),
         {name: models.sizes(name, frozenset([effect])) for name in others if name in rivals},
         split_by(frozenset([effect, *rivals])),
     )
@@ -223,8 +227,7 @@ def _bounds(models: _Models, chosen: Names) -> dict:
     for effect in EFFECTS:
         models.of(chosen | {effect})
         bounds |= models.sizes(effect)
-    gap = dict(zip(NAMES, 1.96 * GAP))
-    unseen = tuple(name for name in NAMES if bounds[name].high - bounds[name].low > 2 * VIEW.narrowed * gap[name])
+    unseen = tuple(name for name in NAMES if not BY_NAME[name].is_seen(bounds[name].low, bounds[name].high))
     return {"bounds": {name: bounds[name] for name in NAMES}, "unseen": unseen}
 
 

@@ -28,6 +28,10 @@ class Parameter:
     scale: float
     largest: float
 
+    def is_seen(self, low: float, high: float) -> bool:
+        """Whether an interval says something of the number: its sign, or that it is much nearer to nothing than a gap may be."""
+        return low > 0 or high < 0 or high - low <= 2 * 1.96 * THRESHOLDS.view_change.narrowed * self.gap
+
 
 def _axes(name: str, said: str, axes: str, unit: str, field: str, shown: str, scale: float, largest: float):
     spread = getattr(SPREADS, field)
@@ -44,7 +48,8 @@ PARAMETERS: tuple[Parameter, ...] = (
     *_axes("table_tilt", "table about", "xy", "rad", "tilt", "deg", degrees(1.0), 0.1),
     *_axes("size", "object's edge along", "xyz", "m", "size", "mm", 1e3, 0.02),
 )
-NAMES = tuple(p.name for p in PARAMETERS)
+BY_NAME = {p.name: p for p in PARAMETERS}
+NAMES = tuple(BY_NAME)
 COUNT = len(PARAMETERS)
 USUAL = np.array([p.usual for p in PARAMETERS])
 GAP = np.array([p.gap for p in PARAMETERS])

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 
 from np_diagnosis.chain.view import Named, View
-from np_diagnosis.chain.view_parameters import EFFECTS, PARAMETERS, SHOWN_BY
+from np_diagnosis.chain.view_parameters import BY_NAME, EFFECTS, PARAMETERS, SHOWN_BY
 from np_effects import VIEW_RECORDS
 from np_effects.saying import Value
 
@@ -17,7 +17,7 @@ def sentences(view: View) -> list[str]:
     """The finding; what tells its members apart; what it is worth; what was left out; what the recording does not show."""
     said = [_verdict(view)]
     if view.verdict in ("identified", "ambiguous"):
-        said += [_capital(_alternatives(one, view.unseen)) for one in view.named]
+        said += [_capital(_alternatives(one)) for one in view.named]
         held = view.held_out
         said.append(
             f"At places that were not fitted a corner is {held.before:.1f} px from where it is believed to be, and {held.after:.1f} px "
@@ -26,8 +26,7 @@ def sentences(view: View) -> list[str]:
     if view.left_out:
         said.append(f"Left out, as the object does not lie flat there: {', '.join(view.left_out)}.")
     if view.bounds and view.unseen and view.verdict != "unexplained":
-        of = {p.name: p.said for p in PARAMETERS}
-        said.append(f"Not narrowed by this recording: {', '.join(of[name] for name in view.unseen)}.")
+        said.append(f"Not narrowed by this recording: {', '.join(BY_NAME[name].said for name in view.unseen)}.")
     if told := next_steps(view):
         said.append(f"What would tell more: {'; '.join(told)}.")
     return said
@@ -94,15 +93,16 @@ def _verdict(view: View) -> str:
     return f"{_capital(seen)} not where they are believed to be{off}."
 
 
-def _alternatives(one: Named, unseen: Collection[str]) -> str:
+def _alternatives(one: Named) -> str:
     """An effect with its rivals, each with the sizes that it has where it stands alone."""
-    ways = [said(name, sizes, unseen) for name, sizes in ((one.effect, one.sizes), *one.rivals.items())]
+    ways = [said(name, sizes) for name, sizes in ((one.effect, one.sizes), *one.rivals.items())]
     return f"{ways[0]}." if len(ways) == 1 else f"either {'; or '.join(ways)}."
 
 
-def said(effect: str, sizes: Mapping[str, Value], unseen: Collection[str] = ()) -> str:
+def said(effect: str, sizes: Mapping[str, Value]) -> str:
     """An effect in words, as half a sentence; a number that the recording does not narrow is a question mark."""
-    if sizes.keys() <= set(unseen):
+    unseen = {name for name, value in sizes.items() if not BY_NAME[name].is_seen(value.low, value.high)}
+    if unseen == sizes.keys():
         return f"{EFFECTS[effect].called} is off, by how much this recording does not tell"
     told = {name: _Unknown() if name in unseen else value for name, value in sizes.items()}
     return EFFECTS[effect].said.format(**told).replace("  ", " ")
