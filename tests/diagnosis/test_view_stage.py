@@ -8,6 +8,7 @@ import pytest
 import yaml
 from bags import record_episode
 
+from np_blind import views
 from np_blind.view_cases import DEGREE, Case, Detector, Truth, pixels, places, usual
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, WALL, Pose, sample_pose
@@ -92,7 +93,7 @@ def test_poses_that_are_eliminated_leave_the_same_step_and_covariance():
     scale = 1 / np.sqrt(np.diag(whole))
     dense = scale * np.linalg.solve(whole * np.outer(scale, scale), scale * np.r_[down, down_own.ravel()])
     assert np.allclose(np.r_[step, step_own.ravel()], dense, rtol=1e-6, atol=1e-10)
-    covariance, _, _, volume = search.inverse(lines, np.zeros(d), weights)
+    covariance, _, volume = search.inverse(lines, np.zeros(d), weights)
     inverse = np.linalg.inv(whole * np.outer(scale, scale)) * np.outer(scale, scale)
     assert np.allclose(covariance, inverse[:d, :d], rtol=1e-6, atol=1e-12)
     assert volume == pytest.approx(np.linalg.slogdet(whole)[1])
@@ -269,6 +270,17 @@ def test_from_bags_to_words(tmp_path, monkeypatch, capsys):
     assert command.main([str(other)]) == 2
     assert "expected the calibration" in json.loads(capsys.readouterr().out)["error"]
     assert command.main([str(tmp_path / "nowhere")]) == 2
+
+
+def test_the_command_that_measures_it_counts_what_is_found(tmp_path, monkeypatch, capsys):
+    chosen = {kind: views.KINDS[kind] for kind in ("clean", "table_height", "wild")}
+    monkeypatch.setattr(views, "KINDS", chosen)
+    assert views.main(["--draws", "2", "--seed", "3", "--out", str(tmp_path / "views.json")]) == 0
+    found = json.loads(capsys.readouterr().out.splitlines()[-1])
+    measured = found["figures"][0]
+    assert measured["measured"] and measured["kinds"]["table_height"]["right"] == 1.0
+    assert measured["kinds"]["clean"]["wrong"] == 0.0 and measured["kinds"]["wild"]["unexplained"] == 1.0
+    assert measured["sizes"] == 2 and len(json.loads((tmp_path / "views.json").read_text())["rows"]) == 12
 
 
 def test_a_page_is_drawn_where_nothing_can_be_said():

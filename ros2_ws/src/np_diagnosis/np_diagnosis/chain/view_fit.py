@@ -193,9 +193,7 @@ class _Search:
         step = cho_solve(cho_factor(reduced), down - np.einsum("kip,kp->i", gone, down_own))
         return step * self.free, np.einsum("kpq,kq->kp", inverse, down_own - np.einsum("kip,i->kp", cross, step))
 
-    def inverse(
-        self, lines: Lines, vector: np.ndarray, bends: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, float, float]:
+    def inverse(self, lines: Lines, vector: np.ndarray, bends: np.ndarray) -> tuple[np.ndarray, float, float]:
         """Inverse (d, d) of the vector's second derivatives with poses eliminated; numbers that corners fix; log determinant of all."""
         normal, cross, own = self.matrices(lines, vector, bends)
         inverse = np.linalg.inv(own)
@@ -206,13 +204,13 @@ class _Search:
         spent = np.einsum("kcid,de,kcie->kc", by_vector, found, by_vector, optimize=True)
         spent += np.einsum("kcip,kpq,kciq->kc", lines.by_pose, inverse, lines.by_pose, optimize=True)
         volume = np.linalg.slogdet(reduced)[1] + np.linalg.slogdet(own)[1].sum()
-        return found, by_vector, float((bends * spent).sum()), float(volume)
+        return found, float((bends * spent).sum()), float(volume)
 
     def scatter(self, vector, poses, scatter: float) -> float:
         """px: the most probable scatter, of the numbers seen beyond those that were fitted."""
         lines = linearise(self.scene, vector, poses)
         usable = self.scene.usable
-        spent = self.inverse(lines, vector, self.bends(lines, scatter))[2]
+        spent = self.inverse(lines, vector, self.bends(lines, scatter))[1]
         share = spent / (2 * usable.sum())
 
         def off(level: float) -> float:
@@ -222,13 +220,15 @@ class _Search:
         return float(np.exp(minimize_scalar(off, bounds=np.log(FIT.scatters), method="bounded").x))
 
     def summary(self, vector, poses, scatter: float) -> Fit:
+        """All that a fit says, at its end."""
         lines = linearise(self.scene, vector, poses)
         bends, weights = self.bends(lines, scatter), self.weights(lines, scatter, FIT.tails)
-        _, _, spent, volume = self.inverse(lines, vector, bends)
+        _, spent, volume = self.inverse(lines, vector, bends)
         cost = self.cost(lines, vector, scatter, FIT.tails)
         usable = self.scene.usable
         freedom = max(2 * usable.sum() - spent, 1.0)
-        # Huber's sandwich: how much corners pull, against how much that was expected of this density.
+        # Huber's sandwich: how much corners pull, against how much that was expected of this density. A few that happen to pull little are
+        # not taken to say more than Gaussian ones of that scatter.
         variance, square = self.squares(lines, scatter)
         pull = ((weights**2 * variance * square)[usable] * variance[usable]).sum() / freedom
         expected = (bends * variance)[usable].mean()
