@@ -109,7 +109,8 @@ def view(places: Sequence[Place], camera: Camera = CAMERA) -> View:
         verdict = "identified" if is_one else "ambiguous"
     else:
         verdict = "undetermined" if len(bounds["unseen"]) > VIEW.blind * len(NAMES) else "no_gap"
-        doubt = "" if verdict == "no_gap" else "most of what could be off would not show in it"
+        hidden = f"{len(bounds['unseen'])} of {len(NAMES)} numbers could be off and would not show in it"
+        doubt = "" if verdict == "no_gap" else hidden
     return View(
         verdict,
         **told,
