@@ -26,6 +26,7 @@ setup(
             "excite = np_diagnosis.commands.excite:main",
             "pushes = np_diagnosis.commands.pushes:main",
             "scatter = np_diagnosis.commands.scatter:main",
+            "view = np_diagnosis.commands.view:main",
         ],
     },
 )

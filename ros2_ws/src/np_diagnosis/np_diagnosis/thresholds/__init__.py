@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_diagnosis.thresholds import chain, checks, consequences, inference, keypoints, pushes
+from np_diagnosis.thresholds import chain, checks, consequences, inference, keypoints, pushes, view
 
 __all__ = ["THRESHOLDS", "Thresholds"]
 
@@ -44,6 +44,10 @@ class Thresholds:
     refit: consequences.Refitting = consequences.Refitting()
     track: keypoints.Tracking = keypoints.Tracking()
     scatter: keypoints.Scattering = keypoints.Scattering()
+    places: view.Places = view.Places()
+    view_spreads: view.ViewSpreads = view.ViewSpreads()
+    view_fit: view.ViewFit = view.ViewFit()
+    view_change: view.ViewChange = view.ViewChange()
     streams: chain.Streams = chain.Streams()
     clock: chain.Clock = chain.Clock()
     pushing: pushes.Pushing = pushes.Pushing()

@@ -1,0 +1,65 @@
+"""`view BAG... [--out DIR]`: is the camera, the table or the object not what it is believed to be?
+
+Recordings with `keypoints` in which the object rests at three places or more, all together: episodes have one or two each. Where they
+have `object_pose` it counts as measured without the camera; else all that is known is that the object lies flat on the table. The last
+line printed is one JSON object; DIR gets view.json and view.html.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="view", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="in the order in which they were recorded")
+    parser.add_argument(
+        "--calibration", default="", help="file of the camera that is believed in; else it is as trained"
+    )
+    parser.add_argument("--without-pose", action="store_true", help="leave `object_pose` aside")
+    parser.add_argument("--out", type=Path, help="folder for view.json and view.html")
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point. Status 2: a recording or a calibration that breaks its contract."""
+    options = parse(arguments)
+    # Slow to import, and not wanted by --help.
+    from np_description.calibration import CalibrationError, calibrated_camera
+    from np_diagnosis import lean  # noqa: F401, I001  before NumPy
+    from np_diagnosis.chain.places import read_places
+    from np_diagnosis.chain.view import view
+    from np_diagnosis.recordings.reading import ContractViolation
+    from np_diagnosis.report.view_words import document
+
+    try:
+        camera = calibrated_camera(options.calibration)
+        places = []
+        for bag in options.bags:
+            places += read_places(bag, options.calibration, not options.without_pose)
+            print(f"{bag}: {len(places)} places so far", file=sys.stderr)
+        found = view(places, camera)
+    except (CalibrationError, ContractViolation) as violation:
+        print(f"contract violation: {violation}", file=sys.stderr)
+        print(json.dumps({"error": f"contract violation: {violation}"}))
+        return 2
+    told = document(found)
+    if options.out:
+        from np_diagnosis.report.view_page import render  # drawing is slow to import
+
+        options.out.mkdir(parents=True, exist_ok=True)
+        (options.out / "view.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        (options.out / "view.html").write_text(render(found, told), encoding="utf-8")
+    print("\n".join(told["sentences"]))
+    print(json.dumps(told))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
