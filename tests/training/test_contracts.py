@@ -65,7 +65,8 @@ def test_weights_that_do_not_say_what_they_are_get_none(tmp_path):
 def test_the_training_writes_contracts_that_the_nodes_accept_and_what_only_it_knows():
     trained = trained_contract(PRE_CONTACT, BUMP, "osc")
     assert PolicyContract.of(PRE_CONTACT, BUMP, "osc").compare(trained.text(), "x.safetensors") == []
-    assert trained.control_rate == 200.0 and trained.target_delay == (0.005, 0.04)
+    assert trained.control_rate == 250.0 and trained.target_delay == (0.005, 0.04)
+    assert trained_contract(PRE_CONTACT, CARD, "impedance").control_rate == 200.0
     other = trained_contract(POST_CONTACT, BUMP, "impedance", PhysicsConfig(substeps=10))
     with pytest.raises(WeightsError, match="policy_rate: expected 10.0, got 20.0"):
         PolicyContract.of(POST_CONTACT, BUMP).compare(other.text(), "x.safetensors")

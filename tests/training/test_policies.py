@@ -90,7 +90,9 @@ def test_contacts_put_the_fingertip_over_the_chosen_point():
     assert contacts.feasible.all()
     distance, angle = pose_distance(contacts.q, contacts.position, contacts.rotation)
     assert distance.max() < 1e-3 and angle.max() < 1e-2
-    depth = NOMINAL.frames["hand_finger1"].position[2] + CARD.contact.hand.tip.centre[2]  # of the middle of the fingertips
+    depth = (
+        NOMINAL.frames["hand_finger1"].position[2] + CARD.contact.hand.tip.centre[2]
+    )  # of the middle of the fingertips
     tip = contacts.position + contacts.rotation[:, :, 2] * (depth - NOMINAL.frames["hand_tcp"].position[2])
     top = objects.position + torch.tensor([0, 0, CARD.half_size[2]])
     assert (tip - top)[:, :2].norm(dim=-1).max() < 1e-6

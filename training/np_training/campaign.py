@@ -52,7 +52,7 @@ class Recipe:
 RECIPES = {
     # From nothing it learns in contacts that are stepped three times as fast before it meets hard ones.
     "card": Recipe(2.0, (Stage("firm", 0.45), Stage("swift", 0.55)), Path("weights/training_card.pt")),
-    # Not from the released one, which lifts the box with the hand's housing: bare metal does not hold it (docs/decisions/policies.md).
+    # From nothing: what was learned in soft contacts lifts the box with the housing, and bare metal does not hold it (docs/decisions/policies.md).
     "wall": Recipe(2.0, (Stage("firm", 0.65), Stage("swift", 0.35)), None),
     # From the released one, first without randomisation, which it could not meet at once.
     "bump": Recipe(1.0, (Stage("swift", 1.0, back_to=10),), Path("weights/training_bump.pt")),

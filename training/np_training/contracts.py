@@ -19,6 +19,7 @@ from np_description.released import WeightsError, sha256
 from np_description.weights_header import read_metadata, tensors_sha256, with_metadata
 from np_perception.contract import DetectorContract
 from np_policy.contract import CONTROLLERS, KINDS, PolicyContract
+from np_training.environment.environment import DELAY_STEP
 from np_training.physics.batched import LEARNED_IN, PhysicsConfig, physics_for
 from np_training.tasks.randomisation import PAPER
 
@@ -35,7 +36,7 @@ def trained_contract(
         controller,
         policy_rate=round(1 / (physics.timestep * physics.substeps), 6),
         control_rate=round(1 / physics.timestep, 6),
-        target_delay=tuple(round(steps * physics.timestep, 6) for steps in PAPER.delay),
+        target_delay=tuple(round(steps * DELAY_STEP, 6) for steps in PAPER.delay),
     )
 
 
