@@ -86,7 +86,7 @@ def folder(tmp_path):
     )
     (path / "evaluation.jsonl").write_text(json.dumps(EVALUATION) + "\n")
     torch.manual_seed(0)
-    setting = {"domain": "bump", "start": "contact", "controller": "impedance", "limit": 150}
+    setting = {"domain": "bump", "start": "contact", "controller": "impedance", "limit": 150, "contact": "hard"}
     networks = ActorCritic()
     learners = {
         "post": Learner(networks.post, networks.post_value, PPOConfig(), rate=7e-5).state_dict(),
@@ -209,10 +209,12 @@ def test_what_the_nodes_cannot_deploy_is_not_released():
         check_releasable({"domain": "bump", "controller": "osc"}, [EVALUATION])
     with pytest.raises(ValueError, match="expected a run with start contact.* got above"):
         check_releasable({"domain": "bump", "start": "above"}, [EVALUATION])
+    with pytest.raises(ValueError, match="expected a run in hard contacts.* got soft"):
+        check_releasable({"domain": "bump"}, [EVALUATION])
     with pytest.raises(ValueError, match="expected evaluation.jsonl"):
-        check_releasable({"domain": "bump"}, [])
+        check_releasable({"domain": "bump", "contact": "hard"}, [])
     with pytest.raises(ValueError, match="expected evaluations of wall, got some of bump"):
-        check_releasable({"domain": "wall"}, [EVALUATION])
+        check_releasable({"domain": "wall", "contact": "hard"}, [EVALUATION])
 
 
 def test_evaluations_of_the_first_version_still_make_a_table():

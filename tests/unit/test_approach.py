@@ -8,6 +8,7 @@ import pytest
 
 from np_control.kinematics import forward_kinematics, pose_distance
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, Pose, resting_height, sample_task
+from np_description.hand import FLAT_HAND
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 from np_policy.approach import ApproachConfig, StartError, UnreachableError, plan_approach
@@ -25,6 +26,7 @@ def touching_pose(domain, objekt, rng):
     top[2] = objekt.position[2] + resting_height(domain, objekt.quaternion)
     turn = np.array([*rng.normal(0, 0.15, 2), rng.uniform(-1.2, 1.2)])
     rotation = matrix_from_vector(turn) @ np.diag([1.0, -1.0, -1.0])
+    top[2] += 0.004 if domain.contact.hand is FLAT_HAND else 0.0  # a tilted pad has corners below its middle
     return Pose(top - 0.0085 * rotation[:, 2], quaternion_from_matrix(rotation))
 
 
@@ -170,6 +172,7 @@ import hashlib, sys
 sys.path[:0] = {path!r}
 import numpy as np
 from np_description.domains import WALL, Pose
+from np_description.hand import FLAT_HAND
 from np_description.panda import NOMINAL
 from np_policy.collision import CollisionModel
 from np_policy.planning import Budget, find_path

@@ -152,7 +152,8 @@ def test_metadata_are_replaced_without_touching_a_tensor(tmp_path):
 
 
 def test_the_contact_definition_is_that_of_the_scene():
-    before = contact_definition(BUMP)
+    before = contact_definition(BUMP, SOFT)
+    assert contact_definition(CARD) == contact_definition(CARD, SOFT) and contact_definition(BUMP) != before
     for partner, friction in (
         ("surroundings", SOFT.table),
         ("fingers", SOFT.finger),
