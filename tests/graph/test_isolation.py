@@ -24,6 +24,8 @@ OF_ROS = {"parameter_events", "clock"}
 
 def subscriptions(probe, node):
     """Topics, without the leading slash, that a node subscribes to."""
+    # Known by its topics, a node may not be known by its name yet, or no more on a busy machine.
+    probe.wait_until(lambda: node in probe.node.get_node_names(), what=f"the name of {node}")
     topics = {name.lstrip("/") for name, _ in probe.node.get_subscriber_names_and_types_by_node(node, "/")}
     return topics - OF_ROS
 

@@ -110,7 +110,7 @@ def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypat
         "controller": "osc",
         "cartesian_stiffness": 400.0,
         "limit": 4,
-        "contact": "soft",
+        "contact": "hard",
         "reward": "potentials",
         "max_opening": BUMP.max_opening,
     }
