@@ -19,7 +19,6 @@ from pathlib import Path
 
 import torch
 
-from np_description.contact import SOFT
 from np_description.domains import find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.released import WeightsError, weights_folder
@@ -31,7 +30,7 @@ from np_training.contracts import trained_contract
 from np_training.report import PHYSICS_STEPS, Run, read_run
 from np_training.reports.curves import draw_curves
 from np_training.reports.curves import save as save_figure
-from np_training.setting import OBJECT_HELP, chosen, domain_of, setting_of
+from np_training.setting import OBJECT_HELP, UNSAID, chosen, domain_of, setting_of
 
 WEIGHTS, RESULTS = Path("weights"), Path("docs/results")
 
@@ -115,7 +114,7 @@ def check_releasable(setting: dict, evaluations: list[dict]) -> None:
                 f"release: expected a run with {name} {expected}, which the nodes deploy, got {setting[name]}"
             )
     deployed = find_domain(setting["domain"]).contact.name
-    if (contact := setting.get("contact", SOFT.name)) != deployed:
+    if (contact := setting.get("contact", UNSAID["contact"])) != deployed:
         raise ValueError(
             f"release: expected a run in {deployed} contacts, which {setting['domain']}'s scene is made of, got {contact}"
         )

@@ -12,6 +12,8 @@ import json
 import sys
 from pathlib import Path
 
+from np_diagnosis.commands.answers import keep, refuse
+
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
@@ -43,16 +45,12 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"comparing {b.duration:.0f} s of {b.name} with {a.duration:.0f} s of {a.name}", file=sys.stderr)
         clock = compare(a, b, options.within or CLOCK.within)
     except ContractViolation as violation:
-        print(f"contract violation: {violation}", file=sys.stderr)
-        print(json.dumps({"error": f"contract violation: {violation}"}))
-        return 2
+        return refuse(violation)
     found = document(clock)
     if options.out:
         from np_diagnosis.report.clock_page import render  # drawing is slow to import
 
-        options.out.mkdir(parents=True, exist_ok=True)
-        (options.out / "clock.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-        (options.out / "clock.html").write_text(render(clock, found), encoding="utf-8")
+        keep(options.out, "clock", found, lambda: render(clock, found))
     print(sentence(clock))
     print(json.dumps(found))
     return 0

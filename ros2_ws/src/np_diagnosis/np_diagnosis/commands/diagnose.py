@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from np_diagnosis.commands.answers import refuse
+
 if TYPE_CHECKING:  # what is slow to import comes after the options are read
     from np_diagnosis.arm.model import Arm
     from np_diagnosis.recordings.signals import Log
@@ -150,9 +152,7 @@ def main(arguments: list[str] | None = None) -> int:
         taken = (excerpts(part) if options.quick and part else part for part in (logs, before))
         diagnosis = diagnose(next(taken), arm, quick=options.quick, reference=next(taken), tell=progress.begin)
     except ContractViolation as violation:
-        print(f"contract violation: {violation}", file=sys.stderr)
-        print(json.dumps({"error": f"contract violation: {violation}"}))
-        return 2
+        return refuse(violation)
     except ValueError as error:
         print(f"diagnose: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))

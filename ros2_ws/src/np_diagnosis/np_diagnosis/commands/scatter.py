@@ -11,6 +11,8 @@ import json
 import sys
 from pathlib import Path
 
+from np_diagnosis.commands.answers import refuse
+
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
@@ -33,9 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         found = scatter(read_track(options.bag))
     except ContractViolation as violation:
-        print(f"contract violation: {violation}", file=sys.stderr)
-        print(json.dumps({"error": f"contract violation: {violation}"}))
-        return 2
+        return refuse(violation)
     print("\n".join(sentences(found)))
     print(json.dumps(document(found)))
     return 0

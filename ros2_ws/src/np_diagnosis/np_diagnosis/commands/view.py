@@ -12,6 +12,8 @@ import json
 import sys
 from pathlib import Path
 
+from np_diagnosis.commands.answers import keep, refuse
+
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
@@ -46,16 +48,12 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"{bag}: {len(places)} places so far", file=sys.stderr)
         found = view(places, camera)
     except (CalibrationError, ContractViolation) as violation:
-        print(f"contract violation: {violation}", file=sys.stderr)
-        print(json.dumps({"error": f"contract violation: {violation}"}))
-        return 2
+        return refuse(violation)
     told = document(found)
     if options.out:
         from np_diagnosis.report.view_page import render  # drawing is slow to import
 
-        options.out.mkdir(parents=True, exist_ok=True)
-        (options.out / "view.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-        (options.out / "view.html").write_text(render(found, told), encoding="utf-8")
+        keep(options.out, "view", told, lambda: render(found, told))
     print("\n".join(told["sentences"]))
     print(json.dumps(told))
     return 0
