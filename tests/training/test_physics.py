@@ -218,6 +218,18 @@ def test_keypoints_are_as_old_as_the_image():
     assert torch.allclose(middle[:, 1], torch.tensor(0.01), atol=1e-6)
 
 
+def test_some_objects_are_shoved_and_no_arm_is():
+    conditions = replace(NOMINAL_CONDITIONS, shove=0.25, shove_velocity=0.3, shove_rotation=2.0)
+    env = Environment(CARD, "cpu", EnvironmentConfig(worlds=2048, conditions=conditions))
+    before = env.physics.qvel.clone()
+    env._shove()
+    change = env.physics.qvel - before
+    hit = change[:, 9:].abs().amax(-1) > 0
+    assert not change[:, :9].any() and float(hit.float().mean()) == pytest.approx(0.25, abs=0.05)
+    assert float(change[hit, 9:12].std()) == pytest.approx(0.3, rel=0.1)
+    assert float(change[hit, 12:].std()) == pytest.approx(2.0, rel=0.1)
+
+
 def test_a_camera_that_is_off_shifts_what_is_seen():
     conditions = replace(NOMINAL_CONDITIONS, camera_position=0.003, camera_rotation=0.003)
     env = Environment(CARD, "cpu", EnvironmentConfig(worlds=512, conditions=conditions))

@@ -70,9 +70,10 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--contact", choices=list(STEPPING), help="see np_description.contact; default: the domain's")
     parser.add_argument(
         "--conditions",
-        choices=("paper", "robust"),
+        choices=("paper", "robust", "shoved"),
         default=TrainConfig.conditions,
-        help="what is randomised at the end: paper; robust: also stiffness of contacts, housing, limits of speed",
+        help="what is randomised at the end: paper; robust: also stiffness of contacts, housing, limits of speed; shoved: and objects "
+        "that slip",
     )
     parser.add_argument("--adaptive-joint-range", action="store_true", help="see np_training.tasks.joint_range")
     parser.add_argument(
@@ -139,6 +140,11 @@ def parse() -> argparse.Namespace:
         help="whether joints beyond their limits of speed or position end an episode once randomised",
     )
     parser.add_argument(
+        "--bare",
+        type=float,
+        help=f"for a step that ends with housing or links at the object; default: {RewardConfig.bare:g}; not with --reward paper",
+    )
+    parser.add_argument(
         "--turn",
         type=float,
         help=f"weight of the angle's potential; default: {RewardConfig.turn:g}; not with --reward paper",
@@ -148,7 +154,9 @@ def parse() -> argparse.Namespace:
     try:
         arguments.effects = load_effects(arguments.effects)
         arguments.played = played_domain(arguments.domain, arguments.object, arguments.max_opening)
-        arguments.reward = reward_for(arguments.reward, task.far, far=arguments.far, turn=arguments.turn)
+        arguments.reward = reward_for(
+            arguments.reward, task.far, far=arguments.far, turn=arguments.turn, bare=arguments.bare
+        )
     except ValueError as error:
         parser.error(str(error))
     arguments.contact = arguments.contact or LEARNED_IN[task.domain.contact.name]

@@ -298,6 +298,7 @@ class Environment:
         target = actions.decode(action, position, rotation, self.limits)
         physics.aim(solve_ik(q, target.position, target.rotation), target)
         physics.noise.copy_(config.conditions.torque_noise * self._normal(config.worlds, 7))
+        self._shove()
         physics.advance()
         self.last_action = action.clamp(-1, 1)
         self.age += 1
@@ -331,6 +332,15 @@ class Environment:
             "angle": angle,
             "broken": broken,
         }
+
+    def _shove(self) -> None:
+        """Give some of the objects another velocity, as `Conditions.shove` says."""
+        c, n = self.config.conditions, self.config.worlds
+        if not c.shove:
+            return
+        hit = torch.rand(n, 1, generator=self.generator, device=self.device) < c.shove
+        scale = torch.tensor(3 * [c.shove_velocity] + 3 * [c.shove_rotation], device=self.device)
+        self.physics.qvel[:, 9:] += hit * scale * self._normal(n, 6)
 
     def _stopped(self) -> torch.Tensor:
         """Worlds (n,) in which a joint was too fast in the last period, or is outside its range."""
