@@ -241,6 +241,19 @@ def test_a_camera_that_is_off_shifts_what_is_seen():
     assert moved.mean(0).abs().max() < 1e-3
 
 
+@pytest.mark.parametrize("in_image", [False, True])
+def test_who_lies_on_a_goal_seen_by_the_same_camera_looks_like_it(in_image):
+    conditions = replace(NOMINAL_CONDITIONS, camera_position=0.003, camera_rotation=0.003, goal_in_image=in_image)
+    env = Environment(CARD, "cpu", EnvironmentConfig(worlds=64, conditions=conditions))
+    env._draw_conditions(torch.arange(64), env.physics.qpos[:, ARM])
+    env.goals.position.copy_(torch.tensor([0.5, 0.05, 0.0025]))
+    env.goals.quaternion[:, 0] = 1.0
+    env.physics.qpos[:, 9:12], env.physics.qpos[:, 12:16] = env.goals.position, env.goals.quaternion
+    state, _ = env.observe()
+    apart = state[:, 34:50]  # goal less keypoints
+    assert (apart.abs().max() < 1e-4) == in_image
+
+
 def test_a_rigid_object_is_trained_with_its_own_mass_and_friction_and_another_is_refused():
     physics = BatchedPhysics(domain_with("card", "wood"), WORLDS, "cpu", PhysicsConfig(substeps=SUBSTEPS))
     assert physics.mass[:, physics.object_body].tolist() == pytest.approx([0.008] * WORLDS)

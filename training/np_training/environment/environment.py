@@ -150,7 +150,8 @@ class Environment:
         position, rotation = forward_kinematics(q[:, ARM])
         objects, goals = as_seen(self.domain, self.objects, self.goals)
         pixels = normalised_keypoints(self._seen_corners(objects)) + self.keypoint_bias
-        goal_pixels = normalised_keypoints(corners(self.domain, goals))
+        goal_corners = corners(self.domain, goals)
+        goal_pixels = normalised_keypoints(self._by_camera(goal_corners) if c.goal_in_image else goal_corners)
         pixels = pixels + c.keypoint_noise * self._normal(self.config.worlds, 16).reshape(-1, 8, 2)
         state = post_contact_observation(q, dq, pixels, goal_pixels, position, rotation, self.last_action)
         remaining = 1 - self.age[:, None] / self.config.limit
@@ -167,6 +168,11 @@ class Environment:
         c = self.config.conditions
         if c.image_latency != (0.0, 0.0):
             points = points + self.image_age * (self._corners_before - points)
+        return self._by_camera(points)
+
+    def _by_camera(self, points: torch.Tensor) -> torch.Tensor:
+        """Points (n, k, 3) m where a camera that is off shows them to who takes it to be where it is said to be."""
+        c = self.config.conditions
         if c.camera_position or c.camera_rotation:
             place = torch.tensor(CAMERA.position, dtype=points.dtype, device=points.device)
             points = (points - place) @ self.camera_turn.transpose(1, 2) + place + self.camera_shift

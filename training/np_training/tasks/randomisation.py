@@ -17,7 +17,8 @@ class Conditions:
     links; support: share of the sides of its face on which the object stands on the table, each side for itself (None: on its corners); limit_margin:
     share of the data sheet's joint speed and range beyond which the robot's reflex ends an episode, and of the torque to which
     commands are cut. camera_position m, camera_rotation rad: standard deviations an episode of where the camera is from where
-    it is said to be; image_latency s: age of the keypoints, less than a policy period. shove: probability a policy step that the object
+    it is said to be; goal_in_image: whether the goal is seen by that same camera, so that who brings the object onto it in the image is
+    there; image_latency s: age of the keypoints, less than a policy period. shove: probability a policy step that the object
     slips or is thrown, by velocities drawn with standard deviations shove_velocity m/s and shove_rotation rad/s."""
 
     table_friction: tuple[float, float] = (1.0, 1.0)
@@ -38,6 +39,7 @@ class Conditions:
     limit_margin: tuple[float, float] = (1.0, 1.0)
     camera_position: float = 0.0
     camera_rotation: float = 0.0
+    goal_in_image: bool = False
     image_latency: tuple[float, float] = (0.0, 0.0)
     shove: float = 0.0
     shove_velocity: float = 0.0
@@ -87,8 +89,12 @@ ROBUST = dataclasses.replace(
 )
 """The paper's, and what no simulator knows of a contact; with room to the limits at which a robot stops itself."""
 
-SHOVED = dataclasses.replace(ROBUST, shove=0.02, shove_velocity=0.25, shove_rotation=3.0)
-"""ROBUST, and pushes that end otherwise: where a finger meets an edge, two engines, and two step lengths of one, throw the object apart
+SERVOED = dataclasses.replace(ROBUST, goal_in_image=True)
+"""ROBUST to learn in: where the camera is off from where it is said to be, no policy can know it, and a card brought onto its goal
+as it is seen lies within .8 of the tolerance in .65 of the episodes (docs/decisions/policies.md). Here those can be won."""
+
+SHOVED = dataclasses.replace(SERVOED, shove=0.02, shove_velocity=0.25, shove_rotation=3.0)
+"""SERVOED, and pushes that end otherwise: where a finger meets an edge, two engines, and two step lengths of one, throw the object apart
 by a centimetre now and then (docs/decisions/policies.md). Ours: some 10 mm of sliding, or a third of what tips the cube over."""
 
 GROUPS = {
@@ -118,6 +124,7 @@ CONDITIONS = {
     "nominal": NOMINAL_CONDITIONS,
     "paper": PAPER,
     "robust": ROBUST,
+    "servoed": SERVOED,
     "shoved": SHOVED,
     "twice": TWICE,
     "quarter_stiffness": dataclasses.replace(PAPER, stiffness=(0.25, 0.25)),
