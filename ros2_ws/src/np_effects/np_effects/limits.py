@@ -32,15 +32,18 @@ def fastest(d: Drive, joint: int, apart: bool) -> float:
     return float(np.abs(np.diff(whole)).max() / d.period)
 
 
-def is_apart(d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]]) -> bool:
+def is_apart(
+    d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]], asked: np.ndarray | slice = slice(None)
+) -> bool:
     """Whether gravity apart is the reading under which the best limit leaves less of what was measured.
 
     levels: where to begin, by reading. Between two of them the limit is looked for: how near one happens to be says nothing.
+    asked: rows (n,) bool in which there may be a limit (`Context.is_later`).
     """
-    residual = d.measured[:, joint] - d.arrived[:, joint]
+    residual = (d.measured[:, joint] - d.arrived[:, joint])[asked]
 
     def left(limit: float, apart: bool) -> float:
-        return float(np.square(residual - lost(d, joint, limited, limit, apart)).sum())
+        return float(np.square(residual - lost(d, joint, limited, limit, apart)[asked]).sum())
 
     best = {apart: min((left(level, apart), level) for level in levels[apart]) for apart in (False, True)}
     if min(best.values())[0] > (1 - ACTS) * np.square(residual).sum():

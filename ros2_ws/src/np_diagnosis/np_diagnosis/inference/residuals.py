@@ -6,7 +6,7 @@ import numpy as np
 
 from np_diagnosis.arm.stages import slides
 from np_diagnosis.inference import nuisances
-from np_diagnosis.inference.change import apart, directions, is_later
+from np_diagnosis.inference.change import apart, directions
 from np_diagnosis.inference.flexible import flexible
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
@@ -16,10 +16,7 @@ from np_effects.signature import Signature
 from np_effects.stage import Stage
 
 ROWS = THRESHOLDS.rows
-SELF_SEEN = (
-    "transmission_hysteresis",
-    "packet_loss",
-)  # effects whose columns are made of the residual that they explain
+SELF_SEEN = ("packet_loss",)  # effects whose columns are made of the residual that they explain
 
 
 class Stages:
@@ -77,7 +74,7 @@ class Stages:
         """Columns (n, c) of a stage, zero in the recordings of the arm as it was."""
         if columns is None or not self.context.reference:
             return columns
-        return columns * is_later(self.context, self.times(stage)[0])[:, None]
+        return columns * self.context.is_later(self.times(stage)[0])[:, None]
 
     def change(
         self,

@@ -74,10 +74,10 @@ def _signature(limit: float, joint: int, apart: bool) -> Signature:
 def _signatures(context: Context) -> list[Signature]:
     if context.drive is None:
         return []
-    found = []
+    found, later = [], context.is_later(context.drive.trajectory)
     for j in range(len(context.arm)):
         levels = {apart: [level * fastest(context.drive, j, apart) for level in LEVELS] for apart in (False, True)}
-        apart = is_apart(context.drive, j, ramped, levels)
+        apart = is_apart(context.drive, j, ramped, levels, later)
         found += [_signature(level, j, apart) for level in levels[apart]]
     return found
 

@@ -41,19 +41,20 @@ def _signature(limit: float, joint: int, apart: bool) -> Signature:
 def _signatures(context: Context) -> list[Signature]:
     if context.drive is None:
         return []
-    found = []
+    found, later = [], context.is_later(context.drive.trajectory)
     for j in range(len(context.arm)):
-        levels = {apart: _levels(context.drive, j, apart) for apart in (False, True)}
-        apart = is_apart(context.drive, j, saturated, levels)
+        levels = {apart: _levels(context, j, apart) for apart in (False, True)}
+        apart = is_apart(context.drive, j, saturated, levels, later)
         found += [_signature(level, j, apart) for level in levels[apart]]
     return found
 
 
-def _levels(d: Drive, joint: int, apart: bool) -> list[float]:
+def _levels(context: Context, joint: int, apart: bool) -> list[float]:
     """Limits Nm to try: shares of the largest torque asked for, and about the largest that came again and again."""
+    d = context.drive
     held = 0.0 if apart else d.gravity[:, joint]
     largest = np.abs(d.commanded[:, joint] + held).max()
-    reached = float(np.percentile(np.abs(d.measured[:, joint] + held), 99.8))
+    reached = float(np.percentile(np.abs(d.measured[:, joint] + held)[context.is_later(d.trajectory)], 99.8))
     return [*(level * largest for level in LEVELS), *(level * reached for level in REACHED)]
 
 
