@@ -24,6 +24,7 @@ from np_blind.generate import add_options, batches
 from np_blind.heldout import heldout_gaps
 from np_blind.patched import PatchError, patched_physics, read_patch
 from np_blind.processes import workers
+from np_blind.rehearsal import rehearse
 from np_blind.scoring import Score, score_case, score_gap, summary
 from np_blind.sealed import SealError, check, check_doctor, digest, make_key, seal
 from np_blind.tables import failures_table, figures_table, plot
@@ -121,6 +122,8 @@ def main(arguments: list[str] | None = None) -> int:
             options.identify if options.baselines else "",
             time.time() + options.within,
         )
+        if is_locked and not all(is_answered(options.out, case.number) for case in cases[options.first : options.last]):
+            rehearse(options.which, options.seed, asking, workers)
         answer_all(cases[options.first : options.last], options.only, asking, options.jobs, workers)
         (options.out / "key.json").write_text(key)
         answered = [case for case in cases if is_answered(options.out, case.number)]

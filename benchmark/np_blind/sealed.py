@@ -96,14 +96,15 @@ def check(key: str, path: Path = KEYS) -> str:
 
 
 def check_doctor(out: Path, is_locked: bool) -> str:
-    """SHA-256 over the doctor's own code, put down in `out` by the first call.
+    """SHA-256 over the code of the doctor and of its effects, put down in `out` by the first call.
 
     A run in parts is of one doctor: raises SealError where `out` of a locked set holds answers of another one.
     """
-    root = Path(str(files("np_diagnosis")))
     code = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        code.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    for package in ("np_diagnosis", "np_effects"):
+        root = Path(str(files(package)))
+        for path in sorted(root.rglob("*.py")):
+            code.update(path.relative_to(root.parent).as_posix().encode() + path.read_bytes())
     found, note = code.hexdigest(), out / "doctor.sha256"
     known = note.read_text().strip() if note.exists() else found
     if is_locked and known != found:

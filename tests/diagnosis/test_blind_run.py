@@ -6,14 +6,17 @@ import shlex
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from np_blind import bags as recordings
-from np_blind import blind, generate
+from np_blind import blind, generate, rehearsal
+from np_blind.answering import Asking
 from np_blind.cases import draw_cases, make_physics
 from np_blind.generate import make_bags
+from np_blind.processes import workers
 from np_blind.sealed import SealError, check_doctor, digest, make_key
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, PhaseState
@@ -218,6 +221,16 @@ def test_a_recording_that_cannot_be_made_fails_its_own_case_only(tmp_path, monke
     )
     errors = [case["error"] for case in json.loads((tmp_path / "results.json").read_text())["cases"]]
     assert errors[0].startswith("status 1") and "no space left" in errors[1]
+
+
+@pytest.mark.parametrize("which", ["locked", "locked_changes"])
+def test_a_sealed_set_is_not_begun_where_the_doctor_does_not_start(which, tmp_path, monkeypatch):
+    monkeypatch.setattr(rehearsal, "MOTIONS", ("triangle_fast",))
+    asking = Asking(tmp_path, shlex.join([sys.executable, "-c", "import no_such_package"]), 60.0)
+    with pytest.raises(SealError, match="no_such_package"):
+        rehearsal.rehearse(which, 600, asking, workers)
+    assert not list(tmp_path.iterdir())
+    rehearsal.rehearse(which, 600, replace(asking, doctor=shlex.join([sys.executable, "-c", "print(1)"])), workers)
 
 
 def test_a_locked_run_in_parts_is_of_one_doctor(tmp_path):

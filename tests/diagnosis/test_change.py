@@ -14,13 +14,16 @@ from np_diagnosis.arm.stages import drive
 from np_diagnosis.commands.diagnose import parse
 from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.inference import nuisances
-from np_diagnosis.inference.change import apart, directions, is_later
+from np_diagnosis.inference.change import apart, directions
 from np_diagnosis.inference.context import lost_since, make_context
 from np_diagnosis.inference.design import make_design
 from np_diagnosis.inference.loop_delay import settle_delay
+from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.report.document import make_report, to_json
 from np_diagnosis.simulation.patching import make_patch
 from np_effects.stage import Stage
+from np_effects.sums import sliding
+from np_effects.transmission import backlash
 
 # Against the nominal arm: friction, damping, an offset, what no catalogue knows, and every link 5 % heavier.
 WRONG = Truth(
@@ -138,12 +141,59 @@ def test_the_delay_that_a_loop_had_is_that_of_the_reference(before):
 def test_what_recordings_have_in_common_is_taken_out_and_what_one_has_alone_stays(seed):
     rng = np.random.default_rng(seed)
     common, rows = rng.normal(size=(400, 6)), np.ones(400, bool)
-    later = is_later(SimpleNamespace(reference=1), np.repeat([0, 1], 200))
+    later = np.repeat([0, 1], 200) == 1
     new = common[:, :1] * later[:, None]
     left = apart(directions(common, rows), rows, np.column_stack([common @ rng.normal(size=6), new[:, 0]]))
     assert np.abs(left[:, 0]).max() < 1e-9
     assert 0.3 < left[:, 1] @ left[:, 1] / (new[:, 0] @ new[:, 0]) < 0.7  # the half of which the reference tells
     assert np.array_equal(apart(directions(np.zeros((400, 2)), rows), rows, new), new)
+
+
+def test_days_begin_anew_and_recordings_of_one_day_follow_each_other(before):
+    c = make_context([before, before, before, before], panda(), 2)
+    assert c.begins == pytest.approx([0.0, before.duration, 0.0, before.duration])
+    assert c.is_later(np.array([0, 1, 2, 3])).tolist() == [False, False, True, True]
+    assert make_context([before, before], panda()).begins == pytest.approx([0.0, before.duration])
+
+
+def test_friction_that_falls_alike_on_both_days_is_the_same_column_on_both(before):
+    c = make_context([before, before], panda(), 1)
+    effects = [e for e in Stages(c).signatures if e.id == "thermal_drift"]
+    now = c.is_later(c.samples.trajectory)
+    assert effects
+    for effect in effects:
+        (column,) = effect.columns[Stage.DYNAMICS](c, 3).T
+        assert column[now] == pytest.approx(column[~now]) and np.ptp(column) > 0
+
+
+def with_motor(log, joint, twist, seed):
+    """The log with a motor's encoder beside the links', which a joint's gear leads by `twist`(load (n,) Nm) (n,) rad."""
+    motor = log.position + 1e-5 * np.random.default_rng(seed).normal(size=log.position.shape)
+    bare = make_context([replace(log, motor=motor)], panda())
+    motor[:, joint] += twist(np.interp(log.time, bare.samples.time, bare.transmission.load[:, joint]))
+    return replace(log, motor=motor)
+
+
+def test_hysteresis_that_a_gear_always_had_is_no_change(before):
+    def wound(load):
+        return 1e-4 * load + 1e-4 * sliding(np.diff(1e-4 * load, prepend=1e-4 * load[:1]), 2e-4)
+
+    c = context_of(*(with_motor(before, 3, wound, seed) for seed in (1, 2)))
+    stages, nothing = Stages(c), np.zeros((len(c.samples.time), 0))
+    rows, twist = stages.rows(Stage.TRANSMISSION, 3), stages.residual(Stage.TRANSMISSION, 3)
+    _, left = stages.change(Stage.TRANSMISSION, 3, rows, nothing, twist)
+    straight = apart(directions(nuisances.columns(c, Stage.TRANSMISSION, 3), rows), rows, twist[:, None])
+    assert np.std(left[rows]) < 0.3 * np.std(straight[rows])
+
+
+def test_a_play_that_is_new_is_read_off_the_later_recording(before):
+    """A gear without play is nowhere in particular: asked of both days alike, its twist would not follow its load."""
+    joint, half = 0, 2e-4  # a joint whose load changes its sign
+    old = with_motor(before, joint, np.zeros_like, 1)
+    new = with_motor(before, joint, lambda load: half * np.sign(load), 2)
+    c = context_of(old, new)
+    assert backlash._reach(c, joint)[1] == pytest.approx(half, rel=0.1)
+    assert backlash._follows_load(c, joint)
 
 
 def test_the_command_takes_recordings_of_the_arm_as_it_was():

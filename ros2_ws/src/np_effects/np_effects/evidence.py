@@ -175,3 +175,14 @@ class Context:
     set_aside: np.ndarray | None = None
     reference: int = 0
     constant: np.ndarray | None = None
+
+    def is_later(self, trajectory: np.ndarray) -> np.ndarray:
+        """Whether rows (n,) of these recordings, by number, are of the recordings in which effects may show: all, or those after the reference."""
+        return trajectory >= self.reference
+
+    @property
+    def begins(self) -> np.ndarray:
+        """When each recording (m,) began, s, as if one was made after the other; those to be compared with a reference are
+        of another day, on which the arm began anew."""
+        ends = np.concatenate([[0.0], np.cumsum([log.duration for log in self.logs])])
+        return np.concatenate([ends[: self.reference], ends[self.reference : -1] - ends[self.reference]])

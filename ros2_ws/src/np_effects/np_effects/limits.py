@@ -14,6 +14,9 @@ from np_effects.evidence import Drive
 from np_effects.record import Quantity
 
 GRAVITY_APART = Quantity("gravity_apart", "1", 0.0, 1.0)  # 1: the limit is of the command, without gravity
+LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest asked for
+OFTEN = 99.8  # per cent of the periods in which a drive at its limit gives no more
+REACHED = (0.97, 1.0)  # of the largest given: a drive at its limit is there again and again
 ACTS = 0.05  # of the squares between command and measurement that a limit must explain for its reading to matter
 STEPS = (0.06, 0.03, 0.015, 0.008, 0.004)  # of a limit, by which it is looked for between two levels
 Limited = Callable[[Drive, np.ndarray, float], np.ndarray]
@@ -26,21 +29,25 @@ def lost(d: Drive, joint: int, limited: Limited, limit: float, apart: bool) -> n
     return limited(d, whole, limit) - whole
 
 
-def fastest(d: Drive, joint: int, apart: bool) -> float:
-    """Largest rate Nm/s of what a limit would act on."""
-    whole = d.arrived[:, joint] + (0.0 if apart else d.gravity[:, joint])
-    return float(np.abs(np.diff(whole)).max() / d.period)
+def levels(asked: np.ndarray, given: np.ndarray) -> list[float]:
+    """Limits to try: shares of the largest that was asked for (n,), and about the largest that was given (m,) again and again.
+    A loop around a low limit swings, and asks for many times what it is given."""
+    often = float(np.percentile(np.abs(given), OFTEN))
+    return [*(level * float(np.abs(asked).max()) for level in LEVELS), *(share * often for share in REACHED)]
 
 
-def is_apart(d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]]) -> bool:
+def is_apart(
+    d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]], asked: np.ndarray | slice = slice(None)
+) -> bool:
     """Whether gravity apart is the reading under which the best limit leaves less of what was measured.
 
     levels: where to begin, by reading. Between two of them the limit is looked for: how near one happens to be says nothing.
+    asked: rows (n,) bool in which there may be a limit (`Context.is_later`).
     """
-    residual = d.measured[:, joint] - d.arrived[:, joint]
+    residual = (d.measured[:, joint] - d.arrived[:, joint])[asked]
 
     def left(limit: float, apart: bool) -> float:
-        return float(np.square(residual - lost(d, joint, limited, limit, apart)).sum())
+        return float(np.square(residual - lost(d, joint, limited, limit, apart)[asked]).sum())
 
     best = {apart: min((left(level, apart), level) for level in levels[apart]) for apart in (False, True)}
     if min(best.values())[0] > (1 - ACTS) * np.square(residual).sum():

@@ -189,10 +189,9 @@ def _questions(
 
 
 def when(context: Context, cell: Cell) -> np.ndarray:
-    """Time (n,) of a cell's rows, -1..1 from the beginning of the first recording to the end of the last."""
+    """Time (n,) of a cell's rows, -1..1 from the beginning of the first recording to the end of the last (`Context.begins`)."""
     source = context.drive if cell.stage in (Stage.CONTROLLER, Stage.DRIVE) else context.samples
-    begin = np.concatenate([[0.0], np.cumsum([log.duration for log in context.logs])[:-1]])
-    time = source.time + begin[source.trajectory]
+    time = source.time + context.begins[source.trajectory]
     return 2 * (time - time.min()) / max(np.ptp(time), 1e-9) - 1
 
 

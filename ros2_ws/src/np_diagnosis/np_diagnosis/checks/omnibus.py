@@ -12,7 +12,6 @@ import numpy as np
 
 from np_diagnosis.arm.rigid import felt_inertia
 from np_diagnosis.inference.cells import Cell, make_cell
-from np_diagnosis.inference.change import is_later
 from np_diagnosis.inference.design import Design
 from np_diagnosis.inference.fit import Fit, held_out, score
 from np_diagnosis.inference.flexible import flexible
@@ -128,7 +127,7 @@ def _noise(design: Design, cell: Cell, left: np.ndarray) -> float:
     leaves of its dynamics is noise as well, coloured or not, for nothing had changed there."""
     rows = cell.rows
     white = min(float(np.std(np.diff(left[rows], 3)) / np.sqrt(20)), _sensors(design.context, cell))
-    earlier = rows & ~is_later(design.context, design.stages.times(cell.stage)[0])
+    earlier = rows & ~design.context.is_later(design.stages.times(cell.stage)[0])
     if cell.stage is Stage.DYNAMICS and earlier.any():
         return max(white, float(np.sqrt(np.mean(np.square(left[earlier])))))
     return white

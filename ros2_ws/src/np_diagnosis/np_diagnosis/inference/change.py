@@ -9,14 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_effects.evidence import Context
-
 KNOWN = 1e-9  # of the strongest direction of the common columns, below which one is rounding
-
-
-def is_later(context: Context, trajectory: np.ndarray) -> np.ndarray:
-    """Rows (n,) bool of the recordings in which effects may show: all, or those after the reference."""
-    return trajectory >= context.reference
 
 
 def directions(common: np.ndarray, rows: np.ndarray) -> np.ndarray:

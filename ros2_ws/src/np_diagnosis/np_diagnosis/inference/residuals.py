@@ -6,7 +6,7 @@ import numpy as np
 
 from np_diagnosis.arm.stages import slides
 from np_diagnosis.inference import nuisances
-from np_diagnosis.inference.change import apart, directions, is_later
+from np_diagnosis.inference.change import apart, directions
 from np_diagnosis.inference.flexible import flexible
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
@@ -16,10 +16,9 @@ from np_effects.signature import Signature
 from np_effects.stage import Stage
 
 ROWS = THRESHOLDS.rows
-SELF_SEEN = (
-    "transmission_hysteresis",
-    "packet_loss",
-)  # effects whose columns are made of the residual that they explain
+HINTS = THRESHOLDS.hints
+# Effects whose columns are made of the residual that they explain.
+LOSS, HYSTERESIS = "packet_loss", "transmission_hysteresis"
 
 
 class Stages:
@@ -77,7 +76,7 @@ class Stages:
         """Columns (n, c) of a stage, zero in the recordings of the arm as it was."""
         if columns is None or not self.context.reference:
             return columns
-        return columns * is_later(self.context, self.times(stage)[0])[:, None]
+        return columns * self.context.is_later(self.times(stage)[0])[:, None]
 
     def change(
         self,
@@ -103,12 +102,20 @@ class Stages:
     def _alike(self, stage: Stage, joint: int) -> np.ndarray:
         """Columns (n, s) of all that could be said of both recordings of a cell."""
         own = [nuisances.columns(self.context, stage, joint), flexible(self.context, stage, joint, expected=True)]
-        own += [
-            effect.columns[stage](self.context, joint)
-            for effect in self.signatures
-            if effect.only_joint in (None, joint) and stage in effect.columns and effect.id not in SELF_SEEN
-        ]
-        return np.column_stack(own)
+        wound = []
+        for effect in self.signatures:
+            if effect.only_joint in (None, joint) and stage in effect.columns and effect.id != LOSS:
+                (wound if effect.id == HYSTERESIS else own).append(effect.columns[stage](self.context, joint))
+        straight = np.column_stack(own)
+        if not wound:
+            return straight
+        # Columns of a gear that winds nothing up are all alike, and rule out no change: they are of both recordings only
+        # where the earlier one shows what they say.
+        bent = np.column_stack([straight, *wound])
+        earlier = self.rows(stage, joint) & ~self.context.is_later(self.times(stage)[0])
+        twist = np.where(earlier, self.residual(stage, joint), 0.0)[:, None]
+        left, less = (np.sum(apart(directions(c, earlier), earlier, twist)[earlier] ** 2) for c in (straight, bent))
+        return bent if less < (1 - HINTS.always_wound) * left else straight
 
     def _everywhere(self, effect: Signature, stage: Stage, joint: int) -> np.ndarray | None:
         """Columns (n, parameters) of an effect in all recordings.

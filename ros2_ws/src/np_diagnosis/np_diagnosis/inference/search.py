@@ -15,6 +15,7 @@ from np_diagnosis.inference.design import Candidate, Design
 from np_diagnosis.inference.fit import Fit, Score, energy, places, score
 from np_diagnosis.inference.visible import visible
 from np_diagnosis.thresholds import THRESHOLDS
+from np_effects import RECORDS
 from np_effects.signature import Signature
 
 SEARCH = THRESHOLDS.search
@@ -259,6 +260,19 @@ class Search:
     def _parameters(self, model: Model) -> int:
         return sum(len(self.design.candidates[m].ids) + 1 for m in model.members)
 
+    def _may_replace(self, simpler: Model, chosen: Model) -> bool:
+        """Whether a simpler effect in another's place is either of the same module or about as probable.
+
+        How little a residual changes says what a patch is worth, and between an effect and its own special case that decides
+        (plain friction and asymmetric friction). Where to look for the cause (a constant torque of the drive, or asymmetric
+        friction) is a question of probability.
+        """
+        modules = [
+            {RECORDS[self.design.candidates[m].effect.id].module for m in one.members if m not in other.members}
+            for one, other in ((simpler, chosen), (chosen, simpler))
+        ]
+        return modules[0] == modules[1] or self.value(simpler) > self.value(chosen) - SEARCH.tie
+
     def pruned(self, chosen: Model) -> Model:
         """The model without members that it does not need, and with simpler effects where those do as well."""
         for m in chosen.members:
@@ -271,7 +285,7 @@ class Search:
                 for n in self.promising(fewer, SEARCH.tried)
                 if len(self.design.candidates[n].ids) < size and self._is_new(fewer, n)
             ]
-            equals = [s for s in simpler if not self.beats(chosen, s)]
+            equals = [s for s in simpler if not self.beats(chosen, s) and self._may_replace(s, chosen)]
             if equals:
                 return self.pruned(max(equals, key=self.value))
         return chosen

@@ -128,6 +128,13 @@ class Hints:
         1e-5, "rad", "motion of a smoothed twist that may be noise", "some standard deviations of a smoothed encoder"
     )
     more_lost: float = threshold(3.0, "standard errors", "by which more packets are lost than before", JUDGEMENT)
+    always_wound: float = threshold(
+        0.04,
+        "1",
+        "share of what a straight gear leaves of its twist that hysteresis takes away in the earlier recording of an arm that "
+        "always had it",
+        "development cases: .07 to .96 of six arms with it or a soft gear, to .02 of others",
+    )
     same_step: float = threshold(0.05, "of it", "by which an encoder's step differs and is the same", JUDGEMENT)
 
 

@@ -21,10 +21,7 @@ def _signature(variant: str, course) -> Signature:
     """Friction that changes over the recording: a share of what the nominal joint has."""
 
     def columns(c: Context, j: int) -> np.ndarray:
-        begin = np.concatenate(
-            [[0.0], np.cumsum([log.duration for log in c.logs])[:-1]]
-        )  # s, one recorded after the other
-        since = c.samples.time + begin[c.samples.trajectory]
+        since = c.samples.time + c.begins[c.samples.trajectory]
         total = since.max() if len(since) else 1.0
         return stack(course(since, total) * c.prediction.friction[:, j])
 

@@ -13,13 +13,12 @@ from np_description.rotations import namespace
 from np_effects import evidence
 from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values, unlimited
 from np_effects.evidence import Context
-from np_effects.limits import GRAVITY_APART, fastest, is_apart, lost
+from np_effects.limits import GRAVITY_APART, is_apart, levels, lost
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import WHOLE, Shape, Signature, stack
 from np_effects.stage import Stage
 
 LIMIT = Quantity("limit", "Nm/s", 0.0, 1e5)
-LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest rate commanded
 RAMP_KNOWN = 0.02  # of a rate: within a period a drive may ramp, or step at its end
 
 
@@ -74,12 +73,22 @@ def _signature(limit: float, joint: int, apart: bool) -> Signature:
 def _signatures(context: Context) -> list[Signature]:
     if context.drive is None:
         return []
-    found = []
+    found, later = [], context.is_later(context.drive.trajectory)
     for j in range(len(context.arm)):
-        levels = {apart: [level * fastest(context.drive, j, apart) for level in LEVELS] for apart in (False, True)}
-        apart = is_apart(context.drive, j, ramped, levels)
-        found += [_signature(level, j, apart) for level in levels[apart]]
+        tried = {apart: _levels(context, j, apart) for apart in (False, True)}
+        apart = is_apart(context.drive, j, ramped, tried, later)
+        found += [_signature(level, j, apart) for level in tried[apart]]
     return found
+
+
+def _levels(context: Context, joint: int, apart: bool) -> list[float]:
+    """Limits Nm/s to try."""
+    d = context.drive
+    held = 0.0 if apart else d.gravity[:, joint]
+    within = np.ones(len(d.time), bool)
+    within[d.starts] = False
+    asked, given = (np.diff(torque[:, joint] + held, prepend=0.0) / d.period for torque in (d.arrived, d.measured))
+    return levels(asked[within], given[within & context.is_later(d.trajectory)])
 
 
 def _follow(values: Values) -> Drive:

@@ -10,14 +10,12 @@ from np_description.rotations import namespace
 from np_effects import behaviour
 from np_effects.behaviour import DriveSlot, OnDrive, Values, unlimited
 from np_effects.evidence import Context, Drive
-from np_effects.limits import GRAVITY_APART, is_apart, lost
+from np_effects.limits import GRAVITY_APART, is_apart, levels, lost
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import WHOLE, Shape, Signature, stack
 from np_effects.stage import Stage
 
 LIMIT = Quantity("limit", "Nm", 0.0, 200.0)
-LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest torque commanded
-REACHED = (0.97, 1.0)  # of the largest torque measured: a drive at its limit is there again and again
 
 
 def saturated(d: Drive, values: np.ndarray, limit: float) -> np.ndarray:
@@ -41,20 +39,19 @@ def _signature(limit: float, joint: int, apart: bool) -> Signature:
 def _signatures(context: Context) -> list[Signature]:
     if context.drive is None:
         return []
-    found = []
+    found, later = [], context.is_later(context.drive.trajectory)
     for j in range(len(context.arm)):
-        levels = {apart: _levels(context.drive, j, apart) for apart in (False, True)}
-        apart = is_apart(context.drive, j, saturated, levels)
-        found += [_signature(level, j, apart) for level in levels[apart]]
+        tried = {apart: _levels(context, j, apart) for apart in (False, True)}
+        apart = is_apart(context.drive, j, saturated, tried, later)
+        found += [_signature(level, j, apart) for level in tried[apart]]
     return found
 
 
-def _levels(d: Drive, joint: int, apart: bool) -> list[float]:
-    """Limits Nm to try: shares of the largest torque asked for, and about the largest that came again and again."""
+def _levels(context: Context, joint: int, apart: bool) -> list[float]:
+    """Limits Nm to try."""
+    d = context.drive
     held = 0.0 if apart else d.gravity[:, joint]
-    largest = np.abs(d.commanded[:, joint] + held).max()
-    reached = float(np.percentile(np.abs(d.measured[:, joint] + held), 99.8))
-    return [*(level * largest for level in LEVELS), *(level * reached for level in REACHED)]
+    return levels(d.commanded[:, joint] + held, (d.measured[:, joint] + held)[context.is_later(d.trajectory)])
 
 
 def _clip(values: Values) -> behaviour.Drive:

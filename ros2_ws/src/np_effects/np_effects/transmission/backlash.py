@@ -41,14 +41,15 @@ def _follows_load(c: Context, j: int) -> bool:
     """Whether a joint's twist is where its load pushes it, wherever it is loaded for sure: so is a gear in its play, and not
     a twist that follows the angle (an encoder's disc off its centre) or nothing (steps of an encoder)."""
     load = c.transmission.load[:, j]
-    sure = np.abs(load) > SURE_LOAD * c.arm.torque_limit[j]
+    sure = (np.abs(load) > SURE_LOAD * c.arm.torque_limit[j]) & c.is_later(c.transmission.trajectory)
     side = np.sign(load[sure]) * _floating(c, j, 0.5)[sure]
     return sure.sum() < SURE_ROWS or bool(side.mean() > ALIKE)
 
 
 def _reach(c: Context, j: int) -> tuple[float, float]:
-    """Middle of a joint's twist rad, and how far it goes to either side."""
-    low, high = np.quantile(np.concatenate([w[:, j] for w in c.transmission.wound]), (EDGE, 1 - EDGE))
+    """Middle of a joint's twist rad, and how far it goes to either side, in the recordings in which a play may show."""
+    shown = [w[:, j] for w, (number, _) in zip(c.transmission.wound, c.samples.grids) if c.is_later(number)]
+    low, high = np.quantile(np.concatenate(shown), (EDGE, 1 - EDGE))
     return 0.5 * float(low + high), 0.5 * float(high - low)
 
 
