@@ -20,9 +20,9 @@ STROKE, STROKE_SPEED = 0.02, 0.04  # m either way and m/s of a drag
 GRIP = 0.012  # m below the top of an object, up to which the tip reaches where it pushes it from the side, at most
 OVER = 0.015  # m over obstacles
 LEAVE = 0.012  # m by which the tip backs off
-INTO, DOWN, DOWN_SPEED = 0.007, 0.03, 0.015  # m, m, m/s: how far a scrape goes into the face and down it
-HIGHEST_SCRAPE = 0.045  # m over the table at which it begins
-TALL = 0.02  # m: of an obstacle that holds an object
+INTO, DOWN, DOWN_SPEED = 0.009, 0.02, 0.006  # m, m, m/s: how far a scrape is sent into the face and down it
+SCRAPE_FROM = 0.016  # m over the table: the pads then meet the face below the top of an obstacle that holds it, or it would tip over it
+TALL = 0.03  # m: of an obstacle that holds an object
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def scrape(name: str, q: np.ndarray, lain: Lain, room: Room, table: float) -> Se
     gap, outward = min(found, key=lambda one: one[0])
     normal, distance = max(lain.sides(), key=lambda side: float(side[0] @ outward))
     depth = 2 * distance
-    top = table + min(HIGHEST_SCRAPE, 0.5 * lain.height)
+    top = table + SCRAPE_FROM
     place = lain.centre[:2] + normal * distance
     begin = place + outward * (RADIUS + 0.02)
     # The tip's place once the object lies flat against the obstacle, and its edge in the middle of the face.
@@ -126,7 +126,7 @@ def scrape(name: str, q: np.ndarray, lain: Lain, room: Room, table: float) -> Se
     low = top - DOWN
     legs = [
         Leg(np.array([*begin, top]), FAST, rest=0.2),
-        Leg(np.array([*flush, top]), 0.03, rest=0.1),
+        Leg(np.array([*flush - outward * INTO / 2, top]), 0.03, rest=0.1),
         Leg(np.array([*flush - outward * INTO, low]), DOWN_SPEED, rest=0.2),
         Leg(np.array([*flush + outward * LEAVE, low]), 0.03),
         Leg(np.array([*flush + outward * LEAVE, table + lain.height + CLEAR]), FAST, rest=1.0),

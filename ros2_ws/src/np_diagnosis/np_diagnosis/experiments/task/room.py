@@ -79,7 +79,7 @@ class Room:
     def places(self, lain: Lain) -> list[np.ndarray]:
         """Four places (2,) m of the bare table, far from one another, at which the tip may touch it. Fewer where there are fewer."""
         (left, right), (low, high) = self.domain.workspace_x, self.domain.workspace_y
-        xs, ys = np.linspace(max(left, 0.35), min(right, 0.62), 9), np.linspace(max(low, -0.3), min(high, 0.3), 13)
+        xs, ys = np.linspace(max(left, 0.42), min(right, 0.62), 9), np.linspace(max(low, -0.3), min(high, 0.3), 13)
         free = [np.array([x, y]) for x in xs for y in ys if self._is_bare(np.array([x, y]), lain)]
         wanted = [np.array([x, y]) for y in (ys[0], ys[-1]) for x in (xs[0], xs[-1])]
         found: list[np.ndarray] = []
