@@ -70,8 +70,9 @@ class Reality:
         return self._recording()
 
     def _situation(self) -> Situation:
-        keypoints = np.median([pixels for _, pixels in self._kept.images[-10:]], axis=0)
-        pose = estimate_pose(np.column_stack([keypoints, np.ones(len(keypoints))]), self.domain).pose
+        corners = np.median([pixels for _, pixels in self._kept.images[-10:]], axis=0)
+        inside = ((corners > -0.5) & (corners < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=1)
+        pose = estimate_pose(np.column_stack([corners, inside.astype(float)]), self.domain).pose
         return Situation(self._simulation.measure().position[:7], pose, self._lowest)
 
     def _lead(self, plan: list[Segment]) -> None:
@@ -110,5 +111,7 @@ class Reality:
         log = Log("task", time, position, velocity, effort, time - LIMITS.period / 2, False, phases=phases)
         stamps, pixels = zip(*self._kept.images)
         seen = np.array(stamps) / SECOND
-        track = Track("task", seen - seen[0], np.array(pixels), np.ones(np.shape(pixels)[:2], bool))
+        pixels = np.array(pixels)
+        usable = ((pixels > -0.5) & (pixels < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=2)
+        track = Track("task", seen - seen[0], pixels, usable)
         return TaskRecording(log, track, float(seen[0]), self.domain, spans_of(log))

@@ -39,6 +39,12 @@ class Forcing:
 
     pressed: float = threshold(0.8, "N", "smallest press of a drag that counts", JUDGEMENT)
     moving: float = threshold(0.6, "1", "share of the fastest speed from which on a stroke counts", JUDGEMENT)
+    lifts: float = threshold(0.006, "m/s", "speed up or down up to which the tip goes along", JUDGEMENT)
+    chatter: float = threshold(0.0008, "m/s", "mean speed up and down from which on the tip chatters", "seen in two engines")
+    rows: int = threshold(6, "rows", "fewest of a reading", JUDGEMENT)
+    edge: int = threshold(2, "rows", "left out at either end of a stroke", JUDGEMENT)
+    memory: float = threshold(4.0, "rows", "of which one says something new", JUDGEMENT)
+    clear: float = threshold(0.001, "m", "over its lowest point, at which a scraping tip may meet the table", JUDGEMENT)
     slides: float = threshold(0.002, "m/s", "speed down a face from which on the tip slides on it", JUDGEMENT)
     held: float = threshold(2.0, "N", "force on a face from which on a scrape counts", JUDGEMENT)
     force: float = threshold(0.04, "N", "error of a stroke's or push's mean force beside their scatter", JUDGEMENT)
@@ -46,7 +52,7 @@ class Forcing:
     table: tuple[float, float] = spreads(0.04, 0.35, "1", "log friction with the table", "10 to 20 % between set-ups")
     mass: tuple[float, float] = spreads(0.015, 0.35, "1", "log mass", "scales: 3 %; 30 % of a gap")
     finger: tuple[float, float] = spreads(0.03, 0.35, "1", "log friction with the tip", JUDGEMENT)
-    support: tuple[float, float] = threshold((0.5, 0.12), "1", "radius of support over half side", ".30 to .72")
+    central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
     misfit: float = threshold(3.0, "1", "times the usual errors that are left, beyond which it is unexplained", JUDGEMENT)
     moved: float = threshold(1.5, "px", "by which corners move while the tip scrapes, of an object that is not held", JUDGEMENT)
 

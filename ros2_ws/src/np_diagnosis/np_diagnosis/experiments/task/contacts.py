@@ -16,7 +16,9 @@ FAST = 0.12  # m/s on the way
 BEFORE = 0.025  # m over a surface from which on the tip comes slowly: tables are up to 2 cm higher than believed
 SLOW_TOUCH = 0.02  # m/s
 DEEPER = 0.008  # m below a surface, as it is believed to be, down to which the tip is sent
-STROKE, STROKE_SPEED = 0.02, 0.04  # m either way and m/s of a drag
+STROKE, STROKE_SPEED = 0.028, 0.03  # m and m/s of a drag
+BEHIND = 0.02  # m behind the middle, where a drag presses: a tall object would tip over its leading edge
+HEADINGS = (np.array([1.0, 0.0]), np.array([-1.0, 0.0]), np.array([0.0, 1.0]), np.array([0.0, -1.0]))
 GRIP = 0.012  # m below the top of an object, up to which the tip reaches where it pushes it from the side, at most
 OVER = 0.015  # m over obstacles
 LEAVE = 0.012  # m by which the tip backs off
@@ -48,8 +50,8 @@ class Push:
         return replace(self, name=name)
 
 
-SLOW = Push("push", 0.0, 0.03, 0.03, 0.03, 0.12, 0.0)
-TAP = Push("tap", 0.0, 0.35, 0.05, 0.022, 0.04, 0.025)
+SLOW = Push("push", 0.0, 0.03, 0.03, 0.025, 0.12, 0.0)
+TAP = Push("tap", 0.0, 0.35, 0.05, 0.018, 0.04, 0.018)
 
 
 def touch(name: str, q: np.ndarray, place: np.ndarray, surface: float, obstacles: float) -> Segment:
@@ -60,21 +62,24 @@ def touch(name: str, q: np.ndarray, place: np.ndarray, surface: float, obstacles
 
 
 def drag(name: str, q: np.ndarray, lain: Lain, room: Room, top: float, force: float) -> Segment:
-    """Press the object's top, felt at `top` m, and lead it to and fro along x and y; without a force the same way in the air."""
+    """Press the object's top, felt at `top` m, and lead it there and back; without a force the same way in the air."""
     middle = lain.centre[:2]
     high = np.array([*middle, max(top, room.clearance) + CLEAR])
     down = high - [0, 0, high[2] - top]
     at = segment(name, q, high, [Leg(down, FAST)], 0.0).positions[-1]
     level = top - sinking(at, force) if force else top + 0.01
-    ways = [
-        sign * STROKE * axis for axis in np.eye(2) for sign in (1, -1) if room.holds(lain, 1.1 * sign * STROKE * axis)
-    ]
-    if not ways:
+    heading = next((way for way in HEADINGS if room.holds(lain, STROKE * way)), None)
+    if heading is None:
         raise OutOfReach(f"{name}: no room to drag the object in")
-    legs = [Leg(np.array([*middle, level + BEFORE]), FAST), Leg(np.array([*middle, level]), SLOW_TOUCH, rest=0.2)]
-    for way in ways:
-        legs += [Leg(np.array([*middle + way, level]), STROKE_SPEED, rest=0.1)]
-        legs += [Leg(np.array([*middle, level]), STROKE_SPEED, rest=0.1)]
+    legs = []
+    for begin, way in ((-BEHIND * heading, heading), ((STROKE + BEHIND) * heading, -heading)):
+        first, last = middle + begin, middle + begin + STROKE * way
+        legs += [
+            Leg(np.array([*first, top + BEFORE]), FAST),
+            Leg(np.array([*first, level]), SLOW_TOUCH, rest=0.2),
+            Leg(np.array([*last, level]), STROKE_SPEED, rest=0.2),
+            Leg(np.array([*last, top + BEFORE]), FAST, rest=0.2),
+        ]
     legs += [Leg(high, FAST)]
     return segment(name, q, high, legs, 0.0)
 

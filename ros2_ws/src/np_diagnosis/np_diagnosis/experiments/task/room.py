@@ -14,7 +14,8 @@ from np_diagnosis.experiments.task.tip import RADIUS
 
 CLEAR = 0.008  # m between an object and an obstacle
 BESIDE = 0.03  # m between a place of the table that is touched and anything else
-EDGE = 3.0  # px from the image's border within which no corner may come
+EDGE = 1.0  # px from the image's border within which a corner may not be seen any more
+SEEN = 6  # corners of the object that have to be in the picture, as a pose takes
 REACH = 0.32, 0.72  # m from the arm's first axis, for a hand that points down
 
 
@@ -74,7 +75,7 @@ class Room:
         inside = (corners[:, 0] > left) & (corners[:, 0] < right) & (corners[:, 1] > low) & (corners[:, 1] < high)
         pixels, _ = self.camera.project(corners)
         seen = (pixels > EDGE) & (pixels < np.array([self.camera.width, self.camera.height]) - 1 - EDGE)
-        return bool(inside.all() and seen.all() and all(_apart(corners[:, :2], box) for box in self.domain.obstacles))
+        return bool(inside.all() and seen.all(axis=1).sum() >= SEEN and all(_apart(corners[:, :2], box) for box in self.domain.obstacles))
 
     def places(self, lain: Lain) -> list[np.ndarray]:
         """Four places (2,) m of the bare table, far from one another, at which the tip may touch it. Fewer where there are fewer."""

@@ -17,7 +17,7 @@ from np_diagnosis.experiments.task.room import Lain, Room
 FAMILIES = ("view", "touch_table", "touch_object", "drag", "push", "tap", "scrape")
 """In the order in which they are made: what is felt first is used by what comes after."""
 DRAGS = (0.0, 2.0, 5.0, 9.0)  # N, by which the object is pressed; without any the same way in the air, for comparison
-PUSHES = ((0.0, 0.03), (0.35, 0.03), (0.0, 0.06), (-0.35, 0.03), (0.0, 0.03), (0.35, 0.06), (0.0, 0.045), (-0.35, 0.06))
+PUSHES = ((0.0, 0.03), (0.35, 0.03), (0.0, 0.06), (-0.35, 0.03), (0.0, 0.03), (0.0, 0.045))
 """Of each push: place on the face, as a share of half its width from the middle, and m/s."""
 TAPS = 2
 FLATTEST = 0.02  # m: lower objects are not pushed from the side
