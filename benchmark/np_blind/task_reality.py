@@ -16,19 +16,18 @@ from np_diagnosis.chain.task.recording import TaskRecording, spans_of
 from np_diagnosis.chain.track import Track
 from np_diagnosis.experiments.excitation import Segment, end_of, schedule
 from np_diagnosis.experiments.task.suite import Situation, task_suite
-from np_diagnosis.experiments.task.tip import lowest
+from np_diagnosis.experiments.task.witness import Witness
 from np_diagnosis.recordings.reading import SECOND
 from np_diagnosis.recordings.signals import Log
 from np_effects.patch import Patch
 from np_effects.view_effects import ViewEffects
-from np_control.kinematics import forward_kinematics
-from np_perception.pose_estimation import estimate_pose
 from np_perception.seen_corners import SeenCorners
 from np_sim_bridge.engine import MakeEngine
 from np_sim_bridge.schedule import PERIOD, Schedule
 from np_sim_bridge.simulation import Simulation
 
 TORQUE_NOISE = 0.03  # Nm, white, of a joint's torque sensor
+WITNESSED = 10 * PERIOD  # ns between states that the suite's guard looks at
 PIXEL_NOISE = 0.3  # px, of a corner in an image
 
 
@@ -54,7 +53,7 @@ class Reality:
         self._corners = SeenCorners(np.asarray(domain.half_size), self._view.oldest)
         self._kept = _Kept()
         self._filter.start(self._simulation.measure().position[:7])
-        self._lowest = np.inf
+        self._witness = Witness(domain)
         self._note()
 
     def run(self, only: tuple[str, ...] = ()) -> TaskRecording:
@@ -70,14 +69,11 @@ class Reality:
         return self._recording()
 
     def _situation(self) -> Situation:
-        corners = np.median([pixels for _, pixels in self._kept.images[-10:]], axis=0)
-        inside = ((corners > -0.5) & (corners < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=1)
-        pose = estimate_pose(np.column_stack([corners, inside.astype(float)]), self.domain).pose
-        return Situation(self._simulation.measure().position[:7], pose, self._lowest)
+        return self._witness.situation(self._simulation.measure().position[:7])
 
     def _lead(self, plan: list[Segment]) -> None:
         begin = self._simulation.stamp
-        starts, end, sent, self._lowest = schedule(plan, begin), end_of(plan, begin), 0, np.inf
+        starts, end, sent = schedule(plan, begin), end_of(plan, begin), 0
         while self._simulation.stamp < end:
             measured = self._simulation.measure()
             self._controller.observe(measured.stamp, measured.position[:7], measured.velocity[:7])
@@ -96,22 +92,22 @@ class Reality:
         noise = TORQUE_NOISE * self._rng.standard_normal(7)
         self._kept.stamps.append(stamp)
         self._kept.joints.append(np.stack([measured.position[:7], measured.velocity[:7], measured.effort[:7] + noise]))
-        if stamp % (10 * PERIOD) == 0:
-            tip = lowest(*(part[None] for part in forward_kinematics(measured.position[:7])))
-            self._lowest = min(self._lowest, float(tip[0, 2]))
+        if stamp % WITNESSED == 0 and (problem := self._witness.feel(*self._kept.joints[-1])):
+            raise RuntimeError(problem)
         if self._schedule.is_image_due(stamp):
             self._corners.keep(stamp, self._simulation.object_pose())
             seen = self._view.keypoints(self._corners.at, stamp)
-            self._kept.images.append((stamp, seen + PIXEL_NOISE * self._rng.standard_normal(seen.shape)))
+            seen = seen + PIXEL_NOISE * self._rng.standard_normal(seen.shape)
+            inside = ((seen > -0.5) & (seen < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=1)
+            self._kept.images.append((stamp, np.column_stack([seen, inside.astype(float)])))
+            self._witness.see(*self._kept.images[-1])
 
     def _recording(self) -> TaskRecording:
         time = np.array(self._kept.stamps) / SECOND
         position, velocity, effort = np.array(self._kept.joints).transpose(1, 0, 2)
         phases = tuple((at / SECOND, PhaseState(EXCITE, experiment=name)) for at, name in self._kept.phases)
         log = Log("task", time, position, velocity, effort, time - LIMITS.period / 2, False, phases=phases)
-        stamps, pixels = zip(*self._kept.images)
-        seen = np.array(stamps) / SECOND
-        pixels = np.array(pixels)
-        usable = ((pixels > -0.5) & (pixels < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=2)
-        track = Track("task", seen - seen[0], pixels, usable)
+        stamps, found = zip(*self._kept.images)
+        seen, found = np.array(stamps) / SECOND, np.array(found)
+        track = Track("task", seen - seen[0], found[..., :2], found[..., 2] > 0)
         return TaskRecording(log, track, float(seen[0]), self.domain, spans_of(log))

@@ -136,9 +136,7 @@ def surface(friction: float, compliance: Compliance) -> dict:
     return dict(friction=[friction, TORSION, ROLLING], solref=compliance.solref, solimp=compliance.solimp)
 
 
-def _add_surroundings(
-    spec: mujoco.MjSpec, domain: Domain, camera: Camera, contact: ContactModel, lift: float
-) -> None:
+def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, contact: ContactModel, lift: float) -> None:
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,

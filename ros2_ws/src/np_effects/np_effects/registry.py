@@ -17,7 +17,7 @@ from types import MappingProxyType
 from np_effects.catalogue import ROW, catalogue
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord
-from np_effects.scene_record import Whose, SceneRecord
+from np_effects.scene_record import SceneRecord, Whose
 from np_effects.signature import Signature
 from np_effects.view_record import Part, ViewRecord
 

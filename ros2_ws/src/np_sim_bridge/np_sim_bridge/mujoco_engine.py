@@ -30,9 +30,7 @@ class MujocoEngine:
         change: SceneChange = UNCHANGED,
     ):
         timestep = PERIOD / SECOND / substeps
-        self.model = load_model(
-            domain, timestep=timestep, camera=camera, panda=panda, contact=contact, change=change
-        )
+        self.model = load_model(domain, timestep=timestep, camera=camera, panda=panda, contact=contact, change=change)
         self.data = mujoco.MjData(self.model)
         self._substeps = substeps
         joints = [self.model.joint(name) for name in STATE_NAMES]

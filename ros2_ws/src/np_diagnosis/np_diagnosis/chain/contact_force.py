@@ -60,7 +60,9 @@ def motion(log: Log, rows: slice, panda: PandaModel = NOMINAL) -> Motion:
     return Motion(at, q, dq, torque - inertial - friction, tip, turn, np.gradient(tip, at, axis=0))
 
 
-def forces(moved: Motion, free: np.ndarray, points: np.ndarray | None = None, panda: PandaModel = NOMINAL) -> np.ndarray:
+def forces(
+    moved: Motion, free: np.ndarray, points: np.ndarray | None = None, panda: PandaModel = NOMINAL
+) -> np.ndarray:
     """Force (n, 3) N on the hand in the base frame, by weighted least squares over the joints.
 
     points (n, 3) m: where the hand is touched, and no moment acts; None: anywhere, with a moment. free (7,) or (n, 7) Nm: excess without

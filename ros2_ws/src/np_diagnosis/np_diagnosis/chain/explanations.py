@@ -41,7 +41,9 @@ class Measured:
     def evidence(self, gaps: Names) -> float:
         """Nats of what was measured, with the price of each gap."""
         total = self.covariance + np.diag(self.spread(gaps) ** 2)
-        return float(multivariate_normal(np.zeros(len(self.value)), total).logpdf(self.value)) - len(gaps) * np.log(FELT.prior)
+        return float(multivariate_normal(np.zeros(len(self.value)), total).logpdf(self.value)) - len(gaps) * np.log(
+            FELT.prior
+        )
 
     def posterior(self, gaps: Names) -> tuple[np.ndarray, np.ndarray]:
         """Mean (k,) and standard deviation (k,) of the numbers where these effects are gaps."""
@@ -95,7 +97,11 @@ def explain(measured: Measured) -> Explained:
 
 def _named(measured: Measured, value: Mapping[Names, float], best: Names, effect: str) -> Named:
     rest = best - {effect}
-    near = [n for n in value if len(n) == len(best) and rest <= n and effect not in n and value[best] - value[n] < FELT.equal]
+    near = [
+        n
+        for n in value
+        if len(n) == len(best) and rest <= n and effect not in n and value[best] - value[n] < FELT.equal
+    ]
     rivals = {other: _sizes(measured, n, other) for n in near for other in n - rest}
     return Named(effect, _sizes(measured, best, effect), value[best] - value[rest], rivals)
 
@@ -109,5 +115,3 @@ def _sizes(measured: Measured, gaps: Names, effect: str) -> dict[str, Value]:
         )
         for k in rows
     }
-
-

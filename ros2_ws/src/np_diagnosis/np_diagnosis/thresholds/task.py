@@ -26,7 +26,9 @@ class Touching:
     least: float = threshold(1.5, "N", "smallest force at which a surface is felt", "joints at rest hide .7 N")
     rows: int = threshold(8, "rows", "of contact, at least, to draw a line through", JUDGEMENT)
     agreed: float = threshold(0.002, "m", "between touched points and a plane, beyond which it is none", JUDGEMENT)
-    angle: float = threshold(0.0002, "m", "error of one touch: joints' angles at another posture", ".3 mrad of one joint")
+    angle: float = threshold(
+        0.0002, "m", "error of one touch: joints' angles at another posture", ".3 mrad of one joint"
+    )
     common: float = threshold(0.0002, "m", "error of all touches together", ".3 mrad of all joints alike")
     height: tuple[float, float] = spreads(0.0003, 0.008, "m", "table's height", "users report 10 to 20 mm")
     tilt: tuple[float, float] = spreads(radians(0.03), radians(0.4), "rad", "table's tilt, each axis", ".1 to 1 degree")
@@ -40,7 +42,9 @@ class Forcing:
     pressed: float = threshold(0.8, "N", "smallest press of a drag that counts", JUDGEMENT)
     moving: float = threshold(0.6, "1", "share of the fastest speed from which on a stroke counts", JUDGEMENT)
     lifts: float = threshold(0.006, "m/s", "speed up or down up to which the tip goes along", JUDGEMENT)
-    chatter: float = threshold(0.0008, "m/s", "mean speed up and down from which on the tip chatters", "seen in two engines")
+    chatter: float = threshold(
+        0.0008, "m/s", "mean speed up and down from which on the tip chatters", "seen in two engines"
+    )
     rows: int = threshold(6, "rows", "fewest of a reading", JUDGEMENT)
     edge: int = threshold(2, "rows", "left out at either end of a stroke", JUDGEMENT)
     memory: float = threshold(4.0, "rows", "of which one says something new", JUDGEMENT)
@@ -53,8 +57,12 @@ class Forcing:
     mass: tuple[float, float] = spreads(0.015, 0.35, "1", "log mass", "scales: 3 %; 30 % of a gap")
     finger: tuple[float, float] = spreads(0.03, 0.35, "1", "log friction with the tip", JUDGEMENT)
     central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
-    misfit: float = threshold(3.0, "1", "times the usual errors that are left, beyond which it is unexplained", JUDGEMENT)
-    moved: float = threshold(1.5, "px", "by which corners move while the tip scrapes, of an object that is not held", JUDGEMENT)
+    misfit: float = threshold(
+        3.0, "1", "times the usual errors that are left, beyond which it is unexplained", JUDGEMENT
+    )
+    moved: float = threshold(
+        1.5, "px", "by which corners move while the tip scrapes, of an object that is not held", JUDGEMENT
+    )
 
 
 @dataclass(frozen=True)

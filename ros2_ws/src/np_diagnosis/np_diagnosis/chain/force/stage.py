@@ -71,7 +71,9 @@ def judge(every: Sequence[Reading], believed: Believed) -> Forces:
     """Of readings: see `weigh`."""
     used = tuple(r for r in every if r.kind != "push" or abs(r.aside) < FORCE.central)
     if len(used) < 3:
-        return Forces("undetermined", None, used, f"{len(used)} drags, pushes and scrapes went as they should; 3 are needed")
+        return Forces(
+            "undetermined", None, used, f"{len(used)} drags, pushes and scrapes went as they should; 3 are needed"
+        )
     value, covariance, misfit = _fit(used, believed)
     explained = explain(_measured(value, covariance))
     slipless = [r.force / r.normal for r in used if r.kind == "drag"]
@@ -85,7 +87,9 @@ def judge(every: Sequence[Reading], believed: Believed) -> Forces:
         least_finger=max(slipless, default=None),
     )
     if misfit > FORCE.misfit:
-        return Forces("unexplained", explained, doubt=f"forces are {misfit:.1f} times as far off as they usually are", **told)
+        return Forces(
+            "unexplained", explained, doubt=f"forces are {misfit:.1f} times as far off as they usually are", **told
+        )
     return Forces(explained.verdict, explained, **told)
 
 
@@ -95,7 +99,9 @@ def _predicted(logs: np.ndarray, used: Sequence[Reading], believed: Believed) ->
     return np.array([finger * r.normal if r.kind == "scrape" else table * (r.normal + mass * GRAVITY) for r in used])
 
 
-def _fit(used: Sequence[Reading], believed: Believed, free: Sequence[int] = (0, 1, 2)) -> tuple[np.ndarray, np.ndarray, float]:
+def _fit(
+    used: Sequence[Reading], believed: Believed, free: Sequence[int] = (0, 1, 2)
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Numbers (3,), covariance (3, 3), and errors over usual ones; numbers that are not free stay as believed."""
     force, deviation = np.array([r.force for r in used]), np.array([r.deviation for r in used])
     places = list(free)

@@ -14,6 +14,7 @@ from np_diagnosis.experiments.task.suite import FAMILIES
 from np_diagnosis.recordings.reading import SECOND, ContractViolation, read_bag
 from np_diagnosis.recordings.signals import Log
 
+
 @dataclass(frozen=True, eq=False)
 class TaskRecording:
     """log: of the joints; track: keypoints, whose time 0 is at `seen_from` s of the log's; domain: what is believed of the object, its

@@ -46,7 +46,9 @@ def feel(recording: TaskRecording, panda: PandaModel = NOMINAL) -> Felt:
     left = np.array([t.height for t in tables]) - _columns(tables) @ plane
     off = float(np.sqrt(np.mean([t.height**2 for t in tables])))
     if np.abs(left).max() > TOUCH.agreed:
-        return Felt("unexplained", None, every, f"touched places are {1e3 * np.abs(left).max():.1f} mm off any plane", off)
+        return Felt(
+            "unexplained", None, every, f"touched places are {1e3 * np.abs(left).max():.1f} mm off any plane", off
+        )
     explained = explain(_measured(recording, tables, tops))
     named = {one.effect for one in explained.named}
     before, after = _held_out(tables, named)

@@ -56,4 +56,3 @@ def touch(recording: TaskRecording, name: str, panda: PandaModel = NOMINAL) -> T
         surface, compliance = float(height.mean()), 0.0
     place = corner[near, :2].mean(axis=0)
     return Touch(name, place, float(surface), left, float(compliance), float(force.max()))
-

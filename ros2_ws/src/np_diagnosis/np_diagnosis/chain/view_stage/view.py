@@ -16,12 +16,12 @@ from scipy.optimize import brentq
 from scipy.stats import t as student
 
 from np_description.camera import CAMERA, Camera
-from np_diagnosis.chain.view_stage.lying import lying
-from np_diagnosis.chain.view_stage.places import Place, distinct
 from np_diagnosis.chain.view_stage.checks import HeldOut, distances, held_out, patterns
 from np_diagnosis.chain.view_stage.fit import Fit, Prior, at_numbers, fit
+from np_diagnosis.chain.view_stage.lying import lying
 from np_diagnosis.chain.view_stage.model import Scene, scene
 from np_diagnosis.chain.view_stage.parameters import BY_NAME, EFFECTS, GAP, NAMES, PARAMETERS, USUAL, split_by
+from np_diagnosis.chain.view_stage.places import Place, distinct
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.saying import Value

@@ -51,7 +51,9 @@ def segment(name: str, start: np.ndarray, begin: np.ndarray, legs: Sequence[Leg]
         q = solve_ik(q, point, rotation, iterations=30 if number == 0 else 4, damping=0.01)
         away = np.array(pose_distance(q, point, rotation))
         if (away > MISSES).any() or (q < LIMITS.wall_lower).any() or (q > LIMITS.wall_upper).any():
-            raise OutOfReach(f"{name}: the tip cannot be at {np.round(point, 3)} m, upright with a yaw of {yaw:.2f} rad")
+            raise OutOfReach(
+                f"{name}: the tip cannot be at {np.round(point, 3)} m, upright with a yaw of {yaw:.2f} rad"
+            )
         positions.append(q)
     positions = np.array(positions)
     times = np.arange(len(positions)) / RATE

@@ -75,7 +75,11 @@ class Room:
         inside = (corners[:, 0] > left) & (corners[:, 0] < right) & (corners[:, 1] > low) & (corners[:, 1] < high)
         pixels, _ = self.camera.project(corners)
         seen = (pixels > EDGE) & (pixels < np.array([self.camera.width, self.camera.height]) - 1 - EDGE)
-        return bool(inside.all() and seen.all(axis=1).sum() >= SEEN and all(_apart(corners[:, :2], box) for box in self.domain.obstacles))
+        return bool(
+            inside.all()
+            and seen.all(axis=1).sum() >= SEEN
+            and all(_apart(corners[:, :2], box) for box in self.domain.obstacles)
+        )
 
     def places(self, lain: Lain) -> list[np.ndarray]:
         """Four places (2,) m of the bare table, far from one another, at which the tip may touch it. Fewer where there are fewer."""
@@ -95,7 +99,8 @@ class Room:
         if np.linalg.norm(place - lain.centre[:2]) < lain.reach + apart or not is_reachable(place):
             return False
         return all(
-            (np.abs(place - box.centre[:2]) > np.array(box.half_size[:2]) + apart).any() for box in self.domain.obstacles
+            (np.abs(place - box.centre[:2]) > np.array(box.half_size[:2]) + apart).any()
+            for box in self.domain.obstacles
         )
 
 
@@ -106,6 +111,9 @@ def is_reachable(place: np.ndarray) -> bool:
 
 def _apart(corners: np.ndarray, box) -> bool:
     """Whether no corner (n, 2) m is over a box, nor beyond its nearest side where it is a wall's length."""
-    low, high = np.array(box.centre[:2]) - box.half_size[:2] - CLEAR, np.array(box.centre[:2]) + box.half_size[:2] + CLEAR
+    low, high = (
+        np.array(box.centre[:2]) - box.half_size[:2] - CLEAR,
+        np.array(box.centre[:2]) + box.half_size[:2] + CLEAR,
+    )
     least, most = corners.min(axis=0), corners.max(axis=0)
     return bool((most < low).any() or (least > high).any())

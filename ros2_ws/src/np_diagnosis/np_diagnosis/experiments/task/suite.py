@@ -34,6 +34,13 @@ class Situation:
     lowest: float | None = None
 
 
+def check(only: Sequence[str]) -> None:
+    """Raises ValueError for a name that is no family's."""
+    for name in only:
+        if name not in FAMILIES:
+            raise ValueError(f"experiment {name!r}: expected one of {', '.join(FAMILIES)}")
+
+
 Plans = Generator[list[Segment], Situation, None]
 
 
@@ -42,9 +49,7 @@ def task_suite(domain: Domain, first: Situation, only: Sequence[str] = (), camer
 
     only: families to make (all of FAMILIES). What is out of reach, or has no room, is left out. Raises ValueError for an unknown name.
     """
-    for name in only:
-        if name not in FAMILIES:
-            raise ValueError(f"experiment {name!r}: expected one of {', '.join(FAMILIES)}")
+    check(only)
     return _plans(Room(domain, camera), first, [name for name in FAMILIES if not only or name in only])
 
 
@@ -77,7 +82,7 @@ def _plans(room: Room, now: Situation, families: list[str]) -> Plans:
         return
     used: dict[int, int] = {}
     for number, (share, speed) in enumerate(PUSHES if "push" in families else (), 1):
-        now, used = yield from _push(room, now, used, table, replace_push(f"push_{number}", share, speed))
+        now, used = yield from _push(room, now, used, table, _slow_push(f"push_{number}", share, speed))
     for number in range(1, TAPS + 1) if "tap" in families else ():
         now, used = yield from _push(room, now, used, table, contacts.TAP.named(f"tap_{number}"))
     if "scrape" in families and room.domain.obstacles:
@@ -86,7 +91,7 @@ def _plans(room: Room, now: Situation, families: list[str]) -> Plans:
             yield plan
 
 
-def replace_push(name: str, share: float, speed: float) -> contacts.Push:
+def _slow_push(name: str, share: float, speed: float) -> contacts.Push:
     """A slow push."""
     return replace(contacts.SLOW.named(name), share=share, speed=speed)
 
