@@ -40,7 +40,7 @@ class Forcing:
     """Friction and mass from forces of slow drags, pushes and scrapes (chain/force/)."""
 
     pressed: float = threshold(0.8, "N", "smallest press of a drag that counts", JUDGEMENT)
-    moving: float = threshold(0.6, "1", "share of the fastest speed from which on a stroke counts", JUDGEMENT)
+    moving: float = threshold(0.6, "1", "share of its speed from which on a stroke counts", JUDGEMENT)
     lifts: float = threshold(0.006, "m/s", "speed up or down up to which the tip goes along", JUDGEMENT)
     chatter: float = threshold(
         0.0008, "m/s", "mean speed up and down from which on the tip chatters", "seen in two engines"
@@ -51,11 +51,12 @@ class Forcing:
     clear: float = threshold(0.001, "m", "over its lowest point, at which a scraping tip may meet the table", JUDGEMENT)
     slides: float = threshold(0.002, "m/s", "speed down a face from which on the tip slides on it", JUDGEMENT)
     held: float = threshold(2.0, "N", "force on a face from which on a scrape counts", JUDGEMENT)
-    force: float = threshold(0.04, "N", "error of a stroke's or push's mean force beside their scatter", JUDGEMENT)
+    force: float = threshold(0.03, "N", "error of a stroke's or push's mean force beside their scatter", JUDGEMENT)
     relative: float = threshold(0.02, "1", "error of such a force, of itself", JUDGEMENT)
     table: tuple[float, float] = spreads(0.04, 0.35, "1", "log friction with the table", "10 to 20 % between set-ups")
     mass: tuple[float, float] = spreads(0.015, 0.35, "1", "log mass", "scales: 3 %; 30 % of a gap")
     finger: tuple[float, float] = spreads(0.03, 0.35, "1", "log friction with the tip", JUDGEMENT)
+    turning: float = threshold(0.06, "1", "by which the force of a push is off that turns the object", "seen in two engines")
     central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
     misfit: float = threshold(
         3.0, "1", "times the usual errors that are left, beyond which it is unexplained", JUDGEMENT

@@ -11,6 +11,7 @@ from np_description.panda import NOMINAL, PandaModel
 from np_diagnosis.chain.contact_force import Motion, forces, motion, side
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.chain.task.seen import seen_pose
+from np_diagnosis.experiments.task.contacts import STROKE_SPEED
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.thresholds import THRESHOLDS
 
@@ -71,9 +72,9 @@ def _strokes(moved: Motion) -> dict[tuple[int, int], list[np.ndarray]]:
     found: dict[tuple[int, int], list[np.ndarray]] = {}
     level = np.abs(moved.moves[:, 2]) < FORCE.lifts
     for axis in range(2):
-        fastest = np.quantile(np.abs(moved.moves[:, axis]), 0.98)
         for sign in (1, -1):
-            rows = np.flatnonzero(level & (sign * moved.moves[:, axis] > FORCE.moving * fastest))
+            speed = sign * moved.moves[:, axis] / STROKE_SPEED
+            rows = np.flatnonzero(level & (speed > FORCE.moving) & (speed < 2 - FORCE.moving))
             pieces = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
             if strokes := [piece for piece in pieces if len(piece) >= FORCE.rows]:
                 found[axis, sign] = strokes
@@ -93,9 +94,8 @@ def _push(recording: TaskRecording, name: str, panda: PandaModel) -> list[Readin
     touched = forces(moved, moved.free(free), side(ahead, moved.turn, moved.tip), panda)
     along = -touched @ ahead
     usual = float(np.median(along[first[-len(first) // 3 :]]))
-    on = first[np.flatnonzero(along[first] < 0.5 * usual)[-1] + 1 :] if (along[first] < 0.5 * usual).any() else first
-    on = on[2 * FORCE.edge : -FORCE.edge]
-    if len(on) < FORCE.rows or usual <= 0 or _chatters(moved, on):
+    on = first[int(np.argmax(along[first] > 0.5 * usual)) + 2 * FORCE.edge : -FORCE.edge]
+    if len(on) < FORCE.rows or usual <= 0 or np.median(along[on]) < 0.5 * usual:
         return []
     try:
         centre = np.asarray(seen_pose(recording, name).position)
@@ -103,7 +103,9 @@ def _push(recording: TaskRecording, name: str, panda: PandaModel) -> list[Readin
         return []
     point = side(ahead, moved.turn, moved.tip)[on[0]]
     aside = float(np.cross(ahead[:2], (point - centre)[:2]))
-    return [Reading(name, "push", float(along[on].mean()), 0.0, aside, _error(along[on]))]
+    # A push that turns the object takes a little less than one that does not, how much its support decides.
+    turning = FORCE.turning * usual * (abs(aside) > FORCE.central)
+    return [Reading(name, "push", float(np.median(along[on])), 0.0, aside, float(np.hypot(_error(along[on]), turning)))]
 
 
 def _last_forward(moved: Motion) -> int:

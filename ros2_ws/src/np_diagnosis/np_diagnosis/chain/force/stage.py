@@ -69,7 +69,7 @@ def weigh(recording: TaskRecording, panda: PandaModel = NOMINAL) -> Forces:
 
 def judge(every: Sequence[Reading], believed: Believed) -> Forces:
     """Of readings: see `weigh`."""
-    used = tuple(r for r in every if r.kind != "push" or abs(r.aside) < FORCE.central)
+    used = tuple(every)
     if len(used) < 3:
         return Forces(
             "undetermined", None, used, f"{len(used)} drags, pushes and scrapes went as they should; 3 are needed"

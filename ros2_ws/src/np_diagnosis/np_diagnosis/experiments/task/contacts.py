@@ -19,11 +19,12 @@ DEEPER = 0.008  # m below a surface, as it is believed to be, down to which the 
 STROKE, STROKE_SPEED = 0.028, 0.03  # m and m/s of a drag
 BEHIND = 0.02  # m behind the middle, where a drag presses: a tall object would tip over its leading edge
 HEADINGS = (np.array([1.0, 0.0]), np.array([-1.0, 0.0]), np.array([0.0, 1.0]), np.array([0.0, -1.0]))
-GRIP = 0.012  # m below the top of an object, up to which the tip reaches where it pushes it from the side, at most
+GRIP = 0.042  # m below the top of an object, down to which the tip reaches beside it: the hand's housing is 46 mm behind the tip
 OVER = 0.015  # m over obstacles
 LEAVE = 0.012  # m by which the tip backs off
-INTO, DOWN, DOWN_SPEED = 0.009, 0.02, 0.006  # m, m, m/s: how far a scrape is sent into the face and down it
-SCRAPE_FROM = 0.016  # m over the table: the pads then meet the face below the top of an obstacle that holds it, or it would tip over it
+# m: a scrape leaves the object so far from its obstacle, backs off, and comes down its face from so far below its top, while it goes into
+# it: a tip that slides down holds the object down, where one that only presses would tip it over the obstacle.
+GAP, AWAY, BELOW, INTO, DOWN_SPEED = 0.006, 0.005, 0.015, 0.009, 0.012
 TALL = 0.03  # m: of an obstacle that holds an object
 
 
@@ -91,7 +92,7 @@ def push(
     ahead, across = -normal, np.array([-normal[1], normal[0]])
     width = max(abs(float(corner @ across)) for corner in (lain.corners(np.zeros(2)) - lain.centre)[:, :2])
     place = lain.centre[:2] + normal * distance + across * how.share * width
-    level = table + (room.clearance + OVER if room.clearance < lain.height - GRIP - OVER else 0.4 * lain.height)
+    level = _beside(lain, room, table)
     begin, end = (place - ahead * (RADIUS + back) for back in (how.run_up, -how.travel))
     if not (is_reachable(begin) and is_reachable(end)):
         raise OutOfReach(f"{how.name}: the way of the tip is out of reach")
@@ -104,6 +105,11 @@ def push(
         Leg(np.array([*out, high]), FAST, rest=1.0),
     ]
     return segment(how.name, q, np.array([*begin, high]), legs, leading_yaw(ahead))
+
+
+def _beside(lain: Lain, room: Room, table: float) -> float:
+    """Height m of the tip's end beside the object: over obstacles, no deeper than the hand allows."""
+    return table + max(room.clearance + OVER if room.clearance else 0.0, lain.height - GRIP, 0.3 * lain.height)
 
 
 def scrape(name: str, q: np.ndarray, lain: Lain, room: Room, table: float) -> Segment:
@@ -123,15 +129,17 @@ def scrape(name: str, q: np.ndarray, lain: Lain, room: Room, table: float) -> Se
     gap, outward = min(found, key=lambda one: one[0])
     normal, distance = max(lain.sides(), key=lambda side: float(side[0] @ outward))
     depth = 2 * distance
-    top = table + SCRAPE_FROM
+    low, top = _beside(lain, room, table), table + lain.height - BELOW
     place = lain.centre[:2] + normal * distance
     begin = place + outward * (RADIUS + 0.02)
     # The tip's place once the object lies flat against the obstacle, and its edge in the middle of the face.
     flush = lain.centre[:2] - outward * (gap - depth) + outward * RADIUS
-    low = top - DOWN
+    near = flush + outward * GAP
     legs = [
-        Leg(np.array([*begin, top]), FAST, rest=0.2),
-        Leg(np.array([*flush - outward * INTO / 2, top]), 0.03, rest=0.1),
+        Leg(np.array([*begin, low]), FAST, rest=0.2),
+        Leg(np.array([*near, low]), 0.03, rest=0.1),
+        Leg(np.array([*near + outward * AWAY, low]), 0.03),
+        Leg(np.array([*near + outward * AWAY, top]), FAST, rest=0.2),
         Leg(np.array([*flush - outward * INTO, low]), DOWN_SPEED, rest=0.2),
         Leg(np.array([*flush + outward * LEAVE, low]), 0.03),
         Leg(np.array([*flush + outward * LEAVE, table + lain.height + CLEAR]), FAST, rest=1.0),
