@@ -56,7 +56,9 @@ class Forcing:
     table: tuple[float, float] = spreads(0.04, 0.35, "1", "log friction with the table", "10 to 20 % between set-ups")
     mass: tuple[float, float] = spreads(0.015, 0.35, "1", "log mass", "scales: 3 %; 30 % of a gap")
     finger: tuple[float, float] = spreads(0.03, 0.35, "1", "log friction with the tip", JUDGEMENT)
-    turning: float = threshold(0.06, "1", "by which the force of a push is off that turns the object", "seen in two engines")
+    turning: float = threshold(
+        0.06, "1", "by which the force of a push is off that turns the object", "seen in two engines"
+    )
     central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
     misfit: float = threshold(
         3.0, "1", "times the usual errors that are left, beyond which it is unexplained", JUDGEMENT
