@@ -60,7 +60,6 @@ class Thresholds:
     touching: task.Touching = task.Touching()
     forcing: task.Forcing = task.Forcing()
     felt: task.Felt = task.Felt()
-    lagging: task.Lagging = task.Lagging()
 
 
 THRESHOLDS = Thresholds()

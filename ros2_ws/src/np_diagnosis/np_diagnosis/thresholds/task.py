@@ -76,12 +76,3 @@ class Felt:
     gain: float = threshold(3.0, "nats", "that an effect must gain beyond its log prior", "as of the arm's effects")
     equal: float = threshold(3.0, "nats", "within which two explanations explain the same", "as of the arm's effects")
     narrowed: float = threshold(0.25, "1", "of a gap's spread to which a recording must narrow it to see it", JUDGEMENT)
-
-
-@dataclass(frozen=True)
-class Lagging:
-    """Images against the hand that leads the object (chain/lag.py)."""
-
-    widest: float = threshold(0.3, "s", "delay that is looked for, either way", "published: to .3 s")
-    matters: float = threshold(0.003, "s", "delay from which on it is a gap", "the catalogue's limit")
-    images: int = threshold(40, "images", "fewest in which the object is led", JUDGEMENT)

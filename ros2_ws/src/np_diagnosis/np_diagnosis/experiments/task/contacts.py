@@ -1,4 +1,4 @@
-"""What the tip does to table and object: touch, drag from above, sway, push, tap, scrape. Each is one segment that begins and ends high up."""
+"""What the tip does to table and object: touch, drag from above, push, tap, scrape. Each is one segment that begins and ends high up."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ DEEPER = 0.008  # m below a surface, as it is believed to be, down to which the 
 STROKE, STROKE_SPEED = 0.028, 0.03  # m and m/s of a drag
 BEHIND = 0.02  # m behind the middle, where a drag presses: a tall object would tip over its leading edge
 HEADINGS = (np.array([1.0, 0.0]), np.array([-1.0, 0.0]), np.array([0.0, 1.0]), np.array([0.0, -1.0]))
-SWAY, SWAY_SPEED, SWAY_FORCE, CYCLES = 0.012, 0.15, 4.0, 5  # m either way, m/s, N, times
 GRIP = 0.042  # m below the top of an object, down to which the tip reaches beside it: the hand's housing is 46 mm behind the tip
 OVER = 0.015  # m over obstacles
 LEAVE = 0.012  # m by which the tip backs off
@@ -83,22 +82,6 @@ def drag(name: str, q: np.ndarray, lain: Lain, room: Room, top: float, force: fl
             Leg(np.array([*last, top + BEFORE]), FAST, rest=0.2),
         ]
     legs += [Leg(high, FAST)]
-    return segment(name, q, high, legs, 0.0)
-
-
-def sway(name: str, q: np.ndarray, lain: Lain, room: Room, top: float) -> Segment:
-    """Press the object's top and lead it quickly to and fro, as far as its own friction lets it be seen to move with the tip."""
-    middle = lain.centre[:2]
-    high = np.array([*middle, max(top, room.clearance) + CLEAR])
-    at = segment(name, q, high, [Leg(np.array([*middle, top]), FAST)], 0.0).positions[-1]
-    level = top - sinking(at, SWAY_FORCE)
-    axis = next((way for way in HEADINGS[::2] if all(room.holds(lain, sign * SWAY * way) for sign in (1, -1))), None)
-    if axis is None:
-        raise OutOfReach(f"{name}: no room to lead the object to and fro")
-    legs = [Leg(np.array([*middle, top + BEFORE]), FAST), Leg(np.array([*middle, level]), SLOW_TOUCH, rest=0.2)]
-    turns = [sign * SWAY * axis for _ in range(CYCLES) for sign in (1, -1)] + [np.zeros(2)]
-    legs += [Leg(np.array([*middle + turn, level]), SWAY_SPEED, ramp=0.08, stop=0.08) for turn in turns]
-    legs += [Leg(np.array([*middle, level]), SLOW_TOUCH, rest=0.2), Leg(high, FAST)]
     return segment(name, q, high, legs, 0.0)
 
 

@@ -14,7 +14,7 @@ from np_diagnosis.experiments.task import contacts
 from np_diagnosis.experiments.task.path import OutOfReach, joined, still
 from np_diagnosis.experiments.task.room import Lain, Room
 
-FAMILIES = ("view", "touch_table", "touch_object", "drag", "sway", "push", "tap", "scrape")
+FAMILIES = ("view", "touch_table", "touch_object", "drag", "push", "tap", "scrape")
 """In the order in which they are made: what is felt first is used by what comes after."""
 DRAGS = (0.0, 2.0, 5.0, 9.0)  # N, by which the object is pressed; without any the same way in the air, for comparison
 PUSHES = ((0.0, 0.03), (0.35, 0.03), (0.0, 0.06), (-0.35, 0.03), (0.0, 0.03), (0.0, 0.045))
@@ -78,10 +78,6 @@ def _plans(room: Room, now: Situation, families: list[str]) -> Plans:
             lain = Lain.of(room.domain, now.pose)
             if plan := _joined(now, lambda: contacts.drag(f"drag_{number}", now.q, lain, room, top, force)):
                 now = yield plan
-    if "sway" in families:
-        lain = Lain.of(room.domain, now.pose)
-        if plan := _joined(now, lambda: contacts.sway("sway", now.q, lain, room, top)):
-            now = yield plan
     if lain.height < FLATTEST:
         return
     used: dict[int, int] = {}
