@@ -49,22 +49,18 @@ class Forcing:
     edge: int = threshold(2, "rows", "left out at either end of a stroke", JUDGEMENT)
     memory: float = threshold(4.0, "rows", "of which one says something new", JUDGEMENT)
     clear: float = threshold(0.001, "m", "over its lowest point, at which a scraping tip may meet the table", JUDGEMENT)
-    slides: float = threshold(0.002, "m/s", "speed down a face from which on the tip slides on it", JUDGEMENT)
+    slides: float = threshold(0.006, "m/s", "speed down a face from which on the tip slides on it", JUDGEMENT)
     held: float = threshold(2.0, "N", "force on a face from which on a scrape counts", JUDGEMENT)
     force: float = threshold(0.03, "N", "error of a stroke's or push's mean force beside their scatter", JUDGEMENT)
     relative: float = threshold(0.02, "1", "error of such a force, of itself", JUDGEMENT)
     table: tuple[float, float] = spreads(0.04, 0.35, "1", "log friction with the table", "10 to 20 % between set-ups")
     mass: tuple[float, float] = spreads(0.015, 0.35, "1", "log mass", "scales: 3 %; 30 % of a gap")
-    finger: tuple[float, float] = spreads(0.03, 0.35, "1", "log friction with the tip", JUDGEMENT)
     turning: float = threshold(
         0.06, "1", "by which the force of a push is off that turns the object", "seen in two engines"
     )
     central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
     misfit: float = threshold(
         3.0, "1", "times the usual errors that are left, beyond which it is unexplained", JUDGEMENT
-    )
-    moved: float = threshold(
-        1.5, "px", "by which corners move while the tip scrapes, of an object that is not held", JUDGEMENT
     )
 
 
