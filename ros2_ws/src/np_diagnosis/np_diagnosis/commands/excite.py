@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from np_description.calibration import CalibrationError, calibrated_camera
@@ -16,8 +17,11 @@ from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_f
 from np_ros.graph import NodeSpec
 from np_ros.supervisor import NodeDied, Supervisor
 
-SIMULATORS = {"mujoco": ("np_sim_bridge", "sim_bridge"), "physx": ("np_physx_bridge", "physx_bridge")}
-"""Package and executable of each engine's backend."""
+SIMULATORS = {
+    "mujoco": NodeSpec("np_sim_bridge", "sim_bridge"),
+    "physx": NodeSpec("np_physx_bridge", "physx_bridge"),
+}
+"""The backend of each engine."""
 RUNNING_TIMEOUT = 20.0  # s for an arm that is said to run to be heard
 
 
@@ -110,10 +114,9 @@ def make_graph(
         realtime = 20 if mode == "realtime" else 0
         from_camera = scene is not None and keypoints == "camera"
         carried = {"effects": effects} if effects else {}
-        package, executable = SIMULATORS[engine]
         arm = {"mode": mode, "camera": from_camera, **carried, **(scene or {})}
         nodes += [
-            NodeSpec(package, executable, parameters=arm, realtime=realtime),
+            replace(SIMULATORS[engine], parameters=arm, realtime=realtime),
             NodeSpec("np_control", "joint_impedance", parameters={"mode": mode}, realtime=realtime),
         ]
         if from_camera:
