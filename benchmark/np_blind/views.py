@@ -17,8 +17,8 @@ import numpy as np
 
 from np_blind.view_cases import DEGREE, Case, Detector, Truth, places, usual
 from np_description.domains import BUMP, CARD
-from np_diagnosis.chain.view import View, view
-from np_diagnosis.chain.view_parameters import EFFECTS, NAMES
+from np_diagnosis.chain.view_stage.parameters import EFFECTS, NAMES
+from np_diagnosis.chain.view_stage.view import View, view
 from np_record.command import Progress
 
 LIMITS = {

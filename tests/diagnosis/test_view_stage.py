@@ -13,12 +13,12 @@ from np_blind.view_cases import DEGREE, Case, Detector, Truth, pixels, places, u
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, WALL, Pose, sample_pose
 from np_description.keypoints import box_keypoints
-from np_diagnosis.chain.lying import lying
-from np_diagnosis.chain.places import Place, read_places
-from np_diagnosis.chain.view import view
-from np_diagnosis.chain.view_fit import Prior, _Search, at_numbers
-from np_diagnosis.chain.view_model import linearise, scene
-from np_diagnosis.chain.view_parameters import COUNT, EFFECTS, GAP, NAMES, USUAL
+from np_diagnosis.chain.view_stage.fit import Prior, _Search, at_numbers
+from np_diagnosis.chain.view_stage.lying import lying
+from np_diagnosis.chain.view_stage.model import linearise, scene
+from np_diagnosis.chain.view_stage.parameters import COUNT, EFFECTS, GAP, NAMES, USUAL
+from np_diagnosis.chain.view_stage.places import Place, read_places
+from np_diagnosis.chain.view_stage.view import view
 from np_diagnosis.commands import view as command
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.report.view_page import render

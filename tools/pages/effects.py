@@ -17,6 +17,8 @@ VIEW = """What the view of a simulated robot may have: its component is `camera`
 believed in (as trained, or the calibration file's). Visible is the limit from which on the task suite is meant to show it. Carried by:
 the images of a backend; the keypoints of `keypoint_oracle`, in the detector's place. Nothing shows what is still to come: an image
 that would be of a later moment than its stamp is of its stamp."""
+SCENE = """What contact, object and table of a simulated scene may have: its component is the module, changes are against the domain (a share,
+where there is no unit). Frictions are of the object; obstacles rise with the table. Carried by: the simulated robot of the bridge, in both engines."""
 RECORDED = """Ranges are what is physical. Visible is the magnitude from which on the excitation suite can show an
 effect at all, base to wrist. Carried by: the simulated arm of the bridge, the doctor's forward model, training."""
 
@@ -32,12 +34,13 @@ def page() -> str:
     return (
         head("Effects", "the records of np_effects", f"{INTRODUCTION} {RECORDED}")
         + table(header, (recorded(record) for record in records.values()))
-        + viewed()
+        + parts("Camera and keypoints", VIEW, np_effects.VIEW_RECORDS)
+        + parts("Contact, object and table", SCENE, np_effects.SCENE_RECORDS)
     )
 
 
-def viewed() -> str:
-    """The effects of the view."""
+def parts(title: str, introduction: str, records) -> str:
+    """The effects of view or scene: a section."""
     header = ("effect", "component", "model", "parameters", "visible", "carried by")
     rows = (
         (
@@ -48,9 +51,9 @@ def viewed() -> str:
             f"{record.seen.limit:g} {'' if record.seen.unit == '1' else record.seen.unit}".strip(),
             ", ".join(record.carriers),
         )
-        for record in np_effects.VIEW_RECORDS.values()
+        for record in records.values()
     )
-    return f"\n## Camera and keypoints\n\n{VIEW}\n\n" + table(header, rows)
+    return f"\n## {title}\n\n{introduction}\n\n" + table(header, rows)
 
 
 def ranges(record) -> str:

@@ -24,6 +24,7 @@ setup(
             "clock = np_diagnosis.commands.clock:main",
             "diagnose = np_diagnosis.commands.diagnose:main",
             "excite = np_diagnosis.commands.excite:main",
+            "feel = np_diagnosis.commands.feel:main",
             "pushes = np_diagnosis.commands.pushes:main",
             "scatter = np_diagnosis.commands.scatter:main",
             "view = np_diagnosis.commands.view:main",

@@ -18,6 +18,7 @@ from np_description.hand import BoxShape, CapsuleShape
 from np_description.keypoints import CORNERS
 from np_description.objects.bodies import add_parts
 from np_description.panda import BASE_FRAME, FINGER_FORCE, FINGER_MAX, NOMINAL, TCP_FRAME, PandaModel
+from np_description.scene_change import UNCHANGED, SceneChange
 
 OBJECT = "object"
 CAMERA_NAME = "camera"
@@ -64,6 +65,7 @@ def build_scene(
     camera: Camera = CAMERA,
     contact: ContactModel | None = None,
     supports: bool = False,
+    change: SceneChange = UNCHANGED,
 ) -> mujoco.MjSpec:
     """The scene of a domain as an MjSpec, robot at its ready posture in keyframe "ready".
 
@@ -71,9 +73,9 @@ def build_scene(
     reach anything, and their pairs cost time). Joint torques act through seven motors, fingers through position servos;
     gravity is compensated for the robot, as the real one does by itself. contact: how rough and how hard everything is, but for
     the object's own surface (`contact_of`); default: the domain's. supports: give the object patches to stand on (`SUPPORT`), whose sizes may then be
-    changed. Parts of an object that is not rigid come after all else in the generalised positions.
+    changed. change: what of the scene is other than believed. Parts of an object that is not rigid come after all else in the generalised positions.
     """
-    contact = contact_of(domain, contact or domain.contact)
+    domain, contact = change.domain(domain), change.contact(contact_of(domain, contact or domain.contact))
     spec = mujoco.MjSpec()
     spec.modelname = f"panda_{domain.name}"
     spec.compiler.degree = False
@@ -85,7 +87,7 @@ def build_scene(
     set_friction_law(option, contact)
     # As the ray caster draws: one sample a pixel; a shadow map of 4096 would take five times as long as the rest.
     spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 1024
-    _add_surroundings(spec, domain, camera, contact)
+    _add_surroundings(spec, domain, camera, contact, change.lift)
     _add_robot(spec, panda, arm_collision, contact)
     parts = _add_object(spec, domain, contact)
     if supports:
@@ -98,7 +100,7 @@ def build_scene(
         0.0,
         np.mean(home.x),
         np.mean(home.y),
-        home.surface + domain.half_size[2],
+        home.surface + domain.half_size[2] + change.lift,
         1,
         0,
         0,
@@ -134,7 +136,7 @@ def surface(friction: float, compliance: Compliance) -> dict:
     return dict(friction=[friction, TORSION, ROLLING], solref=compliance.solref, solimp=compliance.solimp)
 
 
-def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, contact: ContactModel) -> None:
+def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, contact: ContactModel, lift: float) -> None:
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -149,13 +151,18 @@ def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, conta
     world.add_light(name="fill", pos=[0.6, 0.9, 1.4], dir=[-0.1, -0.6, -1.0], diffuse=[0.3] * 3, castshadow=False)
     fixed = dict(contype=ENVIRONMENT_BIT, conaffinity=OBJECT_BIT | ROBOT_BIT, **surface(contact.table, contact.hard))
     world.add_geom(
-        name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.05], rgba=[0.62, 0.58, 0.52, 1], **fixed
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=[0.0, 0.0, lift],
+        size=[1.0, 1.0, 0.05],
+        rgba=[0.62, 0.58, 0.52, 1],
+        **fixed,
     )
     for box in domain.obstacles:
         world.add_geom(
             name=box.name,
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=box.centre,
+            pos=[*box.centre[:2], box.centre[2] + lift],
             size=box.half_size,
             rgba=[0.42, 0.45, 0.5, 1],
             **fixed,

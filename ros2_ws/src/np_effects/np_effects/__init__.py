@@ -4,6 +4,6 @@ A record (`record.EffectRecord`) says what a patch may give for the effect, how 
 it shows in a recording. The bridge, training, the doctor and the blind test all take it from here.
 """
 
-from np_effects.registry import RECORDS, VIEW_RECORDS
+from np_effects.registry import RECORDS, SCENE_RECORDS, VIEW_RECORDS
 
-__all__ = ["RECORDS", "VIEW_RECORDS"]
+__all__ = ["RECORDS", "SCENE_RECORDS", "VIEW_RECORDS"]

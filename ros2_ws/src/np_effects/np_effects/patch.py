@@ -15,8 +15,10 @@ import numpy as np
 import yaml
 
 from np_description.panda import NOMINAL, PandaModel
+from np_description.scene_change import SceneChange
 from np_effects.record import ARM, EffectRecord, Place
-from np_effects.registry import RECORDS, VIEW_RECORDS
+from np_effects.registry import RECORDS, SCENE_RECORDS, VIEW_RECORDS
+from np_effects.scene_record import SceneRecord
 from np_effects.view_record import ViewRecord
 
 PANDA = "panda"  # the arm that is simulated here
@@ -25,16 +27,16 @@ LEAST_ARMATURE = 1e-3  # kg m^2, below which a simulator's steps would have to b
 
 @dataclass(frozen=True)
 class PatchEffect:
-    """One effect: id, component (a joint's name, "arm", "camera" or "keypoints"), parameters in SI units, px in images."""
+    """One effect: id, component (a joint's name, "arm", or the part of view or scene), parameters in SI units, px in images."""
 
     effect: str
     component: str
     parameters: Mapping[str, float]
 
     @property
-    def record(self) -> EffectRecord | ViewRecord:
+    def record(self) -> EffectRecord | ViewRecord | SceneRecord:
         """What it is."""
-        return RECORDS.get(self.effect) or VIEW_RECORDS[self.effect]
+        return RECORDS.get(self.effect) or VIEW_RECORDS.get(self.effect) or SCENE_RECORDS[self.effect]
 
     def get(self, name: str, default: float = 0.0) -> float:
         """A parameter, or its default."""
@@ -61,6 +63,18 @@ class Patch:
     def view(self) -> Patch:
         """Those of camera and keypoints."""
         return Patch(tuple(e for e in self.effects if e.effect in VIEW_RECORDS))
+
+    @property
+    def scene(self) -> Patch:
+        """Those of contact, object and table."""
+        return Patch(tuple(e for e in self.effects if e.effect in SCENE_RECORDS))
+
+    def scene_change(self) -> SceneChange:
+        """What the scene of a simulator is, other than it is believed to be."""
+        change = SceneChange()
+        for e in self.scene.effects:
+            change = e.record.change(change, e.values)
+        return change
 
     def of(self, effect: str) -> list[PatchEffect]:
         """The effects of this id."""
@@ -130,13 +144,13 @@ def load_patch(path: str | Path) -> Patch:
 def _read(entry: object, place: str) -> PatchEffect:
     if not isinstance(entry, Mapping) or not {"effect", "component", "parameters"} <= set(entry):
         raise ValueError(f"{place}: expected effect, component and parameters, got {entry!r:.80}")
-    record = RECORDS.get(entry["effect"]) or VIEW_RECORDS.get(entry["effect"])
+    record = RECORDS.get(entry["effect"]) or VIEW_RECORDS.get(entry["effect"]) or SCENE_RECORDS.get(entry["effect"])
     if record is None:
         raise ValueError(
-            f"{place}: expected an effect of the arm ({', '.join(RECORDS)}) or of the view ({', '.join(VIEW_RECORDS)}), "
-            f"got {entry['effect']!r}"
+            f"{place}: expected an effect of the arm ({', '.join(RECORDS)}), of the view ({', '.join(VIEW_RECORDS)}) or of the "
+            f"scene ({', '.join(SCENE_RECORDS)}), got {entry['effect']!r}"
         )
-    if isinstance(record, ViewRecord):
+    if isinstance(record, ViewRecord | SceneRecord):
         if entry["component"] != record.part:
             raise ValueError(
                 f"{place}: expected '{record.part}' as component of {record.id}, got {entry['component']!r}"

@@ -17,6 +17,7 @@ from types import MappingProxyType
 from np_effects.catalogue import ROW, catalogue
 from np_effects.evidence import Context
 from np_effects.record import EffectRecord
+from np_effects.scene_record import SceneRecord, Whose
 from np_effects.signature import Signature
 from np_effects.view_record import Part, ViewRecord
 
@@ -24,6 +25,7 @@ FOLDERS = "NP_EFFECTS_PATH"
 # In the order in which the doctor tries them.
 MODULES = ("joint_dynamics", "transmission", "torque_loop", "software", "timing", "rigid_body", "sensing")
 VIEW_MODULES = tuple(map(str, Part))
+SCENE_MODULES = tuple(map(str, Whose))
 
 
 def find_records(folders: str = "") -> Mapping[str, EffectRecord]:
@@ -52,8 +54,17 @@ def find_records(folders: str = "") -> Mapping[str, EffectRecord]:
 
 def find_view_records() -> Mapping[str, ViewRecord]:
     """The records of what may be wrong with camera and keypoints, by id. Raises ImportError as `find_records` does."""
+    return _parts(VIEW_MODULES)
+
+
+def find_scene_records() -> Mapping[str, SceneRecord]:
+    """The records of what may be wrong with contact, object and table, by id. Raises ImportError as `find_records` does."""
+    return _parts(SCENE_MODULES)
+
+
+def _parts(modules: tuple[str, ...]) -> Mapping[str, ViewRecord | SceneRecord]:
     found = {}
-    for place, module, record in _own(VIEW_MODULES):
+    for place, module, record in _own(modules):
         row = catalogue().get(record.id)
         if row is None or row["module"] != module or record.part != module or record.id != Path(place).stem:
             raise ImportError(
@@ -63,7 +74,7 @@ def find_view_records() -> Mapping[str, ViewRecord]:
     return MappingProxyType(found)
 
 
-def _own(modules: tuple[str, ...]) -> Iterator[tuple[str, str, EffectRecord | ViewRecord]]:
+def _own(modules: tuple[str, ...]) -> Iterator[tuple[str, str, EffectRecord | ViewRecord | SceneRecord]]:
     for module in modules:
         for file in sorted(entry.name for entry in (files("np_effects") / module).iterdir()):
             if file.endswith(".py") and not file.startswith("_"):
@@ -89,6 +100,9 @@ RECORDS = find_records(os.environ.get(FOLDERS, ""))
 
 VIEW_RECORDS = find_view_records()
 """Every effect of camera and keypoints that a simulated view carries, by id."""
+
+SCENE_RECORDS = find_scene_records()
+"""Every effect of contact, object and table that a simulated scene carries, by id."""
 
 
 def all_signatures(context: Context) -> list[Signature]:

@@ -18,6 +18,7 @@ from np_description.panda import (
     PandaModel,
 )
 from np_description.scene import FINGER_DAMPING, FINGER_STIFFNESS, OBJECT, contact_of, load_model
+from np_description.scene_change import UNCHANGED, SceneChange
 from np_physx_bridge.library import sapien
 from np_physx_bridge.scene import STICTION, Translator, scene
 from np_sim_bridge.schedule import PERIOD, SECOND
@@ -40,17 +41,20 @@ class PhysxEngine:
         camera: Camera = CAMERA,
         panda: PandaModel = NOMINAL,
         contact: ContactModel | None = None,
+        change: SceneChange = UNCHANGED,
     ):
         self._sapien = sapien()
         contact = contact or replace(HARD, hand=domain.contact.hand)
         self._timestep, self._substeps = PERIOD / SECOND / substeps, substeps
-        self.model = load_model(domain, timestep=self._timestep, camera=camera, panda=panda, contact=contact)
+        self.model = load_model(
+            domain, timestep=self._timestep, camera=camera, panda=panda, contact=contact, change=change
+        )
         self._ready, self._limit = panda.ready, panda.torque_limit
         self._friction = panda.frictionloss
         # As the scene's joints have it: the arm's viscous damping is no part of its drives, the fingers' is.
         self._damping = panda.damping
         self._finger_damping = FINGER_DAMPING + float(self.model.dof_damping[self._dof(STATE_NAMES[-1])])
-        self._contact = contact_of(domain, contact)
+        self._contact = change.contact(contact_of(domain, contact))
         first = self.model.joint(OBJECT).id + 1
         self._part_names = [self.model.joint(joint).name for joint in range(first, self.model.njnt)]
 

@@ -10,6 +10,7 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
 from np_description.panda import NOMINAL, PandaModel
+from np_description.scene_change import UNCHANGED, SceneChange
 
 
 class Engine(Protocol):
@@ -42,6 +43,13 @@ class MakeEngine(Protocol):
     """Builds an engine."""
 
     def __call__(
-        self, domain: Domain, *, substeps: int = 1, camera: Camera = CAMERA, panda: PandaModel = NOMINAL
+        self,
+        domain: Domain,
+        *,
+        substeps: int = 1,
+        camera: Camera = CAMERA,
+        panda: PandaModel = NOMINAL,
+        change: SceneChange = UNCHANGED,
     ) -> Engine:
-        """substeps: physics steps in a control period; camera: that of `model`; panda: the arm's numbers."""
+        """substeps: physics steps in a control period; camera: that of `model`; panda: the arm's numbers; change: what of the
+        scene is other than the domain says."""

@@ -10,6 +10,7 @@ from np_description.contact import ContactModel
 from np_description.domains import Domain, Pose
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES, PandaModel
 from np_description.scene import OBJECT, load_model
+from np_description.scene_change import UNCHANGED, SceneChange
 from np_sim_bridge.schedule import PERIOD, SECOND
 
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
@@ -26,9 +27,10 @@ class MujocoEngine:
         camera: Camera = CAMERA,
         panda: PandaModel = NOMINAL,
         contact: ContactModel | None = None,
+        change: SceneChange = UNCHANGED,
     ):
         timestep = PERIOD / SECOND / substeps
-        self.model = load_model(domain, timestep=timestep, camera=camera, panda=panda, contact=contact)
+        self.model = load_model(domain, timestep=timestep, camera=camera, panda=panda, contact=contact, change=change)
         self.data = mujoco.MjData(self.model)
         self._substeps = substeps
         joints = [self.model.joint(name) for name in STATE_NAMES]

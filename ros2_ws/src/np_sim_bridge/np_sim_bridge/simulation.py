@@ -54,7 +54,7 @@ class Simulation:
     seed: together with an episode number it names a task; scenario: a fixed one instead, of which they name the scatter, 0 for
     none (np_description.objects.scenarios); first_episode: the task that stands there at the
     beginning; substeps: physics steps in a control period of 2 ms; camera: the one in the scene; patch: effects
-    that the nominal arm lacks; engine: builds the physics.
+    that nominal arm and scene lack; engine: builds the physics.
     """
 
     def __init__(
@@ -70,7 +70,8 @@ class Simulation:
         engine: MakeEngine = MujocoEngine,
     ):
         self.domain = domain
-        self.engine = engine(domain, substeps=substeps, camera=camera, panda=patch.panda())
+        self._change = patch.scene_change()
+        self.engine = engine(domain, substeps=substeps, camera=camera, panda=patch.panda(), change=self._change)
         self._patch, self._seed, self._scenario = patch, seed, scenario
         self.stamp = 0
         self.reset(first_episode, 0)
@@ -92,7 +93,7 @@ class Simulation:
             start, goal = fixed_task(self.domain, self._scenario, rng)
         else:
             start, goal = sample_task(self.domain, rng)
-        self.engine.reset(start)
+        self.engine.reset(self._change.pose(start))
         self._opening = self._led = 0.0  # m: where the fingers shall be, and how far they have been led
         self._effects = ArmEffects(self._patch, PERIOD / SECOND, self._seed) if self._patch.arm.effects else None
         self._measured: Measurement | None = None

@@ -1,18 +1,27 @@
-"""`excite --out BAG`: move the arm through the excitation suite, or parts of it, and record a bag."""
+"""`excite --out BAG [--suite arm|task]`: move the arm through the excitation suite, or through the task suite at an object, and record a bag."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+from np_description.calibration import CalibrationError, calibrated_camera
+from np_description.objects.choice import domain_with, portable
 from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
+from np_diagnosis.experiments.task.suite import FAMILIES, check
 from np_diagnosis.thresholds import THRESHOLDS
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.graph import NodeSpec
 from np_ros.supervisor import NodeDied, Supervisor
 
+SIMULATORS = {
+    "mujoco": NodeSpec("np_sim_bridge", "sim_bridge"),
+    "physx": NodeSpec("np_physx_bridge", "physx_bridge"),
+}
+"""The backend of each engine."""
 RUNNING_TIMEOUT = 20.0  # s for an arm that is said to run to be heard
 
 
@@ -20,11 +29,31 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(prog="excite", description=__doc__)
     parser.add_argument(
+        "--suite",
+        choices=["arm", "task"],
+        default="arm",
+        help="arm: in the air; task: touches, drags, pushes and a scrape of table and object, planned from where it is seen",
+    )
+    parser.add_argument("--domain", default="bump", help="task: whose object and obstacles lie there (default bump)")
+    parser.add_argument("--object", default="default", help="task: another object of the domain, or a .yaml file")
+    parser.add_argument("--seed", type=int, default=0, help="task, sim: where the object lies")
+    parser.add_argument("--engine", choices=list(SIMULATORS), default="mujoco", help="sim: whose physics")
+    parser.add_argument(
+        "--keypoints",
+        choices=["truth", "camera"],
+        default="truth",
+        help="task, sim: projected from the simulated object, or found in images by the released detector",
+    )
+    parser.add_argument(
+        "--calibration", default="", help="task: file of the camera that is believed in; else as trained"
+    )
+    parser.add_argument(
         "--only",
         nargs="+",
         default=[],
         metavar="EXPERIMENT",
-        help=f"instead of all: {', '.join(NAMES)}; beyond the suite {', '.join(FURTHER)}; or a family such as sinusoid",
+        help=f"instead of all: {', '.join(NAMES)}; beyond the suite {', '.join(FURTHER)}; or a family such as sinusoid. "
+        f"task: {', '.join(FAMILIES)}",
     )
     parser.add_argument("--out", type=Path, required=True, help="path of the bag; a number is appended")
     parser.add_argument(
@@ -43,8 +72,13 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--logs", type=Path, default=Path("runs/excite"), help="folder for logs; a number is appended")
     options = parser.parse_args(arguments)
     try:
-        suite(options.only)
-    except ValueError as error:
+        if options.suite == "arm":
+            suite(options.only)
+        else:
+            check(options.only)
+            domain_with(options.domain, options.object)
+            calibrated_camera(options.calibration)
+    except (ValueError, CalibrationError) as error:
         parser.error(str(error))
     if options.effects and options.backend != "sim":
         parser.error("--effects: only a simulator that is started here can carry them")
@@ -52,9 +86,19 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def make_graph(
-    bag: Path, mode: str, with_arm: bool = True, effects: str = "", information: dict | None = None
+    bag: Path,
+    mode: str,
+    with_arm: bool = True,
+    effects: str = "",
+    information: dict | None = None,
+    engine: str = "mujoco",
+    scene: dict | None = None,
+    keypoints: str = "truth",
 ) -> list[NodeSpec]:
-    """The recorder, and with_arm the simulated arm and its controller."""
+    """The recorder, and with_arm the simulated arm and its controller.
+
+    scene: parameters `domain`, `object`, `seed` and `calibration` of a task, whose keypoints are recorded; None: the arm alone.
+    """
     nodes = [
         NodeSpec(
             "np_record",
@@ -68,11 +112,18 @@ def make_graph(
     ]
     if with_arm:
         realtime = 20 if mode == "realtime" else 0
-        arm = {"mode": mode, "camera": False, **({"effects": effects} if effects else {})}
+        from_camera = scene is not None and keypoints == "camera"
+        carried = {"effects": effects} if effects else {}
+        arm = {"mode": mode, "camera": from_camera, **carried, **(scene or {})}
         nodes += [
-            NodeSpec("np_sim_bridge", "sim_bridge", parameters=arm, realtime=realtime),
+            replace(SIMULATORS[engine], parameters=arm, realtime=realtime),
             NodeSpec("np_control", "joint_impedance", parameters={"mode": mode}, realtime=realtime),
         ]
+        if from_camera:
+            seeing = {"mode": mode, "domain": scene["domain"]}
+            nodes.append(NodeSpec("np_perception", "keypoint_detector", parameters=seeing))
+        elif scene is not None:
+            nodes.append(NodeSpec("np_perception", "keypoint_oracle", parameters={"mode": mode, **carried, **scene}))
     return nodes
 
 
@@ -88,29 +139,54 @@ def excite(options: argparse.Namespace) -> dict:
         "effects": options.effects,
         "revision": origin()["revision"],
     }
-    nodes = make_graph(options.out, options.mode, is_sim, options.effects, information)
-    domain = None if is_sim else ros_domain_id()
+    is_task = options.suite == "task"
+    if is_task:
+        scene = {
+            "domain": options.domain,
+            "object": portable(options.domain, options.object),
+            "seed": options.seed,
+            "calibration": options.calibration,
+        }
+        information |= {**scene, "suite": "task", "experiments": options.only or list(FAMILIES)}
+    nodes = make_graph(
+        options.out,
+        options.mode,
+        is_sim,
+        options.effects,
+        {**information, "engine": options.engine} if is_sim else information,
+        options.engine,
+        scene if is_task else None,
+        options.keypoints,
+    )
+    ros_domain = None if is_sim else ros_domain_id()
     bar: Progress | None = None
 
     def show(name: str, number: int, count: int) -> None:
         nonlocal bar
+        if is_task:
+            _say(name)
+            return
         bar = bar or Progress(round(motion), "excite, s of motion")
         ways = count - len(durations)  # to the first posture, where the arm rests elsewhere
         bar.show(sum(durations[: max(0, number - 1 - ways)]), name)
 
-    durations = [segment.duration for segment in suite(options.only)]
+    durations = [] if is_task else [segment.duration for segment in suite(options.only)]
     motion = sum(durations)
-    if motion < (enough := THRESHOLDS.blocks.shortest):
+    if not is_task and motion < (enough := THRESHOLDS.blocks.shortest):
         _say(
             f"{motion:.1f} s of motion; `diagnose` wants {enough:g} s: name further experiments, or one such as sweep_7"
         )
-    with Supervisor(new_folder(options.logs), domain_id=domain) as supervisor:
+    with Supervisor(new_folder(options.logs), domain_id=ros_domain) as supervisor:
         supervisor.start(nodes)
         with Exciter(supervisor, lockstep=options.mode == "lockstep", on_segment=show) as exciter:
             limit = READY_TIMEOUT if is_sim else RUNNING_TIMEOUT
             exciter.wait_until_ready({node.name for node in nodes}, limit, _say)
-            segments = exciter.run(options.only)
-            bar.show(round(motion), "done")
+            if is_task:
+                domain = domain_with(options.domain, options.object)
+                segments = exciter.run_task(domain, options.only, calibrated_camera(options.calibration))
+            else:
+                segments = exciter.run(options.only)
+                bar.show(round(motion), "done")
             return {"segments": segments, **exciter.stop_recording()}
 
 

@@ -35,8 +35,8 @@ def main(arguments: list[str] | None = None) -> int:
     # Slow to import, and not wanted by --help.
     from np_description.calibration import CalibrationError, calibrated_camera
     from np_diagnosis import lean  # noqa: F401, I001  before NumPy
-    from np_diagnosis.chain.places import read_places
-    from np_diagnosis.chain.view import view
+    from np_diagnosis.chain.view_stage.places import read_places
+    from np_diagnosis.chain.view_stage.view import view
     from np_diagnosis.recordings.reading import ContractViolation
     from np_diagnosis.report.view_words import document
 

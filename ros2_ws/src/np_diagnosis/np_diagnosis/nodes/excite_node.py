@@ -1,4 +1,4 @@
-"""Sends the excitation suite to an arm: what the episode node is to a task, this is to an experiment.
+"""Sends the excitation suite, or the task suite, to an arm: what the episode node is to a task, this is to an experiment.
 
 It stands where `episode` and `approach` stand (docs/reference/graph.md): phase `excite`, ticks, one joint_trajectory
 with gains for each segment. The controller follows, the backend guards, the recorder records.
@@ -7,20 +7,32 @@ with gains for each segment. The controller follows, the backend guards, the rec
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from np_control.safety import LIMITS
+from np_description.camera import CAMERA, Camera
+from np_description.domains import Domain
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
 from np_diagnosis.experiments.excitation import TICK_NS, Segment, end_of, schedule, suite
+from np_diagnosis.experiments.task.suite import Situation, task_suite
+from np_diagnosis.experiments.task.witness import Witness
 from np_ros import qos
-from np_ros.messages import BadMessage, gains_message, joint_state_arrays, stamp_nanoseconds, trajectory_message
+from np_ros.messages import (
+    BadMessage,
+    gains_message,
+    joint_state_arrays,
+    keypoints_array,
+    stamp_nanoseconds,
+    trajectory_message,
+)
 from np_ros.participant import GraphError, Participant
 from np_ros.phases import PhasePublisher
 from np_ros.supervisor import Supervisor
@@ -28,6 +40,7 @@ from np_ros.supervisor import Supervisor
 READY_TIMEOUT = 120.0  # s of wall time
 TOLD_EVERY = 4.0  # s between words while it waits
 GAINS_AHEAD = TICK_NS  # ns by which gains go before their trajectory in real time
+WITNESSED_NS = 20_000_000  # ns between states at which a task's experiment is watched
 SILENCE = 20.0  # s of wall time without a state
 FAREWELL = 1.0  # s at most, until everyone has the last phase
 # A busy host makes single commands late: the backend's watchdog judges that, and the recording shows it.
@@ -51,7 +64,9 @@ class Exciter(Participant):
         self._trajectory = node.create_publisher(JointTrajectory, "joint_trajectory", qos.EVENT)
         self._phases = PhasePublisher(node, lockstep=lockstep)
         node.create_subscription(JointState, "joint_states", self._receive_state, qos.subscriber(lockstep))
+        node.create_subscription(PointCloud2, "keypoints", self._receive_keypoints, qos.subscriber(lockstep))
         node.create_subscription(DiagnosticArray, "diagnostics", self._receive_diagnostics, qos.RECORDER)
+        self._witness: Witness | None = None  # of a task: what is seen and felt
         self._state: tuple[int, np.ndarray] | None = None
         self._states = 0  # heard
         self._heard = time.monotonic()
@@ -103,18 +118,52 @@ class Exciter(Participant):
 
         Raises GraphError where the backend stops, a trajectory is refused or the states cease; NodeDied.
         """
-        stamp, position = self._state
-        self._plan = suite(only, start=position)
-        begin = -(-stamp // TICK_NS) * TICK_NS
-        self._starts, self._end = schedule(self._plan, begin), end_of(self._plan, begin)
-        self._heard = time.monotonic()
+        with self._at_rest_afterwards():
+            return self._lead(suite(only, start=self._state[1]))
+
+    def run_task(self, domain: Domain, only: Sequence[str] = (), camera: Camera = CAMERA) -> list[str]:
+        """Send the task suite's experiments, or some families of it, each planned once the one before is over; the segments sent.
+
+        Raises as `run` does; GraphError as well where the object is not seen, or the hand presses harder than it may.
+        """
+        self._witness, sent = Witness(domain, camera), []
+        with self._at_rest_afterwards():
+            plans = task_suite(domain, self._situation(self._state[0]), only, camera)
+            plan = next(plans, None)
+            while plan is not None:
+                sent += self._lead(plan)
+                try:
+                    plan = plans.send(self._situation(self._end))
+                except StopIteration:
+                    plan = None
+        return sent
+
+    @contextmanager
+    def _at_rest_afterwards(self) -> Iterator[None]:
         try:
-            self._advance()
-            self._follow(lambda: self._state[0] >= self._end, "the end of the experiment")
+            yield
         finally:  # whatever ends it, the arm goes no further
             self._enter(PhaseState(IDLE))
             self._phases.wait_until_heard(FAREWELL)
-        return [segment.name for segment in self._plan]
+
+    def _lead(self, plan: list[Segment]) -> list[str]:
+        """Send a plan, from where the arm is; the segments sent."""
+        begin = -(-self._state[0] // TICK_NS) * TICK_NS
+        self._plan, self._sent, self._gains_sent = plan, 0, 0
+        self._starts, self._end = schedule(plan, begin), end_of(plan, begin)
+        self._heard = time.monotonic()
+        self._advance()
+        self._follow(lambda: self._state[0] >= self._end, "the end of the experiment")
+        return [segment.name for segment in plan]
+
+    def _situation(self, since: int) -> Situation:
+        """What the next experiment is planned from, once the object has been seen at `since` ns or later."""
+        self._heard = time.monotonic()
+        self._wait(lambda: self._witness.has_seen(since), READY_TIMEOUT, "keypoints of the object")
+        try:
+            return self._witness.situation(self._state[1])
+        except ValueError as error:
+            raise GraphError(f"expected the object in the picture: {error}") from error
 
     def _wait_aloud(
         self, condition: Callable[[], bool], timeout: float, what: str, tell: Callable[[str], None]
@@ -133,10 +182,13 @@ class Exciter(Participant):
 
     def _receive_state(self, message: JointState) -> None:
         try:
-            position, _, _ = joint_state_arrays(message, STATE_NAMES)
+            position, velocity, effort = joint_state_arrays(message, STATE_NAMES)
         except BadMessage as error:
             raise GraphError(f"joint_states: {error}; a backend keeps the names of docs/reference/graph.md") from error
-        self._state = stamp_nanoseconds(message.header.stamp), position[: len(JOINT_NAMES)]
+        arm = slice(len(JOINT_NAMES))
+        self._state = stamp_nanoseconds(message.header.stamp), position[arm]
+        if self._witness is not None and self._state[0] % WITNESSED_NS == 0:
+            self._problem = self._witness.feel(position[arm], velocity[arm], effort[arm]) or self._problem
         self._states += 1
         self._heard = time.monotonic()
         self._advance()
@@ -183,6 +235,13 @@ class Exciter(Participant):
     def _enter(self, state: PhaseState) -> None:
         self._phase = state
         self._phases.phase(state)
+
+    def _receive_keypoints(self, message: PointCloud2) -> None:
+        if self._witness is not None:
+            try:
+                self._witness.see(stamp_nanoseconds(message.header.stamp), keypoints_array(message))
+            except BadMessage as error:
+                self._problem = f"keypoints: {error}"
 
     def _receive_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from np_diagnosis.chain.view import View
-from np_diagnosis.chain.view_fit import Fit, at_numbers
-from np_diagnosis.chain.view_model import Scene
-from np_diagnosis.chain.view_parameters import COUNT, PARAMETERS
+from np_diagnosis.chain.view_stage.fit import Fit, at_numbers
+from np_diagnosis.chain.view_stage.model import Scene
+from np_diagnosis.chain.view_stage.parameters import COUNT, PARAMETERS
+from np_diagnosis.chain.view_stage.view import View
 from np_diagnosis.report.view_words import SCOPE
 from np_record.report.pages import page, style, svg
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from np_diagnosis.chain.view import Named, View
-from np_diagnosis.chain.view_parameters import BY_NAME, EFFECTS, PARAMETERS, SHOWN_BY
+from np_diagnosis.chain.view_stage.parameters import BY_NAME, EFFECTS, PARAMETERS, SHOWN_BY
+from np_diagnosis.chain.view_stage.view import Named, View
 from np_effects import VIEW_RECORDS
 from np_effects.saying import Value
 

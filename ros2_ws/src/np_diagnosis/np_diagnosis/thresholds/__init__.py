@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_diagnosis.thresholds import chain, checks, consequences, inference, keypoints, pushes, view
+from np_diagnosis.thresholds import chain, checks, consequences, inference, keypoints, pushes, task, view
 
 __all__ = ["THRESHOLDS", "Thresholds"]
 
@@ -56,6 +56,10 @@ class Thresholds:
     push_fit: pushes.PushFit = pushes.PushFit()
     push_change: pushes.PushChange = pushes.PushChange()
     sliding: pushes.Sliding = pushes.Sliding()
+    contact_force: task.ContactForce = task.ContactForce()
+    touching: task.Touching = task.Touching()
+    forcing: task.Forcing = task.Forcing()
+    felt: task.Felt = task.Felt()
 
 
 THRESHOLDS = Thresholds()

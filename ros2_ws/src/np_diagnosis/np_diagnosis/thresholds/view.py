@@ -1,4 +1,4 @@
-"""Thresholds of the view stage: seen corners against camera, lens, table and object (chain/view*.py)."""
+"""Thresholds of the view stage: seen corners against camera, lens, table and object (chain/view_stage/)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def spreads(usual: float, gap: float, unit: str, meaning: str, source: str) -> A
 
 @dataclass(frozen=True)
 class Places:
-    """Where the object rested, and which of these places count (chain/places.py)."""
+    """Where the object rested, and which of these places count (chain/view_stage/places.py)."""
 
     same: float = threshold(2.0, "px", "by which a corner moves, in the middle, from one place to another", JUDGEMENT)
     corners: int = threshold(5, "corners", "fewest usable of a place", "the pose takes three numbers of ten")
@@ -36,7 +36,7 @@ class Places:
 
 @dataclass(frozen=True)
 class ViewSpreads:
-    """What the numbers of the view are beforehand (chain/view_model.py)."""
+    """What the numbers of the view are beforehand (chain/view_stage/model.py)."""
 
     shift: tuple[float, float] = spreads(0.0006, 0.01, "m", "camera's place, each axis", f"{USUAL}; public: 4 to 29 mm")
     turn: tuple[float, float] = spreads(
@@ -55,7 +55,7 @@ class ViewSpreads:
 
 @dataclass(frozen=True)
 class ViewFit:
-    """Seen corners beside the model (chain/view_fit.py)."""
+    """Seen corners beside the model (chain/view_stage/fit.py)."""
 
     tails: float = threshold(4.0, "1", "degrees of freedom of a corner's error, Student's", "as of pushes")
     first_tails: float = threshold(100.0, "1", "the same where the search begins", "as of pushes")
@@ -71,7 +71,7 @@ class ViewFit:
 
 @dataclass(frozen=True)
 class ViewChange:
-    """Which explanation of the seen corners stands (chain/view.py)."""
+    """Which explanation of the seen corners stands (chain/view_stage/view.py)."""
 
     places: int = threshold(3, "places", "fewest that tell anything apart", JUDGEMENT)
     apart: float = threshold(40.0, "px", "between the two that are farthest apart, at least", "a fifth of the image")

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize_scalar
 
-from np_diagnosis.chain.view_model import Lines, Scene, linearise
-from np_diagnosis.chain.view_parameters import COUNT
+from np_diagnosis.chain.view_stage.model import Lines, Scene, linearise
+from np_diagnosis.chain.view_stage.parameters import COUNT
 from np_diagnosis.thresholds import THRESHOLDS
 
 FIT = THRESHOLDS.view_fit

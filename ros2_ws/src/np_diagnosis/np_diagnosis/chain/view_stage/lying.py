@@ -11,7 +11,7 @@ from np_description.camera import Camera
 from np_description.domains import Domain
 from np_description.keypoints import CORNERS
 from np_description.rotations import matrix_from_vector
-from np_diagnosis.chain.places import Place
+from np_diagnosis.chain.view_stage.places import Place
 from np_diagnosis.thresholds import THRESHOLDS
 
 PLACES = THRESHOLDS.places

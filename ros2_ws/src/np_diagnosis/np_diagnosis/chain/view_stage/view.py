@@ -1,6 +1,6 @@
 """The view stage: which of camera, lens, table, object and detector explains where corners of the resting object are seen.
 
-Explanations of up to two effects compete by the density of all that was seen, integrated over all numbers (`chain.view_fit`). Whatever
+Explanations of up to two effects compete by the density of all that was seen, integrated over all numbers (`chain.view_stage.fit`). Whatever
 explains the corners as well as the best is named beside it. What no explanation brings down to a detector's error, or leaves a pattern
 in, is unexplained; what the recording cannot show is said as well.
 """
@@ -16,12 +16,12 @@ from scipy.optimize import brentq
 from scipy.stats import t as student
 
 from np_description.camera import CAMERA, Camera
-from np_diagnosis.chain.lying import lying
-from np_diagnosis.chain.places import Place, distinct
-from np_diagnosis.chain.view_checks import HeldOut, distances, held_out, patterns
-from np_diagnosis.chain.view_fit import Fit, Prior, at_numbers, fit
-from np_diagnosis.chain.view_model import Scene, scene
-from np_diagnosis.chain.view_parameters import BY_NAME, EFFECTS, GAP, NAMES, PARAMETERS, USUAL, split_by
+from np_diagnosis.chain.view_stage.checks import HeldOut, distances, held_out, patterns
+from np_diagnosis.chain.view_stage.fit import Fit, Prior, at_numbers, fit
+from np_diagnosis.chain.view_stage.lying import lying
+from np_diagnosis.chain.view_stage.model import Scene, scene
+from np_diagnosis.chain.view_stage.parameters import BY_NAME, EFFECTS, GAP, NAMES, PARAMETERS, USUAL, split_by
+from np_diagnosis.chain.view_stage.places import Place, distinct
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.saying import Value

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from np_description.keypoints import COUNT as CORNER_COUNT
-from np_diagnosis.chain.view_fit import MEASURED, Fit, Prior, at_numbers, fit
-from np_diagnosis.chain.view_model import SHIFT, TURN, Scene
-from np_diagnosis.chain.view_parameters import COUNT
+from np_diagnosis.chain.view_stage.fit import MEASURED, Fit, Prior, at_numbers, fit
+from np_diagnosis.chain.view_stage.model import SHIFT, TURN, Scene
+from np_diagnosis.chain.view_stage.parameters import COUNT
 from np_diagnosis.thresholds import THRESHOLDS
 
 VIEW = THRESHOLDS.view_change

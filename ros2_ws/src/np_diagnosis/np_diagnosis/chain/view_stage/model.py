@@ -15,8 +15,8 @@ import numpy as np
 from np_description.camera import Camera
 from np_description.keypoints import CORNERS
 from np_description.rotations import matrix_from_vector, vector_from_matrix
-from np_diagnosis.chain.places import Place
-from np_diagnosis.chain.view_parameters import COUNT, numbers
+from np_diagnosis.chain.view_stage.parameters import COUNT, numbers
+from np_diagnosis.chain.view_stage.places import Place
 
 CENTRE = np.array([0.5, 0.0])  # m, where the table's height is that of its plane
 SHIFT, TURN, FOCAL, OFFSET, K1 = (numbers(name) for name in ("camera", "camera_turn", "focal", "offset", "k1"))

@@ -1,0 +1,113 @@
+"""The task suite in a simulated reality without a graph: the bridge's simulation, guards and controller in one process, a period at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from np_control.controller import Controller
+from np_control.safety import LIMITS, SafetyFilter
+from np_description.camera import CAMERA
+from np_description.domains import Domain
+from np_description.panda import JOINT_NAMES
+from np_description.phases import EXCITE, PhaseState
+from np_diagnosis.chain.task.recording import TaskRecording, spans_of
+from np_diagnosis.chain.track import Track
+from np_diagnosis.experiments.excitation import Segment, end_of, schedule
+from np_diagnosis.experiments.task.suite import Situation, task_suite
+from np_diagnosis.experiments.task.witness import Witness
+from np_diagnosis.recordings.reading import SECOND
+from np_diagnosis.recordings.signals import Log
+from np_effects.patch import Patch
+from np_effects.view_effects import ViewEffects
+from np_perception.seen_corners import SeenCorners
+from np_sim_bridge.engine import MakeEngine
+from np_sim_bridge.schedule import PERIOD, Schedule
+from np_sim_bridge.simulation import Simulation
+
+TORQUE_NOISE = 0.03  # Nm, white, of a joint's torque sensor
+WITNESSED = 10 * PERIOD  # ns between states that the suite's guard looks at
+PIXEL_NOISE = 0.3  # px, of a corner in an image
+
+
+@dataclass
+class _Kept:
+    stamps: list[int] = field(default_factory=list)
+    joints: list[np.ndarray] = field(default_factory=list)
+    images: list[tuple[int, np.ndarray]] = field(default_factory=list)
+    phases: list[tuple[int, str]] = field(default_factory=list)
+
+
+class Reality:
+    """A simulated robot with a task, which can be led through plans and remembers what it measured.
+
+    patch: what is other than the doctor believes; seed: of task and noise; engine: builds the physics.
+    """
+
+    def __init__(self, domain: Domain, patch: Patch, seed: int, engine: MakeEngine):
+        self.domain, self._rng = domain, np.random.default_rng([seed, 1])
+        self._simulation = Simulation(domain, seed=seed, patch=patch, engine=engine)
+        self._controller, self._filter, self._schedule = Controller(), SafetyFilter(), Schedule(10, 30)
+        self._view = ViewEffects(patch, CAMERA, seed)
+        self._corners = SeenCorners(np.asarray(domain.half_size), self._view.oldest)
+        self._kept = _Kept()
+        self._filter.start(self._simulation.measure().position[:7])
+        self._witness = Witness(domain)
+        self._note()
+
+    def run(self, only: tuple[str, ...] = ()) -> TaskRecording:
+        """The suite, or some of its families, and what was recorded of it."""
+        plans = task_suite(self.domain, self._situation(), only)
+        plan = next(plans)
+        while plan is not None:
+            self._lead(plan)
+            try:
+                plan = plans.send(self._situation())
+            except StopIteration:
+                plan = None
+        return self._recording()
+
+    def _situation(self) -> Situation:
+        return self._witness.situation(self._simulation.measure().position[:7])
+
+    def _lead(self, plan: list[Segment]) -> None:
+        begin = self._simulation.stamp
+        starts, end, sent = schedule(plan, begin), end_of(plan, begin), 0
+        while self._simulation.stamp < end:
+            measured = self._simulation.measure()
+            self._controller.observe(measured.stamp, measured.position[:7], measured.velocity[:7])
+            if sent < len(plan) and measured.stamp >= starts[sent]:
+                self._kept.phases.append((measured.stamp, plan[sent].name))
+                self._controller.follow(plan[sent].trajectory, measured.stamp, plan[sent].gains)
+                sent += 1
+            answer = self._controller.answer()
+            stamp = measured.stamp
+            self._filter.offer(stamp, JOINT_NAMES, answer.position, answer.velocity, answer.torque, now=stamp)
+            self._simulation.step(self._filter.apply(stamp, measured.position[:7], measured.velocity[:7]).torque)
+            self._note()
+
+    def _note(self) -> None:
+        measured, stamp = self._simulation.measure(), self._simulation.stamp
+        noise = TORQUE_NOISE * self._rng.standard_normal(7)
+        self._kept.stamps.append(stamp)
+        self._kept.joints.append(np.stack([measured.position[:7], measured.velocity[:7], measured.effort[:7] + noise]))
+        if stamp % WITNESSED == 0 and (problem := self._witness.feel(*self._kept.joints[-1])):
+            raise RuntimeError(problem)
+        if self._schedule.is_image_due(stamp):
+            self._corners.keep(stamp, self._simulation.object_pose())
+            seen = self._view.keypoints(self._corners.at, stamp)
+            seen = seen + PIXEL_NOISE * self._rng.standard_normal(seen.shape)
+            inside = ((seen > -0.5) & (seen < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=1)
+            self._kept.images.append((stamp, np.column_stack([seen, inside.astype(float)])))
+            self._witness.see(*self._kept.images[-1])
+
+    def _recording(self) -> TaskRecording:
+        time = np.array(self._kept.stamps) / SECOND
+        position, velocity, effort = np.array(self._kept.joints).transpose(1, 0, 2)
+        phases = tuple((at / SECOND, PhaseState(EXCITE, experiment=name)) for at, name in self._kept.phases)
+        log = Log("task", time, position, velocity, effort, time - LIMITS.period / 2, False, phases=phases)
+        stamps, found = zip(*self._kept.images)
+        seen, found = np.array(stamps) / SECOND, np.array(found)
+        track = Track("task", seen - seen[0], found[..., :2], found[..., 2] > 0)
+        return TaskRecording(log, track, float(seen[0]), self.domain, spans_of(log))

@@ -1,0 +1,151 @@
+"""Friction and mass by force: which of table and object explains what drags and pushes take.
+
+A drag takes mu (N + m g), a slow push through the object's centre mu m g. Pushes alone hold friction and mass as one product; drags that
+press by different forces tell them apart. The fingertip's coefficient is at least what it was seen to hold: an object that gives way under a
+scrape takes less, so that no scrape says what it is at most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from np_description.domains import Domain
+from np_description.panda import NOMINAL, PandaModel
+from np_description.scene import contact_of
+from np_diagnosis.chain.explanations import Explained, Measured, explain
+from np_diagnosis.chain.force.readings import Reading, readings
+from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.thresholds import THRESHOLDS
+
+FORCE = THRESHOLDS.forcing
+GRAVITY = 9.81
+NUMBERS = ("table", "mass")
+"""Logarithms of coefficient and mass over those that are believed in."""
+EFFECTS = {"table_friction": ("table",), "object_mass": ("mass",)}
+UNKNOWN = 1.5  # standard deviation of such a logarithm before anything is known
+TAILS = 1.5  # deviations from which on a reading counts less: now and then the tip slips, or the object tips
+
+
+@dataclass(frozen=True)
+class Believed:
+    """Coefficient of the object with the table, and its mass kg."""
+
+    table: float
+    mass: float
+
+    @classmethod
+    def of(cls, domain: Domain) -> Believed:
+        """What a domain says."""
+        return cls(contact_of(domain, domain.contact).table, domain.mass)
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """verdict: as of Explained, or unexplained; doubt: why nothing is said. readings: that count. misfit: their errors over the usual ones.
+    before, after: N, root mean square by which a reading is off when the other experiments tell friction and mass, without and with what is
+    named. measured: coefficient `table` and `mass` kg, with 95 % intervals; None where nothing measured it. least_finger: what the
+    coefficient of the fingertip is at least, by what it held in drags and scrapes."""
+
+    verdict: str
+    explained: Explained | None
+    readings: tuple[Reading, ...]
+    doubt: str = ""
+    misfit: float | None = None
+    before: float | None = None
+    after: float | None = None
+    measured: dict[str, tuple[float, float, float]] | None = None
+    least_finger: float | None = None
+
+
+def weigh(recording: TaskRecording, panda: PandaModel = NOMINAL) -> Forces:
+    """Of a recording of the task suite. panda: the arm as it is."""
+    return judge(readings(recording, panda), Believed.of(recording.domain))
+
+
+def judge(every: Sequence[Reading], believed: Believed) -> Forces:
+    """Of readings: see `weigh`."""
+    used = tuple(r for r in every if r.kind != "scrape")
+    if len(used) < 3:
+        return Forces("undetermined", None, used, f"{len(used)} drags and pushes went as they should; 3 are needed")
+    value, covariance, misfit = _fit(used, believed)
+    explained = explain(_measured(value, covariance))
+    held = [(r.force - r.deviation) / r.normal for r in every if r.normal]
+    before, after = _held_out(used, believed, {one.effect for one in explained.named})
+    told = dict(
+        readings=used,
+        misfit=misfit,
+        before=before,
+        after=after,
+        measured=_sizes(value, covariance, believed),
+        least_finger=max(held, default=None),
+    )
+    if misfit > FORCE.misfit:
+        return Forces(
+            "unexplained", explained, doubt=f"forces are {misfit:.1f} times as far off as they usually are", **told
+        )
+    return Forces(explained.verdict, explained, **told)
+
+
+def _predicted(logs: np.ndarray, used: Sequence[Reading], believed: Believed) -> np.ndarray:
+    """Forces (n,) N of the readings with numbers (2,) as in NUMBERS."""
+    table, mass = np.exp(logs) * (believed.table, believed.mass)
+    return np.array([table * (r.normal + mass * GRAVITY) for r in used])
+
+
+def _fit(
+    used: Sequence[Reading], believed: Believed, free: Sequence[int] = (0, 1)
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Numbers (2,), covariance (2, 2), and errors over usual ones; numbers that are not free stay as believed."""
+    force, deviation = np.array([r.force for r in used]), np.array([r.deviation for r in used])
+    places = list(free)
+
+    def full(x: np.ndarray) -> np.ndarray:
+        logs = np.zeros(2)
+        logs[places] = x
+        return logs
+
+    def off(x: np.ndarray) -> np.ndarray:
+        return np.concatenate([(force - _predicted(full(x), used, believed)) / deviation, x / UNKNOWN])
+
+    if not places:
+        left = off(np.zeros(0))
+        return np.zeros(2), np.zeros((2, 2)), float(np.sqrt(np.mean(left**2)))
+    found = least_squares(off, np.zeros(len(places)), loss="soft_l1", f_scale=TAILS)
+    left = (force - _predicted(full(found.x), used, believed)) / deviation
+    misfit = 1.4826 * float(np.median(np.abs(left))) * np.sqrt(len(used) / max(len(used) - len(places), 1))
+    jacobian = found.jac  # with the loss's weights
+    covariance = np.zeros((2, 2))
+    covariance[np.ix_(places, places)] = np.linalg.inv(jacobian.T @ jacobian) * max(1.0, misfit**2)
+    return full(found.x), covariance, misfit
+
+
+def _measured(value: np.ndarray, covariance: np.ndarray) -> Measured:
+    usual, gap = zip(FORCE.table, FORCE.mass)
+    return Measured(NUMBERS, value, covariance, np.array(usual), np.array(gap), EFFECTS)
+
+
+def _held_out(used: Sequence[Reading], believed: Believed, named: set[str]) -> tuple[float, float]:
+    free = [k for k, effect in enumerate(EFFECTS) if effect in named]
+    before, after = [], []
+    for name in dict.fromkeys(r.experiment for r in used):
+        mine, others = [r for r in used if r.experiment == name], [r for r in used if r.experiment != name]
+        force = np.array([r.force for r in mine])
+        value = _fit(others, believed, free)[0] if others else np.zeros(2)
+        before += list(force - _predicted(np.zeros(2), mine, believed))
+        after += list(force - _predicted(value, mine, believed))
+    return float(np.sqrt(np.mean(np.square(before)))), float(np.sqrt(np.mean(np.square(after))))
+
+
+def _sizes(value: np.ndarray, covariance: np.ndarray, believed: Believed) -> dict[str, tuple[float, float, float]]:
+    """Value and interval of each coefficient and of the mass, of those that were measured at all."""
+    found = {}
+    for k, name in enumerate(NUMBERS):
+        deviation = float(np.sqrt(covariance[k, k]))
+        if deviation < 0.5 * UNKNOWN:
+            scale = getattr(believed, name)
+            found[name] = tuple(float(scale * np.exp(value[k] + step * deviation)) for step in (0.0, -1.96, 1.96))
+    return found

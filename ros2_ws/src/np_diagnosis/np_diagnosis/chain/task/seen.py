@@ -1,0 +1,30 @@
+"""Where the object is seen to be in a recording of the task suite."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from np_description.camera import CAMERA, Camera
+from np_description.domains import Pose
+from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.recordings.reading import ContractViolation
+from np_perception.pose_estimation import PoseError, estimate_pose
+
+IMAGES = 8  # of which the median is taken
+
+
+def seen_pose(recording: TaskRecording, name: str, camera: Camera = CAMERA) -> Pose:
+    """At the beginning of an experiment. Raises ContractViolation where no pose explains the corners."""
+    track = recording.track
+    first = recording.images(name)[:IMAGES]
+    masked = np.where(track.usable[first][..., None], track.pixels[first], np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a corner that is never usable has no median
+        corners = np.nanmedian(masked, axis=0)
+    scores = np.isfinite(corners).all(axis=1).astype(float)
+    try:
+        return estimate_pose(np.column_stack([np.nan_to_num(corners), scores]), recording.domain, camera=camera).pose
+    except PoseError as error:
+        raise ContractViolation(f"{name}: {error}") from error

@@ -1,0 +1,1 @@
+"""The touch stage: where joint torque says that contact begins, against geometry."""

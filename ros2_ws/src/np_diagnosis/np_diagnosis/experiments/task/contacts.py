@@ -1,0 +1,148 @@
+"""What the tip does to table and object: touch, drag from above, push, tap, scrape. Each is one segment that begins and ends high up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from np_diagnosis.experiments.excitation import Segment
+from np_diagnosis.experiments.task.path import Leg, OutOfReach, segment, sinking
+from np_diagnosis.experiments.task.room import Lain, Room, is_reachable
+from np_diagnosis.experiments.task.tip import RADIUS, leading_yaw
+
+CLEAR = 0.03  # m over whatever is there, at which the hand travels
+FAST = 0.12  # m/s on the way
+BEFORE = 0.025  # m over a surface from which on the tip comes slowly: tables are up to 2 cm higher than believed
+SLOW_TOUCH = 0.02  # m/s
+DEEPER = 0.008  # m below a surface, as it is believed to be, down to which the tip is sent
+STROKE, STROKE_SPEED = 0.028, 0.03  # m and m/s of a drag
+BEHIND = 0.02  # m behind the middle, where a drag presses: a tall object would tip over its leading edge
+HEADINGS = (np.array([1.0, 0.0]), np.array([-1.0, 0.0]), np.array([0.0, 1.0]), np.array([0.0, -1.0]))
+GRIP = 0.042  # m below the top of an object, down to which the tip reaches beside it: the hand's housing is 46 mm behind the tip
+OVER = 0.015  # m over obstacles
+LEAVE = 0.012  # m by which the tip backs off
+# m: a scrape leaves the object so far from its obstacle, backs off, and comes down its face from so far below its top, while it goes into
+# it: a tip that slides down holds the object down, where one that only presses would tip it over the obstacle.
+GAP, AWAY, BELOW, INTO, DOWN_SPEED = 0.006, 0.005, 0.015, 0.009, 0.012
+TALL = 0.03  # m: of an obstacle that holds an object
+
+
+@dataclass(frozen=True)
+class Push:
+    """From the side. share: place on the face from its middle, of half its width; speed m/s; run_up, travel m: free, and with the object
+    (as far as it is where it is seen); stop s: in which the tip comes to rest; slides m: what the object may go on by itself."""
+
+    name: str
+    share: float
+    speed: float
+    run_up: float
+    travel: float
+    stop: float
+    slides: float
+
+    @property
+    def moves(self) -> float:
+        """m by which the object is moved."""
+        return self.travel + self.slides
+
+    def named(self, name: str) -> Push:
+        """The same, called so."""
+        return replace(self, name=name)
+
+
+SLOW = Push("push", 0.0, 0.03, 0.03, 0.025, 0.12, 0.0)
+TAP = Push("tap", 0.0, 0.35, 0.05, 0.018, 0.04, 0.018)
+
+
+def touch(name: str, q: np.ndarray, place: np.ndarray, surface: float, obstacles: float) -> Segment:
+    """Down onto a `surface` m at a place (2,) m and up again; obstacles: m, height to keep clear of."""
+    high = np.array([*place, max(surface, obstacles, 0.09) + CLEAR])
+    near, deep = np.array([*place, surface + BEFORE]), np.array([*place, surface - DEEPER])
+    return segment(name, q, high, [Leg(near, FAST), Leg(deep, SLOW_TOUCH, rest=0.3), Leg(high, FAST)], 0.0)
+
+
+def drag(name: str, q: np.ndarray, lain: Lain, room: Room, top: float, force: float) -> Segment:
+    """Press the object's top, felt at `top` m, and lead it there and back; without a force the same way in the air."""
+    middle = lain.centre[:2]
+    high = np.array([*middle, max(top, room.clearance) + CLEAR])
+    down = high - [0, 0, high[2] - top]
+    at = segment(name, q, high, [Leg(down, FAST)], 0.0).positions[-1]
+    level = top - sinking(at, force) if force else top + 0.01
+    heading = next((way for way in HEADINGS if room.holds(lain, STROKE * way)), None)
+    if heading is None:
+        raise OutOfReach(f"{name}: no room to drag the object in")
+    legs = []
+    for begin, way in ((-BEHIND * heading, heading), ((STROKE + BEHIND) * heading, -heading)):
+        first, last = middle + begin, middle + begin + STROKE * way
+        legs += [
+            Leg(np.array([*first, top + BEFORE]), FAST),
+            Leg(np.array([*first, level]), SLOW_TOUCH, rest=0.2),
+            Leg(np.array([*last, level]), STROKE_SPEED, rest=0.2),
+            Leg(np.array([*last, top + BEFORE]), FAST, rest=0.2),
+        ]
+    legs += [Leg(high, FAST)]
+    return segment(name, q, high, legs, 0.0)
+
+
+def push(
+    how: Push, q: np.ndarray, lain: Lain, normal: np.ndarray, distance: float, room: Room, table: float
+) -> Segment:
+    """Push the face with this outward normal (2,), `distance` m from the object's centre; table: its height m as felt."""
+    ahead, across = -normal, np.array([-normal[1], normal[0]])
+    width = max(abs(float(corner @ across)) for corner in (lain.corners(np.zeros(2)) - lain.centre)[:, :2])
+    place = lain.centre[:2] + normal * distance + across * how.share * width
+    level = _beside(lain, room, table)
+    begin, end = (place - ahead * (RADIUS + back) for back in (how.run_up, -how.travel))
+    if not (is_reachable(begin) and is_reachable(end)):
+        raise OutOfReach(f"{how.name}: the way of the tip is out of reach")
+    high, low = table + lain.height + CLEAR, level
+    out = end - ahead * LEAVE
+    legs = [
+        Leg(np.array([*begin, low]), FAST, rest=0.3),
+        Leg(np.array([*end, low]), how.speed, rest=0.6, stop=how.stop),
+        Leg(np.array([*out, low]), how.speed if how.slides == 0 else 0.05),
+        Leg(np.array([*out, high]), FAST, rest=1.0),
+    ]
+    return segment(how.name, q, np.array([*begin, high]), legs, leading_yaw(ahead))
+
+
+def _beside(lain: Lain, room: Room, table: float) -> float:
+    """Height m of the tip's end beside the object: over obstacles, no deeper than the hand allows."""
+    return table + max(room.clearance + OVER if room.clearance else 0.0, lain.height - GRIP, 0.3 * lain.height)
+
+
+def scrape(name: str, q: np.ndarray, lain: Lain, room: Room, table: float) -> Segment:
+    """Hold the object against an obstacle with the tip, and lead the tip down its face. Raises OutOfReach without such an obstacle."""
+    found = []
+    for box in room.domain.obstacles:
+        for axis in range(2):
+            for sign in (-1.0, 1.0):
+                outward = sign * np.eye(2)[axis]
+                face = np.array(box.centre[:2]) + outward * box.half_size[axis]
+                gap = float((lain.centre[:2] - face) @ outward)
+                along = abs(lain.centre[1 - axis] - box.centre[1 - axis])
+                if gap > 0 and along < box.half_size[1 - axis] - 0.5 * lain.reach and box.half_size[2] * 2 >= TALL:
+                    found.append((gap, outward))
+    if not found:
+        raise OutOfReach(f"{name}: no obstacle beside the object that could hold it")
+    gap, outward = min(found, key=lambda one: one[0])
+    normal, distance = max(lain.sides(), key=lambda side: float(side[0] @ outward))
+    depth = 2 * distance
+    low, top = _beside(lain, room, table), table + lain.height - BELOW
+    place = lain.centre[:2] + normal * distance
+    begin = place + outward * (RADIUS + 0.02)
+    # The tip's place once the object lies flat against the obstacle, and its edge in the middle of the face.
+    flush = lain.centre[:2] - outward * (gap - depth) + outward * RADIUS
+    near = flush + outward * GAP
+    legs = [
+        Leg(np.array([*begin, low]), FAST, rest=0.2),
+        Leg(np.array([*near, low]), 0.03, rest=0.1),
+        Leg(np.array([*near + outward * AWAY, low]), 0.03),
+        Leg(np.array([*near + outward * AWAY, top]), FAST, rest=0.2),
+        Leg(np.array([*flush - outward * INTO, low]), DOWN_SPEED, rest=0.2),
+        Leg(np.array([*flush + outward * LEAVE, low]), 0.03),
+        Leg(np.array([*flush + outward * LEAVE, table + lain.height + CLEAR]), FAST, rest=1.0),
+    ]
+    high = np.array([*begin, table + lain.height + CLEAR])
+    return segment(name, q, high, legs, leading_yaw(-outward))

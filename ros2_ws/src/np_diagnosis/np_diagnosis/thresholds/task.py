@@ -1,0 +1,74 @@
+"""Thresholds of what the hand feels: touches and contact forces (chain/touch/, chain/force/, chain/contact_force.py)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+
+from np_diagnosis.thresholds.entry import JUDGEMENT, threshold
+from np_diagnosis.thresholds.view import USUAL, spreads
+
+
+@dataclass(frozen=True)
+class ContactForce:
+    """Forces from joint torques (chain/contact_force.py)."""
+
+    rate: float = threshold(50.0, "1/s", "rows, means of the states in between", JUDGEMENT)
+    turned: float = threshold(0.004, "rad/s", "speed from which on a joint's friction has turned over", JUDGEMENT)
+    torque: float = threshold(0.03, "Nm", "error of a joint's torque beside friction", "torque sensors of the Panda")
+    friction: float = threshold(0.05, "1", "share of a moving joint's friction that is not known", JUDGEMENT)
+
+
+@dataclass(frozen=True)
+class Touching:
+    """Surfaces that the tip was stopped by (chain/touch/)."""
+
+    least: float = threshold(1.5, "N", "smallest force at which a surface is felt", "joints at rest hide .7 N")
+    rows: int = threshold(8, "rows", "of contact, at least, to draw a line through", JUDGEMENT)
+    agreed: float = threshold(0.002, "m", "between touched points and a plane, beyond which it is none", JUDGEMENT)
+    angle: float = threshold(
+        0.0002, "m", "error of one touch: joints' angles at another posture", ".3 mrad of one joint"
+    )
+    common: float = threshold(0.0002, "m", "error of all touches together", ".3 mrad of all joints alike")
+    height: tuple[float, float] = spreads(0.0003, 0.008, "m", "table's height", "users report 10 to 20 mm")
+    tilt: tuple[float, float] = spreads(radians(0.03), radians(0.4), "rad", "table's tilt, each axis", ".1 to 1 degree")
+    size: tuple[float, float] = spreads(0.0006, 0.002, "m", "object's edge that stands upright", USUAL)
+
+
+@dataclass(frozen=True)
+class Forcing:
+    """Friction and mass from forces of slow drags, pushes and scrapes (chain/force/)."""
+
+    pressed: float = threshold(0.8, "N", "smallest press of a drag that counts", JUDGEMENT)
+    moving: float = threshold(0.6, "1", "share of its speed from which on a stroke counts", JUDGEMENT)
+    lifts: float = threshold(0.006, "m/s", "speed up or down up to which the tip goes along", JUDGEMENT)
+    chatter: float = threshold(
+        0.0008, "m/s", "mean speed up and down from which on the tip chatters", "seen in two engines"
+    )
+    rows: int = threshold(6, "rows", "fewest of a reading", JUDGEMENT)
+    edge: int = threshold(2, "rows", "left out at either end of a stroke", JUDGEMENT)
+    memory: float = threshold(4.0, "rows", "of which one says something new", JUDGEMENT)
+    clear: float = threshold(0.001, "m", "over its lowest point, at which a scraping tip may meet the table", JUDGEMENT)
+    slides: float = threshold(0.006, "m/s", "speed down a face from which on the tip slides on it", JUDGEMENT)
+    held: float = threshold(2.0, "N", "force on a face from which on a scrape counts", JUDGEMENT)
+    force: float = threshold(0.03, "N", "error of a stroke's or push's mean force beside their scatter", JUDGEMENT)
+    relative: float = threshold(0.02, "1", "error of such a force, of itself", JUDGEMENT)
+    table: tuple[float, float] = spreads(0.04, 0.35, "1", "log friction with the table", "10 to 20 % between set-ups")
+    mass: tuple[float, float] = spreads(0.015, 0.35, "1", "log mass", "scales: 3 %; 30 % of a gap")
+    turning: float = threshold(
+        0.06, "1", "by which the force of a push is off that turns the object", "seen in two engines"
+    )
+    central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
+    misfit: float = threshold(
+        3.0, "1", "times the usual errors that are left, beyond which it is unexplained", JUDGEMENT
+    )
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Which explanation of what was felt stands (chain/explanations.py)."""
+
+    prior: float = threshold(8.0, "candidates", "equally probable effects that a candidate is one of", "as of pushes")
+    gain: float = threshold(3.0, "nats", "that an effect must gain beyond its log prior", "as of the arm's effects")
+    equal: float = threshold(3.0, "nats", "within which two explanations explain the same", "as of the arm's effects")
+    narrowed: float = threshold(0.25, "1", "of a gap's spread to which a recording must narrow it to see it", JUDGEMENT)

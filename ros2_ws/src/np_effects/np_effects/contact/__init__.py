@@ -1,0 +1,1 @@
+"""How contacts rub, between object, table and fingertip."""

@@ -1,0 +1,1 @@
+"""Where the table is, other than it is believed to be."""

@@ -1,0 +1,1 @@
+"""What the object is, other than it is believed to be."""

@@ -1,0 +1,47 @@
+"""One record an effect of the scene: what a patch may say of contact, object and table, and what it changes in a simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from np_description.scene_change import SceneChange
+from np_effects.catalogue import catalogue
+from np_effects.record import Quantity
+from np_effects.view_record import Given, Seen
+
+
+class Whose(StrEnum):
+    """What an effect of the scene belongs to."""
+
+    CONTACT = "contact"
+    OBJECT = "object"
+    ENVIRONMENT = "environment"
+
+
+@dataclass(frozen=True, eq=False)
+class SceneRecord:
+    """An effect of the scene. change: the scene with it, given the scene without it and the quantities."""
+
+    id: str
+    part: Whose
+    quantities: tuple[Quantity, ...]
+    seen: Seen
+    said: str
+    change: Callable[[SceneChange, Given], SceneChange]
+
+    @property
+    def module(self) -> str:
+        """Where reports say that it sits."""
+        return self.entry["module"]
+
+    @property
+    def entry(self) -> Mapping[str, str]:
+        """Its row of the catalogue. Raises KeyError where there is none."""
+        return catalogue()[self.id]
+
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """Who carries it."""
+        return ("bridge",)

@@ -1,0 +1,141 @@
+"""The task suite's plans keep the limits, effects of the scene change what they say, and touch and force find what is there."""
+
+import numpy as np
+import pytest
+
+from np_control.kinematics import forward_kinematics
+from np_description.domains import BUMP, Pose
+from np_description.panda import NOMINAL
+from np_description.rotations import yaw_quaternion
+from np_diagnosis.chain.explanations import Measured, explain
+from np_diagnosis.chain.force.readings import Reading
+from np_diagnosis.chain.force.stage import Believed, judge
+from np_diagnosis.experiments.task.path import Leg, OutOfReach, segment, tip_of
+from np_diagnosis.experiments.task.suite import FAMILIES, Situation, task_suite
+from np_diagnosis.experiments.task.tip import CORNERS, leading_yaw, upright
+from np_diagnosis.thresholds import THRESHOLDS
+from np_effects import SCENE_RECORDS
+from np_effects.patch import Patch, PatchEffect, dump_patch, load_patch
+from np_sim_bridge.simulation import Simulation
+
+LAIN = Pose(np.array([0.5, -0.14, 0.045]), yaw_quaternion(np.asarray(0.2)))
+BELIEVED = Believed.of(BUMP)
+WEIGHT = BELIEVED.mass * 9.81
+
+
+def scene(effect, **parameters):
+    return Patch((PatchEffect(effect, str(SCENE_RECORDS[effect].part), parameters),))
+
+
+def plans(only=()):
+    generator = task_suite(BUMP, Situation(NOMINAL.ready, LAIN), only)
+    plan = next(generator)
+    while plan:
+        yield plan
+        lowest = 0.09 if plan[-1].name == "touch_object" else 0.0
+        try:
+            plan = generator.send(Situation(plan[-1].positions[-1], LAIN, lowest))
+        except StopIteration:
+            return
+
+
+def test_every_family_is_planned_and_segments_join():
+    made = list(plans())
+    names = [plan[-1].name for plan in made]
+    assert {name.rsplit("_", 1)[0] if name not in FAMILIES else name for name in names} == set(FAMILIES)
+    q = NOMINAL.ready
+    for plan in made:
+        for one in plan:
+            assert np.allclose(one.positions[0], q, atol=1e-6)
+            assert one.trajectory.duration > 0  # raises Refusal where the controller would refuse it
+            q = one.positions[-1]
+    assert sum(one.duration for plan in made for one in plan) < 170
+
+
+def test_an_unknown_family_is_refused_by_name():
+    with pytest.raises(ValueError, match="'drags': expected one of view"):
+        task_suite(BUMP, Situation(NOMINAL.ready, LAIN), ["drags"])
+
+
+def test_a_path_leads_the_tip_straight_and_out_of_reach_is_said():
+    begin, end = np.array([0.5, 0.1, 0.13]), np.array([0.5, 0.1, 0.03])
+    made = segment("down", NOMINAL.ready, begin, [Leg(end, 0.1)], 0.3)
+    tips = np.array([tip_of(q) for q in made.positions])
+    assert np.allclose(tips[:, :2], begin[:2], atol=1e-3) and tips[-1, 2] == pytest.approx(0.03, abs=5e-4)
+    assert np.allclose(forward_kinematics(made.positions[-1])[1], upright(0.3), atol=5e-3)
+    with pytest.raises(OutOfReach, match="far: the tip cannot be at"):
+        segment("far", NOMINAL.ready, np.array([1.2, 0.0, 0.1]), [Leg(np.array([1.2, 0.0, 0.05]), 0.1)], 0.0)
+
+
+@pytest.mark.parametrize("angle", np.linspace(-3, 3, 7))
+def test_an_edge_leads(angle):
+    ahead = np.array([np.cos(angle), np.sin(angle)])
+    along = (CORNERS @ upright(leading_yaw(ahead)).T)[:, :2] @ ahead
+    assert along.max() == pytest.approx(np.linalg.norm(CORNERS[0, :2]), abs=1e-9)
+
+
+def test_scene_effects_are_read_back_and_carried(tmp_path):
+    assert Patch().scene_change() == scene("object_mass", relative=0.0).scene_change()
+    both = Patch((*scene("table_height", height=0.01).effects, *scene("object_mass", relative=0.5).effects))
+    path = tmp_path / "patch.yaml"
+    path.write_text(dump_patch(both))
+    simulation = Simulation(BUMP, scenario=1, patch=load_patch(path))
+    for _ in range(200):
+        simulation.step(np.zeros(7))
+    assert simulation.object_pose().position[2] == pytest.approx(0.055, abs=2e-4)
+    model = simulation.model
+    assert model.body_mass[model.body("object").id] == pytest.approx(1.5 * BUMP.mass)
+    change = scene("table_friction", relative=0.5).scene_change()
+    assert change.contact(BUMP.contact).table == pytest.approx(0.6)
+
+
+def readings(table=1.0, mass=1.0, finger=1.0, kinds=("drag", "push", "scrape"), seed=0):
+    rng = np.random.default_rng(seed)
+    mu, weight = table * BELIEVED.table, mass * WEIGHT
+    made = [("drag", n, mu * (n + weight)) for n in (1.0, 3.0, 5.0, 9.0, 14.0)]
+    made += [("push", 0.0, mu * weight)] * 4 + [("scrape", 6.0, finger * 6.0)]
+    return [
+        Reading(f"{kind}_{k}", kind, force + 0.03 * rng.standard_normal(), normal, 0.0, 0.04 + 0.01 * force)
+        for k, (kind, normal, force) in enumerate(made)
+        if kind in kinds
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "effect"),
+    [({"table": 1.4}, "table_friction"), ({"mass": 1.5}, "object_mass")],
+)
+def test_forces_name_what_changed_and_predict_what_was_left_out(change, effect):
+    found = judge(readings(**change), BELIEVED)
+    assert found.verdict == "identified" and [one.effect for one in found.explained.named] == [effect]
+    (size,) = found.explained.named[0].sizes.values()
+    assert size.low <= np.log(*change.values()) <= size.high
+    assert found.after < 0.5 * found.before
+
+
+def test_nothing_is_named_where_nothing_changed():
+    verdicts = [judge(readings(seed=seed), BELIEVED).verdict for seed in range(20)]
+    assert verdicts.count("no_gap") >= 19
+
+
+def test_pushes_alone_hold_friction_and_mass_as_one():
+    found = judge(readings(mass=1.6, kinds=("push",)), BELIEVED)
+    assert found.verdict == "ambiguous"
+    (one,) = found.explained.named
+    assert {one.effect, *one.rivals} == {"table_friction", "object_mass"}
+
+
+def test_too_few_readings_say_nothing():
+    assert judge(readings()[:2], BELIEVED).verdict == "undetermined"
+
+
+def test_what_is_not_measured_is_unseen():
+    spread = np.array(THRESHOLDS.touching.height)
+    measured = Measured(("a",), np.zeros(1), np.eye(1), spread[:1], spread[1:], {"x": ("a",)})
+    found = explain(measured)
+    assert found.verdict == "undetermined" and found.unseen == ("a",)
+
+
+def test_a_scrape_says_what_the_fingertip_holds_at_least():
+    found = judge(readings(finger=0.7, kinds=("push", "scrape")), BELIEVED)
+    assert found.verdict == "no_gap" and 0.6 < found.least_finger < 0.72
