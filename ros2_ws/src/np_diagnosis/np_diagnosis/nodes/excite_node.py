@@ -135,7 +135,8 @@ class Exciter(Participant):
         try:
             position, _, _ = joint_state_arrays(message, STATE_NAMES)
         except BadMessage as error:
-            raise GraphError(f"joint_states: {error}; a backend keeps the names of docs/reference/graph.md") from error
+            names = "a backend keeps the names of docs/reference/graph.md, or stands behind the node joint_names"
+            raise GraphError(f"joint_states: {error}; {names}") from error
         self._state = stamp_nanoseconds(message.header.stamp), position[: len(JOINT_NAMES)]
         self._states += 1
         self._heard = time.monotonic()
