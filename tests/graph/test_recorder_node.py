@@ -135,3 +135,10 @@ def test_a_stop_is_answered_while_the_arm_goes_on_sending(probe, recorder):
     with Recording(json.loads(answer.message)["bag"]) as recording:
         # The first may come before the goal; of what is sent after the stop a second's worth at most is waited for.
         assert before - 1 <= recording.counts["joint_states"] <= before + 1500
+
+
+def test_a_parameter_that_it_does_not_have_begins_no_bag(graph, probe, tmp_path):
+    with pytest.raises(NodeDied, match="parameter modus: not one of this node's"):
+        graph.run("np_record", "recorder", {"bag": str(tmp_path / "bag"), "modus": "realtime"})
+        probe.wait_until(lambda: False)
+    assert not list(tmp_path.glob("bag*"))

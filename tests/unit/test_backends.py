@@ -2,6 +2,7 @@
 
 import pytest
 
+from np_bringup.commands.bench import observer
 from np_bringup.task_graph import task_graph
 
 REAL = {"backend": "franka_driver", "mode": "realtime", "hostname": "robot", "calibration": "camera.yaml"}
@@ -77,3 +78,10 @@ def test_a_recorder_does_not_wait_for_what_only_a_simulation_knows():
 def test_what_does_not_go_together_is_named(changes, text):
     with pytest.raises(ValueError, match=text):
         task_graph({**REAL, **changes})
+
+
+def test_who_measures_the_loop_waits_for_a_core_no_longer_than_the_backend(tmp_path):
+    nodes = named({"mode": "realtime"})
+    seen = observer(tmp_path, ("keypoints", "played/keypoints"))
+    assert seen.realtime == nodes["sim_bridge"].realtime == nodes["joint_impedance"].realtime > 0
+    assert seen.remappings == (("keypoints", "played/keypoints"),)

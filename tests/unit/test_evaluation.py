@@ -222,3 +222,12 @@ def test_an_object_that_is_none_ends_the_command_with_one_line(tool, capsys):
         tool.parse(["--domain", "wall", "--object", "tissue"])
     assert ended.value.code == 2
     assert "object: expected one of default, wrapped, dense, wood" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_patch_that_asks_for_less_than_no_friction_is_warned_of(tmp_path):
+    patch = tmp_path / "patch.yaml"
+    patch.write_text("effects:\n- {effect: coulomb_friction, component: panda_joint4, parameters: {level: -5}}\n")
+    before = command.warnings_of(command.parse([]))
+    told = command.warnings_of(command.parse(["--effects", str(patch)]))
+    (line,) = (line for line in told if line not in before)
+    assert line.startswith("coulomb_friction at panda_joint4: asks for a frictionloss of -") and line.endswith("is 0")

@@ -32,6 +32,7 @@ setup(
             "evaluate = np_bringup.commands.evaluate:main",
             "fuzz = np_bringup.commands.fuzz:main",
             "goal = np_bringup.nodes.goal_node:main",
+            "joint_names = np_bringup.nodes.joint_names_node:main",
             "robot_state = np_bringup.nodes.robot_state_node:main",
             "round_trip = np_bringup.nodes.round_trip_node:main",
             "soak = np_bringup.commands.soak:main",

@@ -12,6 +12,8 @@ from np_ros.graph import LaunchArgument, NodeSpec, complete
 
 CONTROLLERS = {"impedance": "joint_impedance", "osc": "operational_space"}
 KEYPOINT_SOURCES = ("camera", "truth")
+LOOP_PRIORITY = 20
+"""Priority of first-in-first-out scheduling of a simulated arm and its controller in real time."""
 
 ARGUMENTS = (
     LaunchArgument("domain", "card", "Task family: card, bump or wall; it needs released weights."),
@@ -131,7 +133,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     if given["mode"] == "realtime":
         # The loop must not wait for those who think: state in, command out, every 2 ms.
         nodes = [
-            replace(node, realtime=20)
+            replace(node, realtime=LOOP_PRIORITY)
             if node.package == "np_control" or node.executable in backends.BACKENDS
             else replace(node, nice=10)
             for node in nodes

@@ -11,7 +11,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from np_bringup.task_graph import task_graph
+from np_bringup.task_graph import LOOP_PRIORITY, task_graph
 from np_description.domains import find_domain
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder
 from np_ros.graph import NodeSpec
@@ -38,8 +38,15 @@ def lockstep_factor(weights: str, keypoints: str, logs: Path) -> dict[str, objec
 
 def whole_graph_round_trip(weights: str, seconds: float, logs: Path) -> dict[str, object]:
     """The control loop in real time with every node at work: camera, detector, planner, policies."""
-    observer = NodeSpec("np_bringup", "round_trip", parameters={"out": str(logs / "round_trip.json")})
-    return work_in_real_time([*task_graph({"mode": "realtime", "weights": weights}), observer], seconds, logs)
+    return work_in_real_time([*task_graph({"mode": "realtime", "weights": weights}), observer(logs)], seconds, logs)
+
+
+def observer(logs: Path, *remappings: tuple[str, str]) -> NodeSpec:
+    """The node that measures a graph, of the priority of the backend in whose place it listens: else it would count the
+    time that it waits for a core itself: on two busy cores, ten times as many late states as the loop has."""
+    return NodeSpec(
+        "np_bringup", "round_trip", "", {"out": str(logs / "round_trip.json")}, remappings, realtime=LOOP_PRIORITY
+    )
 
 
 def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict[str, object]:
@@ -96,7 +103,7 @@ def played_frames(weights: str, frames: int, logs: Path) -> dict[str, object]:
         *task_graph({"mode": "realtime", "keypoints": "truth", "weights": weights}),
         replace(NodeSpec("np_perception", "camera_player", "", player, (image, info)), nice=10),
         replace(NodeSpec("np_perception", "keypoint_detector", "", detector, (image, keypoints)), nice=10),
-        NodeSpec("np_bringup", "round_trip", "", {"out": str(logs / "round_trip.json")}, (info, keypoints)),
+        observer(logs, info, keypoints),
     ]
     return work_in_real_time(specs, frames / FRAME_RATE, logs)
 
@@ -105,10 +112,11 @@ def echo_round_trip(seconds: float, logs: Path) -> dict[str, object]:
     """The peer: the same backend and measurement, an echo for a controller, and nothing else at work."""
     from np_bringup.nodes.conductor_node import Conductor
 
+    backend = {"mode": "realtime", "camera": False}
     specs = [
-        NodeSpec("np_sim_bridge", "sim_bridge", parameters={"mode": "realtime", "camera": False}),
-        NodeSpec("np_bringup", "echo"),
-        NodeSpec("np_bringup", "round_trip", parameters={"out": str(logs / "round_trip.json")}),
+        NodeSpec("np_sim_bridge", "sim_bridge", parameters=backend, realtime=LOOP_PRIORITY),
+        NodeSpec("np_bringup", "echo", realtime=LOOP_PRIORITY),
+        observer(logs),
     ]
     with Supervisor(logs) as supervisor:
         supervisor.start(specs)

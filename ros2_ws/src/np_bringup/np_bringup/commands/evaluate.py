@@ -69,14 +69,12 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     """Run what is missing of the episodes asked for; the summary of all of them.
 
     A graph that breaks down costs its episode and is started anew; one that does not come up at all raises, and weights that
-    were trained for something else raise WeightsError before anything is started. The summary's `warnings` say how the
-    weights differ from what runs here without being refused.
+    were trained for something else raise WeightsError before anything is started. The summary has the `warnings` of below.
     """
     from np_bringup.commands.common import running_graph
     from np_bringup.results_plot import results_plot
-    from np_policy.contract import check_weights
 
-    warnings = check_weights(find_domain(options.domain), options.controller, options.weights)
+    warnings = warnings_of(options)
     for warning in warnings:
         print(f"evaluate: {warning}", file=sys.stderr)
     settings = {
@@ -149,6 +147,15 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         "results": str(results.path),
         "plot": str(picture),
     }
+
+
+def warnings_of(options: argparse.Namespace) -> list[str]:
+    """How the weights differ from what runs here without being refused, and where the effects ask for less than is physical."""
+    from np_effects.patch import load_patch
+    from np_policy.contract import check_weights
+
+    effects = [] if options.effects == "none" else load_patch(options.effects).held_back()
+    return [*check_weights(find_domain(options.domain), options.controller, options.weights), *effects]
 
 
 def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:

@@ -184,7 +184,8 @@ class Exciter(Participant):
         try:
             position, velocity, effort = joint_state_arrays(message, STATE_NAMES)
         except BadMessage as error:
-            raise GraphError(f"joint_states: {error}; a backend keeps the names of docs/reference/graph.md") from error
+            names = "a backend keeps the names of docs/reference/graph.md, or stands behind the node joint_names"
+            raise GraphError(f"joint_states: {error}; {names}") from error
         arm = slice(len(JOINT_NAMES))
         self._state = stamp_nanoseconds(message.header.stamp), position[arm]
         if self._witness is not None and self._state[0] % WITNESSED_NS == 0:

@@ -17,6 +17,7 @@ from np_record.recorder import Sequencer
 from np_record.topics import BY_NAME, TOPICS, Topic
 from np_ros import qos
 from np_ros.node import Diagnostics, parameter, run
+from np_ros.parameters import check_known
 
 _LOOK = 0.2  # s between looks at the writer
 _QUIET = 0.05  # s without a message sent before a stop after which all of these are taken to be here
@@ -63,6 +64,7 @@ class Recorder(Node):
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/stop", self._on_stop)
         if at_once:
+            check_known(self)  # before a bag is begun; the rest of the node does without it
             self._open(None)
 
     def destroy_node(self) -> None:
