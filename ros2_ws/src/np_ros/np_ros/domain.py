@@ -25,8 +25,8 @@ def ros_domain_id() -> int:
 def refuse_second(node: Node, topic: str) -> None:
     """Return once it is known that `node` is alone in publishing a topic that can have one publisher only.
 
-    Call it last in the constructor, since discovery goes on meanwhile: it waits what is left of half a second. Raises
-    ValueError that names the other.
+    Call it late in the constructor, since discovery goes on meanwhile, and before threads that have to be ended: it waits for half a
+    second. Raises ValueError that names the other.
     """
     name = node.resolve_topic_name(topic)
     deadline = time.monotonic() + _DISCOVERY

@@ -130,6 +130,7 @@ class Bridge(Node):
         self._state_messages: list[tuple] = []
         self._last_image: tuple[int, list[tuple]] = (-1, [])  # stamp, messages; set by the camera's thread
         self._create_publishers()
+        refuse_second(self, "joint_states")  # before the camera's thread: a process that ends with OpenGL at work in it crashes
         self._camera = None
         if camera:
             make = partial(
@@ -146,7 +147,6 @@ class Bridge(Node):
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
         self._create_inputs()
         self._stand_at_task()
-        refuse_second(self, "joint_states")
         gc.collect()
         gc.freeze()  # what start-up made stays: later collections need not walk it
 
