@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
 from np_description.scene_change import SceneChange
-from np_effects.catalogue import catalogue
 from np_effects.record import Quantity
-from np_effects.view_record import Given, Seen
+from np_effects.view_record import Catalogued, Given, Seen
 
 
 class Whose(StrEnum):
@@ -21,7 +20,7 @@ class Whose(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class SceneRecord:
+class SceneRecord(Catalogued):
     """An effect of the scene. change: the scene with it, given the scene without it and the quantities."""
 
     id: str
@@ -30,16 +29,6 @@ class SceneRecord:
     seen: Seen
     said: str
     change: Callable[[SceneChange, Given], SceneChange]
-
-    @property
-    def module(self) -> str:
-        """Where reports say that it sits."""
-        return self.entry["module"]
-
-    @property
-    def entry(self) -> Mapping[str, str]:
-        """Its row of the catalogue. Raises KeyError where there is none."""
-        return catalogue()[self.id]
 
     @property
     def carriers(self) -> tuple[str, ...]:

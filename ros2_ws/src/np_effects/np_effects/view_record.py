@@ -47,8 +47,24 @@ class Disturbance:
     last: np.ndarray
 
 
+class Catalogued:
+    """An effect `id` with a row of the catalogue."""
+
+    id: str
+
+    @property
+    def module(self) -> str:
+        """Where reports say that it sits."""
+        return self.entry["module"]
+
+    @property
+    def entry(self) -> Mapping[str, str]:
+        """Its row of the catalogue. Raises KeyError where there is none."""
+        return catalogue()[self.id]
+
+
 @dataclass(frozen=True, eq=False)
-class ViewRecord:
+class ViewRecord(Catalogued):
     """An effect of the view.
 
     pose: what the true camera is, given the one that is believed. age: s by which the scene in an image is older than the
@@ -71,16 +87,6 @@ class ViewRecord:
     repeats: Callable[[Given], float] | None = None
     move: Callable[[Disturbance], np.ndarray] | None = None
     kept: bool = False
-
-    @property
-    def module(self) -> str:
-        """Where reports say that it sits."""
-        return self.entry["module"]
-
-    @property
-    def entry(self) -> Mapping[str, str]:
-        """Its row of the catalogue. Raises KeyError where there is none."""
-        return catalogue()[self.id]
 
     @property
     def carriers(self) -> tuple[str, ...]:

@@ -130,9 +130,8 @@ class Bridge(Node):
         self._state_messages: list[tuple] = []
         self._last_image: tuple[int, list[tuple]] = (-1, [])  # stamp, messages; set by the camera's thread
         self._create_publishers()
-        refuse_second(
-            self, "joint_states"
-        )  # before the camera's thread: a process that ends with OpenGL at work in it crashes
+        # Before the camera's thread: a process that ends with OpenGL at work in it crashes.
+        refuse_second(self, "joint_states")
         self._camera = None
         if camera:
             make = partial(
