@@ -15,6 +15,7 @@ BAG ?=
 CASES ?= 200
 SET ?= locked
 JOBS ?= $(shell nproc)
+CLUSTER ?=
 ARGS ?=
 
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
@@ -23,7 +24,7 @@ REAL_TIME := realtime or real_time
 ALONE := tests/unit tests/training tests/diagnosis tests/parity
 GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
-.PHONY: help setup demo test test-slow test-driver driver-report hardware physx lerobot bench soak fuzz blind evaluate train identify docs format lock clean distclean
+.PHONY: help setup demo test test-slow test-driver driver-report hardware physx lerobot cluster bench soak fuzz blind evaluate table3 train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -51,6 +52,10 @@ evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KE
 	@$(ACTIVATE) exec ros2 run np_bringup evaluate --engine $(ENGINE) --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \
 		--keypoints $(KEYPOINTS) --controller $(CONTROLLER) --object $(OBJECT) --effects $(EFFECTS) $(ARGS)
 
+table3: $(if $(filter physx,$(ENGINE)),physx,setup) ## ENGINE KEYPOINTS SEED JOBS CLUSTER ARGS="--tries 50": the paper's 21 objects in three scenarios, beside its own successes
+	@$(ACTIVATE) exec ros2 run np_bringup table3 --engine $(ENGINE) --keypoints $(KEYPOINTS) --seed $(SEED) --jobs $(JOBS) \
+		$(if $(CLUSTER),--cluster $(CLUSTER)) $(ARGS)
+
 bench: setup ## latencies, real-time factor, planning time as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup bench $(ARGS)
 
@@ -61,8 +66,9 @@ soak: setup ## DOMAIN EPISODES SEED ARGS="--hours 1": episodes in one graph, in 
 fuzz: setup ## SEED: random and malformed messages on every topic: none of the nodes dies, as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup fuzz --seed $(SEED) $(ARGS)
 
-blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS: the gap doctor against sealed cases, as JSON
-	@$(ACTIVATE) exec python -m np_blind.blind --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) $(ARGS)
+blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS CLUSTER: the gap doctor against sealed cases, as JSON
+	@$(ACTIVATE) exec python -m np_blind.blind --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) \
+		$(if $(CLUSTER),--cluster $(CLUSTER)) $(ARGS)
 
 train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there
 	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)
@@ -103,6 +109,12 @@ test-slow: setup ## the slowest tests, which say least beyond those of `make tes
 .venv/.lerobot: requirements-lerobot.txt .venv/.installed
 	@.venv/bin/python -m pip --disable-pip-version-check -qq install -r $<
 	@touch $@
+
+.venv/.cluster: requirements-cluster.txt .venv/.installed
+	@.venv/bin/python -m pip --disable-pip-version-check -qq install -r $<
+	@touch $@
+
+cluster: setup .venv/.cluster ## add Dask: make table3 CLUSTER=tcp://host:8786, docs/guide/cluster.md
 
 physx: setup .venv/.physx ## add the second engine: make evaluate ENGINE=physx
 

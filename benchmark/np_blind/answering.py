@@ -23,8 +23,8 @@ from np_blind import others, six_hinges
 from np_blind.cases import Case
 from np_blind.followup import follow_up
 from np_blind.generate import bag_path, batches, make_bags, reference_path, shown
-from np_blind.processes import Workers, end_with_parent
 from np_record.command import Progress
+from np_record.workers import Workers, end_with_parent
 
 SINGLE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 ROUNDS = 3  # fresh sets of processes at most, where one of them is killed
@@ -86,20 +86,31 @@ def _answer(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: in
     for case in missing:  # cut off while it was written
         _remove_bags(out, case.number)
     by_number = {c.number: c for c in cases}
-    making = {pool.submit(_record, batch, only, asking) for batch in batches(missing, jobs)} if missing else set()
-    answers: set[Future] = {pool.submit(answer, by_number[number], asking) for number in sorted(recorded)}
+    making = {pool.submit(_record, batch, only, asking): batch for batch in batches(missing, jobs)} if missing else {}
+    answers: dict[Future, int] = {pool.submit(answer, by_number[n], asking): n for n in sorted(recorded)}
     bar, done = Progress(len(cases), "blind"), len(answered)
     bar.show(done, "simulating")
     for future in as_completed(making):
-        for number, error in future.result().items():
+        lost = _lost(future)
+        for number, error in ({case.number: lost for case in making[future]} if lost else future.result()).items():
             if error:  # counted as wrong: no answer
                 write_error(out, number, error)
                 done += 1
             else:
-                answers.add(pool.submit(answer, by_number[number], asking))
+                answers[pool.submit(answer, by_number[number], asking)] = number
     for future in as_completed(answers):
-        done += future.result()
+        if lost := _lost(future):
+            write_error(out, answers[future], lost)
+        done += 1 if lost else future.result()
         bar.show(done, "diagnosed")
+
+
+def _lost(future: Future) -> str:
+    """How a cluster lost a case, with the workers it ran on; "" where it did not. Raises BrokenProcessPool."""
+    error = future.exception()
+    if isinstance(error, BrokenProcessPool):
+        raise error
+    return f"{type(error).__name__}: {error}" if error else ""
 
 
 def _is_recorded(out: Path, case: Case) -> bool:

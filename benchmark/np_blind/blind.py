@@ -14,6 +14,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from np_blind import others
@@ -23,11 +24,11 @@ from np_blind.followup import is_settled
 from np_blind.generate import add_options, batches
 from np_blind.heldout import heldout_gaps
 from np_blind.patched import PatchError, patched_physics, read_patch
-from np_blind.processes import workers
 from np_blind.rehearsal import rehearse
 from np_blind.scoring import Score, score_case, score_gap, summary
 from np_blind.sealed import SealError, check, check_doctor, digest, make_key, seal
 from np_blind.tables import failures_table, figures_table, plot
+from np_record.workers import workers
 
 DOCTOR = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.diagnose"
 
@@ -103,6 +104,7 @@ def score(cases: Sequence[Case], entries: Sequence[dict], options: argparse.Name
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
     options = parse(arguments)
+    crew = partial(workers, cluster=options.cluster) if options.cluster else workers
     began = time.monotonic()
     try:
         if options.seal:
@@ -123,14 +125,14 @@ def main(arguments: list[str] | None = None) -> int:
             time.time() + options.within,
         )
         if is_locked and not all(is_answered(options.out, case.number) for case in cases[options.first : options.last]):
-            rehearse(options.which, options.seed, asking, workers)
-        answer_all(cases[options.first : options.last], options.only, asking, options.jobs, workers)
+            rehearse(options.which, options.seed, asking, crew)
+        answer_all(cases[options.first : options.last], options.only, asking, options.jobs, crew)
         (options.out / "key.json").write_text(key)
         answered = [case for case in cases if is_answered(options.out, case.number)]
         if not answered:
             raise ValueError("no case was answered in the time given: call again with the same --out")
         entries = [json.loads(key)["cases"][case.number] for case in answered]
-        with workers(options.jobs) as pool:
+        with crew(options.jobs) as pool:
             scores = score(answered, entries, options, pool)
             folders = [report_path(options.out, case.number) for case in answered]
             beside = (

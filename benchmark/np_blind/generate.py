@@ -21,10 +21,10 @@ from np_blind import six_motion
 from np_blind.cases import SETS, Case, as_it_was, draw_cases, make_physics
 from np_blind.changes import SECOND_DAY
 from np_blind.loop import Targets, make_targets, run_staying
-from np_blind.processes import workers
 from np_blind.sealed import digest, make_key
 from np_diagnosis.experiments.excitation import suite
 from np_record.command import Progress
+from np_record.workers import HELP, workers
 
 BATCH = 25  # arms moved at once, at most: 30 MB each
 LATER = 86_400 * 1_000_000_000  # ns, from the first day to the second
@@ -97,6 +97,7 @@ def add_options(parser: argparse.ArgumentParser, which: str) -> None:
     parser.add_argument("--set", choices=list(SETS), default=which, dest="which", help="default: %(default)s")
     parser.add_argument("--only", nargs="*", default=[], metavar="EXPERIMENT", help="part of the suite")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--cluster", default="", help=HELP)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -120,7 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
     (options.out / "key.sha256").write_text(f"{digest(key)}  key.json\n")
     cases = draw_cases(options.cases, options.seed, options.which)
     bar, errors = Progress(len(cases), f"generate {options.which} {options.seed}"), {}
-    with workers(options.jobs) as pool:
+    with workers(options.jobs, options.cluster) as pool:
         pending = [pool.submit(make_bags, batch, options.only, options.out) for batch in batches(cases, options.jobs)]
         for future in as_completed(pending):
             errors |= future.result()

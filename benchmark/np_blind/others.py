@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +25,9 @@ from np_blind.cases import Case
 from np_blind.faults import EFFECTS, limit_of
 from np_blind.heldout import heldout_gaps
 from np_blind.patched import PatchError, patched_physics, read_patch
-from np_blind.processes import end_with_parent
 from np_blind.scoring import Score, modules, score_case, score_gap, summary
 from np_description.panda import JOINT_NAMES
+from np_record.workers import end_with_parent
 
 NAMES = ("none", "paper", "sysid_3", "sysid_6")
 COMMAND = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.baselines --threads 1"
@@ -99,7 +99,7 @@ def score_others(
     cases: Sequence[Case],
     folders: Sequence[Path],
     parts: Sequence[Sequence[Case]],
-    pool: ProcessPoolExecutor,
+    pool: Executor,
 ) -> dict[str, dict]:
     """Figures of every baseline on the cases, by its name; entries: theirs of the key; parts: the cases, shared
     among processes. Raises ValueError where an earlier run left cases without baselines."""

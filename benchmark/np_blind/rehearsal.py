@@ -10,8 +10,8 @@ from dataclasses import replace
 
 from np_blind.answering import Asking, answer_all, report_path
 from np_blind.cases import draw_cases
-from np_blind.processes import Workers
 from np_blind.sealed import SealError
+from np_record.workers import Workers
 
 MOTIONS = ("sinusoid_2", "sinusoid_4", "triangle_fast")  # the doctor asks for ten blocks of motion
 

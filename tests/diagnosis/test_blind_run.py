@@ -16,13 +16,13 @@ from np_blind import blind, generate, rehearsal
 from np_blind.answering import Asking
 from np_blind.cases import draw_cases, make_physics
 from np_blind.generate import make_bags
-from np_blind.processes import workers
 from np_blind.sealed import SealError, check_doctor, digest, make_key
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, PhaseState
 from np_diagnosis.experiments.excitation import suite
 from np_record.bag import Recording
 from np_record.recorded_phases import phase_of
+from np_record.workers import workers
 
 ONLY = ["sinusoid_2", "sinusoid_4", "triangle_fast"]  # the doctor asks for ten blocks of motion
 COUNT = 3

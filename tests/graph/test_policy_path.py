@@ -320,8 +320,8 @@ def test_a_plan_that_got_lost_is_given_again(begin):
     backend.stand(stamp)
     backend.see(stamp)
     backend.start()
-    backend.wait(lambda: (stamp, "approach") in backend.ticks(), "the approach")
-    (plan,) = backend.said("joint_trajectory")
+    backend.wait(lambda: backend.said("joint_trajectory"), "the plan")
+    plan = backend.said("joint_trajectory")[0]
     backend.said("joint_trajectory").clear()
     backend.wait(lambda: backend.said("joint_trajectory"), "the plan again")  # the backend repeats what it said
     assert backend.said("joint_trajectory")[0] == plan

@@ -1,0 +1,70 @@
+"""Processes of this machine or of a Dask cluster: what a lost one costs."""
+
+import os
+import signal
+from concurrent.futures import as_completed
+
+import pytest
+
+from np_record.workers import LOCAL, missing, workers
+
+needs_dask = pytest.mark.skipif(bool(missing(LOCAL)), reason="Dask is an extra: make cluster")
+
+
+def square(number):
+    return number * number
+
+
+def killed_once(number, folder):
+    """The process that does the second case dies the first time it is tried."""
+    mark = folder / f"tried_{number}"
+    if number == 1 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    with (folder / "done").open("a") as file:
+        file.write(f"{number}\n")
+    return number
+
+
+def killed_always(number):
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+@pytest.mark.parametrize("cluster", ["", pytest.param(LOCAL, marks=needs_dask)])
+def test_every_case_is_done_by_another_process(cluster):
+    with workers(2, cluster) as pool:
+        assert [f.result() for f in [pool.submit(square, n) for n in range(5)]] == [0, 1, 4, 9, 16]
+        assert pool.submit(os.getpid).result() != os.getpid()
+
+
+@needs_dask
+def test_a_worker_that_is_lost_costs_its_case_one_more_try_and_nothing_else(tmp_path):
+    with workers(2, LOCAL) as pool:
+        futures = [pool.submit(killed_once, n, tmp_path) for n in range(6)]
+        assert sorted(f.result() for f in as_completed(futures)) == list(range(6))
+    assert "1\n" in (tmp_path / "done").read_text()
+
+
+@needs_dask
+def test_a_case_that_loses_its_worker_twice_fails_alone():
+    with workers(2, LOCAL) as pool:
+        futures = {pool.submit(killed_always, n): n for n in range(6)}
+        errors = {futures[f]: f.exception() for f in as_completed(futures)}
+    assert "KilledWorker" in type(errors.pop(1)).__name__
+    assert set(errors.values()) == {None}
+
+
+@needs_dask
+def test_a_cluster_that_does_not_answer_is_refused(monkeypatch):
+    monkeypatch.setattr("np_record.workers._CONNECT", 0.5)
+    with pytest.raises(OSError, match="127.0.0.1:1"), workers(1, "tcp://127.0.0.1:1"):
+        pass
+
+
+def test_without_dask_the_error_names_the_command(monkeypatch):
+    monkeypatch.setattr("np_record.workers.find_spec", lambda name: None)
+    assert "`make cluster`" in missing(LOCAL) and not missing("")
+    with pytest.raises(OSError, match="expected the package distributed, which `make cluster` installs"):
+        workers(1, LOCAL)
