@@ -27,7 +27,7 @@ GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/
 .PHONY: help setup demo test test-slow test-driver driver-report hardware physx lerobot cluster bench soak fuzz blind evaluate table3 train identify docs format lock clean distclean
 
 help: ## this list
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 setup: ros2_ws/install/.built ## .venv from requirements.lock, then colcon build
 

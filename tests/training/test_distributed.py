@@ -2,6 +2,7 @@
 
 import csv
 import json
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -55,6 +56,40 @@ def test_an_update_shared_by_two_processes_is_that_of_one(tmp_path):
             for name, tensor in weights.items():
                 # Adam divides by the gradient's size, so rounding shows where a gradient is nearly zero.
                 assert (mine[name] - tensor).abs().max() < 1e-4, name
+
+
+def test_all_processes_go_on_from_the_furthest_checkpoint_and_differences_are_seen(tmp_path):
+    launch(2, str(Path(__file__).parents[1] / "share_weights.py"), str(tmp_path / "said"))
+    for rank in (0, 1):
+        said = json.loads((tmp_path / f"said.{rank}").read_text())
+        assert said["state"] == {"steps": 7, "weights": [1.0, 2.0]}, "the second process had gone further"
+        assert "found differences up to 0.5" in said["before"] and said["after"] == ""
+        assert said["weight"] == 1.0
+
+
+@pytest.mark.slow
+def test_two_groups_on_two_hosts_train_as_one_and_one_of_them_has_the_checkpoint(tmp_path):
+    """Two launches with a rendezvous, as on two machines without a shared disk; which of them is the first may change."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        endpoint = f"127.0.0.1:{free.getsockname()[1]}"
+    group = [sys.executable, "-m", "torch.distributed.run", "--nnodes", "2", "--nproc-per-node", "1"]
+    group += ["--rdzv-backend", "c10d", "--rdzv-endpoint", endpoint, "-m", "np_training.train"]
+    options = ["--worlds", "4", "--rollout", "2", "--device", "cpu", "--iterations", "1"]
+    for steps in (2 * 4 * 2, 2 * 2 * 4 * 2):  # from nothing, then from the checkpoint
+        hosts = [
+            subprocess.Popen(
+                [*group, *options, "--out", str(tmp_path / host)],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+            )
+            for host in ("first", "second")
+        ]
+        said = [host.communicate(timeout=280)[0] for host in hosts]
+        assert [host.returncode for host in hosts] == [0, 0], said
+        reached = [torch.load(path, weights_only=True)["steps"] for path in tmp_path.glob("*/checkpoint.pt")]
+        assert max(reached) == steps
 
 
 @pytest.mark.slow

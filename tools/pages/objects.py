@@ -10,7 +10,8 @@ from pages.markdown import head, paragraph, table
 INTRODUCTION = f"""The 21 objects of the paper's Table III: `make evaluate DOMAIN=bump OBJECT=sponge`. Masses, surfaces and which are not
 rigid are the paper's, and so are the successes of its policy, of {TRIES} tries with the real robot. It prints no sizes: every row
 has the size of its domain's own object. Frictions, and how soft and how loose things are, are estimates with their source. `default` is the
-domain's own object, unchanged. An object of your own: [guide](../guide/your_own_object.md)."""
+domain's own object, unchanged. All of them beside the paper's successes: `make table3`. An object of your own:
+[guide](../guide/your_own_object.md)."""
 
 PARTS = """
 ## What is not rigid

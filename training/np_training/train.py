@@ -3,6 +3,7 @@
     python -m np_training.train --domain card --out runs/card --minutes 20
     torchrun --standalone --nproc-per-node 2 -m np_training.train --domain card --out runs/card --minutes 20
 
+On several machines the same with `--nnodes` and `--rdzv-endpoint` (docs/guide/train.md); only the first process writes files.
 Resumes from `--out/checkpoint.pt` (or `--resume FILE`) as a matter of course, on any machine, with any number
 of GPUs. Writes config.json; log.csv, a row an iteration; checkpoint.pt, every --save-every seconds and at the
 end. The last line printed is one JSON object.
@@ -80,8 +81,12 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
     trainer = Trainer(environment, config, ppo)
     checkpoint = arguments.out / CHECKPOINT
     source = arguments.resume or (checkpoint if checkpoint.exists() else None)
+    state = None
     if source:
-        state = torch.load(source, map_location=device, weights_only=True)
+        place = device if distributed.size() == 1 else "cpu"
+        state = torch.load(source, map_location=place, weights_only=True)
+    state = distributed.furthest(state, trainer.environment.device)
+    if state is not None:
         check_same_run(state, trainer, source if arguments.resume is None else None)
         trainer.load_state_dict(state)
         if arguments.stage is not None:
@@ -136,6 +141,7 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
     begin = time.monotonic()
     torch.backends.cuda.matmul.allow_tf32 = True
     trainer = make_trainer(arguments, device)
+    distributed.check_same(trainer.networks)
     first, checkpoint, row = distributed.rank() == 0, arguments.out / CHECKPOINT, {}
     if first:
         arguments.out.mkdir(parents=True, exist_ok=True)
@@ -163,6 +169,7 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
                 saved = now
         if distributed.any_of(left < 0, trainer.environment.device):
             break
+    distributed.check_same(trainer.networks)
     if first:
         progress.end()
         trainer.save(checkpoint)

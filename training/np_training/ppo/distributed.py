@@ -62,6 +62,41 @@ def add(*tensors: torch.Tensor) -> None:
         tensor.copy_(part.view_as(tensor))
 
 
+def furthest(state: dict | None, device: torch.device) -> dict | None:
+    """Of the checkpoints that processes have found, None for none, the one of the most steps, for all of them; its tensors are on the
+    CPU. Hosts may have no disk in common, and whichever of them is the first may be another one the next time."""
+    if size() == 1:
+        return state
+    steps = torch.zeros(size(), dtype=torch.float64, device=device)
+    steps[rank()] = 0.0 if state is None else 1.0 + state["steps"]
+    dist.all_reduce(steps)
+    held = [state]
+    dist.broadcast_object_list(held, src=int(steps.argmax()))
+    return held[0]
+
+
+def share(module: torch.nn.Module) -> None:
+    """Give every process the first one's weights and buffers."""
+    if size() > 1:
+        for tensor in module.state_dict().values():
+            dist.broadcast(tensor, src=0)
+
+
+def check_same(module: torch.nn.Module) -> None:
+    """Raises RuntimeError on every process where weights are not the same numbers on all of them."""
+    if size() == 1:
+        return
+    numbers = torch.cat([tensor.double().reshape(-1) for tensor in module.state_dict().values()])
+    low, high = numbers.clone(), numbers
+    dist.all_reduce(low, dist.ReduceOp.MIN)
+    dist.all_reduce(high, dist.ReduceOp.MAX)
+    if not torch.equal(low, high):
+        raise RuntimeError(
+            f"expected the same weights on all {size()} processes, found differences up to {float((high - low).max()):.3g}: "
+            "go on from the last checkpoint"
+        )
+
+
 def total(values: dict[str, torch.Tensor | float], device: torch.device) -> dict[str, float]:
     """Sums over all processes of named numbers, in one message; the names have to be the same everywhere."""
     numbers = torch.stack([torch.as_tensor(value, dtype=torch.float64, device=device) for value in values.values()])

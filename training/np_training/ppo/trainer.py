@@ -64,6 +64,7 @@ class Trainer:
         self.networks = ActorCritic().to(environment.device)
         with torch.no_grad():
             self.networks.post.net[-1].bias[STIFFNESS] = math.atanh(config.stiffness)
+        distributed.share(self.networks)
         self._narrow()
         self.post = Learner(self.networks.post, self.networks.post_value, ppo)
         self.pre = Learner(
