@@ -5,11 +5,14 @@ import sys
 from dataclasses import replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from packages import packages_of, sources
 
 from np_bringup.commands import demo
 from np_bringup.commands import evaluate as command
-from np_bringup.evaluation import CODE, Results, breakdown, code_sha256, result_of, summary
+from np_bringup.evaluation import CODE, breakdown, code_sha256, result_of, summary
+from np_bringup.results import Part, Results, split
 from np_bringup.results_plot import results_plot
 from np_bringup.task_graph import task_graph
 from np_description.domains import CARD
@@ -51,6 +54,35 @@ def test_a_line_cut_off_is_run_again(tmp_path, cut):
     assert [r.episode for r in again.results] == [0, 1]
     again.add(good(2))
     assert results.path.read_text() == text
+
+
+def test_parts_of_other_processes_are_collected_and_what_a_killed_run_left_of_them_counts(tmp_path):
+    results = Results(tmp_path, SETTINGS)
+    results.add(good(1))
+    assert results.missing(5) == [range(0, 1), range(2, 5)] and results.missing(2) == [range(0, 1)]
+    for numbers in (range(0, 1), range(2, 5)):
+        part = Part(results.part(numbers))
+        for number in numbers:
+            part.add(good(number))
+    assert results.finished() == 5 and [r.episode for r in results.results] == [1]
+    cut = results.part(range(2, 5))
+    cut.write_text(cut.read_text()[:-30])
+    again = Results(tmp_path, SETTINGS)
+    assert [r.episode for r in again.results] == [0, 1, 2, 3] and again.kept == again.finished() == 4
+    assert again.missing(5) == [range(4, 5)]
+    assert [path.suffix for path in tmp_path.iterdir()] == [".jsonl"]
+    assert Results(tmp_path, SETTINGS, fresh=True).finished() == 0
+
+
+@given(st.sets(st.integers(0, 40)), st.integers(1, 7))
+def test_every_missing_episode_is_given_to_one_process(there, jobs):
+    results = Results.__new__(Results)
+    results._by_number = dict.fromkeys(there)
+    runs = results.missing(40)
+    parts = split(runs, jobs)
+    assert sorted(n for part in parts for n in part) == sorted(set(range(40)) - there)
+    assert len({n for part in parts for n in part}) == sum(map(len, parts))
+    assert all(len(part) <= -(-sum(map(len, runs)) // jobs) for part in parts)
 
 
 def test_other_settings_have_another_file(tmp_path):

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from concurrent.futures import as_completed
 
 import pytest
@@ -37,6 +38,26 @@ def test_every_case_is_done_by_another_process(cluster):
     with workers(2, cluster) as pool:
         assert [f.result() for f in [pool.submit(square, n) for n in range(5)]] == [0, 1, 4, 9, 16]
         assert pool.submit(os.getpid).result() != os.getpid()
+
+
+def lasting(folder, number):
+    try:
+        (folder / f"begun_{number}").touch()
+        time.sleep(100)
+    except KeyboardInterrupt:
+        (folder / f"ended_{number}").touch()
+        raise
+
+
+def test_an_interruption_ends_what_is_under_way_and_begins_nothing_more(tmp_path):
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), workers(1) as pool:
+        for number in range(5):
+            pool.submit(lasting, tmp_path, number)
+        while not (tmp_path / "begun_0").exists():
+            assert time.monotonic() < began + 60
+        raise KeyboardInterrupt
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["begun_0", "ended_0"]
 
 
 @needs_dask

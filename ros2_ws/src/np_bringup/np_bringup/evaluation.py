@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
-import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -82,56 +80,6 @@ def breakdown(episode: int, reason: str, wall_s: float) -> Result:
     return Result(episode, False, "graph", reason, "graph", None, None, 0.0, round(wall_s, 2))
 
 
-class Results:
-    """Results so far, in a file that a killed run leaves complete up to its last finished episode.
-
-    The file is <folder>/<hash of settings>.jsonl; its first line holds the settings. Episodes found in it
-    are not run again, unless `fresh`; `kept` says how many these are, `kept_from` when the last of them was run. The
-    setting `revision` is only told: what it names may be edited, and another commit may hold the same code.
-    Raises ValueError for a file that holds something else.
-    """
-
-    def __init__(self, folder: Path, settings: Mapping[str, object], fresh: bool = False):
-        text = json.dumps({"settings": dict(settings)}, sort_keys=True)
-        key = _key(text)
-        name = "_".join(str(settings[key]) for key in ("domain", "keypoints", "controller", "seed") if key in settings)
-        self.path = folder / f"{name}_{hashlib.sha256(key.encode()).hexdigest()[:8]}.jsonl"
-        self.results: list[Result] = []
-        self.kept_from = ""
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OSError(f"{folder}: expected a folder that can be written, got: {error.strerror}") from error
-        lines = self.path.read_text().splitlines(keepends=True) if self.path.exists() and not fresh else []
-        if lines and _key(lines[0]) != key:
-            raise ValueError(f"{self.path}: expected results for {text}, found {lines[0].strip()}")
-        if lines:
-            text = lines[0].rstrip("\n")
-            self.kept_from = time.strftime("%Y-%m-%d %H:%M", time.localtime(self.path.stat().st_mtime))
-        for number, line in enumerate(lines[1:]):
-            if not line.endswith("\n"):
-                break  # cut off while it was written: that episode is run again
-            try:
-                result = Result(**json.loads(line))
-            except (TypeError, ValueError) as error:
-                raise ValueError(
-                    f"{self.path}, line {number + 2}: expected one result, found {line.strip()}"
-                ) from error
-            if result.episode != number:
-                raise ValueError(f"{self.path}, line {number + 2}: expected episode {number}, found {result.episode}")
-            self.results.append(result)
-        self.kept = len(self.results)
-        complete = [text + "\n", *(_line(result) for result in self.results)]
-        if lines != complete:
-            self.path.write_text("".join(complete))
-
-    def add(self, result: Result) -> None:
-        """Append one result, written out at once."""
-        self.results.append(result)
-        with self.path.open("a") as file:
-            file.write(_line(result))
-
-
 def summary(results: list[Result]) -> dict[str, object]:
     """The figures of an evaluation.
 
@@ -166,16 +114,3 @@ def code_sha256() -> str:
         for path in sorted(path for path in root.rglob("*") if path.is_file() and "__pycache__" not in path.parts):
             total.update(f"{root.name}/{path.relative_to(root)} {sha256(path)}\n".encode())
     return total.hexdigest()
-
-
-def _key(header: str) -> str:
-    """What a first line says of how episodes were run; the line itself where it is no such line."""
-    try:
-        settings = json.loads(header)["settings"]
-        return json.dumps({name: value for name, value in settings.items() if name != "revision"}, sort_keys=True)
-    except (TypeError, ValueError, KeyError, AttributeError):
-        return header
-
-
-def _line(result: Result) -> str:
-    return json.dumps(asdict(result)) + "\n"

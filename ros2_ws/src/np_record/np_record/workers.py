@@ -9,10 +9,11 @@ import ctypes
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from importlib.util import find_spec
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
+from threading import Condition
 
 Workers = Callable[[int], AbstractContextManager[Executor]]
 """So many processes, as long as the context lasts."""
@@ -23,6 +24,7 @@ HELP = (
 )
 LOSSES = 1  # how often a case may lose the worker it runs on; the next time it fails
 _CONNECT = 20.0  # s
+_MOST = 1024  # cases at a time
 _PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
 
@@ -42,14 +44,59 @@ def missing(cluster: str) -> str:
 def workers(jobs: int, cluster: str = "") -> AbstractContextManager[Executor]:
     """An executor of `jobs` processes, each started anew; of a cluster that is elsewhere, of all the workers that it has.
 
+    Where its context is left by an exception, cases under way on this machine are interrupted and no further one is begun.
     A cluster gives the case of a worker that is lost to another, once (a scheduler of your own: as it was told). Without one,
     all cases that are left raise BrokenProcessPool. Raises OSError for a cluster that does not answer, or without Dask.
     """
     if not cluster:
-        return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=end_with_parent)
+        return _on_this_machine(jobs)
     if problem := missing(cluster):
         raise OSError(problem)
     return _on_dask(jobs, cluster)
+
+
+@contextmanager
+def _on_this_machine(jobs: int) -> Iterator[Executor]:
+    others = set(active_children())
+    pool = _Processes(jobs, mp_context=get_context("spawn"), initializer=_begin)
+    try:
+        yield pool
+    except BaseException:  # else every case that was handed in would be done before the command ends
+        pool.shutdown(wait=False, cancel_futures=True)
+        ending = set(active_children()) - others
+        for process in ending:
+            process.terminate()
+        for process in ending:
+            process.join()
+        raise
+    finally:
+        pool.shutdown()
+
+
+class _Processes(ProcessPoolExecutor):
+    """Processes that begin no further case once they were told to end: one waits beside the case that each is at."""
+
+    def submit(self, case, /, *arguments, **named) -> Future:
+        return super().submit(_do, case, *arguments, **named)
+
+
+_told_to_end: list[int] = []  # signals that this process was sent
+
+
+def _begin() -> None:
+    end_with_parent()
+    signal.signal(signal.SIGTERM, _end)
+
+
+def _end(number, frame) -> None:
+    _told_to_end.append(number)
+    raise KeyboardInterrupt  # so that the case ends what it has started
+
+
+def _do(case, /, *arguments, **named):
+    if _told_to_end:
+        raise KeyboardInterrupt
+    return case(*arguments, **named)
 
 
 @contextmanager
@@ -64,7 +111,37 @@ def _on_dask(jobs: int, cluster: str) -> Iterator[Executor]:
         try:
             with Client(started or cluster, timeout=_CONNECT) as client:
                 print(f"dashboard: {client.dashboard_link}", file=sys.stderr)
-                yield client.get_executor(pure=False)
+                with _OneEach(client) as pool:
+                    try:
+                        yield pool
+                    except BaseException:
+                        pool.shutdown(wait=False, cancel_futures=True)
+                        client.close()  # what waits for a case is told
+                        raise
         finally:
             if started is not None:
                 started.close()
+
+
+class _OneEach(ThreadPoolExecutor):
+    """Hands a cluster no more cases than it has threads, however many those become: one that waits behind another on a worker that is
+    lost would be blamed for it too."""
+
+    def __init__(self, client):
+        super().__init__(_MOST)
+        self._client, self._busy, self._free = client, 0, Condition()
+
+    def submit(self, case, /, *arguments, **named) -> Future:
+        return super().submit(self._do, case, arguments, named)
+
+    def _do(self, case, arguments, named):
+        with self._free:
+            while self._busy >= sum(self._client.nthreads().values()):
+                self._free.wait(1.0)
+            self._busy += 1
+        try:
+            return self._client.submit(case, *arguments, **named, pure=False).result()
+        finally:
+            with self._free:
+                self._busy -= 1
+                self._free.notify()

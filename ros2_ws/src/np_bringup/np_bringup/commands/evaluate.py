@@ -6,18 +6,21 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import replace
+from concurrent.futures import wait
 from pathlib import Path
 
 from np_bringup.backends import ENGINES
-from np_bringup.evaluation import Result, Results, breakdown, code_sha256, result_of, summary
+from np_bringup.evaluation import code_sha256, summary
+from np_bringup.playing import Request, play, play_part
+from np_bringup.results import Results, split
 from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
 from np_description.objects.choice import DEFAULT, portable
 from np_description.objects.scenarios import COUNT
-from np_description.phases import FAULT
 from np_physx_bridge.library import missing
-from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
+from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, origin
+from np_record.workers import HELP, workers
+from np_record.workers import missing as missing_cluster
 from np_ros.supervisor import NodeDied
 
 IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change nothing
@@ -44,16 +47,24 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--fresh", action="store_true", help="run every episode anew, whatever is kept of the same code"
     )
+    parser.add_argument("--jobs", type=int, default=1, help="graphs at a time")
+    parser.add_argument("--cluster", default="", help=HELP)
     parser.add_argument("--out", type=Path, default=Path("runs/evaluate"), help="folder for results, logs and bags")
     options = parser.parse_args(arguments)
-    if options.episodes < 1:
-        parser.error(f"--episodes: expected at least 1, got {options.episodes}")
+    for name in ("episodes", "jobs"):
+        if getattr(options, name) < 1:
+            parser.error(f"--{name}: expected at least 1, got {getattr(options, name)}")
+    if problem := missing_cluster(options.cluster):
+        parser.error(f"--cluster {problem}")
     try:
         options.object = portable(options.domain, options.object)
     except ValueError as error:
         parser.error(str(error))
     if options.engine == "physx" and missing():
         parser.error(f"--engine physx: {missing()}")
+    if options.cluster:  # its workers were started elsewhere
+        options.out = options.out.resolve()
+        options.weights = str(Path(options.weights).resolve()) if options.weights else ""
     if options.effects != "none":
         from np_effects.patch import load_patch  # slow, as what the functions below import
 
@@ -68,10 +79,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def evaluate(options: argparse.Namespace) -> dict[str, object]:
     """Run what is missing of the episodes asked for; the summary of all of them.
 
-    A graph that breaks down costs its episode and is started anew; one that does not come up at all raises, and weights that
+    A graph that breaks down costs its episode; one that does not come up at all raises, and weights that
     were trained for something else raise WeightsError before anything is started. The summary has the `warnings` of below.
     """
-    from np_bringup.commands.common import running_graph
     from np_bringup.results_plot import results_plot
 
     warnings = warnings_of(options)
@@ -97,19 +107,13 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
             "--fresh runs them anew",
             file=sys.stderr,
         )
-    progress = Progress(options.episodes, f"evaluate {options.domain}")
-    started = time.monotonic()
-    seconds_ready = 0.0
-    while len(results.results) < options.episodes:
-        began = time.monotonic()
-        logs = new_folder(options.out / "log")
-        arguments = {
+    request = Request(
+        {
             "domain": options.domain,
             "object": options.object,
             "scenario": str(options.scenario),
             "backend": ENGINES[options.engine],
             "seed": str(options.seed),
-            "first_episode": str(len(results.results)),
             "keypoints": options.keypoints,
             "controller": options.controller,
             "image_rate": str(IMAGE_RATE),
@@ -118,25 +122,21 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
             "record_at_start": "false",
             "bag": str(options.out / "bags" / "episode") if options.bags else "",
             "run_info": json.dumps(origin(options.weights)),
-        }
-        number = len(results.results)
-        with running_graph(
-            arguments, logs, on_tick=lambda s: progress.show(number + min(0.9, s / 15), rate(results))
-        ) as conductor:
-            seconds_ready += time.monotonic() - began
-            while (number := len(results.results)) < options.episodes:
-                result, whole = run_one(conductor, number, options.bags)
-                results.add(replace(result, engine=options.engine))
-                progress.show(number + 1, rate(results))
-                if not whole:
-                    print(
-                        f"episode {number}: {result.reason}\nstarting the graph again; logs are in {logs}",
-                        file=sys.stderr,
-                    )
-                    break
+        },
+        options.engine,
+        options.bags,
+        options.out,
+    )
+    progress, started = Progress(options.episodes, f"evaluate {options.domain}"), time.monotonic()
+    missing_runs = results.missing(options.episodes)
+    if options.jobs == 1 and not options.cluster:
+        for numbers in missing_runs:
+            play(request, numbers, results, lambda n, s: progress.show(n + min(0.9, s / 15), rate(results)))
+    elif missing_runs:
+        play_beside(request, missing_runs, results, options, progress)
+    progress.show(options.episodes, rate(results))
     played = {"object": options.object, "scenario": options.scenario}
     figures = {"engine": options.engine, **played, **summary(results.results[: options.episodes])}
-    figures["wall_s"] = round(figures["wall_s"] + seconds_ready, 1)
     figures["this_run_s"] = round(time.monotonic() - started, 1)
     picture = results.path.with_suffix(".svg")
     picture.write_text(results_plot(results.results[: options.episodes], find_domain(options.domain)))
@@ -158,22 +158,18 @@ def warnings_of(options: argparse.Namespace) -> list[str]:
     return [*check_weights(find_domain(options.domain), options.controller, options.weights), *effects]
 
 
-def run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
-    """One episode, and whether the graph is still whole."""
-    from np_ros.participant import GraphError
-
-    began = time.monotonic()
+def play_beside(request: Request, runs: list[range], results: Results, options: argparse.Namespace, progress) -> None:
+    """Play runs of episodes in several graphs at a time, each in a process of its own; what is finished is kept, whatever ends it."""
     try:
-        if record:
-            conductor.start_recording()
-        outcome = conductor.run_episode()
-        if record:
-            conductor.stop_recording()
-    except (NodeDied, GraphError, TimeoutError) as error:
-        return breakdown(number, str(error), time.monotonic() - began), False
-    return result_of(
-        number, outcome, time.monotonic() - began, conductor.depths, conductor.limit_shares
-    ), outcome.declared != FAULT
+        with workers(options.jobs, options.cluster) as pool:
+            playing = {pool.submit(play_part, request, part, results.part(part)) for part in split(runs, options.jobs)}
+            while playing:
+                done, playing = wait(playing, timeout=1.0)
+                for future in done:
+                    future.result()
+                progress.show(results.finished())
+    finally:
+        results.collect()
 
 
 def rate(results: Results) -> str:
