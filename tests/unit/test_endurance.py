@@ -28,13 +28,17 @@ def test_a_random_message_of_every_type_can_be_sent(name):
 
 def test_a_soak_that_goes_on_is_a_result_of_so_many_episodes(tmp_path):
     """Whoever kills it has what there was: the file is whole at any moment."""
-    run = soak.Run({"mode": "lockstep"}, allowed=20.0)
+    run = soak.Run({"mode": "lockstep"}, allowed=20.0, revision="abc")
     run.ends["succeeded"] = 25
     run.uses["episode"] = [Use(1000 + number, 18, 14) for number in range(25)]
     result = run.write(tmp_path / "soak.json", "not finished: 25 episodes so far")
     kept = json.loads((tmp_path / "soak.json").read_text())
     assert [path.name for path in tmp_path.iterdir()] == ["soak.json"]
-    assert kept["episodes"] == 25 and kept["nodes"]["episode"]["memory_per_episode"] == pytest.approx(1.0)
+    assert (
+        kept["episodes"] == 25
+        and kept["revision"] == "abc"
+        and kept["nodes"]["episode"]["memory_per_episode"] == pytest.approx(1.0)
+    )
     assert result["growing"] == [] and len(kept["uses"]["episode"]) == 25
     run.uses["episode"] = run.uses["episode"][:15]
     assert "expected at least 10 episodes after 10" in run.result("")["error"]

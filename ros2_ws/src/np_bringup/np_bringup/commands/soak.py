@@ -36,6 +36,7 @@ class Run:
 
     graph: dict[str, str]
     allowed: float
+    revision: str  # of the code that was started, whatever the working tree has by the end
     began: float = field(default_factory=time.monotonic)
     ends: dict[str, int] = field(default_factory=dict)
     stops: int = 0
@@ -69,7 +70,7 @@ class Run:
             "allowed_kB_per_episode": self.allowed,
             "nodes": {name: asdict(one) for name, one in trends.items()},
             "arguments": self.graph,
-            "revision": origin()["revision"],
+            "revision": self.revision,
             "wall_s": round(self.seconds, 1),
         }
 
@@ -126,7 +127,7 @@ def main(arguments: list[str] | None = None) -> int:
     out, error = new_folder(options.out), ""
     mode = "realtime" if options.hours else "lockstep"
     graph = {"domain": options.domain, "seed": str(options.seed), "keypoints": options.keypoints, "mode": mode}
-    run = Run(graph, options.memory)
+    run = Run(graph, options.memory, str(origin()["revision"]))
     try:
         episodes(run, options, out)
     except KeyboardInterrupt:
