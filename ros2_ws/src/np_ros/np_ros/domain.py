@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import time
+from typing import TYPE_CHECKING
 
-from rclpy.node import Node
+if TYPE_CHECKING:  # commands that only ask for the domain's number do without
+    from rclpy.node import Node
 
 _HIGHEST = 232  # the ports of higher ones do not exist
 _DISCOVERY = 0.5  # s in which a participant that is there is found: twenty times what it takes on an idle machine

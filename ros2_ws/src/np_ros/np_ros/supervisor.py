@@ -22,6 +22,7 @@ from typing import TextIO
 
 import yaml
 
+from np_ros.domain import ros_domain_id
 from np_ros.graph import NodeSpec
 
 STOP_SEQUENCE = ((signal.SIGINT, 8.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
@@ -101,7 +102,8 @@ class Supervisor:
         supervisor.wait(lambda: ..., timeout=30, what="the phase")
 
     log_directory: each node's output goes to <log_directory>/<name>.log, its parameters to <name>.yaml.
-    domain_id: a free one is reserved unless given. locate: how an executable becomes a command.
+    domain_id: a free one is reserved unless given. locate: how an executable becomes a command. Raises ValueError where the
+    shell's ROS_DOMAIN_ID is none.
     """
 
     def __init__(
@@ -111,6 +113,7 @@ class Supervisor:
         domain_id: int | None = None,
         locate: Callable[[str, str], list[str]] = installed_command,
     ):
+        ros_domain_id()  # a bad one is told, though a graph in a domain of its own does without it
         self.log_directory = Path(log_directory)
         self.log_directory.mkdir(parents=True, exist_ok=True)
         self._reservation = None

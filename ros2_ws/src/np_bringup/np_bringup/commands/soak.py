@@ -124,17 +124,22 @@ def main(arguments: list[str] | None = None) -> int:
     from np_ros.supervisor import NodeDied
 
     interrupt_on_sigterm()
-    out, error = new_folder(options.out), ""
+    error = ""
     mode = "realtime" if options.hours else "lockstep"
     graph = {"domain": options.domain, "seed": str(options.seed), "keypoints": options.keypoints, "mode": mode}
     run = Run(graph, options.memory, str(origin()["revision"]))
+    try:
+        out = new_folder(options.out)
+    except OSError as failure:
+        print(f"soak: {failure}", file=sys.stderr)
+        return 1
     try:
         episodes(run, options, out)
     except KeyboardInterrupt:
         if run.episodes < WARM + 10:
             return INTERRUPTED
         error = f"interrupted after {run.episodes} episodes"
-    except (NodeDied, GraphError, TimeoutError, OSError) as broken:
+    except (NodeDied, GraphError, TimeoutError, LookupError, ValueError, OSError) as broken:
         error = str(broken)
         print(f"soak: {error}", file=sys.stderr)
     result = run.write(out / "soak.json", error)
