@@ -201,7 +201,7 @@ def test_a_checkpoint_that_was_released_can_be_released_again(folder, tmp_path):
         folders = tmp_path / name, tmp_path / "results"
         release(read_run(folder), state, tmp_path / "student.safetensors", *folders, "GPU", "train")
         state = torch.load(tmp_path / name / "training_bump.pt", weights_only=True)
-        assert (state["post"], state["pre"]) == ({"rate": 7e-5}, {"rate": 9e-5})
+        assert state["post"] == pytest.approx({"rate": 7e-5}) and state["pre"] == pytest.approx({"rate": 9e-5})
 
 
 def test_a_student_of_another_task_is_not_released(folder, tmp_path):
