@@ -9,6 +9,7 @@ import subprocess
 import pytest
 from graph_tools import command
 
+from np_bringup.commands import demo, evaluate, fuzz, soak
 from np_description.phases import ENDS
 from np_record.bag import Recording
 
@@ -82,6 +83,22 @@ def test_the_demo_cleans_up_when_it_is_interrupted(tmp_path, untrained, number):
     assert survivors(tmp_path / "demo_000") == []
     with Recording(result["bags"][0], ["joint_states", "joint_trajectory"]) as recording:
         assert recording.counts["joint_states"] > 0  # the episode that was cut off is kept as well
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [(demo, ["--episodes", "1"]), (evaluate, ["--episodes", "1"]), (soak, []), (fuzz, [])],
+    ids=lambda one: one.__name__.rpartition(".")[2] if not isinstance(one, list) else "",
+)
+def test_a_domain_id_that_is_none_is_told_though_the_graph_has_one_of_its_own(
+    tmp_path, monkeypatch, capsys, command, options
+):
+    """Whoever set it meant something by it."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
+    assert command.main([*options, "--out", str(tmp_path / "out")]) == 1
+    name = command.__name__.rpartition(".")[2]
+    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith(f"{name}: ")]
+    assert said == [f"{name}: ROS_DOMAIN_ID: expected a whole number from 0 to 232, got 'abc'"]
 
 
 def test_missing_weights_are_named(tmp_path):

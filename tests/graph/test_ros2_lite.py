@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 import pytest
 import yaml
+from graph_tools import TIMEOUT
 from std_msgs.msg import Float64
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -53,6 +54,13 @@ def graph(arguments):
                      [("gripper_command", "left/gripper_command")])]
 """
 
+NEEDED_LAUNCH_FILE = """
+from np_ros.graph import NodeSpec
+ARGUMENTS = []
+def graph(arguments):
+    return [NodeSpec("pushers", "talker", "left"), NodeSpec("pushers", "talker", "right", {"nothing": 1}, is_required=True)]
+"""
+
 
 class Ros2:
     """Starts `ros2 ...` in the domain of a graph, with the package `pushers` installed, and ends what it started."""
@@ -68,6 +76,7 @@ class Ros2:
         launch_file = prefix / "share/pushers/launch/talk.launch.py"
         launch_file.parent.mkdir(parents=True)
         launch_file.write_text(LAUNCH_FILE)
+        launch_file.with_name("needed.launch.py").write_text(NEEDED_LAUNCH_FILE)
         real = shutil.which("ros2")
         self._command = [real] if real else [sys.executable, "-c", CODE]
         paths = [str(ROOT / "tools" / "ros2_lite"), *filter(None, sys.path)]
@@ -176,6 +185,14 @@ def test_launch_runs_the_table_and_stops_it(ros2, probe):
     assert process.wait() == 0
     with pytest.raises(ProcessLookupError):
         os.kill(node, 0)
+
+
+def test_a_launch_ends_with_the_node_that_it_needs(ros2):
+    """The rest of it would disturb the graph of which it is the second, or wait for ever."""
+    process = ros2.start("launch", "pushers", "needed.launch.py")
+    out, err = process.communicate(timeout=TIMEOUT)
+    assert process.returncode == 1 and "parameter nothing: not one of this node's" in out
+    assert err.splitlines()[-1] == "nothing goes on without right: the launch ends"
 
 
 def test_launch_names_an_unknown_argument(ros2):

@@ -73,6 +73,19 @@ def test_a_second_bridge_refuses_to_start(graph, probe):
     assert "found /sim_bridge: end the other graph" in str(died.value)
 
 
+def test_of_two_bridges_that_start_at_once_one_stays(graph, probe):
+    """Each sees the other's publisher; without a lock both refused, and the domain had no backend."""
+    states = probe.collect("joint_states", JointState)
+    graph.start([NodeSpec("np_sim_bridge", "sim_bridge", name, {"camera": False}) for name in ("one", "two")])
+    with pytest.raises(NodeDied, match="expected nobody else to publish /joint_states in ROS domain") as died:
+        probe.wait_until(lambda: False)
+    graph.kill(died.value.name)
+    other = {"one": "two", "two": "one"}[died.value.name]
+    states.clear()
+    probe.wait_until(lambda: states)
+    assert not graph.ended(other)
+
+
 def test_the_arm_carries_the_effects_of_a_patch(graph, probe, tmp_path):
     """A bias is read from the first state on; what a backend cannot carry is named in the log."""
     states = probe.collect("joint_states", JointState)

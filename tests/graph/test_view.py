@@ -186,6 +186,7 @@ def test_layouts_name_displays_and_panels_that_there_are():
     kinds = {f"rviz_default_plugins/{name}" for name in ("Grid", "MarkerArray", "RobotModel", "Pose", "Image")}
     assert {display["Class"] for display in rviz["Displays"]} == kinds
     assert rviz["Views"]["Current"]["Class"] == "rviz_default_plugins/Orbit"
+    assert rviz["Enabled"] and "rviz_default_plugins/MoveCamera" in {tool["Class"] for tool in rviz["Tools"]}
     for display in rviz["Displays"]:
         topic = display.get("Topic") or display.get("Description Topic") or {}
         assert set(topic) <= {"Value", "Depth", "Reliability Policy", "Durability Policy", "History Policy"}

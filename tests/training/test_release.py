@@ -193,6 +193,17 @@ def test_a_release_has_the_weights_of_the_run_and_its_figures(folder, tmp_path):
     ).exists()
 
 
+def test_a_checkpoint_that_was_released_can_be_released_again(folder, tmp_path):
+    """It has learning rates in place of optimisers, which a release does not need: it leaves them out itself."""
+    save(PreContactStudent(), tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, BUMP))
+    state = torch.load(folder / "checkpoint.pt", weights_only=True)
+    for name in ("first", "second"):
+        folders = tmp_path / name, tmp_path / "results"
+        release(read_run(folder), state, tmp_path / "student.safetensors", *folders, "GPU", "train")
+        state = torch.load(tmp_path / name / "training_bump.pt", weights_only=True)
+        assert state["post"] == pytest.approx({"rate": 7e-5}) and state["pre"] == pytest.approx({"rate": 9e-5})
+
+
 def test_a_student_of_another_task_is_not_released(folder, tmp_path):
     save(PreContactStudent(), tmp_path / "student.safetensors", PolicyContract.of(PRE_CONTACT, CARD))
     state, folders = (

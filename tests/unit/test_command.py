@@ -103,6 +103,17 @@ def test_help_of_a_command_imports_nothing_that_is_slow(module):
     assert done.stdout.startswith("usage: ") and done.stderr == "[]\n"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["compare", "contracts", "distill", "evaluate", "identify", "release", "report", "train", "video"]
+)
+def test_help_of_a_training_command_is_there(name):
+    """They import PyTorch first, which takes seconds; but they answer."""
+    command = [sys.executable, "-m", f"np_training.{name}", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.startswith("usage: "), done.stderr
+
+
 def test_elsewhere_than_on_a_terminal_there_are_few_lines(capsys):
     progress = Progress(1000, "episodes")
     for number in range(1000):

@@ -2,12 +2,14 @@
 
 import json
 import os
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
-from np_bringup.commands import soak
+from np_bringup.commands import common, soak
 from np_bringup.endurance.random_messages import broken, broken_bytes, message_type, random_message
 from np_bringup.endurance.resources import Trend, Use, growing, trend, use_of
 from np_description.panda import STATE_NAMES
@@ -28,16 +30,43 @@ def test_a_random_message_of_every_type_can_be_sent(name):
 
 def test_a_soak_that_goes_on_is_a_result_of_so_many_episodes(tmp_path):
     """Whoever kills it has what there was: the file is whole at any moment."""
-    run = soak.Run({"mode": "lockstep"}, allowed=20.0)
+    run = soak.Run({"mode": "lockstep"}, allowed=20.0, revision="abc")
     run.ends["succeeded"] = 25
     run.uses["episode"] = [Use(1000 + number, 18, 14) for number in range(25)]
     result = run.write(tmp_path / "soak.json", "not finished: 25 episodes so far")
     kept = json.loads((tmp_path / "soak.json").read_text())
     assert [path.name for path in tmp_path.iterdir()] == ["soak.json"]
-    assert kept["episodes"] == 25 and kept["nodes"]["episode"]["memory_per_episode"] == pytest.approx(1.0)
+    assert (
+        kept["episodes"] == 25
+        and kept["revision"] == "abc"
+        and kept["nodes"]["episode"]["memory_per_episode"] == pytest.approx(1.0)
+    )
     assert result["growing"] == [] and len(kept["uses"]["episode"]) == 25
     run.uses["episode"] = run.uses["episode"][:15]
     assert "expected at least 10 episodes after 10" in run.result("")["error"]
+
+
+def test_a_fault_is_an_end_after_which_a_soak_goes_on(tmp_path, monkeypatch):
+    """Once in some hundred episodes a guard stops the arm: that says nothing of memory."""
+    ends = ["succeeded", "fault", *["succeeded"] * 20]
+
+    class Conductor:
+        recovered = 0
+
+        def run_episode(self, until):
+            assert self.recovered == ends[: run.episodes].count("fault")
+            return SimpleNamespace(declared=ends[run.episodes])
+
+        def recover(self):
+            self.recovered += 1
+
+        def processes(self):
+            return {"episode": os.getpid()}
+
+    monkeypatch.setattr(common, "running_graph", lambda *_: nullcontext(Conductor()))
+    run = soak.Run({"mode": "lockstep"}, allowed=20.0, revision="abc")
+    soak.episodes(run, soak.parser().parse_args(["--episodes", str(len(ends))]), tmp_path)
+    assert run.ends == {"succeeded": 21, "fault": 1}
 
 
 def test_a_broken_message_is_one_that_is_refused_or_differs():

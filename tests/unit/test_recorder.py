@@ -217,6 +217,17 @@ except OSError as error:
 """
 
 
+FULL_AT_FIRST = """
+import resource, sys
+from test_recorder import BagWriter
+resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, resource.RLIM_INFINITY))
+try:
+    BagWriter(sys.argv[1], {"seed": 3})
+except OSError as error:
+    sys.exit(str(error))
+"""
+
+
 def test_a_bag_on_a_disk_that_becomes_full_is_closed_readable_and_named_incomplete(tmp_path):
     """As many whole chunks as there is room for, and every message of them."""
     path = tmp_path / "bag"
@@ -234,6 +245,16 @@ def test_a_bag_on_a_disk_that_becomes_full_is_closed_readable_and_named_incomple
         assert stamps == list(range(count)) and recording.end == count - 1
         assert recording.information == {"seed": 3, INCOMPLETE: f"File too large, after {count} messages"}
     assert sorted(file.name for file in path.iterdir()) == ["bag.mcap", "metadata.yaml"]
+
+
+def test_a_bag_for_which_there_is_no_room_leaves_nothing(tmp_path):
+    """A folder without metadata.yaml would be taken for a recording that broke off."""
+    path = tmp_path / "bag"
+    command = [sys.executable, "-c", FULL_AT_FIRST, path]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.stderr == f"bag {path}: cannot be made: File too large\n"
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_disk_without_room_for_an_index_either_is_told(tmp_path):

@@ -17,6 +17,7 @@ from np_description.panda import NOMINAL
 from np_description.phases import PhaseState
 from np_description.rotations import yaw_quaternion
 from np_record.bag import BagError, Recording
+from np_record.bag_writer import INCOMPLETE
 from np_record.cdr import TYPESTORE
 from np_record.commands import report as command
 from np_record.intervals import wilson_interval
@@ -129,6 +130,16 @@ def test_an_episode_cut_short_is_unfinished(tmp_path):
     with Recording(record_episode(tmp_path / "bag", count=600, phases=phases)) as recording:
         outcome = load_episode(recording).outcome
     assert (outcome.declared, outcome.reason, outcome.duration) == ("unfinished", "", 599 * PERIOD / 1e9)
+
+
+def test_an_episode_whose_disk_became_full_says_so(tmp_path):
+    """A recorder in this state ends the bag so; its page would else blame the policy."""
+    phases = {0: PhaseState("pre"), 50: PhaseState("approach")}
+    why = {INCOMPLETE: "No space left on device, after 5615 messages"}
+    with Recording(record_episode(tmp_path / "bag", count=100, phases=phases, information=why)) as recording:
+        outcome = load_episode(recording).outcome
+    assert outcome.declared == "unfinished"
+    assert outcome.reason == "the recording ends early: No space left on device, after 5615 messages"
 
 
 def test_a_bag_without_the_truth_is_named(tmp_path):

@@ -153,7 +153,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("recordings", nargs="*", type=Path, help="to fit to: bags, or drives' logs (.npz)")
     parser.add_argument(
-        "--held-out", nargs="+", type=Path, default=[], help=f"default: the last {1 - SHARE:.0%} of each"
+        "--held-out", nargs="+", type=Path, default=[], help=f"default: the last {100 * (1 - SHARE):.0f} %% of each"
     )
     parser.add_argument("--blocks", type=float, help="hold out every second block of this length, s, instead")
     parser.add_argument("--arm", type=Path, help="MJCF file; default: the nominal Panda")

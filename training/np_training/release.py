@@ -27,6 +27,7 @@ from np_policy.contract import KINDS, POST_CONTACT, PRE_CONTACT
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256
 from np_training.contracts import trained_contract
+from np_training.ppo.learner import learning_rate
 from np_training.report import PHYSICS_STEPS, Run, read_run
 from np_training.reports.curves import draw_curves
 from np_training.reports.curves import save as save_figure
@@ -68,9 +69,8 @@ _FILES = (
 
 
 def without_optimisers(state: dict) -> dict:
-    """A checkpoint with the learning rates in place of the optimisers, which are two thirds of it."""
-    rates = {name: {"rate": float(state[name]["policy"]["param_groups"][0]["lr"])} for name in ("post", "pre")}
-    return state | rates
+    """A checkpoint with the learning rates in place of the optimisers, which are two thirds of it; also of one that has none."""
+    return state | {name: {"rate": learning_rate(state[name])} for name in ("post", "pre")}
 
 
 def figure_table(lines: list[dict]) -> str:

@@ -60,8 +60,9 @@ def launch(package: str, file: str, pairs: Sequence[str], show_arguments: bool) 
     with Supervisor(logs, domain_id=int(os.environ.get("ROS_DOMAIN_ID", "0"))) as supervisor:
         supervisor.start(nodes)
         running = {node.name: open(logs / f"{node.name}.log", errors="replace") for node in nodes}
+        required = {node.name for node in nodes if node.is_required}
         try:
-            while running:
+            while required <= set(running) and running:
                 time.sleep(_PERIOD)
                 for name, log in list(running.items()):
                     ended = supervisor.ended(name)
@@ -72,6 +73,8 @@ def launch(package: str, file: str, pairs: Sequence[str], show_arguments: bool) 
                         failed |= status != 0
                         print(f"[{name}] has ended with status {status}", file=sys.stderr, flush=True)
                         running.pop(name).close()
+            for name in required - set(running):
+                print(f"nothing goes on without {name}: the launch ends", file=sys.stderr, flush=True)
         except KeyboardInterrupt:
             pass
         finally:

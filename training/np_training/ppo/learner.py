@@ -173,7 +173,7 @@ class Learner:
 
     def load_state_dict(self, state: dict) -> None:
         """Restore what `state_dict` gave; of a released checkpoint, which has no optimisers, the learning rate."""
-        self.rate = state["rate"] if "rate" in state else float(state["policy"]["param_groups"][0]["lr"])
+        self.rate = learning_rate(state)
         if "rate" in state:
             return
         rate = self._rate
@@ -183,6 +183,11 @@ class Learner:
         self.policy_optimiser.param_groups[0]["lr"] = rate
         if self._captures:  # what was captured had the optimisers' memory of before
             self._step = Captured(self._minibatch)
+
+
+def learning_rate(state: dict) -> float:
+    """The policy's learning rate in what `Learner.state_dict` gave, or in what a release has left of it (`rate` alone)."""
+    return float(state["rate"] if "rate" in state else state["policy"]["param_groups"][0]["lr"])
 
 
 def _normalised(advantage: torch.Tensor) -> torch.Tensor:

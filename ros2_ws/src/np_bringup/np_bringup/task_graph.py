@@ -85,6 +85,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
                 "camera": from_camera,
                 **effects,
             },
+            is_required=True,
         ),
         NodeSpec("np_control", CONTROLLERS[given["controller"]], parameters=common),
     ]

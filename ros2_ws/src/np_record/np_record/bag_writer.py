@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
@@ -38,25 +40,11 @@ class BagWriter:
         self._information = dict(information)
         self._writer = Writer(self.path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
         self._tell_information()
-        self._room = self.path / ".room"
         try:
-            self._writer.open()
-            with self._room.open("wb") as room:
-                os.posix_fallocate(room.fileno(), 0, _ROOM)
-            self._storage = self._writer.storage
-            self._storage.bio.flush()
-            begun = self._storage.bio.tell()
-            self._storage.bio.close()
-            self._storage.bio = _Unbuffered(self._storage.path, "r+")
-            self._storage.bio.seek(begun)
+            begun = self._begin(topics)
         except OSError as error:
+            self._leave_nothing()
             raise OSError(f"bag {self.path}: cannot be made: {error.strerror}") from error
-        self._connections = {
-            topic: self._writer.add_connection(
-                f"/{topic.name}", topic.type, typestore=TYPESTORE, offered_qos_profiles=[_qos(topic)]
-            )
-            for topic in topics
-        }
         self.count = 0
         self._kept = begun, 0, 0  # bytes, chunks and ns up to which the file is whole
         self._newest = 0
@@ -65,6 +53,32 @@ class BagWriter:
         self._queue: SimpleQueue = SimpleQueue()
         self._thread = Thread(target=self._run, name="bag writer")
         self._thread.start()
+
+    def _begin(self, topics: Sequence[Topic]) -> int:
+        """Make the bag, with room for its end; the place at which its messages begin. Raises OSError."""
+        self._room = self.path / ".room"
+        self._writer.open()
+        with self._room.open("wb") as room:
+            os.posix_fallocate(room.fileno(), 0, _ROOM)
+        self._storage = self._writer.storage
+        self._storage.bio.flush()
+        begun = self._storage.bio.tell()
+        self._storage.bio.close()
+        self._storage.bio = _Unbuffered(self._storage.path, "r+")
+        self._storage.bio.seek(begun)
+        self._connections = {
+            topic: self._writer.add_connection(
+                f"/{topic.name}", topic.type, typestore=TYPESTORE, offered_qos_profiles=[_qos(topic)]
+            )
+            for topic in topics
+        }
+        return begun
+
+    def _leave_nothing(self) -> None:
+        """Remove a bag that was not begun: a folder without messages and metadata.yaml is none."""
+        with suppress(OSError):  # where even what was buffered has no place
+            self._writer.abort()
+        shutil.rmtree(self.path, ignore_errors=True)
 
     @property
     def has_failed(self) -> bool:

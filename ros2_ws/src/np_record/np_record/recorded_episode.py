@@ -16,6 +16,7 @@ from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.penetration import Penetration
 from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, PhaseState, first_end, split_reason
 from np_record.bag import BagError, Message, Recording
+from np_record.bag_writer import INCOMPLETE
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
 from np_ros.messages import image_array, joint_state_arrays, keypoints_array, pose_arrays
 
@@ -133,7 +134,7 @@ def load_episode(recording: Recording) -> EpisodeData:
     said = [state for _, state in phases]
     began = next((number for number, state in enumerate(said) if state.phase == PRE), 0)
     end = first_end(said[began:])
-    declared, reason = (end.phase, end.reason) if end else ("unfinished", "")
+    declared, reason = (end.phase, end.reason) if end else ("unfinished", _early_end(recording))
     duration = (recording.end - start) / SECOND
     final = Pose(poses.values[-1, :3], poses.values[-1, 3:])
     return EpisodeData(
@@ -157,6 +158,12 @@ def load_episode(recording: Recording) -> EpisodeData:
         duration=duration,
         outcome=score(domain, declared, reason, final, goal, duration),
     )
+
+
+def _early_end(recording: Recording) -> str:
+    """Why the recording ends before its episode, where it knows."""
+    why = recording.information.get(INCOMPLETE)
+    return f"the recording ends early: {why}" if why else ""
 
 
 def images(recording: Recording):

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import time
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rclpy.node import Node
+from np_ros.locks import lock
+
+if TYPE_CHECKING:  # commands that only ask for the domain's number do without
+    from rclpy.node import Node
 
 _HIGHEST = 232  # the ports of higher ones do not exist
 _DISCOVERY = 0.5  # s in which a participant that is there is found: twenty times what it takes on an idle machine
@@ -22,33 +28,61 @@ def ros_domain_id() -> int:
     return int(said)
 
 
-def refuse_second(node: Node, topic: str) -> None:
-    """Return once it is known that `node` is alone in publishing a topic that can have one publisher only.
+class OnlyPublisher:
+    """The right of `node` to be the only publisher of a topic in its ROS domain, held until `release`.
 
-    Call it late in the constructor, since discovery goes on meanwhile, and before threads that have to be ended: it waits for half a
-    second. Raises ValueError that names the other.
+    Make it late in the constructor, since discovery goes on meanwhile, and before threads that have to be ended: it waits for half a
+    second. Raises ValueError that names the other. Of two that start at once on this machine one has the right.
     """
-    name = node.resolve_topic_name(topic)
-    deadline = time.monotonic() + _DISCOVERY
-    while True:
-        publishers = [info for info in node.get_publishers_info_by_topic(name) if info.node_name]
-        if len(publishers) > 1:
-            own = (node.get_name(), node.get_namespace())
-            others = [p for p in publishers if (p.node_name, p.node_namespace) != own] or publishers[1:]
-            if any(p.node_name == _UNKNOWN for p in others) and time.monotonic() < deadline + _NAMING:
-                time.sleep(_POLL)
-                continue
-            names = {
-                "a node" if p.node_name == _UNKNOWN else f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in others
-            }
-            found = ", ".join(sorted(names))
-            raise ValueError(
-                f"expected nobody else to publish {name} in ROS domain {ros_domain_id()}, found {found}: "
-                "end the other graph, or set another ROS_DOMAIN_ID"
-            )
-        if time.monotonic() > deadline:
-            return
-        time.sleep(_POLL)
+
+    def __init__(self, node: Node, topic: str):
+        self._node, self._topic = node, node.resolve_topic_name(topic)
+        place = f"np_ros_domain_{ros_domain_id()}{self._topic.replace('/', '_')}.lock"
+        try:
+            self._lock = lock(Path(tempfile.gettempdir()) / place)
+            is_first = self._lock is not None
+        except OSError:  # not ours to open: discovery alone has to tell
+            self._lock, is_first = None, True
+        try:
+            self._await(is_first)
+        except ValueError:
+            self.release()
+            raise
+
+    def release(self) -> None:
+        """Let others have it."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _await(self, is_first: bool) -> None:
+        """Return once nobody else publishes, which takes until one that started at the same time and was not first has gone."""
+        begun = time.monotonic()
+        while True:
+            others, waited = self._others(), time.monotonic() - begun
+            if is_first and not others and waited > _DISCOVERY:
+                return
+            is_known = not is_first and others and _UNKNOWN not in others
+            if is_known or waited > _DISCOVERY + _NAMING:
+                names = {"a node" if name == _UNKNOWN else name for name in others} or {
+                    "another process of this machine"
+                }
+                raise ValueError(
+                    f"expected nobody else to publish {self._topic} in ROS domain {ros_domain_id()}, "
+                    f"found {', '.join(sorted(names))}: end the other graph, or set another ROS_DOMAIN_ID"
+                )
+            time.sleep(_POLL)
+
+    def _others(self) -> set[str]:
+        """Who else publishes it, as far as is known by now; one of the node's own name too."""
+        publishers = [info for info in self._node.get_publishers_info_by_topic(self._topic) if info.node_name]
+        if len(publishers) <= 1:
+            return set()
+        own = (self._node.get_name(), self._node.get_namespace())
+        others = [p for p in publishers if (p.node_name, p.node_namespace) != own] or publishers[1:]
+        return {
+            _UNKNOWN if p.node_name == _UNKNOWN else f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in others
+        }
 
 
 def twins(node: Node) -> int:

@@ -13,7 +13,7 @@ class NodeSpec:
 
     nice: priority given up to others on the same cores, 0 (none) to 19. realtime: priority of
     first-in-first-out scheduling, 1 to 90, where the system permits it (see docs/guide/quickstart.md); 0 for
-    none.
+    none. is_required: whether `ros2 launch` ends all others where this one ends.
     """
 
     package: str
@@ -23,6 +23,7 @@ class NodeSpec:
     remappings: Sequence[tuple[str, str]] = ()
     nice: int = 0
     realtime: int = 0
+    is_required: bool = False
 
     def __post_init__(self):
         if not self.name:
@@ -50,7 +51,7 @@ def complete(arguments: Mapping[str, str], known: Sequence[LaunchArgument]) -> d
 def launch_description(known: Sequence[LaunchArgument], graph: Callable[[Mapping[str, str]], Sequence[NodeSpec]]):
     """A LaunchDescription that declares the arguments and starts the nodes of `graph`; needs launch_ros."""
     from launch import LaunchDescription
-    from launch.actions import DeclareLaunchArgument, OpaqueFunction
+    from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
     from launch.substitutions import LaunchConfiguration
     from launch_ros.actions import Node
 
@@ -65,6 +66,7 @@ def launch_description(known: Sequence[LaunchArgument], graph: Callable[[Mapping
                 parameters=[dict(spec.parameters)],
                 remappings=list(spec.remappings),
                 prefix=f"nice -n {spec.nice}" if spec.nice else None,
+                on_exit=[Shutdown(reason=f"{spec.name} has ended")] if spec.is_required else None,
             )
             for spec in graph(given)
         ]

@@ -8,7 +8,6 @@ lib/<package>/<executable>.
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import os
 import signal
 import subprocess
@@ -22,7 +21,9 @@ from typing import TextIO
 
 import yaml
 
+from np_ros.domain import ros_domain_id
 from np_ros.graph import NodeSpec
+from np_ros.locks import lock
 
 STOP_SEQUENCE = ((signal.SIGINT, 8.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """What a process gets, and how long s it may take, until it has ended."""
@@ -68,29 +69,12 @@ def reserve_domain_id(folder: Path | None = None) -> tuple[int, TextIO]:
     folder = folder or Path(tempfile.gettempdir())
     for domain_id in range(1, 102):  # the range whose ports are free of Linux's ephemeral ones
         try:
-            handle = _open_lock(folder / f"np_ros_domain_{domain_id}.lock")
+            handle = lock(folder / f"np_ros_domain_{domain_id}.lock")
         except OSError:
             continue  # not ours to open: whose it is may use the id
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if handle is not None:
             return domain_id, handle
-        except OSError:
-            handle.close()
     raise RuntimeError(f"no free ROS domain id: expected one of 1..101 without a lock in {folder}, all are in use")
-
-
-def _open_lock(path: Path) -> TextIO:
-    """The file at `path`, made if it is not there, open for reading: a lock needs no more, and every user may.
-
-    Another user's file cannot be opened for writing, nor, in a folder such as /tmp, with O_CREAT, for reading either
-    (fs.protected_regular). Raises OSError for one that cannot be read.
-    """
-    try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_EXCL, 0o644)
-        os.fchmod(descriptor, 0o644)  # whatever the umask
-    except FileExistsError:
-        descriptor = os.open(path, os.O_RDONLY)
-    return os.fdopen(descriptor)
 
 
 class Supervisor:
@@ -101,7 +85,8 @@ class Supervisor:
         supervisor.wait(lambda: ..., timeout=30, what="the phase")
 
     log_directory: each node's output goes to <log_directory>/<name>.log, its parameters to <name>.yaml.
-    domain_id: a free one is reserved unless given. locate: how an executable becomes a command.
+    domain_id: a free one is reserved unless given. locate: how an executable becomes a command. Raises ValueError where the
+    shell's ROS_DOMAIN_ID is none.
     """
 
     def __init__(
@@ -111,6 +96,7 @@ class Supervisor:
         domain_id: int | None = None,
         locate: Callable[[str, str], list[str]] = installed_command,
     ):
+        ros_domain_id()  # a bad one is told, though a graph in a domain of its own does without it
         self.log_directory = Path(log_directory)
         self.log_directory.mkdir(parents=True, exist_ok=True)
         self._reservation = None

@@ -33,33 +33,33 @@ def main(arguments: list[str] | None = None) -> int:
     from np_bringup.task_graph import task_graph
     from np_ros.graph import NodeSpec
     from np_ros.peer import Peer
-    from np_ros.supervisor import Supervisor
+    from np_ros.supervisor import NodeDied, Supervisor
 
     known = {topic.name: topic for topic in everything()}
     unknown = sorted(set(options.topics) - set(known))
     if unknown:
         parser().error(f"--topics: expected some of {', '.join(known)}; got {', '.join(unknown)}")
     interrupt_on_sigterm()
-    out = new_folder(options.out)
-    graph = task_graph({"domain": options.domain, "bag": str(out / "bag")})
-    beside = [  # two would answer for one in an episode: they come when there are samples
-        NodeSpec("np_perception", "keypoint_oracle", parameters={"mode": "lockstep", "domain": options.domain}),
-        NodeSpec("np_control", "operational_space", parameters={"mode": "lockstep"}),
-        NodeSpec("np_bringup", "robot_state", parameters={"domain": options.domain}),
-    ]
-    by_name = {spec.name: spec for spec in [*graph, *beside]}
     found, began = [], time.monotonic()
-    with Supervisor(out / "log") as supervisor:
+    try:
+        out = new_folder(options.out)
+        graph = task_graph({"domain": options.domain, "bag": str(out / "bag")})
+        beside = [  # two would answer for one in an episode: they come when there are samples
+            NodeSpec("np_perception", "keypoint_oracle", parameters={"mode": "lockstep", "domain": options.domain}),
+            NodeSpec("np_control", "operational_space", parameters={"mode": "lockstep"}),
+            NodeSpec("np_bringup", "robot_state", parameters={"domain": options.domain}),
+        ]
+        by_name = {spec.name: spec for spec in [*graph, *beside]}
+        with Supervisor(out / "log") as supervisor:
 
-        def restart(name: str) -> None:
-            supervisor.stop(name)
-            supervisor.start([by_name[name]])
+            def restart(name: str) -> None:
+                supervisor.stop(name)
+                supervisor.start([by_name[name]])
 
-        supervisor.start(graph)
-        os.environ.update(supervisor.environment)
-        with closing(Peer("fuzz", domain_id=supervisor.domain_id, limit=120.0)) as peer:
-            fuzzer = Fuzzer(peer, supervisor, restart, options.seed)
-            try:
+            supervisor.start(graph)
+            os.environ.update(supervisor.environment)
+            with closing(Peer("fuzz", domain_id=supervisor.domain_id, limit=120.0)) as peer:
+                fuzzer = Fuzzer(peer, supervisor, restart, options.seed)
                 peer.wait_until(lambda: {spec.name for spec in graph} <= fuzzer.speaking, what="every node")
                 # A few real messages of an episode, to break.
                 peer.call("sim_bridge/reset")
@@ -74,11 +74,11 @@ def main(arguments: list[str] | None = None) -> int:
                     if (one := fuzzer.fuzz(topic, options.messages)) is not None:
                         found.append(one)
                 progress.show(len(topics))
-            except KeyboardInterrupt:
-                return INTERRUPTED
-            except TimeoutError as error:
-                print(f"fuzz: {error}", file=sys.stderr)
-                return 1
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except (NodeDied, TimeoutError, LookupError, ValueError, OSError) as error:
+        print(f"fuzz: {error}", file=sys.stderr)
+        return 1
     for one in found:
         for name, words in one.died.items():
             print(f"fuzz: {one.topic}: {name}: {words}", file=sys.stderr)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from np_bringup.task_graph import KEYPOINT_SOURCES
 from np_description.domains import DOMAINS
+from np_description.phases import FAULT
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 
 WARM = 10  # episodes until caches are full
@@ -24,6 +25,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--hours", type=float, help="instead: for so long, in real time")
     p.add_argument("--domain", choices=list(DOMAINS), default="card", help="task family; %(default)s")
     p.add_argument("--seed", type=int, default=0, help="of the tasks; %(default)s")
+    p.add_argument(
+        "--first", type=int, default=0, help="number of the first task, to go on where an earlier run ended; 0"
+    )
     p.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="truth", help="%(default)s")
     p.add_argument("--memory", type=float, default=20.0, help="kB an episode that a node may grow by; %(default)g")
     p.add_argument("--out", type=Path, default=Path("runs/soak"), help="folder; a number is appended")
@@ -36,6 +40,7 @@ class Run:
 
     graph: dict[str, str]
     allowed: float
+    revision: str  # of the code that was started, whatever the working tree has by the end
     began: float = field(default_factory=time.monotonic)
     ends: dict[str, int] = field(default_factory=dict)
     stops: int = 0
@@ -69,7 +74,7 @@ class Run:
             "allowed_kB_per_episode": self.allowed,
             "nodes": {name: asdict(one) for name, one in trends.items()},
             "arguments": self.graph,
-            "revision": origin()["revision"],
+            "revision": self.revision,
             "wall_s": round(self.seconds, 1),
         }
 
@@ -104,6 +109,8 @@ def episodes(run: Run, options: argparse.Namespace, out: Path) -> None:
             if run.seconds >= limit:
                 break  # stopped on request, which is no end of an episode
             run.ends[outcome.declared] = run.ends.get(outcome.declared, 0) + 1
+            if outcome.declared == FAULT:  # an end as others are; the next episode begins with an arm that is well
+                conductor.recover()
             for name, pid in conductor.processes().items():
                 run.uses.setdefault(name, []).append(use_of(pid))
             if run.episodes % _WRITTEN == 0:
@@ -123,17 +130,24 @@ def main(arguments: list[str] | None = None) -> int:
     from np_ros.supervisor import NodeDied
 
     interrupt_on_sigterm()
-    out, error = new_folder(options.out), ""
+    error = ""
     mode = "realtime" if options.hours else "lockstep"
     graph = {"domain": options.domain, "seed": str(options.seed), "keypoints": options.keypoints, "mode": mode}
-    run = Run(graph, options.memory)
+    if options.first:
+        graph["first_episode"] = str(options.first)
+    run = Run(graph, options.memory, str(origin()["revision"]))
+    try:
+        out = new_folder(options.out)
+    except OSError as failure:
+        print(f"soak: {failure}", file=sys.stderr)
+        return 1
     try:
         episodes(run, options, out)
     except KeyboardInterrupt:
         if run.episodes < WARM + 10:
             return INTERRUPTED
         error = f"interrupted after {run.episodes} episodes"
-    except (NodeDied, GraphError, TimeoutError, OSError) as broken:
+    except (NodeDied, GraphError, TimeoutError, LookupError, ValueError, OSError) as broken:
         error = str(broken)
         print(f"soak: {error}", file=sys.stderr)
     result = run.write(out / "soak.json", error)

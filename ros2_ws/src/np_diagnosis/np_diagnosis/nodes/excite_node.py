@@ -247,7 +247,7 @@ class Exciter(Participant):
     def _receive_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.level == DiagnosticStatus.ERROR:
-                self._problem = f"{status.name}: {status.message}"
+                self._problem = f"{status.name.lstrip('/')}: {status.message}"
             for pair in status.values:
                 key = status.name, pair.key
                 if pair.key.startswith("refused_") and pair.key not in PASSING:
@@ -261,7 +261,7 @@ class Exciter(Participant):
 
         def well() -> bool:
             if self._problem:
-                raise GraphError(f"expected an arm that follows, got: {self._problem}")
+                raise GraphError(f"expected an arm and a graph that are well, got: {self._problem}")
             if time.monotonic() - self._heard > SILENCE:
                 raise GraphError(f"expected joint_states, none came for {SILENCE:g} s")
             return condition()

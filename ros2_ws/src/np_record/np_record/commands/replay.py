@@ -59,15 +59,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("bag", type=Path)
     parser.add_argument("--weights", default="", help="folder with weights; default: those of the recording")
     options = parser.parse_args(arguments)
-    from np_record.bag import BagError
-
     interrupt_on_sigterm()
     try:
         with tempfile.TemporaryDirectory(prefix="replay_") as logs:
             result = replay(options.bag, options.weights, Path(logs))
     except KeyboardInterrupt:
         return INTERRUPTED
-    except (BagError, NodeDied, TimeoutError, LookupError) as error:
+    except (NodeDied, TimeoutError, LookupError, ValueError, OSError) as error:  # a BagError is a ValueError
         print(f"replay: {error}", file=sys.stderr)
         return 1
     print(json.dumps(result))

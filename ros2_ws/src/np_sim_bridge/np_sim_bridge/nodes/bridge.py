@@ -30,7 +30,7 @@ from np_description.scene import CAMERA_NAME
 from np_effects.patch import Patch, load_patch
 from np_effects.view_effects import ViewEffects
 from np_ros import qos
-from np_ros.domain import refuse_second
+from np_ros.domain import OnlyPublisher
 from np_ros.messages import (
     BadMessage,
     camera_info_message,
@@ -131,7 +131,7 @@ class Bridge(Node):
         self._last_image: tuple[int, list[tuple]] = (-1, [])  # stamp, messages; set by the camera's thread
         self._create_publishers()
         # Before the camera's thread: a process that ends with OpenGL at work in it crashes.
-        refuse_second(self, "joint_states")
+        self._right = OnlyPublisher(self, "joint_states")
         self._camera = None
         if camera:
             make = partial(
@@ -409,3 +409,4 @@ class Bridge(Node):
         if self._camera is not None:
             self._camera.close()
         super().destroy_node()
+        self._right.release()
