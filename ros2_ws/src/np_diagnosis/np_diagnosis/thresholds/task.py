@@ -17,6 +17,7 @@ class ContactForce:
     turned: float = threshold(0.004, "rad/s", "speed from which on a joint's friction has turned over", JUDGEMENT)
     torque: float = threshold(0.03, "Nm", "error of a joint's torque beside friction", "torque sensors of the Panda")
     friction: float = threshold(0.05, "1", "share of a moving joint's friction that is not known", JUDGEMENT)
+    left: float = threshold(0.3, "1", "of a joint's error that is left where its mean without contact is taken off", JUDGEMENT)
 
 
 @dataclass(frozen=True)
@@ -53,10 +54,16 @@ class Forcing:
     held: float = threshold(2.0, "N", "force on a face from which on a scrape counts", JUDGEMENT)
     force: float = threshold(0.03, "N", "error of a stroke's or push's mean force beside their scatter", JUDGEMENT)
     relative: float = threshold(0.02, "1", "error of such a force, of itself", JUDGEMENT)
+    face: float = threshold(0.5, "1", "share of a push that the tip's friction holds the face up or down by", JUDGEMENT)
+    follows: float = threshold(0.8, "1", "share of a drag that the object is led along, to count", "tips that hop")
+    common: float = threshold(0.025, "N", "error that drags, or pushes one way, have in common", JUDGEMENT)
+    law: tuple[float, float] = threshold(
+        (-0.035, 0.035), "1", "log friction of a slow slide against the coefficient: mean, deviation", "two engines: -9 to 0 %"
+    )
     table: tuple[float, float] = spreads(0.04, 0.35, "1", "log friction with the table", "10 to 20 % between set-ups")
     mass: tuple[float, float] = spreads(0.015, 0.35, "1", "log mass", "scales: 3 %; 30 % of a gap")
     turning: float = threshold(
-        0.06, "1", "by which the force of a push is off that turns the object", "seen in two engines"
+        0.04, "1", "by which the force of a push is off that turns the object", "seen in two engines"
     )
     central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
     misfit: float = threshold(
