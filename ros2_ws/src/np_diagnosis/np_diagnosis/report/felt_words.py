@@ -18,6 +18,7 @@ PARAMETERS = {
     "table_height": "height",
     "table_friction": "relative",
     "object_mass": "relative",
+    "gripper_friction": "relative",
 }
 """What a patch calls the one number of an effect that a scene carries."""
 RELATIVE = "relative"

@@ -56,12 +56,17 @@ class Forcing:
     relative: float = threshold(0.02, "1", "error of such a force, of itself", JUDGEMENT)
     face: float = threshold(0.5, "1", "share of a push that the tip's friction holds the face up or down by", JUDGEMENT)
     follows: float = threshold(0.8, "1", "share of a drag that the object is led along, to count", "tips that hop")
+    slips: float = threshold(0.12, "1", "the same share, up to which the tip slips over an object that rests", JUDGEMENT)
+    proportion: float = threshold(
+        0.15, "1", "within which the log ratios of strokes that slip agree; a tip that hops has others", "seen in two engines"
+    )
     common: float = threshold(0.025, "N", "error that drags, or pushes one way, have in common", JUDGEMENT)
     law: tuple[float, float] = threshold(
         (-0.035, 0.035), "1", "log friction of a slow slide against the coefficient: mean, deviation", "two engines: -9 to 0 %"
     )
     table: tuple[float, float] = spreads(0.04, 0.35, "1", "log friction with the table", "10 to 20 % between set-ups")
     mass: tuple[float, float] = spreads(0.015, 0.35, "1", "log mass", "scales: 3 %; 30 % of a gap")
+    finger: tuple[float, float] = spreads(0.1, 0.5, "1", "log friction of the fingertip", "rubber, worn or dusty")
     turning: float = threshold(
         0.04, "1", "by which the force of a push is off that turns the object", "seen in two engines"
     )

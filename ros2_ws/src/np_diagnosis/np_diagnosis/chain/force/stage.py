@@ -2,8 +2,8 @@
 
 A drag takes mu (N + m g), and so does a slow push, whose N is what the tip's friction holds the face down or up by. Pushes alone hold friction
 and mass nearly as one product; drags that press by different forces tell them apart. A slow slide takes less than the coefficient of a simulator
-says, by up to 9 % in two engines: an error that all forces share, of friction and not of mass. The fingertip's coefficient is at least what it was seen to hold: an object that gives way under a
-scrape takes less, so that no scrape says what it is at most.
+says, by up to 9 % in two engines: an error that all forces share, of friction and not of mass. The fingertip's coefficient is what strokes take that slip over a resting object, by different forces in the
+same proportion. Else it is at least what it was seen to hold: a tip that hops, and an object that gives way under a scrape, take less.
 """
 
 from __future__ import annotations
@@ -24,31 +24,33 @@ from np_diagnosis.thresholds import THRESHOLDS
 
 FORCE = THRESHOLDS.forcing
 GRAVITY = 9.81
-NUMBERS = ("table", "mass")
-"""Logarithms of coefficient and mass over those that are believed in."""
-EFFECTS = {"table_friction": ("table",), "object_mass": ("mass",)}
+NUMBERS = ("table", "mass", "finger")
+"""Logarithms of coefficients and mass over those that are believed in."""
+EFFECTS = {"table_friction": ("table",), "object_mass": ("mass",), "gripper_friction": ("finger",)}
 UNKNOWN = 1.5  # standard deviation of such a logarithm before anything is known
 TAILS = 1.5  # deviations from which on a reading counts less: now and then the tip slips, or the object tips
 
 
 @dataclass(frozen=True)
 class Believed:
-    """Coefficient of the object with the table, and its mass kg."""
+    """Coefficient of the object with the table, its mass kg, and the coefficient with a fingertip."""
 
     table: float
     mass: float
+    finger: float
 
     @classmethod
     def of(cls, domain: Domain) -> Believed:
         """What a domain says."""
-        return cls(contact_of(domain, domain.contact).table, domain.mass)
+        contact = contact_of(domain, domain.contact)
+        return cls(contact.table, domain.mass, contact.finger)
 
 
 @dataclass(frozen=True, eq=False)
 class Forces:
     """verdict: as of Explained, or unexplained; doubt: why nothing is said. readings: that count. misfit: their errors over the usual ones.
     before, after: N, root mean square by which a reading is off when the other experiments tell friction and mass, without and with what is
-    named. measured: coefficient `table` and `mass` kg, with 95 % intervals; None where nothing measured it. least_finger: what the
+    named. measured: coefficients `table` and `finger`, and `mass` kg, with 95 % intervals, of what was measured. least_finger: what the
     coefficient of the fingertip is at least, by what it held in drags and scrapes."""
 
     verdict: str
@@ -75,6 +77,7 @@ def judge(every: Sequence[Reading], believed: Believed) -> Forces:
     value, covariance, misfit = _fit(led, believed)
     covariance = np.maximum(1.0, _scattered(led, believed, covariance)) * covariance
     value, covariance = value - [FORCE.law[0], 0.0], covariance + np.diag([FORCE.law[1] ** 2, 0.0])
+    value, covariance = _with_finger(value, covariance, every, believed)
     explained = explain(_measured(value, covariance))
     held = [(r.force - r.deviation) / (r.normal + r.normal_deviation) for r in every if r.kind == "scrape" or _is_led(r)]
     before, after = _held_out(led, believed, {one.effect for one in explained.named})
@@ -93,12 +96,28 @@ def judge(every: Sequence[Reading], believed: Believed) -> Forces:
     return Forces(explained.verdict, explained, **told)
 
 
+def _with_finger(
+    value: np.ndarray, covariance: np.ndarray, every: Sequence[Reading], believed: Believed
+) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers with the fingertip's, which is unknown unless strokes slip over an object that rests, all in one proportion."""
+    slips = [r for r in every if r.kind == "drag" and abs(r.follows) < FORCE.slips]
+    logs = np.array([np.log(max(r.force, 1e-3) / r.normal) for r in slips])
+    finger, variance = 0.0, UNKNOWN**2
+    if len(slips) > 1 and np.ptp(logs) < FORCE.proportion:
+        own = np.array([np.hypot(r.deviation / r.force, r.normal_deviation / r.normal) for r in slips]) ** 2
+        finger = float(np.average(logs, weights=1 / own)) - np.log(believed.finger)
+        variance = float(1 / np.sum(1 / own)) + FORCE.proportion**2 / 4 / len(slips)
+    whole = np.zeros((3, 3))
+    whole[:2, :2], whole[2, 2] = covariance, variance
+    return np.append(value, finger), whole
+
+
 def _is_led(reading: Reading) -> bool:
     return reading.kind == "drag" and reading.follows >= FORCE.follows
 
 
 def _predicted(numbers: np.ndarray, used: Sequence[Reading], believed: Believed) -> np.ndarray:
-    """Forces (n,) N of the readings with numbers (2,) as in NUMBERS."""
+    """Forces (n,) N of the readings with numbers (2,), the first two of NUMBERS."""
     table, mass = np.exp(numbers) * (believed.table, believed.mass)
     return np.array([table * (r.normal + mass * GRAVITY) for r in used])
 
@@ -144,12 +163,12 @@ def _scattered(used: Sequence[Reading], believed: Believed, covariance: np.ndarr
 
 
 def _measured(value: np.ndarray, covariance: np.ndarray) -> Measured:
-    usual, gap = zip(FORCE.table, FORCE.mass)
+    usual, gap = zip(FORCE.table, FORCE.mass, FORCE.finger)
     return Measured(NUMBERS, value, covariance, np.array(usual), np.array(gap), EFFECTS)
 
 
 def _held_out(used: Sequence[Reading], believed: Believed, named: set[str]) -> tuple[float, float]:
-    free = [k for k, effect in enumerate(EFFECTS) if effect in named]
+    free = [k for k, effect in enumerate(("table_friction", "object_mass")) if effect in named]
     before, after = [], []
     for name in dict.fromkeys(r.experiment for r in used):
         mine, others = [r for r in used if r.experiment == name], [r for r in used if r.experiment != name]
