@@ -59,6 +59,7 @@ class Thresholds:
     contact_force: task.ContactForce = task.ContactForce()
     touching: task.Touching = task.Touching()
     forcing: task.Forcing = task.Forcing()
+    lag: task.Lagging = task.Lagging()
     felt: task.Felt = task.Felt()
 
 

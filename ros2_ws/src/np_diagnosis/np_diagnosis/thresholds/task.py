@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 
-from np_diagnosis.thresholds.entry import JUDGEMENT, threshold
+from np_diagnosis.thresholds.entry import JUDGEMENT, NUMERICS, threshold
 from np_diagnosis.thresholds.view import USUAL, spreads
 
 
@@ -74,6 +74,27 @@ class Forcing:
     misfit: float = threshold(
         3.0, "1", "times the usual errors that are left, beyond which it is unexplained", JUDGEMENT
     )
+
+
+@dataclass(frozen=True)
+class Lagging:
+    """Images against the tip that pushes the object (chain/task/lag.py)."""
+
+    within: float = threshold(0.3, "s", "delays that are told", NUMERICS)
+    way: float = threshold(0.0003, "m", "error of the object's way in one image", "a tenth of a pixel, eight corners")
+    left: float = threshold(0.0012, "m", "root mean square of what is left of a way, beyond which it did not go along", JUDGEMENT)
+    scale: float = threshold(1.0, "%", "by which the picture's scale is off, about", "calibrations of a camera")
+    rested: float = threshold(0.0003, "m", "from its farthest, within which the tip rests", JUDGEMENT)
+    settle: float = threshold(0.3, "s", "after the tip has stopped, from which on the object is seen to rest", "delays")
+    begun: float = threshold(0.006, "m", "on its way, from which on the tip surely has it", JUDGEMENT)
+    turned: float = threshold(radians(8.0), "rad", "by which an object may turn that goes along", JUDGEMENT)
+    far: float = threshold(0.012, "m", "that the object goes, at least", JUDGEMENT)
+    images: int = threshold(12, "images", "of a push, at least", JUDGEMENT)
+    corners: int = threshold(5, "corners", "of an image, at least", JUDGEMENT)
+    least: int = threshold(3, "pushes", "that say the same", JUDGEMENT)
+    own: float = threshold(0.003, "s", "error of one push, at least: it turns, and comes to rest softly", JUDGEMENT)
+    common: float = threshold(0.0015, "s", "error of all pushes: stamps are of states and images", JUDGEMENT)
+    seen: float = threshold(0.003, "s", "delay that is named, if it is surely more", "limit of the effect")
 
 
 @dataclass(frozen=True)
