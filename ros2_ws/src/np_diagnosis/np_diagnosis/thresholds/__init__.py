@@ -60,6 +60,7 @@ class Thresholds:
     touching: task.Touching = task.Touching()
     forcing: task.Forcing = task.Forcing()
     lag: task.Lagging = task.Lagging()
+    meeting: task.Meeting = task.Meeting()
     felt: task.Felt = task.Felt()
 
 

@@ -84,6 +84,7 @@ class Lagging:
     way: float = threshold(0.0003, "m", "error of the object's way in one image", "a tenth of a pixel, eight corners")
     left: float = threshold(0.0012, "m", "root mean square of what is left of a way, beyond which it did not go along", JUDGEMENT)
     scale: float = threshold(1.0, "%", "by which the picture's scale is off, about", "calibrations of a camera")
+    down: float = threshold(0.005, "m", "over its lowest point, within which the tip is down", JUDGEMENT)
     rested: float = threshold(0.0003, "m", "from its farthest, within which the tip rests", JUDGEMENT)
     settle: float = threshold(0.3, "s", "after the tip has stopped, from which on the object is seen to rest", "delays")
     begun: float = threshold(0.006, "m", "on its way, from which on the tip surely has it", JUDGEMENT)
@@ -95,6 +96,19 @@ class Lagging:
     own: float = threshold(0.003, "s", "error of one push, at least: it turns, and comes to rest softly", JUDGEMENT)
     common: float = threshold(0.0015, "s", "error of all pushes: stamps are of states and images", JUDGEMENT)
     seen: float = threshold(0.003, "s", "delay that is named, if it is surely more", "limit of the effect")
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Faces that are pushed against where they are seen (chain/task/meeting.py)."""
+
+    least: int = threshold(3, "faces", "that were met, at least", JUDGEMENT)
+    square: float = threshold(0.94, "1", "cosine of the angle between a push and its face, at least", "20 degrees")
+    face: float = threshold(0.0006, "m", "error of one face: as seen in some images, after a soft stop", JUDGEMENT)
+    common: float = threshold(0.0004, "m", "error of all faces: joints' angles, what an object at rest is seen off by", JUDGEMENT)
+    left: float = threshold(0.004, "m", "that is left of the faces, beyond which it is unexplained", JUDGEMENT)
+    picture: tuple[float, float] = spreads(0.001, 0.008, "m", "by which things are seen off", "hand-eye calibrations: 4 to 29 mm")
+    size: tuple[float, float] = spreads(0.0006, 0.003, "m", "object's edges", USUAL)
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Pose
 from np_description.keypoints import box_keypoints
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix, matrix_from_quaternion
+from np_diagnosis.chain.task.led import rested
 from np_diagnosis.chain.task.recording import TaskRecording
-from np_diagnosis.chain.task.seen import pose_between
 from np_diagnosis.experiments.task.tip import RADIUS
-from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.saying import Value
 
@@ -89,36 +87,23 @@ def _late(one: Led) -> tuple[float, float]:
 
 def _led(recording: TaskRecording, name: str, camera: Camera) -> Led | None:
     """The images from when the object is on its way until both rest; None where it turns, does not go along or is not seen."""
-    log, rows = recording.log, recording.rows(name)
-    time, tip = log.time[rows], forward_kinematics(log.position[rows])[0]
-    low = tip[:, 2] < tip[:, 2].min() + 0.005
-    begin = int(np.argmax(low))
-    away = np.linalg.norm(tip[:, :2] - tip[begin, :2], axis=1) * low
-    far = np.flatnonzero(away > away.max() - LAG.rested)
-    if not len(far):
+    rest = rested(recording, name, camera)
+    if rest is None:
         return None
-    stop, leaves = time[far[0]], time[far[-1]]
-    ahead = (tip[far[0]] - tip[begin]) * (1.0, 1.0, 0.0)
-    ahead /= max(float(np.linalg.norm(ahead)), 1e-6)
-    try:
-        rest = pose_between(recording, stop + LAG.settle, leaves, camera)
-    except ContractViolation:
-        return None
-    images = np.flatnonzero((recording.track.time + recording.seen_from > time[begin]) & (recording.track.time + recording.seen_from < leaves))
-    moved_by, turned = _way(recording, images, rest, ahead, camera)
+    taken, ahead = recording.track.time + recording.seen_from, rest.ahead
+    images = np.flatnonzero((taken > rest.begin) & (taken < rest.leaves))
+    moved_by, turned = _way(recording, images, rest.pose, ahead, camera)
     # What goes with the tip is where it touches, which a turning object's middle does not.
-    lever = tip[far].mean(axis=0) + RADIUS * ahead - rest.position
+    lever = rest.at + RADIUS * ahead - rest.pose.position
     aside = float(lever @ [-ahead[1], ahead[0], 0.0])
     way = moved_by - np.sin(turned) * aside + (np.cos(turned) - 1) * float(lever @ ahead)
-    seen = recording.track.time[images] + recording.seen_from
     known = np.isfinite(way)
     # On its way: once it has gone a part of what it goes in all, so that the tip surely has it.
     moved = way - np.nanmin(way) if known.any() else way
     going = known & (moved > LAG.begun) & (np.arange(len(way)) > np.argmax(moved > LAG.begun))
     if going.sum() < LAG.images or np.nanmax(moved) < LAG.far or np.nanmax(np.abs(turned)) > LAG.turned:
         return None
-    led = (tip - tip[far].mean(axis=0)) @ ahead
-    return Led(name, seen[going], way[going], time, led)
+    return Led(name, taken[images][going], way[going], rest.time, (rest.tip - rest.at) @ ahead)
 
 
 def _way(recording: TaskRecording, images: np.ndarray, rest: Pose, ahead: np.ndarray, camera: Camera):
