@@ -108,7 +108,7 @@ class Meeting:
     common: float = threshold(0.0004, "m", "error of all faces: joints' angles, what an object at rest is seen off by", JUDGEMENT)
     left: float = threshold(0.004, "m", "that is left of the faces, beyond which it is unexplained", JUDGEMENT)
     picture: tuple[float, float] = spreads(0.001, 0.008, "m", "by which things are seen off", "hand-eye calibrations: 4 to 29 mm")
-    size: tuple[float, float] = spreads(0.0006, 0.003, "m", "object's edges", USUAL)
+    out: float = threshold(0.006, "m", "by which every face is met farther out than it is seen", "two engines: 0 and 6 mm")
 
 
 @dataclass(frozen=True)

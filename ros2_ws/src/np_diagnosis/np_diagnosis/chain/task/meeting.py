@@ -1,7 +1,8 @@
-"""Where the hand meets the object against where it is seen: is the camera elsewhere, or the object larger?
+"""Where the hand meets the object against where it is seen: does the picture show things where they are?
 
-A tip that has pushed a face and rests on it knows where the face is. What it is seen off by is the same way in the base frame whichever face
-is pushed, if the picture is off; it is outwards on every face, if the object is larger.
+A tip that has pushed a face and rests on it knows where the face is. If the picture is off, it shows every face off by the same way in the base
+frame. What is outwards on every face is the object's size, or which part of the hand touches it, and not told: that differs by 6 mm between
+two engines, one of which has the finger's shaft touch a tall object before its tip does.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from np_diagnosis.experiments.task.tip import BEYOND
 from np_diagnosis.thresholds import THRESHOLDS
 
 MEET = THRESHOLDS.meeting
-NUMBERS = ("x", "y", "size")
-"""m: by which things are seen off in the base frame, and by which an edge of the object is longer."""
-EFFECTS = {"picture": ("x", "y"), "object_size": ("size",)}
+NUMBERS = ("x", "y", "out")
+"""m: by which things are seen off in the base frame, and by which every face is met farther out than it is seen."""
+EFFECTS = {"picture": ("x", "y")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,21 +58,23 @@ def judge(faces: tuple[Met, ...]) -> Meeting:
     """Of faces: see `meet`."""
     if len(faces) < MEET.least:
         return Meeting("undetermined", None, faces, f"{len(faces)} faces were met; {MEET.least} are needed")
-    columns = np.array([[-n.normal[0], -n.normal[1], 0.5] for n in faces])
+    columns = np.array([[-n.normal[0], -n.normal[1], 1.0] for n in faces])
     gaps = np.array([n.gap for n in faces])
-    usual, gap = (np.array(v) for v in zip(MEET.picture, MEET.picture, MEET.size))
+    usual, gap = (np.array(v) for v in zip(MEET.picture, MEET.picture, (MEET.out, 0.0)))
     before = np.diag(1 / (usual**2 + gap**2))
     precision = columns.T @ columns / MEET.face**2
     value = np.linalg.solve(precision + before, columns.T @ gaps / MEET.face**2)
     left = float(np.sqrt(np.mean((gaps - columns @ value) ** 2)))
     if left > MEET.left:
         return Meeting("unexplained", None, faces, f"faces are met {1e3 * left:.1f} mm off any place and size", left)
-    # Of numbers that no face narrows, what was measured is nothing at all.
-    covariance = np.linalg.inv(precision + 1e-6 * before) * max(1.0, (left / MEET.face) ** 2)
-    measured = covariance @ (columns.T @ gaps / MEET.face**2) / max(1.0, (left / MEET.face) ** 2)
-    covariance = covariance + np.diag([MEET.common**2, MEET.common**2, 0.0])
-    explained = explain(Measured(NUMBERS, measured, covariance, usual, gap, EFFECTS))
-    return Meeting(explained.verdict, explained, faces, "", left)
+    # Of numbers that no face narrows, what was measured is nothing at all: a little of what is known beforehand keeps it finite.
+    inverse = np.linalg.inv(precision + 1e-6 * before)
+    covariance = inverse * max(1.0, (left / MEET.face) ** 2) + np.diag([MEET.common**2, MEET.common**2, 0.0])
+    measured = Measured(NUMBERS, inverse @ columns.T @ gaps / MEET.face**2, covariance, usual, gap, EFFECTS)
+    explained = explain(measured)
+    is_blind = not explained.named and len(explained.unseen) == 2
+    doubt = "faces were met from too few sides" if is_blind else ""
+    return Meeting("undetermined" if is_blind else explained.verdict, explained, faces, doubt, left)
 
 
 def _met(recording: TaskRecording, name: str, camera: Camera, lift: float) -> Met | None:

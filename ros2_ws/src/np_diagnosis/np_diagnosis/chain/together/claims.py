@@ -11,6 +11,7 @@ from np_diagnosis.chain import findings
 from np_diagnosis.chain.force.stage import Forces
 from np_diagnosis.chain.scatter import Scatter
 from np_diagnosis.chain.task.lag import Lag
+from np_diagnosis.chain.task.meeting import Meeting
 from np_diagnosis.chain.touch.stage import Felt
 from np_diagnosis.chain.view_stage.parameters import EFFECTS
 from np_diagnosis.chain.view_stage.view import View
@@ -129,9 +130,25 @@ def of_lag(lag: Lag | None) -> list[Claim]:
     return [Claim("lag", tuple(ways if late.value > 0 else ways[1:]), _nats(late))]
 
 
+def of_meeting(meeting: Meeting | None) -> list[Claim]:
+    """Of where the hand meets what is seen: a picture that is off, by the camera's place or turn, or by where corners are found."""
+    if meeting is None or meeting.explained is None or meeting.verdict not in ("identified", "ambiguous"):
+        return []
+    found = []
+    for one in meeting.explained.named:
+        off = one.sizes
+        said = f"the picture shows things {off['x']:mm} and {off['y']:mm} (x, y) from where the hand meets them"
+        names = (("camera_place", "camera_extrinsics"), ("camera_turn", "camera_extrinsics"), ("image_offset", "keypoint_bias"))
+        ways = (Way(name, (effect,), dict(off) if k == 0 else {}, said if k == 0 else name.replace("_", " "), {}) for k, (name, effect) in enumerate(names))
+        found.append(Claim("meeting", tuple(ways), one.gain))
+    return found
+
+
 def settled(claims: list[Claim], touch: Felt | None) -> list[Claim]:
     """Claims in the light of one another: the hand feels the table and the camera does not move it. An explanation of the view that has the
     table elsewhere than it was felt is none; one that has it there is the one, and counts once."""
+    if any(c.stage == "view" and c.ways[0].module == "camera" for c in claims):
+        claims = [c for c in claims if c.stage != "meeting"]  # the same gap, of which the view says more
     if touch is None or touch.explained is None or touch.verdict in ("undetermined", "unexplained"):
         return claims
     found: list[Claim] = []

@@ -11,6 +11,7 @@ from np_diagnosis.chain.force.readings import readings
 from np_diagnosis.chain.force.stage import Believed, Forces, judge
 from np_diagnosis.chain.scatter import Scatter, scatter
 from np_diagnosis.chain.task.lag import Lag, lag
+from np_diagnosis.chain.task.meeting import Meeting, meet
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.chain.together import claims as made
 from np_diagnosis.chain.together.claims import Claim
@@ -23,7 +24,7 @@ from np_diagnosis.recordings.reading import ContractViolation
 from np_effects.patch import Patch, PatchEffect
 
 MODULES = ("camera", "keypoints", "timing", "arm", "contact", "object", "table")
-STAGES = ("scatter", "view", "touch", "force", "lag")
+STAGES = ("scatter", "view", "touch", "force", "meeting", "lag")
 NOT_SEEN = "not seen in this recording"
 Tell = Callable[[str], None]
 
@@ -60,6 +61,7 @@ class Whole:
     touch: Felt | None = None
     force: Forces | None = None
     lag: Lag | None = None
+    meeting: Meeting | None = None
     doubts: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -86,18 +88,20 @@ def diagnose(seen: Seen, camera: Camera = CAMERA, panda: PandaModel = NOMINAL, t
     viewed = _tried(doubts, "view", lambda: view(seen.places, camera)) if seen.places else None
     if not seen.places:
         doubts["view"] = "the object rests nowhere in the picture"
-    touched = forced = late = None
+    touched = forced = late = met = None
     if seen.tasks:
         tell("touch")
         touched = _tried(doubts, "touch", lambda: feel(seen.tasks[0], panda))
         tell("force")
         every = _tried(doubts, "force", lambda: [r for task in seen.tasks for r in readings(task, panda)])
         forced = judge(every, Believed.of(seen.tasks[0].domain)) if every is not None else None
+        tell("meeting")
+        met = _tried(doubts, "meeting", lambda: meet(seen.tasks[0], camera, _lift(touched)))
         tell("lag")
         late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], camera))
     else:
-        doubts |= dict.fromkeys(("touch", "force", "lag"), "no recording is of the task suite (excite --suite task)")
-    for name, stage in (("view", viewed), ("touch", touched), ("force", forced), ("lag", late)):
+        doubts |= dict.fromkeys(("touch", "force", "meeting", "lag"), "no recording is of the task suite (excite --suite task)")
+    for name, stage in (("view", viewed), ("touch", touched), ("force", forced), ("meeting", met), ("lag", late)):
         if stage is not None and stage.doubt:
             doubts[name] = stage.doubt
     claims = made.settled(
@@ -105,13 +109,14 @@ def diagnose(seen: Seen, camera: Camera = CAMERA, panda: PandaModel = NOMINAL, t
         + made.of_scatter(scattered)
         + made.of_felt(touched, "touch")
         + made.of_felt(forced, "force")
+        + made.of_meeting(met)
         + made.of_lag(late),
         touched,
     )
-    whole = Whole((), seen, viewed, scattered, touched, forced, late, doubts)
+    whole = Whole((), seen, viewed, scattered, touched, forced, late, met, doubts)
     total = sum(claim.gain for claim in claims)
     rows = tuple(_row(module, [c for c in claims if c.ways[0].module == module], total, whole) for module in MODULES)
-    return Whole(rows, seen, viewed, scattered, touched, forced, late, doubts)
+    return Whole(rows, seen, viewed, scattered, touched, forced, late, met, doubts)
 
 
 def patch(whole: Whole) -> Patch:
@@ -120,10 +125,17 @@ def patch(whole: Whole) -> Patch:
     for row in whole.rows:
         for claim in row.claims:
             way = claim.ways[0]
-            if row.verdict != "unexplained" and len(claim.ways) == 1 and len(way.ids) == 1 and way.parameters:
+            is_told = claim.stage == "lag" or (len(claim.ways) == 1 and len(way.ids) == 1)  # a late image is late either way
+            if row.verdict != "unexplained" and is_told and way.parameters:
                 entries.setdefault(way.ids[0], {}).update(way.parameters)
     found = (PatchEffect(effect, "", values) for effect, values in entries.items())
     return Patch(tuple(PatchEffect(e.effect, str(e.record.part), _held(e)) for e in found))
+
+
+def _lift(touch: Felt | None) -> float:
+    """m by which the table was felt to be higher than it is believed to be."""
+    named = touch.explained.named if touch is not None and touch.explained is not None else ()
+    return sum(one.sizes["height"].value for one in named if one.effect == "table_height")
 
 
 def _held(entry: PatchEffect) -> dict[str, float]:
@@ -146,9 +158,9 @@ def _row(module: str, claims: list[Claim], total: float, whole: Whole) -> Row:
 
 def _unexplained(module: str, whole: Whole) -> tuple[str, bool]:
     """Of the module that a stage is first of all about."""
-    stage = {"camera": whole.view, "table": whole.touch, "contact": whole.force}.get(module)
-    is_so = stage is not None and stage.verdict == "unexplained"
-    return (stage.doubt if is_so else ""), is_so
+    stages = {"camera": (whole.view, whole.meeting), "table": (whole.touch,), "contact": (whole.force,)}.get(module, ())
+    doubts = [stage.doubt for stage in stages if stage is not None and stage.verdict == "unexplained"]
+    return "; ".join(doubts), bool(doubts)
 
 
 def _is_seen(module: str, whole: Whole) -> bool:
@@ -159,7 +171,7 @@ def _is_seen(module: str, whole: Whole) -> bool:
     is_touched = whole.touch is not None and whole.touch.explained is not None
     by_view = {m: any(PARAMETERS[i].name in clear for e in es for i in EFFECTS[e].numbers) for m, es in _VIEWED.items()}
     return {
-        "camera": by_view["camera"],
+        "camera": by_view["camera"] or (whole.meeting is not None and whole.meeting.verdict not in ("undetermined", "unexplained")),
         "keypoints": whole.scatter is not None,
         "timing": whole.lag is not None and whole.lag.late is not None,
         "arm": False,
