@@ -105,7 +105,8 @@ def readings(table=1.0, mass=1.0, finger=1.0, kinds=("drag", "push", "scrape"), 
 
 def slips(finger, pressed):
     return [
-        Reading(f"slip_{k}", "drag", finger * n, n, 0.0, 0.04, "drags", 0.03, follows=0.03) for k, n in enumerate(pressed)
+        Reading(f"slip_{k}", "drag", finger * n, n, 0.0, 0.04, "drags", 0.03, follows=0.03)
+        for k, n in enumerate(pressed)
     ]
 
 

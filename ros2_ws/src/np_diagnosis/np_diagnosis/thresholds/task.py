@@ -17,7 +17,9 @@ class ContactForce:
     turned: float = threshold(0.004, "rad/s", "speed from which on a joint's friction has turned over", JUDGEMENT)
     torque: float = threshold(0.03, "Nm", "error of a joint's torque beside friction", "torque sensors of the Panda")
     friction: float = threshold(0.05, "1", "share of a moving joint's friction that is not known", JUDGEMENT)
-    left: float = threshold(0.3, "1", "of a joint's error that is left where its mean without contact is taken off", JUDGEMENT)
+    left: float = threshold(
+        0.3, "1", "of a joint's error that is left where its mean without contact is taken off", JUDGEMENT
+    )
 
 
 @dataclass(frozen=True)
@@ -56,13 +58,21 @@ class Forcing:
     relative: float = threshold(0.02, "1", "error of such a force, of itself", JUDGEMENT)
     face: float = threshold(0.5, "1", "share of a push that the tip's friction holds the face up or down by", JUDGEMENT)
     follows: float = threshold(0.8, "1", "share of a drag that the object is led along, to count", "tips that hop")
-    slips: float = threshold(0.12, "1", "the same share, up to which the tip slips over an object that rests", JUDGEMENT)
+    slips: float = threshold(
+        0.12, "1", "the same share, up to which the tip slips over an object that rests", JUDGEMENT
+    )
     proportion: float = threshold(
-        0.15, "1", "within which the log ratios of strokes that slip agree; a tip that hops has others", "seen in two engines"
+        0.15,
+        "1",
+        "within which the log ratios of strokes that slip agree; a tip that hops has others",
+        "seen in two engines",
     )
     common: float = threshold(0.025, "N", "error that drags, or pushes one way, have in common", JUDGEMENT)
     law: tuple[float, float] = threshold(
-        (-0.035, 0.035), "1", "log friction of a slow slide against the coefficient: mean, deviation", "two engines: -9 to 0 %"
+        (-0.035, 0.035),
+        "1",
+        "log friction of a slow slide against the coefficient: mean, deviation",
+        "two engines: -9 to 0 %",
     )
     table: tuple[float, float] = spreads(0.04, 0.35, "1", "log friction with the table", "10 to 20 % between set-ups")
     mass: tuple[float, float] = spreads(0.015, 0.35, "1", "log mass", "scales: 3 %; 30 % of a gap")
@@ -82,7 +92,9 @@ class Lagging:
 
     within: float = threshold(0.3, "s", "delays that are told", NUMERICS)
     way: float = threshold(0.0003, "m", "error of the object's way in one image", "a tenth of a pixel, eight corners")
-    left: float = threshold(0.0012, "m", "root mean square of what is left of a way, beyond which it did not go along", JUDGEMENT)
+    left: float = threshold(
+        0.0012, "m", "root mean square of what is left of a way, beyond which it did not go along", JUDGEMENT
+    )
     scale: float = threshold(1.0, "%", "by which the picture's scale is off, about", "calibrations of a camera")
     down: float = threshold(0.005, "m", "over its lowest point, within which the tip is down", JUDGEMENT)
     rested: float = threshold(0.0003, "m", "from its farthest, within which the tip rests", JUDGEMENT)
@@ -105,10 +117,16 @@ class Meeting:
     least: int = threshold(3, "faces", "that were met, at least", JUDGEMENT)
     square: float = threshold(0.94, "1", "cosine of the angle between a push and its face, at least", "20 degrees")
     face: float = threshold(0.0006, "m", "error of one face: as seen in some images, after a soft stop", JUDGEMENT)
-    common: float = threshold(0.0004, "m", "error of all faces: joints' angles, what an object at rest is seen off by", JUDGEMENT)
+    common: float = threshold(
+        0.0004, "m", "error of all faces: joints' angles, what an object at rest is seen off by", JUDGEMENT
+    )
     left: float = threshold(0.004, "m", "that is left of the faces, beyond which it is unexplained", JUDGEMENT)
-    picture: tuple[float, float] = spreads(0.001, 0.008, "m", "by which things are seen off", "hand-eye calibrations: 4 to 29 mm")
-    out: float = threshold(0.006, "m", "by which every face is met farther out than it is seen", "two engines: 0 and 6 mm")
+    picture: tuple[float, float] = spreads(
+        0.001, 0.008, "m", "by which things are seen off", "hand-eye calibrations: 4 to 29 mm"
+    )
+    out: float = threshold(
+        0.006, "m", "by which every face is met farther out than it is seen", "two engines: 0 and 6 mm"
+    )
 
 
 @dataclass(frozen=True)

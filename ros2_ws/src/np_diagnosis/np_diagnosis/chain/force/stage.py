@@ -79,7 +79,9 @@ def judge(every: Sequence[Reading], believed: Believed) -> Forces:
     value, covariance = value - [FORCE.law[0], 0.0], covariance + np.diag([FORCE.law[1] ** 2, 0.0])
     value, covariance = _with_finger(value, covariance, every, believed)
     explained = explain(_measured(value, covariance))
-    held = [(r.force - r.deviation) / (r.normal + r.normal_deviation) for r in every if r.kind == "scrape" or _is_led(r)]
+    held = [
+        (r.force - r.deviation) / (r.normal + r.normal_deviation) for r in every if r.kind == "scrape" or _is_led(r)
+    ]
     before, after = _held_out(led, believed, {one.effect for one in explained.named})
     told = dict(
         readings=led,

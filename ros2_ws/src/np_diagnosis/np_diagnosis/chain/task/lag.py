@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Pose
 from np_description.keypoints import box_keypoints
-from np_description.rotations import matrix_from_vector, quaternion_from_matrix, matrix_from_quaternion
+from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 from np_diagnosis.chain.task.led import rested
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.experiments.task.tip import RADIUS
@@ -63,7 +63,13 @@ def judge(pushes: tuple[Led, ...]) -> Lag:
     good = [(late, one) for (late, left), one in zip(fits, pushes) if left < LAG.left and abs(late) < 0.99 * LAG.within]
     each, kept = tuple(late for late, _ in good), tuple(one for _, one in good)
     if len(each) < LAG.least:
-        return Lag("undetermined", None, each, kept, f"{len(each)} pushes led the object as they should; {LAG.least} are needed")
+        return Lag(
+            "undetermined",
+            None,
+            each,
+            kept,
+            f"{len(each)} pushes led the object as they should; {LAG.least} are needed",
+        )
     spread = 1.4826 * float(np.median(np.abs(np.array(each) - np.median(each))))
     deviation = float(np.hypot(1.2533 * max(spread, LAG.own) / np.sqrt(len(each)), LAG.common))
     value = float(np.median(each))

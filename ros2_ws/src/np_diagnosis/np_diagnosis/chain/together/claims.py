@@ -138,8 +138,15 @@ def of_meeting(meeting: Meeting | None) -> list[Claim]:
     for one in meeting.explained.named:
         off = one.sizes
         said = f"the picture shows things {off['x']:mm} and {off['y']:mm} (x, y) from where the hand meets them"
-        names = (("camera_place", "camera_extrinsics"), ("camera_turn", "camera_extrinsics"), ("image_offset", "keypoint_bias"))
-        ways = (Way(name, (effect,), dict(off) if k == 0 else {}, said if k == 0 else name.replace("_", " "), {}) for k, (name, effect) in enumerate(names))
+        names = (
+            ("camera_place", "camera_extrinsics"),
+            ("camera_turn", "camera_extrinsics"),
+            ("image_offset", "keypoint_bias"),
+        )
+        ways = (
+            Way(name, (effect,), dict(off) if k == 0 else {}, said if k == 0 else name.replace("_", " "), {})
+            for k, (name, effect) in enumerate(names)
+        )
         found.append(Claim("meeting", tuple(ways), one.gain))
     return found
 

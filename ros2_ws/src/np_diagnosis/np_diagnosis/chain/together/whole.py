@@ -41,13 +41,15 @@ class Seen:
 @dataclass(frozen=True, eq=False)
 class Row:
     """A module. verdict: identified, ambiguous (effects that explain the same), no_gap, unexplained, or `NOT_SEEN`; claims: what is off;
-    share: of all nats that what is off explains, None where nothing is; doubt: why nothing is said, or what nothing explains."""
+    share: of all nats that what is off explains, None where nothing is; doubt: why nothing is said, or what nothing explains; said: of an
+    answer that was given elsewhere, its sentence."""
 
     module: str
     verdict: str
     claims: tuple[Claim, ...] = ()
     share: float | None = None
     doubt: str = ""
+    said: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +78,15 @@ class Whole:
         return self.rows[MODULES.index(module)]
 
 
-def diagnose(seen: Seen, camera: Camera = CAMERA, panda: PandaModel = NOMINAL, tell: Tell = lambda stage: None) -> Whole:
-    """Every stage that has data. camera: that is believed in; panda: the arm with its own gap; tell: hears each stage's name as it begins.
+def diagnose(
+    seen: Seen,
+    camera: Camera = CAMERA,
+    panda: PandaModel = NOMINAL,
+    arm: Row | None = None,
+    tell: Tell = lambda stage: None,
+) -> Whole:
+    """Every stage that has data. camera: that is believed in; panda: the arm with its own gap; arm: its row, where `diagnose` has answered;
+    tell: hears each stage's name as it begins.
 
     Of several recordings of the task suite the first is felt by touch, forces are taken together, and delays are those of the first.
     """
@@ -100,7 +109,9 @@ def diagnose(seen: Seen, camera: Camera = CAMERA, panda: PandaModel = NOMINAL, t
         tell("lag")
         late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], camera))
     else:
-        doubts |= dict.fromkeys(("touch", "force", "meeting", "lag"), "no recording is of the task suite (excite --suite task)")
+        doubts |= dict.fromkeys(
+            ("touch", "force", "meeting", "lag"), "no recording is of the task suite (excite --suite task)"
+        )
     for name, stage in (("view", viewed), ("touch", touched), ("force", forced), ("meeting", met), ("lag", late)):
         if stage is not None and stage.doubt:
             doubts[name] = stage.doubt
@@ -116,6 +127,7 @@ def diagnose(seen: Seen, camera: Camera = CAMERA, panda: PandaModel = NOMINAL, t
     whole = Whole((), seen, viewed, scattered, touched, forced, late, met, doubts)
     total = sum(claim.gain for claim in claims)
     rows = tuple(_row(module, [c for c in claims if c.ways[0].module == module], total, whole) for module in MODULES)
+    rows = tuple(arm if arm is not None and row.module == "arm" else row for row in rows)
     return Whole(rows, seen, viewed, scattered, touched, forced, late, met, doubts)
 
 
@@ -125,7 +137,9 @@ def patch(whole: Whole) -> Patch:
     for row in whole.rows:
         for claim in row.claims:
             way = claim.ways[0]
-            is_told = claim.stage == "lag" or (len(claim.ways) == 1 and len(way.ids) == 1)  # a late image is late either way
+            is_told = claim.stage == "lag" or (
+                len(claim.ways) == 1 and len(way.ids) == 1
+            )  # a late image is late either way
             if row.verdict != "unexplained" and is_told and way.parameters:
                 entries.setdefault(way.ids[0], {}).update(way.parameters)
     found = (PatchEffect(effect, "", values) for effect, values in entries.items())
@@ -171,7 +185,8 @@ def _is_seen(module: str, whole: Whole) -> bool:
     is_touched = whole.touch is not None and whole.touch.explained is not None
     by_view = {m: any(PARAMETERS[i].name in clear for e in es for i in EFFECTS[e].numbers) for m, es in _VIEWED.items()}
     return {
-        "camera": by_view["camera"] or (whole.meeting is not None and whole.meeting.verdict not in ("undetermined", "unexplained")),
+        "camera": by_view["camera"]
+        or (whole.meeting is not None and whole.meeting.verdict not in ("undetermined", "unexplained")),
         "keypoints": whole.scatter is not None,
         "timing": whole.lag is not None and whole.lag.late is not None,
         "arm": False,
@@ -189,7 +204,14 @@ _VIEWED = {
 
 
 def _why(module: str, whole: Whole) -> str:
-    stage = {"camera": "view", "keypoints": "scatter", "timing": "lag", "contact": "force", "object": "force", "table": "touch"}
+    stage = {
+        "camera": "view",
+        "keypoints": "scatter",
+        "timing": "lag",
+        "contact": "force",
+        "object": "force",
+        "table": "touch",
+    }
     if module == "arm":
         return "the arm is asked by `diagnose`, of a suite of its own; --arm takes its answer"
     return whole.doubts.get(stage[module], "the recording narrows none of its numbers")

@@ -77,7 +77,7 @@ def read_places(path: str | Path, calibration: str = "", measured: bool = True) 
     if used and not calibration:
         raise ContractViolation(f"{name}: expected the calibration that it was made with, {used}, got none")
     time = (np.array([stamp for stamp, _, _ in poses], float) - first) / SECOND
-    return [measured(place, rest, track, time, poses) for place, rest in places(track, domain)]
+    return [_measured(place, rest, track, time, poses) for place, rest in places(track, domain)]
 
 
 def places(track: Track, domain: Domain) -> list[tuple[Place, slice]]:
@@ -140,7 +140,7 @@ def _corners(track: Track, group: list[slice]) -> tuple[np.ndarray, np.ndarray, 
     return np.where(kept[:, None], middle, np.nan), np.where(kept, error, np.nan), len(rows)
 
 
-def measured(place: Place, rest: slice, track: Track, time: np.ndarray, poses: list) -> Place:
+def _measured(place: Place, rest: slice, track: Track, time: np.ndarray, poses: list) -> Place:
     """The place with the pose measured in the middle of its images; as it is where there is none near."""
     if not poses:
         return place
