@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Domain
+from np_description.domains import Domain, Pose
 from np_diagnosis.chain.force.stage import GRAVITY, Believed
 from np_diagnosis.chain.task.seen import seen_pose
 from np_diagnosis.chain.together.whole import Whole
@@ -17,6 +17,7 @@ from np_diagnosis.chain.track import rests
 from np_diagnosis.chain.view_stage.fit import at_numbers
 from np_diagnosis.chain.view_stage.parameters import COUNT
 from np_diagnosis.recordings.reading import ContractViolation
+from np_effects.saying import Value
 from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints
 from np_record.report.pages import style, svg
 
@@ -48,9 +49,11 @@ def _drawn(draw: Callable[[Axes], bool]) -> str:
 
 
 def _corners(axes: Axes, whole: Whole, camera: Camera) -> bool:
-    """Corners as they are seen (dots) and predicted (crosses) at the place at which they are farthest off."""
-    view = whole.view
-    if view is not None and view.scene is not None:
+    """Corners as they are seen (dots) and predicted (crosses) at the place at which they are farthest off; where the hand met them, if that
+    is elsewhere."""
+    view, met = whole.view, whole.meeting.explained if whole.meeting else None
+    sizes = met.named[0].sizes if met is not None and met.named else {}
+    if view is not None and view.scene is not None and not sizes:
         scene = view.scene
         fit = at_numbers(scene, np.zeros(COUNT), view.nominal.poses, view.nominal.scatter)
         left = np.where(scene.usable[..., None], fit.left(scene), 0.0)
@@ -61,7 +64,7 @@ def _corners(axes: Axes, whole: Whole, camera: Camera) -> bool:
         place = whole.seen.places[-1]
         seen = place.pixels[place.usable]
         expected = _expected(
-            np.column_stack([np.nan_to_num(place.pixels), place.usable.astype(float)]), place.domain, camera
+            np.column_stack([np.nan_to_num(place.pixels), place.usable.astype(float)]), place.domain, camera, sizes
         )
         if expected is None:
             return False
@@ -76,9 +79,11 @@ def _corners(axes: Axes, whole: Whole, camera: Camera) -> bool:
     return True
 
 
-def _expected(keypoints: np.ndarray, domain: Domain, camera: Camera) -> np.ndarray | None:
+def _expected(keypoints: np.ndarray, domain: Domain, camera: Camera, off: Mapping[str, Value]) -> np.ndarray | None:
+    shift = np.array([off["x"].value, off["y"].value, 0.0]) if off else np.zeros(3)
     try:
-        return project_keypoints(domain, estimate_pose(keypoints, domain, camera=camera).pose, camera)[:, :2]
+        pose = estimate_pose(keypoints, domain, camera=camera).pose
+        return project_keypoints(domain, Pose(pose.position - shift, pose.quaternion), camera)[:, :2]
     except (PoseError, ValueError):
         return None
 
@@ -157,7 +162,7 @@ def _way(axes: Axes, whole: Whole, camera: Camera) -> bool:
     axes.plot(*path.T, ".", color=BLUE, ms=4)
     axes.plot(*path[0], "o", color=DARK, ms=4)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x mm; ring: where it began".replace("ring", "black"))
+    axes.set_xlabel("x mm; black: where it began")
     axes.set_ylabel("y mm")
     return True
 

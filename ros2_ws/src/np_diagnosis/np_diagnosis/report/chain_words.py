@@ -6,6 +6,7 @@ import json
 from importlib.resources import files
 
 from np_diagnosis.chain import findings
+from np_diagnosis.chain.force.stage import Believed
 from np_diagnosis.chain.together.claims import Claim, Way
 from np_diagnosis.chain.together.whole import NOT_SEEN, Row, Whole, patch
 from np_diagnosis.report import felt_words, view_words
@@ -55,15 +56,43 @@ def claimed(claim: Claim) -> str:
     return " or ".join(way.said for way in claim.ways)
 
 
-def row_words(row: Row) -> str:
-    """A row's finding in words."""
+def row_words(row: Row, whole: Whole) -> str:
+    """A row's finding in words, and what was measured."""
     if row.said:
         return row.said
     parts = [claimed(claim) for claim in row.claims]
     if row.doubt:
         parts.append(row.doubt)
     text = "; ".join(parts) or "as it is believed to be"
-    return f"{text[0].upper()}{text[1:]}."
+    return " ".join(f"{part[0].upper()}{part[1:]}." for part in (text, numbers(row.module, whole)) if part)
+
+
+def numbers(module: str, whole: Whole) -> str:
+    """What was measured of a module, beside what is believed; "" where nothing was."""
+    said = []
+    if module == "contact" and whole.force and whole.force.measured:
+        believed, found = Believed.of(whole.seen.tasks[0].domain), whole.force.measured
+        if "table" in found:
+            said.append(f"friction with the table {Value(*found['table']):1}, believed {believed.table:g}")
+        if "finger" in found:
+            said.append(f"with the fingertip {Value(*found['finger']):1}, believed {believed.finger:g}")
+        elif whole.force.least_finger is not None:
+            said.append(f"with the fingertip {whole.force.least_finger:.2f} at least, believed {believed.finger:g}")
+    elif module == "object" and whole.force and "mass" in (whole.force.measured or {}):
+        mass = Value(*(1e3 * value for value in whole.force.measured["mass"]))
+        said.append(f"mass {mass:g}, believed {1e3 * whole.seen.tasks[0].domain.mass:.0f} g")
+    elif module == "table" and whole.touch and whole.touch.explained:
+        said.append(f"height {whole.touch.explained.bounds['height']:mm}")
+    elif module == "timing" and whole.lag and whole.lag.late:
+        said.append(f"images are {whole.lag.late:ms late/early}")
+    elif module == "keypoints" and whole.scatter:
+        said.append(f"scatter {whole.scatter.spread:px}, gross errors {whole.scatter.share:%}")
+    elif module == "camera" and not whole.row("camera").claims and whole.meeting and whole.meeting.explained and whole.meeting.verdict != "undetermined":
+        off = whole.meeting.explained.bounds
+        said.append(f"the hand meets things {off['x']:mm} and {off['y']:mm} (x, y) from where they are seen")
+    return "; ".join(said).replace(" 1 (", " (")
+
+
 
 
 def document(whole: Whole, bags: list[str]) -> dict:
@@ -72,7 +101,7 @@ def document(whole: Whole, bags: list[str]) -> dict:
         "schema_version": 1,
         "verdict": whole.verdict,
         "sentence": sentence(whole),
-        "rows": [_row(row) for row in whole.rows],
+        "rows": [_row(row, whole) for row in whole.rows],
         "effects": [
             {"effect": e.effect, "component": e.component, "parameters": dict(e.parameters)}
             for e in patch(whole).effects
@@ -103,12 +132,12 @@ def check(told: dict) -> None:
     jsonschema.validate(told, schema)
 
 
-def _row(row: Row) -> dict:
+def _row(row: Row, whole: Whole) -> dict:
     return {
         "module": row.module,
         "verdict": row.verdict,
         "share": row.share,
-        "said": row_words(row),
+        "said": row_words(row, whole),
         "claims": [
             {"stage": c.stage, "gain_nats": float(c.gain), "ways": [_way(way) for way in c.ways]} for c in row.claims
         ],

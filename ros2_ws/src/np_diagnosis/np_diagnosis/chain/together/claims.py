@@ -137,17 +137,14 @@ def of_meeting(meeting: Meeting | None) -> list[Claim]:
     found = []
     for one in meeting.explained.named:
         off = one.sizes
-        said = f"the picture shows things {off['x']:mm} and {off['y']:mm} (x, y) from where the hand meets them"
-        names = (
-            ("camera_place", "camera_extrinsics"),
-            ("camera_turn", "camera_extrinsics"),
-            ("image_offset", "keypoint_bias"),
+        said = f"the picture shows things {off['x']:mm} and {off['y']:mm} (x, y) from where the hand meets them: by the camera's place"
+        others = (
+            ("camera_turn", "camera_extrinsics", "its turn"),
+            ("image_offset", "keypoint_bias", "where corners are found"),
         )
-        ways = (
-            Way(name, (effect,), dict(off) if k == 0 else {}, said if k == 0 else name.replace("_", " "), {})
-            for k, (name, effect) in enumerate(names)
-        )
-        found.append(Claim("meeting", tuple(ways), one.gain))
+        place = Way("camera_place", ("camera_extrinsics",), dict(off), said, {})
+        ways = (place, *(Way(name, (effect,), {}, text, {}) for name, effect, text in others))
+        found.append(Claim("meeting", ways, one.gain))
     return found
 
 
