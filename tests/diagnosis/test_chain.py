@@ -88,14 +88,18 @@ def test_faces_that_no_place_explains_are_unexplained():
 
 
 def felt(height):
-    named = (Named("table_height", {"height": Value(height, height - 4e-4, height + 4e-4)}, 50.0, {}),) if height else ()
+    named = (
+        (Named("table_height", {"height": Value(height, height - 4e-4, height + 4e-4)}, 50.0, {}),) if height else ()
+    )
     bounds = {"height": Value(height, height - 4e-4, height + 4e-4)}
     return Felt("identified" if named else "no_gap", Explained("", named, bounds, ()), ())
 
 
 def seen_either(height):
     """The camera is lower, or the table is higher."""
-    table = Way("table_height", ("table_height",), {"table_height": Value(height, height - 1e-3, height + 1e-3)}, "", {})
+    table = Way(
+        "table_height", ("table_height",), {"table_height": Value(height, height - 1e-3, height + 1e-3)}, "", {}
+    )
     camera = Way("camera_place", ("camera_extrinsics",), {"camera_z": Value(-height, -height, -height)}, "", {})
     return Claim("view", (camera, table), 20.0)
 
@@ -137,7 +141,10 @@ def test_a_late_image_is_patched_though_its_class_is_not_split():
     lag = judge_lag(tuple(push(0.03, 0.04, rng) for _ in range(4)))
     (claim,) = made.of_lag(lag)
     assert {way.ids[0] for way in claim.ways} == {"camera_latency", "clock_offset"} and not claim.is_one
-    rows = [replace(row, verdict="ambiguous", claims=(claim,), share=1.0) if row.module == "timing" else row for row in found.rows]
+    rows = [
+        replace(row, verdict="ambiguous", claims=(claim,), share=1.0) if row.module == "timing" else row
+        for row in found.rows
+    ]
     whole = replace(found, rows=tuple(rows), lag=lag)
     (entry,) = patch(whole).effects
     assert entry.effect == "camera_latency" and entry.parameters["delay"] == pytest.approx(0.03, abs=0.006)
@@ -190,3 +197,12 @@ def test_a_false_alarm_and_a_miss_are_judged_as_such():
     shares = figures([quiet, alarm, missed, {"error": "died", "kind": "clean"}])
     assert shares["false alarm, clean"]["value"] == 0.5 and shares["errors"]["value"] == 0.25
     assert shares["right module"] == {**shares["right module"], "value": 0.0, "of": 1}
+
+
+def test_images_of_a_detector_without_noise_are_not_said_to_be_repeated():
+    track = still()
+    resting = np.repeat(track.pixels[:1], 300, axis=0)
+    resting[:60] += np.linspace(-20, 0, 60)[:, None, None]  # it moves at first, so that alike is not always so
+    resting[100:130] += 1e-4 * np.random.default_rng(1).standard_normal((30, 8, 2))
+    found = diagnose(Seen((), (replace(track, pixels=resting),), ()))
+    assert found.scatter is not None and not found.row("timing").claims

@@ -87,12 +87,16 @@ def numbers(module: str, whole: Whole) -> str:
         said.append(f"images are {whole.lag.late:ms late/early}")
     elif module == "keypoints" and whole.scatter:
         said.append(f"scatter {whole.scatter.spread:px}, gross errors {whole.scatter.share:%}")
-    elif module == "camera" and not whole.row("camera").claims and whole.meeting and whole.meeting.explained and whole.meeting.verdict != "undetermined":
+    elif (
+        module == "camera"
+        and not whole.row("camera").claims
+        and whole.meeting
+        and whole.meeting.explained
+        and whole.meeting.verdict != "undetermined"
+    ):
         off = whole.meeting.explained.bounds
         said.append(f"the hand meets things {off['x']:mm} and {off['y']:mm} (x, y) from where they are seen")
     return "; ".join(said).replace(" 1 (", " (")
-
-
 
 
 def document(whole: Whole, bags: list[str]) -> dict:
