@@ -10,6 +10,8 @@ from bags import record_episode
 from np_blind.task_cases import GAPS, ORDER, Detector, draw, make_key
 from np_blind.task_set import figures, judged
 from np_diagnosis.chain.explanations import Explained, Named
+from np_diagnosis.chain.findings import effects
+from np_diagnosis.chain.scatter import Scatter
 from np_diagnosis.chain.task.lag import Led
 from np_diagnosis.chain.task.lag import judge as judge_lag
 from np_diagnosis.chain.task.meeting import Met
@@ -199,10 +201,8 @@ def test_a_false_alarm_and_a_miss_are_judged_as_such():
     assert shares["right module"] == {**shares["right module"], "value": 0.0, "of": 1}
 
 
-def test_images_of_a_detector_without_noise_are_not_said_to_be_repeated():
-    track = still()
-    resting = np.repeat(track.pixels[:1], 300, axis=0)
-    resting[:60] += np.linspace(-20, 0, 60)[:, None, None]  # it moves at first, so that alike is not always so
-    resting[100:130] += 1e-4 * np.random.default_rng(1).standard_normal((30, 8, 2))
-    found = diagnose(Seen((), (replace(track, pixels=resting),), ()))
-    assert found.scatter is not None and not found.row("timing").claims
+@pytest.mark.parametrize(("spread", "named"), [(0.2, True), (0.001, False)])
+def test_images_of_a_detector_without_noise_are_not_said_to_be_repeated(spread, named):
+    none = Value(0.0, 0.0, 0.0)
+    found = Scatter(9.0, 270, Value(spread, spread, spread), none, none, none, Value(0.17, 0.16, 0.18))
+    assert ("frame_drop" in effects(found)) is named
