@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,6 +30,7 @@ from np_sim_bridge.simulation import Simulation
 TORQUE_NOISE = 0.03  # Nm, white, of a joint's torque sensor
 WITNESSED = 10 * PERIOD  # ns between states that the suite's guard looks at
 PIXEL_NOISE = 0.3  # px, of a corner in an image
+Finding = Callable[[float, np.ndarray], np.ndarray]
 
 
 @dataclass
@@ -42,16 +44,24 @@ class _Kept:
 class Reality:
     """A simulated robot with a task, which can be led through plans and remembers what it measured.
 
-    patch: what is other than the doctor believes; seed: of task and noise; engine: builds the physics.
+    patch: what is other than the doctor believes; seed: of task and noise; engine: builds the physics; finding: what becomes of corners
+    (8, 2) px that the camera shows at a time s, beside white noise.
     """
 
-    def __init__(self, domain: Domain, patch: Patch, seed: int, engine: MakeEngine):
+    def __init__(
+        self,
+        domain: Domain,
+        patch: Patch,
+        seed: int,
+        engine: MakeEngine,
+        finding: Finding = lambda time, pixels: pixels,
+    ):
         self.domain, self._rng = domain, np.random.default_rng([seed, 1])
         self._simulation = Simulation(domain, seed=seed, patch=patch, engine=engine)
         self._controller, self._filter, self._schedule = Controller(), SafetyFilter(), Schedule(10, 30)
         self._view = ViewEffects(patch, CAMERA, seed)
         self._corners = SeenCorners(np.asarray(domain.half_size), self._view.oldest)
-        self._kept = _Kept()
+        self._kept, self._finding = _Kept(), finding
         self._filter.start(self._simulation.measure().position[:7])
         self._witness = Witness(domain)
         self._note()
@@ -97,7 +107,7 @@ class Reality:
         if self._schedule.is_image_due(stamp):
             self._corners.keep(stamp, self._simulation.object_pose())
             seen = self._view.keypoints(self._corners.at, stamp)
-            seen = seen + PIXEL_NOISE * self._rng.standard_normal(seen.shape)
+            seen = self._finding(stamp / SECOND, seen) + PIXEL_NOISE * self._rng.standard_normal(seen.shape)
             inside = ((seen > -0.5) & (seen < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=1)
             self._kept.images.append((stamp, np.column_stack([seen, inside.astype(float)])))
             self._witness.see(*self._kept.images[-1])

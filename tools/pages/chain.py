@@ -1,4 +1,4 @@
-"""Results of the doctor beside the arm: clocks of two streams of poses."""
+"""Results of the doctor beside the arm: clocks of two streams of poses, and the blind set of the task suite."""
 
 from __future__ import annotations
 
@@ -29,6 +29,56 @@ REAL = (
     "half width, ms",
     "intervals that hold",
 )
+
+
+QUANTITIES = {"table": 1.0, "finger": 1.0, "mass": 1e3, "height": 1e3, "late": 1e3, "least_finger": 1.0}
+UNITS = {
+    "table": "friction, table",
+    "finger": "friction, fingertip",
+    "mass": "mass, g",
+    "height": "table, mm",
+    "late": "late, ms",
+}
+
+
+def task(data: Mapping) -> tuple[str, str]:
+    """Headline and body of `np_blind.task_set`."""
+    rows, found = data["rows"], data["figures"]
+    part = "" if len(rows) == data["drawn"] else f"; {data['drawn'] - len(rows)} have not been run"
+    shown = ("right effect or class", "false alarm, clean", "95 % intervals that hold")
+    headline = f"{len(rows)} of {data['drawn']} cases{part}: " + ", ".join(
+        f"{name} {found[name]['value']:.2f} of {found[name]['of']}" for name in shown if name in found
+    )
+    figures = ((n, f["value"], "{:.2f} to {:.2f}".format(*f["ci95"]), f["of"]) for n, f in found.items())
+    body = table(("figure", "share", "95 %", "of"), figures)
+    body += f"\nSHA-256 of the key `{data['key_sha256'][:16]}`, of the doctor `{data['doctor_sha256'][:16]}`.\n\n## Every case\n\n"
+    body += table(("case", "what is other", "verdict", "said", "right"), (_case(row) for row in rows))
+    body += "\n## Every number that was measured\n\nWith its 95 % interval; the truth has the background in it.\n\n"
+    return headline, body + table(("case", *UNITS.values()), (_numbers(row) for row in rows if "intervals" in row))
+
+
+def _case(row: Mapping) -> tuple:
+    gap = ", ".join(f"{name} {value:.3g}" for name, value in row["gap"].items())
+    what = f"{row['kind']}: {gap}" if gap else row["kind"]
+    if row.get("error"):
+        return row["case"], what, "error", row["error"].strip().splitlines()[-1], "no"
+    said = "; ".join([*row["said"], *(row["doubts"].values() if row["unexplained"] else ())]) or "nothing"
+    if row["module"] is not None:
+        right = row["effect"] and not row["wrong"]
+    else:
+        right = not row["named"] and row["unexplained"] == (row["kind"] != "clean")
+    return row["case"], what, row["verdict"].replace("_", " "), said, "yes" if right else "no"
+
+
+def _numbers(row: Mapping) -> tuple:
+    return row["case"], *(_number(row["intervals"].get(name), QUANTITIES[name]) for name in UNITS)
+
+
+def _number(one: Mapping | None, scale: float) -> str:
+    if one is None:
+        return ""
+    value, low, high, true = (scale * one[key] for key in ("value", "low", "high", "true"))
+    return f"{value:.3g}, {low:.3g} to {high:.3g} ({true:.3g}{'' if one['holds'] else ': missed'})"
 
 
 def clock(data: Mapping) -> tuple[str, str]:

@@ -33,6 +33,7 @@ KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = 
     ("doctor_", "", "doctor", doctor.clean_arm),
     ("chain_clock", "", "doctor", chain.clock),
     ("chain_pushes", "", "doctor", contact.pushes),
+    ("task_locked_", "", "blind set", chain.task),
     ("identification_z1_delays", "", "identification", doctor.delays),
     ("identification_", "", "identification", doctor.identified),
     ("static_bench", "", "contact", contact.static_bench),

@@ -21,6 +21,7 @@ setup(
     entry_points={
         "console_scripts": [
             "baselines = np_diagnosis.commands.baselines:main",
+            "chain = np_diagnosis.commands.chain:main",
             "clock = np_diagnosis.commands.clock:main",
             "diagnose = np_diagnosis.commands.diagnose:main",
             "excite = np_diagnosis.commands.excite:main",

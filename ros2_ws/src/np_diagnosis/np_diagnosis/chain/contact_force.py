@@ -68,15 +68,26 @@ def forces(
     points (n, 3) m: where the hand is touched, and no moment acts; None: anywhere, with a moment. free (7,) or (n, 7) Nm: excess without
     contact. A joint that hardly moves counts little: nobody knows which way its friction acts.
     """
+    inverse, deviation = _weighed(moved, points, panda)
+    return np.einsum("nij,nj->ni", inverse, -(moved.excess - free) / deviation)[:, :3]
+
+
+def force_covariance(moved: Motion, points: np.ndarray | None = None, panda: PandaModel = NOMINAL) -> np.ndarray:
+    """Covariance (n, 3, 3) N^2 of `forces`, all rows alike: of the joints' errors, of which a stretch without contact at the same speed,
+    taken off, leaves `FORCE.left`."""
+    inverse, _ = _weighed(moved, points, panda)
+    return FORCE.left**2 * (inverse @ np.swapaxes(inverse, 1, 2))[:, :3, :3]
+
+
+def _weighed(moved: Motion, points: np.ndarray | None, panda: PandaModel) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse (n, 3 or 6, 7) that makes forces of joint torques over their deviations (n, 7) Nm."""
     jac = jacobian(moved.position, panda)
     if points is not None:
         arm = points - forward_kinematics(moved.position, panda)[0]
         jac = jac[:, :3] + np.cross(jac[:, 3:], arm[:, :, None], axis=1)
     still = np.abs(moved.velocity) < FORCE.turned
     deviation = FORCE.torque + np.where(still, panda.frictionloss, FORCE.friction * panda.frictionloss)
-    weighted = np.swapaxes(jac, 1, 2) / deviation[..., None]
-    pulled = -(moved.excess - free) / deviation
-    return np.einsum("nij,nj->ni", np.linalg.pinv(weighted), pulled)[:, :3]
+    return np.linalg.pinv(np.swapaxes(jac, 1, 2) / deviation[..., None]), deviation
 
 
 def standing_friction(panda: PandaModel = NOMINAL) -> float:

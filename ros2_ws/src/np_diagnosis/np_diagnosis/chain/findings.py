@@ -20,6 +20,8 @@ def effects(found: Scatter) -> dict[str, dict[str, Value]]:
         "frame_drop": ("share", {"share": found.repeated or NOBODYS}),
     }
     seen = {name: values for name, (size, values) in named.items() if values[size].low > VIEW_RECORDS[name].seen.limit}
+    if found.spread.value < THRESHOLDS.scatter.noiseless:
+        seen.pop("frame_drop", None)  # an object that rests looks the same in every image
     if found.size.low < THRESHOLDS.scatter.gross:  # the long tail of a small scatter harms nobody
         seen.pop("keypoint_outliers", None)
     return seen

@@ -6,6 +6,7 @@ apart by expectation and maximisation (Dempster, Laird and Rubin 1977).
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -84,7 +85,8 @@ def _deviations(track: Track, rest: slice, fresh: np.ndarray) -> np.ndarray:
     pixels = np.where(track.usable[rest][..., None], track.pixels[rest], np.nan)
     if fresh[1:].any():  # else nothing scatters at all
         pixels[~fresh] = np.nan
-    with np.errstate(all="ignore"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a corner that is never usable has no median
         return pixels - np.nanmedian(pixels, axis=0)
 
 

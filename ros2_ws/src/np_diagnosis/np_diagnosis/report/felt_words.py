@@ -18,6 +18,7 @@ PARAMETERS = {
     "table_height": "height",
     "table_friction": "relative",
     "object_mass": "relative",
+    "gripper_friction": "relative",
 }
 """What a patch calls the one number of an effect that a scene carries."""
 RELATIVE = "relative"
@@ -56,7 +57,7 @@ def patch(touched: Felt, forced: Forces) -> Patch:
     found = []
     for one in (*_named(touched), *_named(forced)):
         if not one.rivals and one.effect in SCENE_RECORDS:
-            (value,) = _given(one.effect, one.sizes).values()
+            (value,) = given(one.effect, one.sizes).values()
             part = str(SCENE_RECORDS[one.effect].part)
             found.append(PatchEffect(one.effect, part, {PARAMETERS[one.effect]: value.value}))
     return Patch(tuple(found))
@@ -65,14 +66,14 @@ def patch(touched: Felt, forced: Forces) -> Patch:
 def sentences(touched: Felt, forced: Forces) -> list[str]:
     """The finding, of each stage a line or more."""
     lines = []
-    for stage, said in ((touched, "by touch"), (forced, "by force")):
+    for stage, way in ((touched, "by touch"), (forced, "by force")):
         if stage.doubt:
-            lines.append(f"{said.capitalize()} nothing is said: {stage.doubt}.")
+            lines.append(f"{way.capitalize()} nothing is said: {stage.doubt}.")
         elif not _named(stage):
-            lines.append(f"{said.capitalize()} nothing is other than believed.")
+            lines.append(f"{way.capitalize()} nothing is other than believed.")
         for one in _named(stage) if not stage.doubt else ():
-            ways = [_said(e, s) for e, s in ((one.effect, one.sizes), *one.rivals.items())]
-            lines.append(f"{said.capitalize()}: {' or '.join(ways)}.")
+            ways = [said(e, s) for e, s in ((one.effect, one.sizes), *one.rivals.items())]
+            lines.append(f"{way.capitalize()}: {' or '.join(ways)}.")
     return lines
 
 
@@ -80,13 +81,14 @@ def _named(stage: Felt | Forces) -> tuple[Named, ...]:
     return stage.explained.named if stage.explained and stage.verdict != "unexplained" else ()
 
 
-def _said(effect: str, sizes: Mapping[str, Value]) -> str:
+def said(effect: str, sizes: Mapping[str, Value]) -> str:
+    """An effect with its sizes, as half a sentence."""
     if effect in SCENE_RECORDS:
-        return say(SCENE_RECORDS[effect], str(SCENE_RECORDS[effect].part), _given(effect, sizes), "the simulator")
+        return say(SCENE_RECORDS[effect], str(SCENE_RECORDS[effect].part), given(effect, sizes), "the simulator")
     return f"{effect.replace('_', ' ')}: " + ", ".join(f"{name} {value:SI}" for name, value in sizes.items())
 
 
-def _given(effect: str, sizes: Mapping[str, Value]) -> dict[str, Value]:
+def given(effect: str, sizes: Mapping[str, Value]) -> dict[str, Value]:
     """Numbers as a patch has them: a logarithm as a share."""
     (value,) = sizes.values()
     if PARAMETERS[effect] == RELATIVE:

@@ -59,6 +59,8 @@ class Thresholds:
     contact_force: task.ContactForce = task.ContactForce()
     touching: task.Touching = task.Touching()
     forcing: task.Forcing = task.Forcing()
+    lag: task.Lagging = task.Lagging()
+    meeting: task.Meeting = task.Meeting()
     felt: task.Felt = task.Felt()
 
 

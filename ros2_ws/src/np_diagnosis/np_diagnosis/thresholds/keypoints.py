@@ -43,6 +43,12 @@ class Scattering:
     finest: float = threshold(1e-3, "px", "scatter below it is rounding", NUMERICS)
     wide: float = threshold(8.0, "1", "times the spread, at which gross errors are first looked for", NUMERICS)
     apart: float = threshold(2.5, "1", "times the spread that gross errors are, or they are its tail", JUDGEMENT)
+    noiseless: float = threshold(
+        0.01,
+        "px",
+        "spread below which images of a resting object are alike, and none is said to be repeated",
+        JUDGEMENT,
+    )
     gross: float = threshold(2.0, "px", "size from which on gross errors are named", JUDGEMENT)
     surely: float = threshold(10.0, "nats", "by which two kinds of corners must be likelier than one", JUDGEMENT)
     rounds: int = threshold(60, "rounds", "of expectation and maximisation", NUMERICS)

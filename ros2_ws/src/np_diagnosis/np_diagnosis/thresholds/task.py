@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 
-from np_diagnosis.thresholds.entry import JUDGEMENT, threshold
+from np_diagnosis.thresholds.entry import JUDGEMENT, NUMERICS, threshold
 from np_diagnosis.thresholds.view import USUAL, spreads
 
 
@@ -17,6 +17,9 @@ class ContactForce:
     turned: float = threshold(0.004, "rad/s", "speed from which on a joint's friction has turned over", JUDGEMENT)
     torque: float = threshold(0.03, "Nm", "error of a joint's torque beside friction", "torque sensors of the Panda")
     friction: float = threshold(0.05, "1", "share of a moving joint's friction that is not known", JUDGEMENT)
+    left: float = threshold(
+        0.3, "1", "of a joint's error that is left where its mean without contact is taken off", JUDGEMENT
+    )
 
 
 @dataclass(frozen=True)
@@ -53,14 +56,76 @@ class Forcing:
     held: float = threshold(2.0, "N", "force on a face from which on a scrape counts", JUDGEMENT)
     force: float = threshold(0.03, "N", "error of a stroke's or push's mean force beside their scatter", JUDGEMENT)
     relative: float = threshold(0.02, "1", "error of such a force, of itself", JUDGEMENT)
+    face: float = threshold(0.5, "1", "share of a push that the tip's friction holds the face up or down by", JUDGEMENT)
+    follows: float = threshold(0.8, "1", "share of a drag that the object is led along, to count", "tips that hop")
+    slips: float = threshold(
+        0.12, "1", "the same share, up to which the tip slips over an object that rests", JUDGEMENT
+    )
+    proportion: float = threshold(
+        0.15,
+        "1",
+        "within which the log ratios of strokes that slip agree; a tip that hops has others",
+        "seen in two engines",
+    )
+    common: float = threshold(0.025, "N", "error that drags, or pushes one way, have in common", JUDGEMENT)
+    law: tuple[float, float] = threshold(
+        (-0.035, 0.035),
+        "1",
+        "log friction of a slow slide against the coefficient: mean, deviation",
+        "two engines: -9 to 0 %",
+    )
     table: tuple[float, float] = spreads(0.04, 0.35, "1", "log friction with the table", "10 to 20 % between set-ups")
     mass: tuple[float, float] = spreads(0.015, 0.35, "1", "log mass", "scales: 3 %; 30 % of a gap")
+    finger: tuple[float, float] = spreads(0.1, 0.5, "1", "log friction of the fingertip", "rubber, worn or dusty")
     turning: float = threshold(
-        0.06, "1", "by which the force of a push is off that turns the object", "seen in two engines"
+        0.04, "1", "by which the force of a push is off that turns the object", "seen in two engines"
     )
     central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
     misfit: float = threshold(
         3.0, "1", "times the usual errors that are left, beyond which it is unexplained", JUDGEMENT
+    )
+
+
+@dataclass(frozen=True)
+class Lagging:
+    """Images against the tip that pushes the object (chain/task/lag.py)."""
+
+    within: float = threshold(0.3, "s", "delays that are told", NUMERICS)
+    way: float = threshold(0.0003, "m", "error of the object's way in one image", "a tenth of a pixel, eight corners")
+    left: float = threshold(
+        0.0012, "m", "root mean square of what is left of a way, beyond which it did not go along", JUDGEMENT
+    )
+    scale: float = threshold(1.0, "%", "by which the picture's scale is off, about", "calibrations of a camera")
+    down: float = threshold(0.005, "m", "over its lowest point, within which the tip is down", JUDGEMENT)
+    rested: float = threshold(0.0003, "m", "from its farthest, within which the tip rests", JUDGEMENT)
+    settle: float = threshold(0.3, "s", "after the tip has stopped, from which on the object is seen to rest", "delays")
+    begun: float = threshold(0.006, "m", "on its way, from which on the tip surely has it", JUDGEMENT)
+    turned: float = threshold(radians(8.0), "rad", "by which an object may turn that goes along", JUDGEMENT)
+    far: float = threshold(0.012, "m", "that the object goes, at least", JUDGEMENT)
+    images: int = threshold(12, "images", "of a push, at least", JUDGEMENT)
+    corners: int = threshold(5, "corners", "of an image, at least", JUDGEMENT)
+    least: int = threshold(3, "pushes", "that say the same", JUDGEMENT)
+    own: float = threshold(0.003, "s", "error of one push, at least: it turns, and comes to rest softly", JUDGEMENT)
+    common: float = threshold(0.0015, "s", "error of all pushes: stamps are of states and images", JUDGEMENT)
+    seen: float = threshold(0.003, "s", "delay that is named, if it is surely more", "limit of the effect")
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Faces that are pushed against where they are seen (chain/task/meeting.py)."""
+
+    least: int = threshold(3, "faces", "that were met, at least", JUDGEMENT)
+    square: float = threshold(0.94, "1", "cosine of the angle between a push and its face, at least", "20 degrees")
+    face: float = threshold(0.0006, "m", "error of one face: as seen in some images, after a soft stop", JUDGEMENT)
+    common: float = threshold(
+        0.0004, "m", "error of all faces: joints' angles, what an object at rest is seen off by", JUDGEMENT
+    )
+    left: float = threshold(0.004, "m", "that is left of the faces, beyond which it is unexplained", JUDGEMENT)
+    picture: tuple[float, float] = spreads(
+        0.001, 0.008, "m", "by which things are seen off", "hand-eye calibrations: 4 to 29 mm"
+    )
+    out: float = threshold(
+        0.006, "m", "by which every face is met farther out than it is seen", "two engines: 0 and 6 mm"
     )
 
 

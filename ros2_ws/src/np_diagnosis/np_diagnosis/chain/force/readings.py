@@ -1,4 +1,9 @@
-"""Forces of one experiment each, as single readings: of a stroke that drags, of a push, of a scrape."""
+"""Forces of one experiment each, as single readings: of a stroke that drags, of a push, of a scrape.
+
+A hand that pushes a face also holds it down or lifts it: by what its tip's friction takes, up to half the object's weight. So a push has
+a normal force too. A tip that drags may slip over the object, or hop on it: only where the object is seen to follow, friction with the
+table is what holds it.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +13,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_description.panda import NOMINAL, PandaModel
-from np_diagnosis.chain.contact_force import Motion, forces, motion, side
+from np_diagnosis.chain.contact_force import Motion, force_covariance, forces, motion, side
 from np_diagnosis.chain.task.recording import TaskRecording
-from np_diagnosis.chain.task.seen import seen_pose
-from np_diagnosis.experiments.task.contacts import STROKE_SPEED
+from np_diagnosis.chain.task.seen import pose_between, seen_pose
+from np_diagnosis.experiments.task.contacts import SLOW, STROKE_SPEED
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.thresholds import THRESHOLDS
 
 FORCE = THRESHOLDS.forcing
 AIR = "drag_0"
 """The drag that presses nothing: the same way in the air."""
+AROUND = 0.06, 0.2  # s before a stroke and after it, between which the object is seen to rest
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """kind: drag, push or scrape. force N: along the table against the tip's motion (drag, push), or up the face (scrape). normal N: what
-    presses the surfaces together besides weight. aside m: of a push, from the object's centre. deviation N of `force`, by its scatter."""
+    """kind: drag, push or scrape. group: readings of the same arm's errors: strokes of drags, or pushes one way. force N: along the table
+    against the motion (drag, push), or up the face (scrape). normal N: what presses the surfaces together besides weight. aside m: of a
+    push, from the object's centre. deviation, normal_deviation N: of force and normal, by their scatter and by friction of the joints.
+    follows: of a drag, by which share of the tip's way the object is seen to be led."""
 
     experiment: str
     kind: str
@@ -31,6 +39,9 @@ class Reading:
     normal: float
     aside: float
     deviation: float
+    group: str = ""
+    normal_deviation: float = 0.0
+    follows: float = 1.0
 
 
 def readings(recording: TaskRecording, panda: PandaModel = NOMINAL) -> list[Reading]:
@@ -57,14 +68,30 @@ def _drags(recording: TaskRecording, panda: PandaModel) -> Iterator[Reading]:
                 continue
             axis, sign = heading
             on_hand = forces(moved, level[heading], None, panda)
-            for rows in strokes:
-                # Where the tip chatters the object stops and goes, and friction is less than it is in sliding.
-                rows = rows[FORCE.edge : -FORCE.edge]
+            for stroke in strokes:
+                rows = stroke[FORCE.edge : -FORCE.edge]
                 pressed = float(on_hand[rows, 2].mean()) if len(rows) else 0.0
                 if len(rows) < FORCE.rows or pressed < FORCE.pressed or _chatters(moved, rows):
                     continue
-                along = -sign * on_hand[rows, axis]
-                yield Reading(name, "drag", float(along.mean()), pressed, 0.0, _error(along))
+                # An object that is led askew is held askew: what holds it is the whole of the force.
+                along, across = -sign * on_hand[rows, axis], on_hand[rows, 1 - axis]
+                force = float(np.hypot(along.mean(), across.mean()))
+                follows = _follows(recording, moved, stroke)
+                error = _error(along)
+                yield Reading(name, "drag", force, pressed, 0.0, error, "drags", FORCE.force, follows)
+
+
+def _follows(recording: TaskRecording, moved: Motion, stroke: np.ndarray) -> float:
+    """Share of the tip's way in a stroke that the object is led along; 0 where it is not seen."""
+    first, last = moved.time[stroke[0]], moved.time[stroke[-1]]
+    try:
+        begin = pose_between(recording, first - AROUND[1], first - AROUND[0]).position
+        end = pose_between(recording, last + AROUND[0], last + AROUND[1]).position
+    except ContractViolation:
+        return 0.0
+    moments = np.array([first, last]) + np.array([-1, 1]) * np.mean(AROUND)
+    tip = np.diff([np.interp(moments, moved.time, column) for column in moved.tip[:, :2].T])[:, 0]
+    return float((np.asarray(end) - begin)[:2] @ tip / (tip @ tip))
 
 
 def _strokes(moved: Motion) -> dict[tuple[int, int], list[np.ndarray]]:
@@ -84,63 +111,64 @@ def _strokes(moved: Motion) -> dict[tuple[int, int], list[np.ndarray]]:
 def _push(recording: TaskRecording, name: str, panda: PandaModel) -> list[Reading]:
     """The steady part of a push; what the arm's model lacks is measured on the run-up, at the same speed."""
     moved = motion(recording.log, recording.rows(name), panda)
-    speed = np.linalg.norm(moved.moves[:, :2], axis=1) * (np.abs(moved.moves[:, 2]) < FORCE.lifts)
-    first = _longest(speed > FORCE.moving * np.quantile(speed[: _last_forward(moved)], 0.98))
-    if len(first) < 4 * FORCE.rows:
+    run, ahead = _forward(moved)
+    way = (moved.tip[run] - moved.tip[run[0]]) @ ahead
+    free = run[way < SLOW.run_up / 2][FORCE.edge :]
+    if len(free) < FORCE.rows or len(run) < 4 * FORCE.rows:
         return []
-    way = moved.moves[first, :2].mean(axis=0)
-    ahead = np.append(way / np.linalg.norm(way), 0.0)
-    free = first[FORCE.edge : len(first) // 5]
-    touched = forces(moved, moved.free(free), side(ahead, moved.turn, moved.tip), panda)
-    along = -touched @ ahead
-    usual = float(np.median(along[first[-len(first) // 3 :]]))
-    on = first[int(np.argmax(along[first] > 0.5 * usual)) + 2 * FORCE.edge : -FORCE.edge]
+    points = side(ahead, moved.turn, moved.tip)
+    on_hand = forces(moved, moved.free(free), points, panda)
+    along = -on_hand @ ahead
+    usual = float(np.median(along[run[-len(run) // 3 :]]))
+    on = run[int(np.argmax(along[run] > 0.5 * usual)) + 2 * FORCE.edge : -FORCE.edge]
     if len(on) < FORCE.rows or usual <= 0 or np.median(along[on]) < 0.5 * usual:
         return []
     try:
         centre = np.asarray(seen_pose(recording, name).position)
     except ContractViolation:
         return []
-    point = side(ahead, moved.turn, moved.tip)[on[0]]
-    aside = float(np.cross(ahead[:2], (point - centre)[:2]))
+    aside = float(np.cross(ahead[:2], (points[on[0]] - centre)[:2]))
     # A push that turns the object takes a little less than one that does not, how much its support decides.
     turning = FORCE.turning * usual * (abs(aside) > FORCE.central)
-    return [Reading(name, "push", float(np.median(along[on])), 0.0, aside, float(np.hypot(_error(along[on]), turning)))]
+    covariance = force_covariance(moved, points, panda)[on].mean(axis=0)
+    # The tip's friction cannot hold the face by more than a share of what presses it: all that is known where joints rest.
+    before, seen = (FORCE.face * usual) ** 2, covariance[2, 2]
+    normal = before / (before + seen) * float(np.median(on_hand[on, 2]))
+    deviation = np.sqrt(_error(along[on]) ** 2 + turning**2 + ahead @ covariance @ ahead)
+    group = f"push {round(float(np.arctan2(ahead[1], ahead[0])) / (np.pi / 2)) % 4}"
+    force, normal_deviation = float(np.median(along[on])), float(np.sqrt(before * seen / (before + seen)))
+    return [Reading(name, "push", force, normal, aside, float(deviation), group, normal_deviation)]
 
 
-def _last_forward(moved: Motion) -> int:
-    """Row at which the tip has gone farthest from where it came down."""
+def _forward(moved: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the way forward of a tip that comes down, goes ahead and back, the jolt of a contact among them; its direction (3,)."""
     low = moved.tip[:, 2] < moved.tip[:, 2].min() + 0.01
-    begin = moved.tip[np.argmax(low), :2]
-    away = np.linalg.norm(moved.tip[:, :2] - begin, axis=1) * low
-    return max(int(away.argmax()), 1)
+    begin = int(np.argmax(low))
+    away = np.linalg.norm(moved.tip[:, :2] - moved.tip[begin, :2], axis=1) * low
+    last = max(int(away.argmax()), begin + 1)
+    speed = np.linalg.norm(moved.moves[begin:last, :2], axis=1) * (np.abs(moved.moves[begin:last, 2]) < FORCE.lifts)
+    at_speed = begin + np.flatnonzero(speed > FORCE.moving * np.quantile(speed, 0.98))
+    way = (moved.tip[last] - moved.tip[begin]) * (1.0, 1.0, 0.0)
+    ahead = way / max(float(np.linalg.norm(way)), 1e-6)
+    return np.arange(at_speed[0], at_speed[-1] + 1) if len(at_speed) else at_speed, ahead
 
 
 def _scrape(recording: TaskRecording, name: str, panda: PandaModel) -> list[Reading]:
     """The part in which the tip slides down the face of an object that is held."""
     moved = motion(recording.log, recording.rows(name), panda)
-    at = moved.moves
-    level = np.linalg.norm(at[:, :2], axis=1) * (np.abs(at[:, 2]) < FORCE.lifts)
-    run = _longest(level > FORCE.moving * np.quantile(level[: _last_forward(moved)], 0.98))
+    run, ahead = _forward(moved)
     if len(run) < 2 * FORCE.rows:
         return []
-    way = at[run, :2].mean(axis=0)
-    ahead = np.append(way / np.linalg.norm(way), 0.0)
-    on_hand = forces(moved, moved.free(run[FORCE.edge : len(run) // 4]), side(ahead, moved.turn, moved.tip), panda)
+    free = moved.free(run[FORCE.edge : len(run) // 4])
+    on_hand = forces(moved, free, side(ahead, moved.turn, moved.tip), panda)
     held, upward = -on_hand @ ahead, on_hand[:, 2]
     clear = moved.tip[:, 2] > moved.tip[:, 2].min() + FORCE.clear
-    rows = np.flatnonzero((np.arange(len(moved)) > run[-1]) & (at[:, 2] < -FORCE.slides) & (held > FORCE.held) & clear)
-    rows = _longest(np.isin(np.arange(len(moved)), rows)) if len(rows) else rows
+    down = moved.moves[:, 2] < -FORCE.slides
+    rows = np.flatnonzero((np.arange(len(moved)) > run[-1]) & down & (held > FORCE.held) & clear)
+    rows = max(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1), key=len)
     if len(rows) < FORCE.rows:
         return []
-    normal = float(held[rows].mean())
-    return [Reading(name, "scrape", float(upward[rows].mean()), normal, 0.0, _error(upward[rows]))]
-
-
-def _longest(held: np.ndarray) -> np.ndarray:
-    """Rows of the longest stretch in which something (n,) holds."""
-    rows = np.flatnonzero(held)
-    return max(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1), key=len)
+    return [Reading(name, "scrape", float(upward[rows].mean()), float(held[rows].mean()), 0.0, _error(upward[rows]))]
 
 
 def _chatters(moved: Motion, rows: np.ndarray) -> bool:

@@ -50,8 +50,12 @@ def spans_of(log: Log) -> dict[str, tuple[float, float]]:
     return {n: (begin, end) for (begin, n), end in ways if n in FAMILIES or n.rsplit("_", 1)[0] in FAMILIES}
 
 
+class NoSuite(ContractViolation):
+    """A recording that is whole, and not of the task suite."""
+
+
 def read_task(path: str | Path) -> TaskRecording:
-    """A rosbag2 recording of the task suite. Raises ContractViolation."""
+    """A rosbag2 recording of the task suite. Raises NoSuite for one of something else, ContractViolation."""
     from np_description.objects.choice import recorded_domain
     from np_record.bag import BagError, Recording  # slow
 
@@ -64,5 +68,5 @@ def read_task(path: str | Path) -> TaskRecording:
         raise ContractViolation(f"bag {path}: {error}") from error
     spans = spans_of(log)
     if not spans:
-        raise ContractViolation(f"bag {path}: expected experiments of the task suite ({', '.join(FAMILIES)}), got none")
+        raise NoSuite(f"bag {path}: expected experiments of the task suite ({', '.join(FAMILIES)}), got none")
     return TaskRecording(log, track, (seen - first) / SECOND, domain, spans)

@@ -17,9 +17,18 @@ IMAGES = 8  # of which the median is taken
 
 def seen_pose(recording: TaskRecording, name: str, camera: Camera = CAMERA) -> Pose:
     """At the beginning of an experiment. Raises ContractViolation where no pose explains the corners."""
+    return _pose(recording, recording.images(name)[:IMAGES], name, camera)
+
+
+def pose_between(recording: TaskRecording, begin: float, end: float, camera: Camera = CAMERA) -> Pose:
+    """From the images between two moments, s of the log. Raises ContractViolation where no pose explains the corners."""
+    time = recording.track.time + recording.seen_from
+    return _pose(recording, np.flatnonzero((time >= begin) & (time < end)), f"{begin:.1f} to {end:.1f} s", camera)
+
+
+def _pose(recording: TaskRecording, images: np.ndarray, name: str, camera: Camera) -> Pose:
     track = recording.track
-    first = recording.images(name)[:IMAGES]
-    masked = np.where(track.usable[first][..., None], track.pixels[first], np.nan)
+    masked = np.where(track.usable[images][..., None], track.pixels[images], np.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a corner that is never usable has no median
         corners = np.nanmedian(masked, axis=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,7 +20,7 @@ ABOVE = 0.004  # m over the lowest point, from which on nothing is touched yet
 @dataclass(frozen=True, eq=False)
 class Touch:
     """A surface. place (2,) m where it was touched; height m, with its standard deviation by scatter; compliance m/N; force N, the
-    largest."""
+    largest. course (n, 2): height m and upward force N of the tip near it."""
 
     name: str
     place: np.ndarray
@@ -28,6 +28,7 @@ class Touch:
     deviation: float
     compliance: float
     force: float
+    course: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 def touch(recording: TaskRecording, name: str, panda: PandaModel = NOMINAL) -> Touch | None:
@@ -55,4 +56,6 @@ def touch(recording: TaskRecording, name: str, panda: PandaModel = NOMINAL) -> T
     if compliance < 0:  # noise of a surface that does not give way
         surface, compliance = float(height.mean()), 0.0
     place = corner[near, :2].mean(axis=0)
-    return Touch(name, place, float(surface), left, float(compliance), float(force.max()))
+    shown = before & (corner[:, 2] < corner[deepest, 2] + 2 * ABOVE)
+    course = np.column_stack([corner[shown, 2], upward[shown]])
+    return Touch(name, place, float(surface), left, float(compliance), float(force.max()), course)

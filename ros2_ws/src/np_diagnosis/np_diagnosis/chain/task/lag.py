@@ -1,0 +1,141 @@
+"""By how much images are late: an object that is pushed goes with the tip, whose way the joints tell.
+
+Where it comes to rest says where on the tip's way it touches; how far behind that it is seen while both move is the delay.
+A scale of the picture that is off shows as another share of the way, and is fitted with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from np_description.camera import CAMERA, Camera
+from np_description.domains import Pose
+from np_description.keypoints import box_keypoints
+from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
+from np_diagnosis.chain.task.led import rested
+from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.experiments.task.tip import RADIUS
+from np_diagnosis.thresholds import THRESHOLDS
+from np_effects.saying import Value
+
+LAG = THRESHOLDS.lag
+HALF_WIDTH = 1.959964
+STEP = 1e-4  # m, rad, of a derivative
+
+
+@dataclass(frozen=True, eq=False)
+class Led:
+    """A push. time (n,) s of images; way (n,) m of the place that the tip touches, along the
+    push, from where it came to rest; at (m,) s and tip (m,) m: the tip's way,
+    from where that came to rest."""
+
+    name: str
+    time: np.ndarray
+    way: np.ndarray
+    at: np.ndarray
+    tip: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Lag:
+    """verdict: no_gap, ambiguous (an image that is late is a camera's clock that is behind), undetermined. late: s with its interval, None
+    where nothing is said; each (k,) s: of every push; doubt: why nothing is said. pushes: what it rests on."""
+
+    verdict: str
+    late: Value | None
+    each: tuple[float, ...]
+    pushes: tuple[Led, ...]
+    doubt: str = ""
+
+
+def lag(recording: TaskRecording, camera: Camera = CAMERA) -> Lag:
+    """Of the slow pushes of a recording."""
+    pushes = tuple(one for name in recording.named("push") if (one := _led(recording, name, camera)))
+    return judge(pushes)
+
+
+def judge(pushes: tuple[Led, ...]) -> Lag:
+    """Of pushes: see `lag`. The median of what each says; its error by their scatter, and what all pushes have in common."""
+    fits = [_late(one) for one in pushes]
+    good = [(late, one) for (late, left), one in zip(fits, pushes) if left < LAG.left and abs(late) < 0.99 * LAG.within]
+    each, kept = tuple(late for late, _ in good), tuple(one for _, one in good)
+    if len(each) < LAG.least:
+        return Lag(
+            "undetermined",
+            None,
+            each,
+            kept,
+            f"{len(each)} pushes led the object as they should; {LAG.least} are needed",
+        )
+    spread = 1.4826 * float(np.median(np.abs(np.array(each) - np.median(each))))
+    deviation = float(np.hypot(1.2533 * max(spread, LAG.own) / np.sqrt(len(each)), LAG.common))
+    value = float(np.median(each))
+    late = Value(value, value - HALF_WIDTH * deviation, value + HALF_WIDTH * deviation)
+    return Lag("ambiguous" if late.low > LAG.seen or late.high < -LAG.seen else "no_gap", late, each, kept)
+
+
+def _late(one: Led) -> tuple[float, float]:
+    """s by which the images of a push are late, and m that is left of the object's way."""
+
+    def off(x: np.ndarray) -> np.ndarray:
+        """x: delay in ms, scale in %, place of rest in mm."""
+        led = (1 + 1e-2 * x[1]) * np.interp(one.time - 1e-3 * x[0], one.at, one.tip) + 1e-3 * x[2]
+        return np.append((led - one.way) / LAG.way, x[1] / LAG.scale)  # or the scale would stand in for the delay
+
+    starts = [np.array([delay, 0.0, 0.0]) for delay in np.arange(-100.0, 1e3 * LAG.within, 20.0)]
+    start = min(starts, key=lambda x: float(off(x) @ off(x)))
+    found = least_squares(off, start, loss="soft_l1", diff_step=1e-2, x_scale=(10.0, 1.0, 0.3))
+    return 1e-3 * float(found.x[0]), LAG.way * float(np.sqrt(np.mean(off(found.x)[:-1] ** 2)))
+
+
+def _led(recording: TaskRecording, name: str, camera: Camera) -> Led | None:
+    """The images from when the object is on its way until both rest; None where it turns, does not go along or is not seen."""
+    rest = rested(recording, name, camera)
+    if rest is None:
+        return None
+    taken, ahead = recording.track.time + recording.seen_from, rest.ahead
+    images = np.flatnonzero((taken > rest.begin) & (taken < rest.leaves))
+    moved_by, turned = _way(recording, images, rest.pose, ahead, camera)
+    # What goes with the tip is where it touches, which a turning object's middle does not.
+    lever = rest.at + RADIUS * ahead - rest.pose.position
+    aside = float(lever @ [-ahead[1], ahead[0], 0.0])
+    way = moved_by - np.sin(turned) * aside + (np.cos(turned) - 1) * float(lever @ ahead)
+    known = np.isfinite(way)
+    # On its way: once it has gone a part of what it goes in all, so that the tip surely has it.
+    moved = way - np.nanmin(way) if known.any() else way
+    going = known & (moved > LAG.begun) & (np.arange(len(way)) > np.argmax(moved > LAG.begun))
+    if going.sum() < LAG.images or np.nanmax(moved) < LAG.far or np.nanmax(np.abs(turned)) > LAG.turned:
+        return None
+    return Led(name, taken[images][going], way[going], rest.time, (rest.tip - rest.at) @ ahead)
+
+
+def _way(recording: TaskRecording, images: np.ndarray, rest: Pose, ahead: np.ndarray, camera: Camera):
+    """m (n,) by which the object is along `ahead` (3,) from where it rests, and rad (n,) by which it is turned, by the corners of each
+    image; NaN where too few are usable."""
+    half = np.asarray(recording.domain.half_size)
+    across, found = np.array([-ahead[1], ahead[0], 0.0]), np.full((len(images), 2), np.nan)
+
+    def project(x: np.ndarray) -> np.ndarray:
+        turn = matrix_from_vector(np.array([0.0, 0.0, x[2]])) @ matrix_from_quaternion(rest.quaternion)
+        corners = box_keypoints(half, rest.position + x[0] * ahead + x[1] * across, quaternion_from_matrix(turn))
+        return camera.project(corners)[0]
+
+    for row, image in enumerate(images):
+        usable = recording.track.usable[image]
+        if usable.sum() < LAG.corners:
+            continue
+        seen = recording.track.pixels[image]
+
+        def off(x: np.ndarray, seen=seen, usable=usable) -> np.ndarray:
+            return (project(x) - seen)[usable].ravel()
+
+        x = np.zeros(3)
+        for _ in range(3):  # Gauss and Newton: the picture is nearly a plane
+            here = off(x)
+            columns = np.column_stack([(off(x + STEP * unit) - here) / STEP for unit in np.eye(3)])
+            x = x - np.linalg.lstsq(columns, here, rcond=None)[0]
+        found[row] = x[0], x[2]
+    return found.T

@@ -1,0 +1,185 @@
+"""What stages claim, in one shape: an effect with its size, or several that explain the same."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from np_diagnosis.chain import findings
+from np_diagnosis.chain.force.stage import Forces
+from np_diagnosis.chain.scatter import Scatter
+from np_diagnosis.chain.task.lag import Lag
+from np_diagnosis.chain.task.meeting import Meeting
+from np_diagnosis.chain.touch.stage import Felt
+from np_diagnosis.chain.view_stage.parameters import EFFECTS
+from np_diagnosis.chain.view_stage.view import View
+from np_diagnosis.report import felt_words, view_words
+from np_effects import SCENE_RECORDS, VIEW_RECORDS
+from np_effects.saying import Value, say
+
+TIMING = ("camera_latency", "clock_offset", "frame_drop", "exposure_blur", "rolling_shutter")
+SAID_BY_NONE = {"table_tilt": "table", "object_size": "object"}
+"""Modules of effects that no simulated scene carries."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """One explanation. name: as the stage calls it; ids: of the catalogue, more than one where nothing ever tells them apart; sizes with
+    their intervals, SI units and px; said: half a sentence; parameters: as `patch.yaml` has them, none where no simulator carries it."""
+
+    name: str
+    ids: tuple[str, ...]
+    sizes: dict[str, Value]
+    said: str
+    parameters: dict[str, float]
+
+    @property
+    def module(self) -> str:
+        """Of `together.MODULES`."""
+        return module_of(self.ids[0])
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Something that is off. stage: that says so; ways: explanations, the most probable first; gain: nats by which what was recorded is more
+    probable with it."""
+
+    stage: str
+    ways: tuple[Way, ...]
+    gain: float
+
+    @property
+    def is_one(self) -> bool:
+        """Whether it is one effect of the catalogue."""
+        return len({one for way in self.ways for one in way.ids}) == 1
+
+
+def module_of(effect: str) -> str:
+    """The module of the chain that an effect is of."""
+    if effect in TIMING:
+        return "timing"
+    if effect in SAID_BY_NONE:
+        return SAID_BY_NONE[effect]
+    part = str((VIEW_RECORDS.get(effect) or SCENE_RECORDS[effect]).part)
+    return "table" if part == "environment" else part
+
+
+def of_view(view: View | None) -> list[Claim]:
+    """Of where corners of the resting object are seen."""
+    if view is None or view.verdict not in ("identified", "ambiguous"):
+        return []
+    return [
+        Claim("view", tuple(_view_way(e, s) for e, s in ((n.effect, n.sizes), *n.rivals.items())), n.gain)
+        for n in view.named
+    ]
+
+
+def _view_way(effect: str, sizes: Mapping[str, Value]) -> Way:
+    known = EFFECTS[effect]
+    parameters = dict(zip(known.quantities, (value.value for value in sizes.values())))
+    return Way(effect, tuple(known.ids), dict(sizes), view_words.said(effect, sizes), parameters)
+
+
+def of_felt(felt: Felt | Forces | None, stage: str) -> list[Claim]:
+    """Of what the hand felt, by touch or by force."""
+    if felt is None or felt.explained is None or felt.verdict == "unexplained":
+        return []
+    return [
+        Claim(stage, tuple(_felt_way(e, s) for e, s in ((n.effect, n.sizes), *n.rivals.items())), n.gain)
+        for n in felt.explained.named
+    ]
+
+
+def _felt_way(effect: str, sizes: Mapping[str, Value]) -> Way:
+    parameters = {}
+    if effect in SCENE_RECORDS:
+        parameters = {name: value.value for name, value in felt_words.given(effect, sizes).items()}
+    return Way(effect, (effect,), dict(sizes), felt_words.said(effect, sizes), parameters)
+
+
+def of_scatter(scatter: Scatter | None) -> list[Claim]:
+    """Of how corners scatter at rest."""
+    if scatter is None:
+        return []
+    found = []
+    for effect, values in findings.effects(scatter).items():
+        record, first = VIEW_RECORDS[effect], next(iter(values.values()))
+        way = Way(
+            effect,
+            (effect,),
+            dict(values),
+            say(record, str(record.part), values, "the simulator"),
+            {k: v.value for k, v in values.items()},
+        )
+        found.append(Claim("scatter", (way,), _nats(first)))
+    return found
+
+
+def of_lag(lag: Lag | None) -> list[Claim]:
+    """Of images that are late: the camera's latency, or its clock, which one recording cannot tell apart."""
+    if lag is None or lag.late is None or lag.verdict == "no_gap":
+        return []
+    late = lag.late
+    said = [
+        (effect, name, value, say(VIEW_RECORDS[effect], "camera", {name: value}, "the simulator"))
+        for effect, name, value in (("camera_latency", "delay", late), ("clock_offset", "offset", late))
+    ]
+    ways = [Way(e, (e,), {n: v}, text, {n: v.value}) for e, n, v, text in said]
+    return [Claim("lag", tuple(ways if late.value > 0 else ways[1:]), _nats(late))]
+
+
+def of_meeting(meeting: Meeting | None) -> list[Claim]:
+    """Of where the hand meets what is seen: a picture that is off, by the camera's place or turn, or by where corners are found."""
+    if meeting is None or meeting.explained is None or meeting.verdict not in ("identified", "ambiguous"):
+        return []
+    found = []
+    for one in meeting.explained.named:
+        off = one.sizes
+        said = f"the picture shows things {off['x']:mm} and {off['y']:mm} (x, y) from where the hand meets them: by the camera's place"
+        others = (
+            ("camera_turn", "camera_extrinsics", "its turn"),
+            ("image_offset", "keypoint_bias", "where corners are found"),
+        )
+        place = Way("camera_place", ("camera_extrinsics",), dict(off), said, {})
+        ways = (place, *(Way(name, (effect,), {}, text, {}) for name, effect, text in others))
+        found.append(Claim("meeting", ways, one.gain))
+    return found
+
+
+def settled(claims: list[Claim], touch: Felt | None) -> list[Claim]:
+    """Claims in the light of one another: the hand feels the table and the camera does not move it. An explanation of the view that has the
+    table elsewhere than it was felt is none; one that has it there is the one, and counts once."""
+    if any(c.stage == "view" and c.ways[0].module == "camera" for c in claims):
+        claims = [c for c in claims if c.stage != "meeting"]  # the same gap, of which the view says more
+    if touch is None or touch.explained is None or touch.verdict in ("undetermined", "unexplained"):
+        return claims
+    found: list[Claim] = []
+    for claim in claims:
+        if claim.stage == "view":
+            ways = tuple(way for way in claim.ways if not _contradicted(way, touch))
+            told = {n.effect for n in touch.explained.named if not n.rivals}
+            ways = tuple(way for way in ways if way.name in told) or ways
+            claim = replace(claim, ways=ways)
+        if claim.ways:
+            found.append(claim)
+    felt = {claim.ways[0].name for claim in found if claim.stage == "touch" and claim.is_one}
+    again = [c for c in found if c.stage == "view" and c.is_one and c.ways[0].name in felt]
+    return [c for c in found if c not in again]
+
+
+def _contradicted(way: Way, touch: Felt) -> bool:
+    bounds = {"table_" + name: value for name, value in touch.explained.bounds.items()}
+    apart = (
+        not (bounds[name].low <= value.high and value.low <= bounds[name].high)
+        for name, value in way.sizes.items()
+        if name in bounds and name.removeprefix("table_") not in touch.explained.unseen
+    )
+    return any(apart)
+
+
+def _nats(value: Value) -> float:
+    """By which a number is more probable than none, were it Gaussian."""
+    deviation = max((value.high - value.low) / 3.92, 1e-9)
+    return float(np.clip(0.5 * (value.value / deviation) ** 2, 0.0, 1e3))

@@ -1,0 +1,231 @@
+"""Recordings of one set-up, all stages that they have data for, and the row of each module."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from np_description.camera import CAMERA, Camera
+from np_description.panda import NOMINAL, PandaModel
+from np_diagnosis.chain.force.readings import readings
+from np_diagnosis.chain.force.stage import Believed, Forces, judge
+from np_diagnosis.chain.scatter import Scatter, scatter
+from np_diagnosis.chain.task.lag import Lag, lag
+from np_diagnosis.chain.task.meeting import Meeting, meet
+from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.together import claims as made
+from np_diagnosis.chain.together.claims import Claim
+from np_diagnosis.chain.touch.stage import Felt, feel
+from np_diagnosis.chain.track import Track
+from np_diagnosis.chain.view_stage.parameters import EFFECTS, PARAMETERS
+from np_diagnosis.chain.view_stage.places import Place
+from np_diagnosis.chain.view_stage.view import View, view
+from np_diagnosis.recordings.reading import ContractViolation
+from np_effects.patch import Patch, PatchEffect
+
+MODULES = ("camera", "keypoints", "timing", "arm", "contact", "object", "table")
+STAGES = ("scatter", "view", "touch", "force", "meeting", "lag")
+NOT_SEEN = "not seen in this recording"
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What recordings of one set-up have: those of the task suite, all tracks of keypoints, and places at which the object rested."""
+
+    tasks: tuple[TaskRecording, ...]
+    tracks: tuple[Track, ...]
+    places: tuple[Place, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A module. verdict: identified, ambiguous (effects that explain the same), no_gap, unexplained, or `NOT_SEEN`; claims: what is off;
+    share: of all nats that what is off explains, None where nothing is; doubt: why nothing is said, or what nothing explains; said: of an
+    answer that was given elsewhere, its sentence."""
+
+    module: str
+    verdict: str
+    claims: tuple[Claim, ...] = ()
+    share: float | None = None
+    doubt: str = ""
+    said: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """The answer: a row each module, and each stage's own, None where there is no data for it."""
+
+    rows: tuple[Row, ...]
+    seen: Seen
+    view: View | None = None
+    scatter: Scatter | None = None
+    touch: Felt | None = None
+    force: Forces | None = None
+    lag: Lag | None = None
+    meeting: Meeting | None = None
+    doubts: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> str:
+        """unexplained, identified, ambiguous, no_gap, or undetermined where no module is seen."""
+        found = {row.verdict for row in self.rows}
+        order = ("unexplained", "ambiguous", "identified", "no_gap")
+        return next((verdict for verdict in order if verdict in found), "undetermined")
+
+    def row(self, module: str) -> Row:
+        """Of a module."""
+        return self.rows[MODULES.index(module)]
+
+
+def diagnose(
+    seen: Seen,
+    camera: Camera = CAMERA,
+    panda: PandaModel = NOMINAL,
+    arm: Row | None = None,
+    tell: Tell = lambda stage: None,
+) -> Whole:
+    """Every stage that has data. camera: that is believed in; panda: the arm with its own gap; arm: its row, where `diagnose` has answered;
+    tell: hears each stage's name as it begins.
+
+    Of several recordings of the task suite the first is felt by touch, forces are taken together, and delays are those of the first.
+    """
+    doubts: dict[str, str] = {}
+    tell("scatter")
+    scattered = _tried(doubts, "scatter", lambda: _scattered(seen.tracks))
+    tell("view")
+    viewed = _tried(doubts, "view", lambda: view(seen.places, camera)) if seen.places else None
+    if not seen.places:
+        doubts["view"] = "the object rests nowhere in the picture"
+    touched = forced = late = met = None
+    if seen.tasks:
+        tell("touch")
+        touched = _tried(doubts, "touch", lambda: feel(seen.tasks[0], panda))
+        tell("force")
+        every = _tried(doubts, "force", lambda: [r for task in seen.tasks for r in readings(task, panda)])
+        forced = judge(every, Believed.of(seen.tasks[0].domain)) if every is not None else None
+        tell("meeting")
+        met = _tried(doubts, "meeting", lambda: meet(seen.tasks[0], camera, _lift(touched)))
+        tell("lag")
+        late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], camera))
+    else:
+        doubts |= dict.fromkeys(
+            ("touch", "force", "meeting", "lag"), "no recording is of the task suite (excite --suite task)"
+        )
+    for name, stage in (("view", viewed), ("touch", touched), ("force", forced), ("meeting", met), ("lag", late)):
+        if stage is not None and stage.doubt:
+            doubts[name] = stage.doubt
+    claims = made.settled(
+        made.of_view(viewed)
+        + made.of_scatter(scattered)
+        + made.of_felt(touched, "touch")
+        + made.of_felt(forced, "force")
+        + made.of_meeting(met)
+        + made.of_lag(late),
+        touched,
+    )
+    whole = Whole((), seen, viewed, scattered, touched, forced, late, met, doubts)
+    total = sum(claim.gain for claim in claims)
+    rows = tuple(_row(module, [c for c in claims if c.ways[0].module == module], total, whole) for module in MODULES)
+    rows = tuple(arm if arm is not None and row.module == "arm" else row for row in rows)
+    return Whole(rows, seen, viewed, scattered, touched, forced, late, met, doubts)
+
+
+def patch(whole: Whole) -> Patch:
+    """What is one effect and a simulator carries, within what it takes."""
+    entries: dict[str, dict[str, float]] = {}
+    for row in whole.rows:
+        for claim in row.claims:
+            way = claim.ways[0]
+            is_told = claim.stage == "lag" or (
+                len(claim.ways) == 1 and len(way.ids) == 1
+            )  # a late image is late either way
+            if row.verdict != "unexplained" and is_told and way.parameters:
+                entries.setdefault(way.ids[0], {}).update(way.parameters)
+    found = (PatchEffect(effect, "", values) for effect, values in entries.items())
+    return Patch(tuple(PatchEffect(e.effect, str(e.record.part), _held(e)) for e in found))
+
+
+def _lift(touch: Felt | None) -> float:
+    """m by which the table was felt to be higher than it is believed to be."""
+    named = touch.explained.named if touch is not None and touch.explained is not None else ()
+    return sum(one.sizes["height"].value for one in named if one.effect == "table_height")
+
+
+def _held(entry: PatchEffect) -> dict[str, float]:
+    """Parameters within the bounds of their quantities."""
+    bounds = {q.name: (q.lower, q.upper) for q in entry.record.quantities}
+    return {name: float(min(max(value, bounds[name][0]), bounds[name][1])) for name, value in entry.parameters.items()}
+
+
+def _row(module: str, claims: list[Claim], total: float, whole: Whole) -> Row:
+    doubt, stage = _unexplained(module, whole)
+    share = sum(c.gain for c in claims) / total if claims and total else None
+    if stage:
+        return Row(module, "unexplained", tuple(claims), share, doubt)
+    if claims:
+        return Row(module, "identified" if all(c.is_one for c in claims) else "ambiguous", tuple(claims), share)
+    if _is_seen(module, whole):
+        return Row(module, "no_gap")
+    return Row(module, NOT_SEEN, doubt=_why(module, whole))
+
+
+def _unexplained(module: str, whole: Whole) -> tuple[str, bool]:
+    """Of the module that a stage is first of all about."""
+    stages = {"camera": (whole.view, whole.meeting), "table": (whole.touch,), "contact": (whole.force,)}.get(module, ())
+    doubts = [stage.doubt for stage in stages if stage is not None and stage.verdict == "unexplained"]
+    return "; ".join(doubts), bool(doubts)
+
+
+def _is_seen(module: str, whole: Whole) -> bool:
+    """Whether a gap of it would have shown."""
+    bounds = whole.view.bounds if whole.view and whole.view.verdict in ("no_gap", "identified", "ambiguous") else {}
+    clear = {name for name in bounds if name not in whole.view.unseen} if whole.view else set()
+    forces = (whole.force.measured or {}) if whole.force else {}
+    is_touched = whole.touch is not None and whole.touch.explained is not None
+    by_view = {m: any(PARAMETERS[i].name in clear for e in es for i in EFFECTS[e].numbers) for m, es in _VIEWED.items()}
+    return {
+        "camera": by_view["camera"]
+        or (whole.meeting is not None and whole.meeting.verdict not in ("undetermined", "unexplained")),
+        "keypoints": whole.scatter is not None,
+        "timing": whole.lag is not None and whole.lag.late is not None,
+        "arm": False,
+        "contact": "table" in forces,
+        "object": "mass" in forces or by_view["object"],
+        "table": is_touched or by_view["table"],
+    }[module]
+
+
+_VIEWED = {
+    "camera": ("camera_place", "camera_turn", "focal_length"),
+    "object": ("object_size",),
+    "table": ("table_height",),
+}
+
+
+def _why(module: str, whole: Whole) -> str:
+    stage = {
+        "camera": "view",
+        "keypoints": "scatter",
+        "timing": "lag",
+        "contact": "force",
+        "object": "force",
+        "table": "touch",
+    }
+    if module == "arm":
+        return "the arm is asked by `diagnose`, of a suite of its own; --arm takes its answer"
+    return whole.doubts.get(stage[module], "the recording narrows none of its numbers")
+
+
+def _scattered(tracks: Sequence[Track]) -> Scatter | None:
+    """Of the longest track."""
+    return scatter(max(tracks, key=lambda track: len(track.time))) if tracks else None
+
+
+def _tried(doubts: dict[str, str], stage: str, ask: Callable):
+    """A stage's answer; None where its recording has too little for it, which is kept in words."""
+    try:
+        return ask()
+    except ContractViolation as violation:
+        doubts[stage] = str(violation)
+        return None

@@ -1,0 +1,83 @@
+"""`chain BAG... [--out DIR]`: where the gap lies in camera, keypoints, timing, arm, contact, object and table, which effect it is, how large.
+
+Recordings of one set-up: of `excite --suite task`, which all stages have data from, and any others with keypoints, of which the view and the
+detector's stage make use. The last line printed is one JSON object; DIR gets chain.json, chain.html and patch.yaml.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from np_diagnosis.commands.answers import keep, refuse
+
+SHARES = {"read": 30, "scatter": 5, "view": 30, "touch": 5, "force": 5, "meeting": 5, "lag": 15, "page": 5}
+"""Per cent of the time, about."""
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="chain", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="in the order in which they were recorded")
+    parser.add_argument(
+        "--arm", type=Path, metavar="DIR", help="folder of `diagnose`: its report.json and patch.yaml are the arm's row"
+    )
+    parser.add_argument(
+        "--calibration", default="", help="file of the camera that is believed in; else it is as trained"
+    )
+    parser.add_argument("--without-pose", action="store_true", help="leave `object_pose` aside")
+    parser.add_argument("--out", type=Path, help="folder for chain.json, chain.html and patch.yaml")
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point. Status 2: a recording, a calibration or an arm's answer that breaks its contract."""
+    options = parse(arguments)
+    # Slow to import, and not wanted by --help.
+    from np_description.calibration import CalibrationError, calibrated_camera
+    from np_diagnosis import lean  # noqa: F401, I001  before NumPy
+    from np_diagnosis.chain.together.reading import arm_row, read_seen
+    from np_diagnosis.chain.together.whole import diagnose, patch
+    from np_diagnosis.recordings.reading import ContractViolation
+    from np_diagnosis.report.chain_words import check, document
+    from np_effects.patch import Patch, dump_patch, load_patch
+    from np_record.command import Progress
+
+    progress, begun = Progress(sum(SHARES.values()), "chain"), dict.fromkeys(SHARES, 0)
+    names = list(SHARES)
+    for before, name in zip(names, names[1:]):
+        begun[name] = begun[before] + SHARES[before]
+
+    def tell(stage: str) -> None:
+        progress.show(begun[stage], stage)
+
+    try:
+        tell("read")
+        camera = calibrated_camera(options.calibration)
+        arm, panda = None, Patch().panda()
+        if options.arm:
+            arm, panda = arm_row(options.arm), load_patch(options.arm / "patch.yaml").panda()
+        seen = read_seen(options.bags, options.calibration, not options.without_pose)
+        found = diagnose(seen, camera, panda, arm, tell)
+    except (CalibrationError, ContractViolation, ValueError) as violation:
+        return refuse(violation)
+    told = document(found, [str(bag) for bag in options.bags])
+    check(told)
+    if options.out:
+        from np_diagnosis.report.chain_page import render  # drawing is slow to import
+
+        tell("page")
+        keep(options.out, "chain", told, lambda: render(found, told, camera))
+        (options.out / "patch.yaml").write_text(dump_patch(patch(found)), encoding="utf-8")
+    progress.show(sum(SHARES.values()), "done")
+    print(told["sentence"])
+    print(json.dumps(told))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

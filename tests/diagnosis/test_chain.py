@@ -1,0 +1,208 @@
+"""All stages of the chain together: delays and places by pushes made from theory, claims in the light of one another, the answer and its page."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bags import record_episode
+
+from np_blind.task_cases import GAPS, ORDER, Detector, draw, make_key
+from np_blind.task_set import figures, judged
+from np_diagnosis.chain.explanations import Explained, Named
+from np_diagnosis.chain.findings import effects
+from np_diagnosis.chain.scatter import Scatter
+from np_diagnosis.chain.task.lag import Led
+from np_diagnosis.chain.task.lag import judge as judge_lag
+from np_diagnosis.chain.task.meeting import Met
+from np_diagnosis.chain.task.meeting import judge as judge_meeting
+from np_diagnosis.chain.together import claims as made
+from np_diagnosis.chain.together.claims import Claim, Way
+from np_diagnosis.chain.together.reading import read_seen
+from np_diagnosis.chain.together.whole import MODULES, NOT_SEEN, Seen, diagnose, patch
+from np_diagnosis.chain.touch.stage import Felt
+from np_diagnosis.chain.track import Track
+from np_diagnosis.commands import chain as command
+from np_diagnosis.report.chain_page import render
+from np_diagnosis.report.chain_words import check, document
+from np_effects.saying import Value
+
+
+def push(late, speed, rng, scale=0.0, noise=3e-4):
+    """A tip that runs at a speed, stops within a parabola, and rests; the object with it, seen late, in a picture of another scale."""
+    at = np.arange(0.0, 2.2, 0.002)
+    stop, slowing = 1.0, 0.12
+    ease = np.clip((at - stop) / slowing, 0.0, 1.0)
+    tip = speed * np.minimum(at, stop) + speed * slowing * (ease - ease**2 / 2)
+    tip -= tip[-1]
+    time = np.arange(0.35, 1.9, 1 / 30) + rng.uniform(0, 0.03)
+    way = (1 + scale) * np.interp(time - late, at, tip) + noise * rng.standard_normal(len(time))
+    return Led("push", time, way + rng.normal(0, 1e-4), at, tip)
+
+
+def test_delays_are_found_whatever_the_pictures_scale():
+    rng, held = np.random.default_rng(4), 0
+    for _ in range(25):
+        late, scale = rng.uniform(0.0, 0.08), rng.normal(0.0, 0.005)
+        found = judge_lag(tuple(push(late, speed, rng, scale) for speed in (0.03, 0.06, 0.03, 0.045)))
+        assert abs(found.late.value - late) < 0.008
+        held += found.late.low <= late <= found.late.high
+    assert held >= 22
+
+
+def test_no_delay_is_named_where_there_is_none_and_none_is_said_of_two_pushes():
+    rng = np.random.default_rng(5)
+    verdicts = [judge_lag(tuple(push(0.0, 0.04, rng) for _ in range(4))).verdict for _ in range(12)]
+    assert verdicts == ["no_gap"] * 12
+    assert judge_lag(tuple(push(0.0, 0.04, rng) for _ in range(2))).verdict == "undetermined"
+
+
+def test_an_object_that_does_not_go_along_says_no_delay():
+    rng = np.random.default_rng(6)
+    slips = [push(0.0, 0.04, rng) for _ in range(4)]
+    slips = tuple(replace(one, way=one.way + 0.004 * np.sin(9 * one.time)) for one in slips)
+    assert judge_lag(slips).verdict == "undetermined"
+
+
+def faces(off, out, rng, turns=(0.1, 1.7, 3.3, 4.9, 0.1)):
+    normals = np.array([[np.cos(a), np.sin(a)] for a in turns])
+    return tuple(Met("push", n, float(-n @ off + out + 2e-4 * rng.standard_normal())) for n in normals)
+
+
+@pytest.mark.parametrize("out", [0.0, 0.006])
+def test_a_picture_that_is_off_is_told_from_a_finger_that_touches_farther_out(out):
+    rng = np.random.default_rng(7)
+    assert judge_meeting(faces(np.zeros(2), out, rng)).verdict == "no_gap"
+    off = np.array([0.009, -0.006])
+    (named,) = judge_meeting(faces(off, out, rng)).explained.named
+    assert all(named.sizes[name].low <= true <= named.sizes[name].high for name, true in zip("xy", off))
+
+
+def test_faces_from_one_side_say_nothing_of_the_picture():
+    found = judge_meeting(faces(np.array([0.009, 0.0]), 0.0, np.random.default_rng(8), (0.1, 0.15, 0.05)))
+    assert found.verdict == "undetermined"
+
+
+def test_faces_that_no_place_explains_are_unexplained():
+    met = faces(np.zeros(2), 0.0, np.random.default_rng(9))
+    met = (*met[:2], replace(met[2], gap=0.02), replace(met[3], gap=-0.01), replace(met[4], gap=-0.015))
+    assert judge_meeting(met).verdict == "unexplained"
+
+
+def felt(height):
+    named = (
+        (Named("table_height", {"height": Value(height, height - 4e-4, height + 4e-4)}, 50.0, {}),) if height else ()
+    )
+    bounds = {"height": Value(height, height - 4e-4, height + 4e-4)}
+    return Felt("identified" if named else "no_gap", Explained("", named, bounds, ()), ())
+
+
+def seen_either(height):
+    """The camera is lower, or the table is higher."""
+    table = Way(
+        "table_height", ("table_height",), {"table_height": Value(height, height - 1e-3, height + 1e-3)}, "", {}
+    )
+    camera = Way("camera_place", ("camera_extrinsics",), {"camera_z": Value(-height, -height, -height)}, "", {})
+    return Claim("view", (camera, table), 20.0)
+
+
+def test_the_hand_tells_a_higher_table_from_a_lower_camera():
+    kept = made.settled([seen_either(0.008)], felt(0.0))
+    assert [way.name for way in kept[0].ways] == ["camera_place"] and kept[0].is_one
+    touched = made.of_felt(felt(0.008), "touch")
+    (one,) = made.settled([seen_either(0.008), *touched], felt(0.008))
+    assert one.stage == "touch" and one.ways[0].module == "table"
+    untold = made.settled([seen_either(0.008)], None)
+    assert len(untold[0].ways) == 2 and not untold[0].is_one
+
+
+def still(late=0):
+    """Corners that rest and scatter."""
+    rng, time = np.random.default_rng(3), np.arange(300) / 30
+    corners = np.array([[60, 60], [90, 60], [60, 90], [90, 90], [70, 50], [100, 50], [70, 80], [100, 80]], float)
+    return Track("still", time, corners + 0.2 * rng.standard_normal((300, 8, 2)), np.ones((300, 8), bool))
+
+
+def test_an_answer_says_what_was_not_seen_and_keeps_its_schema():
+    found = diagnose(Seen((), (still(),), ()))
+    assert {row.module: row.verdict for row in found.rows} == {
+        **dict.fromkeys(MODULES, NOT_SEEN),
+        "keypoints": "no_gap",
+    }
+    told = json.loads(json.dumps(document(found, ["still"])))
+    check(told)
+    assert told["sentence"].startswith("No gap is seen: keypoints") and "camera, timing, arm" in told["sentence"]
+    page = render(found, told)
+    assert all(f'"module">{module}<' in page for module in MODULES) and page.count("<svg") == 1
+    assert not patch(found).effects
+
+
+def test_a_late_image_is_patched_though_its_class_is_not_split():
+    found = diagnose(Seen((), (still(),), ()))
+    rng = np.random.default_rng(2)
+    lag = judge_lag(tuple(push(0.03, 0.04, rng) for _ in range(4)))
+    (claim,) = made.of_lag(lag)
+    assert {way.ids[0] for way in claim.ways} == {"camera_latency", "clock_offset"} and not claim.is_one
+    rows = [
+        replace(row, verdict="ambiguous", claims=(claim,), share=1.0) if row.module == "timing" else row
+        for row in found.rows
+    ]
+    whole = replace(found, rows=tuple(rows), lag=lag)
+    (entry,) = patch(whole).effects
+    assert entry.effect == "camera_latency" and entry.parameters["delay"] == pytest.approx(0.03, abs=0.006)
+    assert whole.verdict == "ambiguous" and "at the timing: images show the scene" in document(whole, [])["sentence"]
+
+
+def test_a_bag_that_is_none_is_refused_by_name(tmp_path, capsys):
+    assert command.main([str(tmp_path / "nothing")]) == 2
+    assert "nothing" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_an_arms_report_that_is_none_is_refused_by_name(tmp_path, capsys):
+    (tmp_path / "report.json").write_text("{}")
+    assert command.main([str(tmp_path / "bag"), "--arm", str(tmp_path)]) == 2
+    assert "report.json" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_an_episode_is_seen_and_not_felt(tmp_path):
+    bag = record_episode(tmp_path / "bag")
+    seen = read_seen([bag])
+    assert len(seen.tracks) == 1 and not seen.tasks
+
+
+def test_a_key_of_the_blind_set_is_of_its_seed_alone_and_has_all_kinds():
+    assert make_key(16, 5) == make_key(16, 5) != make_key(16, 6)
+    assert json.loads(make_key(3, 5))["cases"] == json.loads(make_key(16, 5))["cases"][:3]
+    assert set(ORDER) == set(GAPS)
+    for case in draw(16, 5):
+        change = case.patch.scene_change()
+        assert case.kind != "object_mass" or abs(change.mass - 1) >= 0.3
+
+
+def test_a_knocked_camera_and_a_detector_of_the_blind_set():
+    quiet = Detector(1, 0.0, 0.0, 0.01, focal=200.0)
+    corners = np.full((8, 2), 50.0)
+    assert np.allclose(quiet(0.0, corners), corners) and np.allclose(quiet(61.0, corners)[:, 0], 52.0, atol=1e-3)
+    noisy = Detector(1, 0.5, 0.0)
+    off = np.array([noisy(0.0, corners) - corners for _ in range(4000)]).reshape(4000, -1)
+    assert off.std() == pytest.approx(0.5, rel=0.05)
+    assert np.corrcoef(off[1:].ravel(), off[:-1].ravel())[0, 1] == pytest.approx(0.8, abs=0.03)
+
+
+def test_a_false_alarm_and_a_miss_are_judged_as_such():
+    found = diagnose(Seen((), (still(),), ()))
+    cases = {case.kind: case for case in draw(16, 5)}
+    quiet = judged(cases["clean"], found)
+    missed = judged(cases["object_mass"], found)
+    assert missed["module"] is False and missed["effect"] is False and quiet["module"] is None
+    alarm = {**quiet, "named": [["object_mass"]]}
+    shares = figures([quiet, alarm, missed, {"error": "died", "kind": "clean"}])
+    assert shares["false alarm, clean"]["value"] == 0.5 and shares["errors"]["value"] == 0.25
+    assert shares["right module"] == {**shares["right module"], "value": 0.0, "of": 1}
+
+
+@pytest.mark.parametrize(("spread", "named"), [(0.2, True), (0.001, False)])
+def test_images_of_a_detector_without_noise_are_not_said_to_be_repeated(spread, named):
+    none = Value(0.0, 0.0, 0.0)
+    found = Scatter(9.0, 270, Value(spread, spread, spread), none, none, none, Value(0.17, 0.16, 0.18))
+    assert ("frame_drop" in effects(found)) is named
