@@ -17,7 +17,7 @@ from np_effects.limits import is_apart, lost
 from np_effects.patch import Patch, PatchEffect
 from np_effects.signature import Parameter
 from np_effects.stage import Stage
-from np_effects.sums import first_order, lagged, recurrence
+from np_effects.sums import first_order, lagged, play, recurrence
 from np_effects.timing.command_delay import delayed
 from np_effects.timing.packet_loss import find_held
 from np_effects.torque_loop.torque_rate_limit import ramped, rate_limited
@@ -241,3 +241,17 @@ def test_sums_of_blocks_are_those_of_their_rows(seed):
     order = [3, 0, 2]
     np.testing.assert_allclose(test, cell.test[:, order][:, :, order])
     np.testing.assert_allclose(train, cell.train[:, order][:, :, order], atol=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.0, 3.0), st.booleans())
+def test_a_play_is_its_loop_to_the_last_bit(seed, reach, stands):
+    """In one column or several, and where the middle never leaves its play."""
+    rng = np.random.default_rng(seed)
+    middle = rng.normal(size=(200, 2)).cumsum(axis=0) * (1e-3 if stands else 1.0)
+    last, expected = middle[0], []
+    for low, high in zip(middle - reach, middle + reach):
+        last = np.minimum(np.maximum(last, low), high)
+        expected.append(last)
+    assert np.array_equal(play(middle, reach), expected)
+    assert np.array_equal(play(middle[:, 0], reach), np.array(expected)[:, 0])
