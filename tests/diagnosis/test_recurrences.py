@@ -17,7 +17,7 @@ from np_effects.limits import is_apart, lost
 from np_effects.patch import Patch, PatchEffect
 from np_effects.signature import Parameter
 from np_effects.stage import Stage
-from np_effects.sums import first_order, lagged, recurrence
+from np_effects.sums import first_order, lagged, play, recurrence
 from np_effects.timing.command_delay import delayed
 from np_effects.timing.packet_loss import find_held
 from np_effects.torque_loop.torque_rate_limit import ramped, rate_limited
@@ -84,6 +84,24 @@ def test_a_limited_rate_is_its_loop(seed, step):
     np.testing.assert_allclose(rate_limited(d, d.commanded[:, 0], step / PERIOD), expected, atol=1e-9)
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.3, 4.0), st.floats(-40.0, 40.0))
+def test_a_limited_rate_begins_where_the_drive_was(seed, step, behind):
+    """Whatever was given before a recording began: it is known by the first torque measured."""
+    d, _ = drive(seed)
+    expected, first = [], []
+    for part in stretches(d, d.commanded[:, 0]):
+        last = part[0] + behind if abs(behind) > step else part[0]
+        first.append(last)
+        expected.append(last)
+        for value in part[1:]:
+            last = min(max(value, last - step), last + step)
+            expected.append(last)
+    measured = d.commanded[:, 0].copy()
+    measured[d.starts] = first
+    np.testing.assert_allclose(rate_limited(d, d.commanded[:, 0], step / PERIOD, measured), expected, atol=1e-9)
+
+
 FINE = 400  # steps of a period
 
 
@@ -138,9 +156,8 @@ def test_what_a_limit_acts_on_is_asked_of_the_recording(limited, limit, apart):
     rng, time = np.random.default_rng(3), np.arange(3000) * PERIOD
     commanded = 8 * np.sin(7 * time) + 4 * np.sin(60 * time)
     gravity = 9 * np.sin(5 * time)
-    d = SimpleNamespace(
-        arrived=commanded[:, None], gravity=gravity[:, None], starts=np.array([0]), period=PERIOD, measured=None
-    )
+    d = SimpleNamespace(arrived=commanded[:, None], gravity=gravity[:, None], starts=np.array([0]), period=PERIOD)
+    d.measured = d.arrived
     d.measured = d.arrived + lost(d, 0, limited, limit, apart)[:, None] + 0.03 * rng.normal(size=(3000, 1))
     assert is_apart(d, 0, limited, {False: [0.94 * limit, 1.1 * limit], True: [0.94 * limit, 1.1 * limit]}) is apart
 
@@ -241,3 +258,17 @@ def test_sums_of_blocks_are_those_of_their_rows(seed):
     order = [3, 0, 2]
     np.testing.assert_allclose(test, cell.test[:, order][:, :, order])
     np.testing.assert_allclose(train, cell.train[:, order][:, :, order], atol=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.0, 3.0), st.booleans())
+def test_a_play_is_its_loop_to_the_last_bit(seed, reach, stands):
+    """In one column or several, and where the middle never leaves its play."""
+    rng = np.random.default_rng(seed)
+    middle = rng.normal(size=(200, 2)).cumsum(axis=0) * (1e-3 if stands else 1.0)
+    last, expected = middle[0], []
+    for low, high in zip(middle - reach, middle + reach):
+        last = np.minimum(np.maximum(last, low), high)
+        expected.append(last)
+    assert np.array_equal(play(middle, reach), expected)
+    assert np.array_equal(play(middle[:, 0], reach), np.array(expected)[:, 0])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_diagnosis.arm.model import Arm, panda
-from np_diagnosis.checks.constancy import slipped, unexplained_patterns
+from np_diagnosis.checks.constancy import joints_with_play, slipped, unexplained_patterns
 from np_diagnosis.checks.omnibus import LackOfFit, omnibus_test
 from np_diagnosis.checks.shrinkage import Gap, measure
 from np_diagnosis.checks.standstill import ageing
@@ -118,7 +118,7 @@ def diagnose(
     tell("what is left, and how sure it is")
     lack_of_fit = omnibus_test(search, chosen.members)
     suspect = [
-        set(_lacking(lack_of_fit, design)),
+        set(_lacking(lack_of_fit, design.context, joints_with_play(search, chosen.members))),
         _overexplained(search, chosen),
         _at_bounds(search, chosen),
         ageing(search, chosen.members),
@@ -174,15 +174,16 @@ def _at_bounds(search: Search, chosen: Model) -> set[int]:
     return found
 
 
-def _lacking(lack_of_fit: list[LackOfFit], design: Design) -> tuple[int, ...]:
+def _lacking(lack_of_fit: list[LackOfFit], context: Context, with_play: set[int]) -> tuple[int, ...]:
     """Joints at which the chosen model leaves more than noise.
 
     Either the flexible model predicts it, or it has a memory that the noise of a clean arm has not, or the drive
-    now and then does what noise never does.
+    now and then does what noise never does. A joint `with_play` turns its rotor alone across it, and then both: that is
+    a memory, and explained.
     """
     found = set()
     for left in lack_of_fit:
-        least = visible(design.context, left.stage, left.joint, VERDICT.torque)
+        least = visible(context, left.stage, left.joint, VERDICT.torque)
         removable = left.chosen - left.flexible
         is_sure = left.gain > max(VERDICT.gain, VERDICT.gain_errors * left.error)
         is_material = removable > left.rows * least**2
@@ -194,6 +195,7 @@ def _lacking(lack_of_fit: list[LackOfFit], design: Design) -> tuple[int, ...]:
             found.add(left.joint)
         if (
             left.stage is Stage.DYNAMICS
+            and left.joint not in with_play
             and coloured
             and left.excess > least**2
             and left.removed < VERDICT.coloured_explained

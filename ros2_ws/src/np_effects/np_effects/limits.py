@@ -19,14 +19,15 @@ OFTEN = 99.8  # per cent of the periods in which a drive at its limit gives no m
 REACHED = (0.97, 1.0)  # of the largest given: a drive at its limit is there again and again
 ACTS = 0.05  # of the squares between command and measurement that a limit must explain for its reading to matter
 STEPS = (0.06, 0.03, 0.015, 0.008, 0.004)  # of a limit, by which it is looked for between two levels
-Limited = Callable[[Drive, np.ndarray, float], np.ndarray]
-"""What a limit leaves of torques (n,) Nm."""
+Limited = Callable[[Drive, np.ndarray, float, np.ndarray], np.ndarray]
+"""What a limit leaves of torques (n,) Nm asked for, of which (n,) Nm were measured."""
 
 
 def lost(d: Drive, joint: int, limited: Limited, limit: float, apart: bool) -> np.ndarray:
     """Change (n,) Nm of a joint's torque by a limit."""
-    whole = d.arrived[:, joint] + (0.0 if apart else d.gravity[:, joint])
-    return limited(d, whole, limit) - whole
+    held = 0.0 if apart else d.gravity[:, joint]
+    whole = d.arrived[:, joint] + held
+    return limited(d, whole, limit, d.measured[:, joint] + held) - whole
 
 
 def levels(asked: np.ndarray, given: np.ndarray) -> list[float]:

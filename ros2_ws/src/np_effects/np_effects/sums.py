@@ -27,6 +27,21 @@ def recurrence(decay: np.ndarray, inflow: np.ndarray) -> np.ndarray:
     return x
 
 
+def play(middle: np.ndarray, reach: float) -> np.ndarray:
+    """x (n, ...) that follows values (n, ...) only where they leave it behind by more than a reach, from the first of them on.
+
+    It is a step x[i] = clip(x[i - 1], low[i], high[i]); two such steps are one of the same kind, so that pairs are joined as in
+    `recurrence`, to the last bit what one step after the other gives.
+    """
+    low, high = middle - reach, middle + reach
+    low[0] = high[0] = middle[0]
+    step = 1
+    while step < len(middle) and (low[step:] < high[step:]).any():  # else every one is known, wherever it began
+        low[step:], high[step:] = (np.clip(end[:-step], low[step:], high[step:]) for end in (low, high))
+        step *= 2
+    return low
+
+
 def first_order(d: Drive, values: np.ndarray, lag: float) -> np.ndarray:
     """values (n,) through a first-order lag of `lag` s, from rest at the beginning of each stretch."""
     kept = np.exp(-d.period / lag)

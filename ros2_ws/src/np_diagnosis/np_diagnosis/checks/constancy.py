@@ -119,6 +119,12 @@ def misfits(search: Search, members: tuple[int, ...]) -> Iterator[Misfit]:
             )
 
 
+def joints_with_play(search: Search, members: tuple[int, ...]) -> set[int]:
+    """Joints whose gears have play, by these members."""
+    chosen = (search.design.candidates[m] for m in members)
+    return {c.place for c in chosen if c.effect.id == PLAY}
+
+
 def slipped(search: Search, members: tuple[int, ...]) -> set[int]:
     """Joints whose two encoders jump apart once and for good: a disc has slipped on its shaft."""
     found, fits, samples = set(), fits_of(search, members), search.design.context.samples
@@ -182,7 +188,7 @@ def _questions(
                 np.column_stack([c * factor for c, k in shown for factor in (angle[:, k], angle[:, k] ** 2, speed)]),
             )
         # While a gear crosses its play the drive turns a rotor alone, and then both: that is a memory, and explained.
-        if not any(c.effect.id == PLAY and c.place == j for c in map(search.design.candidates.__getitem__, members)):
+        if j not in joints_with_play(search, members):
             yield "memory", _past(s.acceleration[:, j], s.trajectory)
     if cell.stage is Stage.TRANSMISSION:
         yield "twist", _twist(context, j)

@@ -147,7 +147,7 @@ def make_cell(
     matrix, residual = stages.change(stage, joint, counted, matrix, residual, at_reversal)
     kept = _kept(counted, trajectory)
     pieces = _pieces(trajectory, time, blocks)
-    plain = _sums(matrix, residual, kept, np.zeros(0), pieces).sum(axis=0)
+    plain = _sums(matrix, residual, kept, np.zeros(0), pieces[:, [0, -1]])[0]
     if whiten is None:
         whiten = _autoregression(
             matrix, residual, kept, plain.sum(axis=0), np.array([parameters[i].prior for i in ids])
@@ -206,23 +206,24 @@ def _pieces(trajectory: np.ndarray, time: np.ndarray, blocks: Sequence[Block]) -
 def _sums(
     matrix: np.ndarray, residual: np.ndarray, kept: np.ndarray, whiten: np.ndarray, pieces: np.ndarray
 ) -> np.ndarray:
-    """Gram matrices (3, m, p + 1, p + 1) of columns and residual through the autoregression's inverse, of the
-    first `VALIDATION.gap` of each block, of its last, and of what is between. A block at a time fits into the cache."""
-    size, lags = matrix.shape[1] + 1, len(whiten)
-    parts = np.zeros((3, len(pieces), size, size))
+    """Gram matrices (k, m, p + 1, p + 1) of columns and residual through the autoregression's inverse, of the k parts
+    of each block that lie between its rows `pieces` (m, k + 1). A block at a time fits into the cache."""
+    size, lags, number = matrix.shape[1] + 1, len(whiten), pieces.shape[1] - 1
+    parts = np.zeros((number, len(pieces), size, size))
     for b, edges in enumerate(pieces):
-        start, end = max(edges[0], lags), edges[3]
+        start, end = max(edges[0], lags), edges[-1]
         if not kept[start:end].any():
             continue
         rows = slice(start - lags, end)
         whole = np.vstack([matrix[rows].T, residual[rows]])
         white = whole[:, lags:] if not lags else whole[:, lags:].copy()
+        late = np.empty_like(white)
         for lag, c in enumerate(whiten, 1):
             if c:
-                white -= c * whole[:, lags - lag : -lag]
+                white -= np.multiply(whole[:, lags - lag : -lag], c, out=late)
         counts = np.concatenate([[0], np.cumsum(kept[start:end])])  # rows before each that count, which may be few
-        white = white[:, kept[start:end]]
-        for k in range(3):
+        white = white if counts[-1] == end - start else white[:, kept[start:end]]
+        for k in range(number):
             part = white[:, counts[max(edges[k] - start, 0)] : counts[max(edges[k + 1] - start, 0)]]
             parts[k, b] = part @ part.T
     return parts

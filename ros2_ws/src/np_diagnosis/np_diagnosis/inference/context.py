@@ -11,6 +11,7 @@ from np_diagnosis.recordings.signals import Log, Samples, sample
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context, Drive, Transmission
 from np_effects.sensing.encoder_quantisation import find_quantum
+from np_effects.sums import play
 from np_effects.timing.packet_loss import find_held
 
 HINTS = THRESHOLDS.hints
@@ -110,12 +111,7 @@ def _between(grid: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarr
 def _quiet(twist: np.ndarray) -> np.ndarray:
     """A twist (m, k) rad smoothed, and moved only by what is no noise: the play operator."""
     smooth = np.column_stack([np.convolve(np.pad(c, SMOOTH, mode="edge"), HANN, mode="valid") for c in twist.T])
-    followed = np.empty_like(smooth)
-    last = smooth[0]
-    for i, (low, high) in enumerate(zip(smooth - HINTS.play, smooth + HINTS.play)):
-        last = np.minimum(np.maximum(last, low), high)
-        followed[i] = last
-    return followed
+    return play(smooth, HINTS.play)
 
 
 def _projected(samples: Samples, trajectory: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:

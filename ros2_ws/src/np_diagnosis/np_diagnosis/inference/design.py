@@ -9,6 +9,7 @@ import numpy as np
 from np_description.panda import NOMINAL
 from np_diagnosis.inference import nuisances
 from np_diagnosis.inference.cells import Block, Cell, make_blocks, make_cell
+from np_diagnosis.inference.change import beside
 from np_diagnosis.inference.residuals import Stages
 from np_effects import RECORDS
 from np_effects.evidence import Context
@@ -77,14 +78,14 @@ def make_design(context: Context) -> Design:
     for joint in range(len(context.arm)):
         for stage in stages.stages:
             own = stages.later(stage, nuisances.columns(context, stage, joint))
-            matrix, ids = [own.T], [nuisance[joint][stage]]
+            parts, ids = [own], [nuisance[joint][stage]]
             for candidate in candidates:
                 if candidate.joint in (None, joint):
                     columns = stages.columns(candidate.effect, stage, joint)
                     if columns is not None:
-                        matrix.append(columns.T)
+                        parts.append(columns)
                         ids.append(candidate.ids)
-            shown, columns = np.concatenate(ids), np.concatenate(matrix).T  # each column contiguous
+            shown, columns = np.concatenate(ids), beside(parts)
             cells.append(make_cell(stages, stage, joint, shown, columns, blocks, parameters))
             if stage is Stage.DYNAMICS:  # the same columns and nuisances in the rows about reversals
                 cells.append(make_cell(stages, stage, joint, shown, columns, blocks, parameters, at_reversal=True))

@@ -19,7 +19,7 @@ from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context
 from np_effects.signature import Parameter
 from np_effects.stage import Stage
-from np_effects.sums import SMOOTH, sign
+from np_effects.sums import SMOOTH, play, sign
 
 NUISANCES = THRESHOLDS.nuisances
 
@@ -142,11 +142,4 @@ def bent(position: np.ndarray, reach: float) -> np.ndarray:
     """
     padded = np.pad(position, SMOOTH // 2, mode="edge")
     smooth = np.convolve(padded, np.full(SMOOTH, 1 / SMOOTH), mode="valid")
-    foot, feet = smooth[0], []
-    for low, high in zip((smooth - reach).tolist(), (smooth + reach).tolist()):
-        if foot < low:  # a third of the time that min and max take
-            foot = low
-        elif foot > high:
-            foot = high
-        feet.append(foot)
-    return (smooth - feet) / reach
+    return (smooth - play(smooth, reach)) / reach

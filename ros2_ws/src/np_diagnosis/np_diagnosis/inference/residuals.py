@@ -6,7 +6,7 @@ import numpy as np
 
 from np_diagnosis.arm.stages import slides
 from np_diagnosis.inference import nuisances
-from np_diagnosis.inference.change import apart, directions
+from np_diagnosis.inference.change import apart, beside, directions
 from np_diagnosis.inference.flexible import flexible
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
@@ -28,8 +28,9 @@ class Stages:
         self.context = context
         self.signatures = all_signatures(context)
         self._common: dict[tuple[Stage, int, bool], np.ndarray] = {}  # `directions` of each cell
-        # Of the last joint asked for.
-        self._drive_columns: tuple[int, dict[int, tuple[Signature, np.ndarray]]] = (-1, {})
+        # Of the last joint asked for: columns of effects by stage, and of what could be said of all recordings alike.
+        self._kept: tuple[int, dict[tuple[int, Stage], tuple[Signature, np.ndarray]]] = (-1, {})
+        self._alike_of: tuple[tuple[Stage, int], tuple[np.ndarray, np.ndarray]] | None = None
         self._projected: dict[tuple[int, int], tuple[Signature, np.ndarray]] = {}
         self.stages = [Stage.DYNAMICS]
         self._slides = np.column_stack([slides(context.samples, j) for j in range(len(context.arm))])
@@ -69,7 +70,7 @@ class Stages:
         """Columns (n, c) of a further question, and what is left (n,) to ask it of: of the change only, where there is one."""
         if not self.context.reference:
             return columns, left
-        both = apart(directions(columns, rows), rows, np.column_stack([self.later(stage, columns), left]))
+        both = apart(directions(columns, rows), rows, beside([self.later(stage, columns), left[:, None]]))
         return both[:, :-1], both[:, -1]
 
     def later(self, stage: Stage, columns: np.ndarray | None) -> np.ndarray | None:
@@ -94,28 +95,33 @@ class Stages:
         cell = stage, joint, at_reversal
         if cell not in self._common:  # a shape that is being settled asks for it again and again
             self._common[cell] = directions(self._alike(stage, joint), rows)
-        known = np.isfinite(residual)
-        values = np.column_stack([matrix, np.where(known, residual, 0.0)])
-        left = apart(self._common[cell], rows, values)
-        return np.asfortranarray(left[:, :-1]), np.where(known, left[:, -1], np.nan)
+        known, common = np.isfinite(residual), self._common[cell]
+        left = apart(common, rows, np.where(known, residual, 0.0)[:, None])[:, 0]
+        return apart(common, rows, matrix), np.where(known, left, np.nan)
 
     def _alike(self, stage: Stage, joint: int) -> np.ndarray:
         """Columns (n, s) of all that could be said of both recordings of a cell."""
-        own = [nuisances.columns(self.context, stage, joint), flexible(self.context, stage, joint, expected=True)]
-        wound = []
-        for effect in self.signatures:
-            if effect.only_joint in (None, joint) and stage in effect.columns and effect.id != LOSS:
-                (wound if effect.id == HYSTERESIS else own).append(effect.columns[stage](self.context, joint))
-        straight = np.column_stack(own)
-        if not wound:
+        if self._alike_of is None or self._alike_of[0] != (stage, joint):  # rows about reversals have the same
+            self._alike_of = (stage, joint), self._said_of_both(stage, joint)
+        straight, wound = self._alike_of[1]
+        if not wound.shape[1]:
             return straight
         # Columns of a gear that winds nothing up are all alike, and rule out no change: they are of both recordings only
         # where the earlier one shows what they say.
-        bent = np.column_stack([straight, *wound])
+        bent = beside([straight, wound])
         earlier = self.rows(stage, joint) & ~self.context.is_later(self.times(stage)[0])
         twist = np.where(earlier, self.residual(stage, joint), 0.0)[:, None]
         left, less = (np.sum(apart(directions(c, earlier), earlier, twist)[earlier] ** 2) for c in (straight, bent))
         return bent if less < (1 - HINTS.always_wound) * left else straight
+
+    def _said_of_both(self, stage: Stage, joint: int) -> tuple[np.ndarray, np.ndarray]:
+        """Columns of `_alike`: those of a gear that winds up (n, w) apart from all others (n, s)."""
+        own = [nuisances.columns(self.context, stage, joint), flexible(self.context, stage, joint, expected=True)]
+        wound = [np.zeros((len(own[0]), 0))]
+        for effect in self.signatures:
+            if effect.only_joint in (None, joint) and stage in effect.columns and effect.id != LOSS:
+                (wound if effect.id == HYSTERESIS else own).append(self._own(effect, stage, joint))
+        return beside(own), beside(wound)
 
     def _everywhere(self, effect: Signature, stage: Stage, joint: int) -> np.ndarray | None:
         """Columns (n, parameters) of an effect in all recordings.
@@ -123,29 +129,25 @@ class Stages:
         With commands, r2 is taken from the commanded torque, so that the noise of the torque sensor is in r1 alone.
         What the drive makes of a command is then missing from r2, whatever the sensor says.
         """
-        c = self.context
-        own = effect.columns.get(stage)
-        if stage is Stage.DRIVE and own is not None:
-            return self._of_drive(effect, joint)
-        if stage is not Stage.DYNAMICS or c.drive is None or Stage.DRIVE not in effect.columns:
-            return None if own is None else own(c, joint)
+        if stage is not Stage.DYNAMICS or self.context.drive is None or Stage.DRIVE not in effect.columns:
+            return self._own(effect, stage, joint) if stage in effect.columns else None
         if RECORDS[effect.id].module == "sensing":
             return None
         key = (id(effect), joint)
         if key not in self._projected:
-            values = self._of_drive(effect, joint)
+            values = self._own(effect, Stage.DRIVE, joint)
             projected = -np.column_stack([self._projector @ column for column in values.T])
             self._projected[key] = effect, projected  # kept too, lest another effect gets its id
         return self._projected[key][1]
 
-    def _of_drive(self, effect: Signature, joint: int) -> np.ndarray:
-        """Columns (n, parameters) in r1, kept while this joint is asked for."""
-        if self._drive_columns[0] != joint:
-            self._drive_columns = joint, {}
-        kept = self._drive_columns[1]
-        if id(effect) not in kept:
-            kept[id(effect)] = effect, effect.columns[Stage.DRIVE](self.context, joint)
-        return kept[id(effect)][1]
+    def _own(self, effect: Signature, stage: Stage, joint: int) -> np.ndarray:
+        """Columns (n, parameters) that an effect itself has at a stage, kept while this joint is asked for."""
+        if self._kept[0] != joint:
+            self._kept = joint, {}
+        kept, key = self._kept[1], (id(effect), stage)
+        if key not in kept:
+            kept[key] = effect, effect.columns[stage](self.context, joint)
+        return kept[key][1]
 
     def rows(self, stage: Stage, joint: int, at_reversal: bool = False) -> np.ndarray:
         """Rows (n,) bool that count.

@@ -280,12 +280,17 @@ class Search:
             if not self.beats(chosen, fewer):
                 return self.pruned(fewer)
             size = len(self.design.candidates[m].ids)
-            simpler = [
-                self.model((*fewer.members, n))
+            simpler = {
+                n: self.model((*fewer.members, n))
                 for n in self.promising(fewer, SEARCH.tried)
                 if len(self.design.candidates[n].ids) < size and self._is_new(fewer, n)
+            }
+            # What any arm has explains nothing in another's place, however well it predicts.
+            equals = [
+                s
+                for n, s in simpler.items()
+                if not self.beats(chosen, s) and self._may_replace(s, chosen) and not self.is_negligible(s, n)
             ]
-            equals = [s for s in simpler if not self.beats(chosen, s) and self._may_replace(s, chosen)]
             if equals:
                 return self.pruned(max(equals, key=self.value))
         return chosen

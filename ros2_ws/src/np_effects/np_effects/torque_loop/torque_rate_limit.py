@@ -22,10 +22,14 @@ LIMIT = Quantity("limit", "Nm/s", 0.0, 1e5)
 RAMP_KNOWN = 0.02  # of a rate: within a period a drive may ramp, or step at its end
 
 
-def rate_limited(d: evidence.Drive, values: np.ndarray, rate: float) -> np.ndarray:
-    """values (n,) followed at no more than `rate` a second, anew in each stretch."""
+def rate_limited(d: evidence.Drive, values: np.ndarray, rate: float, given: np.ndarray | None = None) -> np.ndarray:
+    """values (n,) followed at no more than `rate` a second, anew in each stretch: from what was given (n,) at its beginning,
+    where that is further away than a period's step (a drive that was behind when the recording began), else from the values."""
     step, limited = rate * d.period, values.copy()
-    jumps = np.abs(np.diff(values, prepend=values[:1])) > step
+    if given is not None:
+        behind = d.starts[np.abs(given[d.starts] - values[d.starts]) > step]
+        limited[behind] = given[behind]
+    jumps = np.abs(np.diff(limited, prepend=limited[:1])) > step
     jumps[d.starts] = False
     ends = np.append(d.starts[1:], len(values))
     follows = 0  # row up to which the values have been followed
@@ -44,9 +48,9 @@ def rate_limited(d: evidence.Drive, values: np.ndarray, rate: float) -> np.ndarr
     return limited
 
 
-def ramped(d: evidence.Drive, values: np.ndarray, rate: float) -> np.ndarray:
-    """Mean over each period (n,) of what follows values (n,) at no more than `rate` a second."""
-    ends = rate_limited(d, values, rate)
+def ramped(d: evidence.Drive, values: np.ndarray, rate: float, given: np.ndarray | None = None) -> np.ndarray:
+    """Mean over each period (n,) of what follows values (n,) at no more than `rate` a second, as `rate_limited`."""
+    ends = rate_limited(d, values, rate, given)
     rise = np.diff(ends, prepend=ends[:1])
     rise[d.starts] = 0.0
     return ends - _short_of_end(rise, rate * d.period)

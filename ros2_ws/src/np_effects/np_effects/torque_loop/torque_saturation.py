@@ -18,8 +18,8 @@ from np_effects.stage import Stage
 LIMIT = Quantity("limit", "Nm", 0.0, 200.0)
 
 
-def saturated(d: Drive, values: np.ndarray, limit: float) -> np.ndarray:
-    """values (n,) Nm within a limit Nm."""
+def saturated(d: Drive, values: np.ndarray, limit: float, given: np.ndarray | None = None) -> np.ndarray:
+    """values (n,) Nm within a limit Nm. It has no memory: what was given says nothing more."""
     return np.clip(values, -limit, limit)
 
 

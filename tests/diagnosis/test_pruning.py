@@ -1,0 +1,49 @@
+"""A simpler effect takes another's place only where it is an effect: a search whose models and verdicts are given."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from np_diagnosis.inference.search import Model, Search
+
+ELASTICITY, BACKLASH, DELAY = 0, 1, 2  # of two parameters, one and one
+NATS = {(): 0.0, (ELASTICITY,): 270.0, (BACKLASH,): 269.0, (DELAY,): 1950.0}
+
+
+class Given(Search):
+    """What predicts by 100 nats better beats; what is negligible beats nothing."""
+
+    negligible: tuple[int, ...] = ()
+
+    def model(self, members):
+        return Model(members, np.array([NATS[members]]), 0.0)
+
+    def promising(self, parent, count):
+        return [DELAY, ELASTICITY, BACKLASH]
+
+    def is_negligible(self, model, member):
+        return member in self.negligible
+
+    def beats(self, one, other):
+        return not set(one.members) & set(self.negligible) and one.total > other.total + 100
+
+
+def search(negligible):
+    candidates = [
+        SimpleNamespace(ids=np.arange(size), effect=SimpleNamespace(id=name, component="arm"), joint=6, place=6)
+        for name, size in (("joint_elasticity", 2), ("backlash", 1), ("command_delay", 1))
+    ]
+    found = Given(SimpleNamespace(candidates=candidates, context=SimpleNamespace(arm=range(7))))
+    found.negligible = negligible
+    return found
+
+
+@pytest.mark.parametrize(
+    "negligible, left",
+    [((DELAY, BACKLASH), (ELASTICITY,)), ((DELAY,), (BACKLASH,)), ((DELAY, ELASTICITY, BACKLASH), ())],
+)
+def test_what_any_arm_has_takes_no_effects_place(negligible, left):
+    """A delay that every loop has predicted by 1,700 nats more than a soft gear, took its place, and was then dropped: `no_gap`."""
+    chosen = search(negligible)
+    assert chosen.pruned(chosen.model((ELASTICITY,))).members == left
