@@ -215,3 +215,37 @@ def test_layouts_name_topics_that_there_are():
         return {node} if isinstance(node, str) else panels(node["first"]) | panels(node["second"])
 
     assert panels(layout["layout"]) == set(layout["configById"])
+
+
+def test_every_setting_of_the_layout_is_one_that_foxglove_has():
+    """Its own SDK knows the settings of every panel; it is asked where somebody has installed it."""
+    panels = pytest.importorskip("foxglove.layouts", reason="pip install foxglove-sdk")
+    kinds = {
+        "3D": panels.ThreeDeeConfig,
+        "Image": panels.ImageConfig,
+        "StateTransitions": panels.StateTransitionsConfig,
+        "Plot": panels.PlotConfig,
+        "DiagnosticSummary": panels.DiagnosticsSummaryConfig,
+    }
+    topics = {
+        "/scene_markers": panels.BaseRendererRosMarkerTopicSettings,
+        "/target_pose": panels.BaseRendererPoseTopicSettings,
+        "/robot_description": panels.BaseRendererUrdfTopicSettings,
+    }
+    series = {"Plot": panels.PlotSeries, "StateTransitions": panels.StateTransitionsSeries}
+
+    def check(settings, kind, **needed):
+        unknown = set(settings) - set(kind(**needed)._to_dict())
+        assert not unknown, f"{kind.__name__}: {unknown}"
+
+    for name, config in json.loads((CONFIG / "episode.foxglove.json").read_text())["configById"].items():
+        panel = name.partition("!")[0]
+        check(config, kinds[panel])
+        check(config.get("imageMode", {}), panels.ImageModeConfig)
+        check(config.get("cameraState", {}), panels.ThreeDeeCameraState)
+        for topic, settings in config.get("topics", {}).items():
+            check(settings, topics[topic])
+        for layer in config.get("layers", {}).values():
+            check(layer, panels.BaseRendererGridLayerSettings)
+        for path in config.get("paths", ()):
+            check(path, series[panel], value="/topic.field")

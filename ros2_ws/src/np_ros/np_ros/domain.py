@@ -38,13 +38,10 @@ class OnlyPublisher:
     def __init__(self, node: Node, topic: str):
         self._node, self._topic = node, node.resolve_topic_name(topic)
         place = f"np_ros_domain_{ros_domain_id()}{self._topic.replace('/', '_')}.lock"
+        self._place = Path(tempfile.gettempdir()) / place
+        self._lock = None
         try:
-            self._lock = lock(Path(tempfile.gettempdir()) / place)
-            is_first = self._lock is not None
-        except OSError:  # not ours to open: discovery alone has to tell
-            self._lock, is_first = None, True
-        try:
-            self._await(is_first)
+            self._await()
         except ValueError:
             self.release()
             raise
@@ -55,10 +52,20 @@ class OnlyPublisher:
             self._lock.close()
             self._lock = None
 
-    def _await(self, is_first: bool) -> None:
+    def _is_first(self) -> bool:
+        """Whether no other process of this machine has the right, as one that is ending may still have."""
+        if self._lock is None:
+            try:
+                self._lock = lock(self._place)
+            except OSError:  # not ours to open: discovery alone has to tell
+                return True
+        return self._lock is not None
+
+    def _await(self) -> None:
         """Return once nobody else publishes, which takes until one that started at the same time and was not first has gone."""
         begun = time.monotonic()
         while True:
+            is_first = self._is_first()
             others, waited = self._others(), time.monotonic() - begun
             if is_first and not others and waited > _DISCOVERY:
                 return
