@@ -8,7 +8,9 @@ import pytest
 from bags import record_episode
 
 from np_blind.task_cases import GAPS, ORDER, Detector, draw, make_key
+from np_blind.task_reality import Reality
 from np_blind.task_set import figures, judged
+from np_description.domains import BUMP
 from np_diagnosis.chain.explanations import Explained, Named
 from np_diagnosis.chain.findings import effects
 from np_diagnosis.chain.scatter import Scatter
@@ -18,6 +20,7 @@ from np_diagnosis.chain.task.meeting import Met
 from np_diagnosis.chain.task.meeting import judge as judge_meeting
 from np_diagnosis.chain.together import claims as made
 from np_diagnosis.chain.together.claims import Claim, Way
+from np_diagnosis.chain.together.motion import predict
 from np_diagnosis.chain.together.reading import read_seen
 from np_diagnosis.chain.together.whole import MODULES, NOT_SEEN, Seen, diagnose, patch
 from np_diagnosis.chain.touch.stage import Felt
@@ -25,7 +28,9 @@ from np_diagnosis.chain.track import Track
 from np_diagnosis.commands import chain as command
 from np_diagnosis.report.chain_page import render
 from np_diagnosis.report.chain_words import check, document
+from np_effects.patch import Patch, PatchEffect
 from np_effects.saying import Value
+from np_sim_bridge.mujoco_engine import MujocoEngine
 
 
 def push(late, speed, rng, scale=0.0, noise=3e-4):
@@ -206,3 +211,11 @@ def test_images_of_a_detector_without_noise_are_not_said_to_be_repeated(spread, 
     none = Value(0.0, 0.0, 0.0)
     found = Scatter(9.0, 270, Value(spread, spread, spread), none, none, none, Value(0.17, 0.16, 0.18))
     assert ("frame_drop" in effects(found)) is named
+
+
+def test_a_patch_that_is_right_predicts_taps_better_and_its_opposite_worse():
+    aside, other = (Patch((PatchEffect("camera_extrinsics", "camera", {"x": x, "y": x}),)) for x in (0.01, -0.01))
+    recording = Reality(BUMP, aside, 3, MujocoEngine).run(("tap",))
+    right, wrong = predict(recording, aside), predict(recording, other)
+    assert right.experiments == 2 and right.after < 0.7 * right.before and right.removed > 0.3
+    assert wrong.after > wrong.before and wrong.removed < 0

@@ -53,6 +53,7 @@ def test_chain_has_a_row_for_what_was_touched_and_says_what_was_not(recorded, tm
     rows = {row["module"]: row for row in told["rows"]}
     assert rows["table"]["verdict"] == "identified" and rows["table"]["share"] == pytest.approx(1.0)
     assert rows["contact"]["verdict"] == rows["timing"]["verdict"] == "not seen in this recording"
+    assert told["motion"] is None  # nothing was pushed
     assert told == json.loads((tmp_path / "chain.json").read_text())
     assert "at the table: the table is 6.0 mm" in (tmp_path / "chain.html").read_text()
     assert [e.effect for e in load_patch(tmp_path / "patch.yaml").effects] == ["table_height"]

@@ -45,6 +45,11 @@ class MujocoEngine:
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key("ready").id)
         self.data.qpos[self._object : self._object + 7] = [*start.position, *start.quaternion]
 
+    def place(self, position: np.ndarray) -> None:
+        """Put the arm's joints at (7,) rad, at rest."""
+        self.data.qpos[self._position[: len(JOINT_NAMES)]] = position
+        mujoco.mj_forward(self.model, self.data)
+
     def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As in Engine."""
         data = self.data

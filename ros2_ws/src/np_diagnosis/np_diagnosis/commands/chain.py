@@ -13,7 +13,17 @@ from pathlib import Path
 
 from np_diagnosis.commands.answers import keep, refuse
 
-SHARES = {"read": 30, "scatter": 5, "view": 30, "touch": 5, "force": 5, "meeting": 5, "lag": 15, "page": 5}
+SHARES = {
+    "read": 30,
+    "scatter": 5,
+    "view": 20,
+    "touch": 5,
+    "force": 5,
+    "meeting": 5,
+    "lag": 10,
+    "motion": 15,
+    "page": 5,
+}
 """Per cent of the time, about."""
 
 
@@ -40,6 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
     # Slow to import, and not wanted by --help.
     from np_description.calibration import CalibrationError, calibrated_camera
     from np_diagnosis import lean  # noqa: F401, I001  before NumPy
+    from np_diagnosis.chain.together.motion import predict
     from np_diagnosis.chain.together.reading import arm_row, read_seen
     from np_diagnosis.chain.together.whole import diagnose, patch
     from np_diagnosis.recordings.reading import ContractViolation
@@ -65,14 +76,17 @@ def main(arguments: list[str] | None = None) -> int:
         found = diagnose(seen, camera, panda, arm, tell)
     except (CalibrationError, ContractViolation, ValueError) as violation:
         return refuse(violation)
-    told = document(found, [str(bag) for bag in options.bags])
+    tell("motion")
+    mended = patch(found)
+    predicted = predict(seen.tasks[0], mended, camera) if seen.tasks and mended.effects else None
+    told = document(found, [str(bag) for bag in options.bags], predicted)
     check(told)
     if options.out:
         from np_diagnosis.report.chain_page import render  # drawing is slow to import
 
         tell("page")
         keep(options.out, "chain", told, lambda: render(found, told, camera))
-        (options.out / "patch.yaml").write_text(dump_patch(patch(found)), encoding="utf-8")
+        (options.out / "patch.yaml").write_text(dump_patch(mended), encoding="utf-8")
     progress.show(sum(SHARES.values()), "done")
     print(told["sentence"])
     print(json.dumps(told))

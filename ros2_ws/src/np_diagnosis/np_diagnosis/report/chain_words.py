@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from importlib.resources import files
 
 from np_diagnosis.chain import findings
 from np_diagnosis.chain.force.stage import Believed
 from np_diagnosis.chain.together.claims import Claim, Way
+from np_diagnosis.chain.together.motion import Predicted
 from np_diagnosis.chain.together.whole import NOT_SEEN, Row, Whole, patch
 from np_diagnosis.report import felt_words, view_words
 from np_effects.saying import Value
@@ -99,8 +101,9 @@ def numbers(module: str, whole: Whole) -> str:
     return "; ".join(said).replace(" 1 (", " (")
 
 
-def document(whole: Whole, bags: list[str]) -> dict:
-    """The answer as chain.json has it, after data/chain_report.schema.json: SI units, px in images, intervals of 95 %."""
+def document(whole: Whole, bags: list[str], predicted: Predicted | None = None) -> dict:
+    """The answer as chain.json has it, after data/chain_report.schema.json: SI units, px in images, intervals of 95 %. predicted: the object's
+    motion, without the patch and with it."""
     return {
         "schema_version": 1,
         "verdict": whole.verdict,
@@ -110,6 +113,7 @@ def document(whole: Whole, bags: list[str]) -> dict:
             {"effect": e.effect, "component": e.component, "parameters": dict(e.parameters)}
             for e in patch(whole).effects
         ],
+        "motion": None if predicted is None else {**asdict(predicted), "removed": predicted.removed},
         "next": next_steps(whole),
         "measured": _measured(whole),
         "stages": _stages(whole),

@@ -24,7 +24,6 @@ from np_diagnosis.recordings.reading import ContractViolation
 from np_effects.patch import Patch, PatchEffect
 
 MODULES = ("camera", "keypoints", "timing", "arm", "contact", "object", "table")
-STAGES = ("scatter", "view", "touch", "force", "meeting", "lag")
 NOT_SEEN = "not seen in this recording"
 Tell = Callable[[str], None]
 
