@@ -52,7 +52,7 @@ class SafetyLimits:
     speed_fraction: float = 0.8
     wall_margin: float = 0.05
     wall_rate: float = 5.0
-    inertia: np.ndarray = _constant(0.17, 0.58, 0.14, 0.22, 0.11, 0.12, 0.10)
+    inertia: np.ndarray = _constant(0.17, 0.56, 0.138, 0.22, 0.11, 0.12, 0.10)
     workspace_lower: np.ndarray = _constant(0.20, -0.50, -0.06)
     workspace_upper: np.ndarray = _constant(0.80, 0.50, 0.80)
     workspace_slack: float = 0.10
