@@ -2,8 +2,11 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from concurrent.futures import as_completed
+from pathlib import Path
 
 import pytest
 
@@ -58,6 +61,35 @@ def test_an_interruption_ends_what_is_under_way_and_begins_nothing_more(tmp_path
             assert time.monotonic() < began + 60
         raise KeyboardInterrupt
     assert sorted(path.name for path in tmp_path.iterdir()) == ["begun_0", "ended_0"]
+
+
+KILLED = """
+import os, signal, sys, time
+from pathlib import Path
+from test_workers import lasting
+from np_record.workers import workers
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1])
+    with workers(2) as pool:
+        for number in range(3):
+            pool.submit(lasting, folder, number)
+        while len(list(folder.glob("begun_*"))) < 2:
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_processes_end_with_a_command_that_is_killed(tmp_path):
+    (tmp_path / "killed.py").write_text(KILLED)
+    (tmp_path / "marks").mkdir()
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    command = [sys.executable, str(tmp_path / "killed.py"), str(tmp_path / "marks")]
+    # The processes inherit this pipe: it comes to its end when the last of them has gone.
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.PIPE, timeout=60)
+    assert done.returncode == -signal.SIGKILL
+    marks = {mark.name for mark in (tmp_path / "marks").iterdir()}
+    assert marks == {"begun_0", "begun_1", "ended_0", "ended_1"}
 
 
 @needs_dask

@@ -6,6 +6,7 @@ A case is a function at the top of a module and its arguments, and leaves what i
 from __future__ import annotations
 
 import ctypes
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -74,13 +75,14 @@ def _on_this_machine(jobs: int) -> Iterator[Executor]:
 
 
 class _Processes(ProcessPoolExecutor):
-    """Processes that begin no further case once they were told to end: one waits beside the case that each is at."""
+    """Processes that, told to end, end with the case that they are at: it cleans up, and the one that waits beside it is not begun."""
 
     def submit(self, case, /, *arguments, **named) -> Future:
         return super().submit(_do, case, *arguments, **named)
 
 
-_told_to_end: list[int] = []  # signals that this process was sent
+_told_to_end: list[int] = []  # signals that this process was sent during a case
+_at_work: list[Callable] = []  # the case that it is at
 
 
 def _begin() -> None:
@@ -89,14 +91,20 @@ def _begin() -> None:
 
 
 def _end(number, frame) -> None:
+    if not _at_work:
+        os._exit(128 + number)
     _told_to_end.append(number)
     raise KeyboardInterrupt  # so that the case ends what it has started
 
 
 def _do(case, /, *arguments, **named):
-    if _told_to_end:
-        raise KeyboardInterrupt
-    return case(*arguments, **named)
+    _at_work.append(case)
+    try:
+        return case(*arguments, **named)
+    finally:
+        if _told_to_end:  # nobody waits for its answer, and where the parent was killed nobody would end this process
+            os._exit(128 + _told_to_end[0])
+        _at_work.pop()
 
 
 @contextmanager
