@@ -16,6 +16,7 @@ CASES ?= 200
 SET ?= locked
 JOBS ?= $(shell nproc)
 CLUSTER ?=
+ON = $(if $(CLUSTER),--cluster $(CLUSTER))
 ARGS ?=
 
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
@@ -51,11 +52,11 @@ demo: setup ## DOMAIN EPISODES SEED KEYPOINTS OBJECT: three episodes through the
 evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT EFFECTS ENGINE=mujoco|physx JOBS=1 CLUSTER: success rate as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup evaluate --engine $(ENGINE) --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \
 		--keypoints $(KEYPOINTS) --controller $(CONTROLLER) --object $(OBJECT) --effects $(EFFECTS) \
-		$(if $(filter-out file,$(origin JOBS)),--jobs $(JOBS)) $(if $(CLUSTER),--cluster $(CLUSTER)) $(ARGS)
+		$(if $(filter-out file,$(origin JOBS)),--jobs $(JOBS)) $(ON) $(ARGS)
 
 table3: $(if $(filter physx,$(ENGINE)),physx,setup) ## ENGINE KEYPOINTS SEED JOBS CLUSTER ARGS="--tries 50": the paper's 21 objects in three scenarios, beside its own successes
 	@$(ACTIVATE) exec ros2 run np_bringup table3 --engine $(ENGINE) --keypoints $(KEYPOINTS) --seed $(SEED) --jobs $(JOBS) \
-		$(if $(CLUSTER),--cluster $(CLUSTER)) $(ARGS)
+		$(ON) $(ARGS)
 
 bench: setup ## latencies, real-time factor, planning time as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup bench $(ARGS)
@@ -69,7 +70,7 @@ fuzz: setup ## SEED: random and malformed messages on every topic: none of the n
 
 blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS CLUSTER: the gap doctor against sealed cases, as JSON
 	@$(ACTIVATE) exec python -m np_blind.blind --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) \
-		$(if $(CLUSTER),--cluster $(CLUSTER)) $(ARGS)
+		$(ON) $(ARGS)
 
 train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there
 	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)

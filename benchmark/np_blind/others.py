@@ -27,7 +27,7 @@ from np_blind.heldout import heldout_gaps
 from np_blind.patched import PatchError, patched_physics, read_patch
 from np_blind.scoring import Score, modules, score_case, score_gap, summary
 from np_description.panda import JOINT_NAMES
-from np_record.workers import end_with_parent
+from np_ros.parent import end_with_parent
 
 NAMES = ("none", "paper", "sysid_3", "sysid_6")
 COMMAND = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.baselines --threads 1"

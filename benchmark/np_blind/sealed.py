@@ -69,21 +69,25 @@ def digest(key: str) -> str:
 
 
 def seal(count: int, seed: int, which: str, only: Sequence[str] = (), path: Path = KEYS) -> str:
+    """`put_down` for the key of an arm's set."""
+    return put_down(make_key(count, seed, which, only), path)
+
+
+def put_down(key: str, path: Path = KEYS) -> str:
     """Put down the hash of a key, once; the hash. Raises SealError where another one stands there."""
-    found = digest(make_key(count, seed, which, only))
-    known = _known(path).get((which, count, seed))
+    name, found = _name(key), digest(key)
+    known = _known(path).get(name)
     if known is None:
         with path.open("a", encoding="utf-8") as file:
-            file.write(f"{which} {count} {seed} {found}\n")
+            file.write(f"{' '.join(map(str, name))} {found}\n")
     elif known != found:
-        raise SealError(_mismatch(path, which, count, seed, known, found))
+        raise SealError(_mismatch(path, *name, known, found))
     return found
 
 
 def check(key: str, path: Path = KEYS) -> str:
     """The hash of a key, which must be the one put down. Raises SealError."""
-    raw, found = json.loads(key), digest(key)
-    name = raw["set"], len(raw["cases"]), raw["seed"]
+    name, found = _name(key), digest(key)
     known = _known(path).get(name)
     if known is None:
         raise SealError(
@@ -114,6 +118,12 @@ def check_doctor(out: Path, is_locked: bool) -> str:
         )
     note.write_text(found + "\n")
     return found
+
+
+def _name(key: str) -> tuple[str, int, int]:
+    """Set, number of cases and seed of a key."""
+    raw = json.loads(key)
+    return raw["set"], len(raw["cases"]), raw["seed"]
 
 
 def _known(path: Path) -> dict[tuple[str, int, int], str]:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from np_blind.sealed import KEYS, SealError, check, check_doctor, digest
+from np_blind.sealed import SealError, check, check_doctor, digest, put_down
 from np_blind.task_cases import OUT_OF_CATALOGUE, SET, Case, Detector, draw, make_key
 from np_blind.task_reality import Reality
 from np_description.camera import CAMERA
@@ -139,18 +139,6 @@ def figures(rows: list[Mapping]) -> dict:
     }
 
 
-def seal(count: int, seed: int) -> str:
-    """Put down the hash of a key, once. Raises SealError where another one stands there."""
-    name, found = f"{SET} {count} {seed} ", digest(make_key(count, seed))
-    known = next((line for line in KEYS.read_text(encoding="utf-8").splitlines() if line.startswith(name)), None)
-    if known is None:
-        with KEYS.open("a", encoding="utf-8") as file:
-            file.write(name + found + "\n")
-    elif known != name + found:
-        raise SealError(f"{KEYS}: expected {known!r}, got {found}: the generator is not that of the sealed key")
-    return found
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(
@@ -163,7 +151,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         if options.seal:
-            print(json.dumps({"sha256": seal(options.cases, options.seed)}))
+            print(json.dumps({"sha256": put_down(make_key(options.cases, options.seed))}))
             return 0
         if options.out is None:
             parser.error("--out: expected a folder")

@@ -5,7 +5,6 @@ A case is a function at the top of a module and its arguments, and leaves what i
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import sys
@@ -15,6 +14,8 @@ from contextlib import AbstractContextManager, contextmanager
 from importlib.util import find_spec
 from multiprocessing import active_children, get_context
 from threading import Condition
+
+from np_ros.parent import end_with_parent
 
 Workers = Callable[[int], AbstractContextManager[Executor]]
 """So many processes, as long as the context lasts."""
@@ -26,13 +27,6 @@ HELP = (
 LOSSES = 1  # how often a case may lose the worker it runs on; the next time it fails
 _CONNECT = 20.0  # s
 _MOST = 1024  # cases at a time
-_PR_SET_PDEATHSIG = 1
-_libc = ctypes.CDLL(None)
-
-
-def end_with_parent() -> None:
-    """Ask the kernel (Linux) for SIGTERM when the parent ends, however it ends."""
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def missing(cluster: str) -> str:

@@ -7,7 +7,6 @@ lib/<package>/<executable>.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
@@ -24,13 +23,12 @@ import yaml
 from np_ros.domain import ros_domain_id
 from np_ros.graph import NodeSpec
 from np_ros.locks import lock
+from np_ros.parent import end_with_parent
 
 STOP_SEQUENCE = ((signal.SIGINT, 8.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """What a process gets, and how long s it may take, until it has ended."""
 
 _LAST_LINES = 12
-_PR_SET_PDEATHSIG = 1
-_libc = ctypes.CDLL(None)
 
 
 class NodeDied(RuntimeError):
@@ -228,8 +226,7 @@ class Supervisor:
 
 def _prepare(parent: int, nice: int, realtime: int) -> None:
     """In the new process, before the node is executed, so that its middleware's threads inherit it all."""
-    # SIGTERM, not SIGINT: what a shell starts in the background ignores that one until it has made its own handler.
-    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    end_with_parent()
     if os.getppid() != parent:  # it died before we could ask to be told
         os._exit(128 + signal.SIGTERM)
     os.nice(nice)

@@ -87,6 +87,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     warnings = warnings_of(options)
     for warning in warnings:
         print(f"evaluate: {warning}", file=sys.stderr)
+    where = origin(options.weights)
     settings = {
         "domain": options.domain,
         "engine": options.engine,
@@ -97,7 +98,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         **({"scenario": options.scenario} if options.scenario else {}),
         "effects": "none" if options.effects == "none" else Path(options.effects).read_text(encoding="utf-8"),
         "code_sha256": code_sha256(),
-        **origin(options.weights),
+        **where,
     }
     results = Results(options.out, settings, options.fresh)
     kept = min(results.kept, options.episodes)
@@ -121,7 +122,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
             "weights": options.weights,
             "record_at_start": "false",
             "bag": str(options.out / "bags" / "episode") if options.bags else "",
-            "run_info": json.dumps(origin(options.weights)),
+            "run_info": json.dumps(where),
         },
         options.engine,
         options.bags,

@@ -9,9 +9,11 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from itertools import accumulate
 from pathlib import Path
 
 from np_diagnosis.commands.answers import keep, refuse
+from np_diagnosis.commands.seen import add_seen
 
 SHARES = {
     "read": 30,
@@ -32,14 +34,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="chain", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="in the order in which they were recorded")
+    add_seen(parser)
     parser.add_argument(
         "--arm", type=Path, metavar="DIR", help="folder of `diagnose`: its report.json and patch.yaml are the arm's row"
     )
-    parser.add_argument(
-        "--calibration", default="", help="file of the camera that is believed in; else it is as trained"
-    )
-    parser.add_argument("--without-pose", action="store_true", help="leave `object_pose` aside")
     parser.add_argument("--out", type=Path, help="folder for chain.json, chain.html and patch.yaml")
     return parser.parse_args(arguments)
 
@@ -58,10 +56,8 @@ def main(arguments: list[str] | None = None) -> int:
     from np_effects.patch import Patch, dump_patch, load_patch
     from np_record.command import Progress
 
-    progress, begun = Progress(sum(SHARES.values()), "chain"), dict.fromkeys(SHARES, 0)
-    names = list(SHARES)
-    for before, name in zip(names, names[1:]):
-        begun[name] = begun[before] + SHARES[before]
+    progress = Progress(sum(SHARES.values()), "chain")
+    begun = dict(zip(SHARES, accumulate(SHARES.values(), initial=0)))
 
     def tell(stage: str) -> None:
         progress.show(begun[stage], stage)

@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 from np_diagnosis.commands.answers import keep, refuse
+from np_diagnosis.commands.seen import add_seen
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -20,11 +21,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="view", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="in the order in which they were recorded")
-    parser.add_argument(
-        "--calibration", default="", help="file of the camera that is believed in; else it is as trained"
-    )
-    parser.add_argument("--without-pose", action="store_true", help="leave `object_pose` aside")
+    add_seen(parser)
     parser.add_argument("--out", type=Path, help="folder for view.json and view.html")
     return parser.parse_args(arguments)
 

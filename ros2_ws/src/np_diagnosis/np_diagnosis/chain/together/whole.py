@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
@@ -127,7 +127,7 @@ def diagnose(
     total = sum(claim.gain for claim in claims)
     rows = tuple(_row(module, [c for c in claims if c.ways[0].module == module], total, whole) for module in MODULES)
     rows = tuple(arm if arm is not None and row.module == "arm" else row for row in rows)
-    return Whole(rows, seen, viewed, scattered, touched, forced, late, met, doubts)
+    return replace(whole, rows=rows)
 
 
 def patch(whole: Whole) -> Patch:
