@@ -92,7 +92,7 @@ def figure_table(lines: list[dict]) -> str:
             f"{name} {g['success']:.3f} ({g['episodes']})" for name, g in r.get("by_group", {}).items() if g["episodes"]
         ]
         if parts:
-            notes.append(f"- {r['conditions']}, {source}, by quarter turns needed and goal region: {', '.join(parts)}.")
+            notes.append(f"- {r['conditions']}, {source}, by kind of task: {', '.join(parts)}.")
         if "breaks_first" in r:
             alone = ", ".join(f"{name.replace('_', ' ')} {g['success']:.3f}" for name, g in r["one_at_a_time"].items())
             first = (r["breaks_first"] or "nothing beyond doubt").replace("_", " ")

@@ -1,10 +1,13 @@
-"""What sort of task an episode is: how often its object is to be tipped, and in which goal region it ends."""
+"""What sort of task an episode is: how often its object is to be tipped, how far turned, and in which goal region it ends."""
 
 from __future__ import annotations
+
+from math import degrees, pi
 
 import torch
 
 from np_description.domains import Domain
+from np_description.rotations import rotation_angle
 from np_training.tasks.poses import Poses, quarter_tips
 
 
@@ -38,5 +41,11 @@ def groups(domain: Domain, tips: torch.Tensor, goal_position: torch.Tensor) -> d
 
 
 def groups_of_tasks(domain: Domain, starts: Poses, goals: Poses) -> dict[str, torch.Tensor]:
-    """`groups` of tasks (n,)."""
-    return groups(domain, quarter_tips(starts, goals), goals.position)
+    """`groups` of tasks (n,), and where the domain says how far a goal is turned turn45, turn90, ...: by more than the one before and
+    by up to so many degrees."""
+    masks = groups(domain, quarter_tips(starts, goals), goals.position)
+    if domain.goal_yaw is not None:
+        angle, width = rotation_angle(starts.quaternion, goals.quaternion), pi / 4
+        for k in range(4):
+            masks[f"turn{degrees((k + 1) * width):.0f}"] = (angle > k * width) & (angle <= (k + 1) * width + 1e-3 * (k == 3))
+    return masks
