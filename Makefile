@@ -8,6 +8,7 @@ SEED ?= 0
 KEYPOINTS ?= camera
 CONTROLLER ?= impedance
 OBJECT ?= default
+CONTACTS ?=
 ENGINE ?= mujoco
 EFFECTS ?= none
 GPUS ?=
@@ -49,10 +50,10 @@ demo: setup ## DOMAIN EPISODES SEED KEYPOINTS OBJECT: three episodes through the
 	@$(ACTIVATE) exec ros2 run np_bringup demo --domain $(DOMAIN) --seed $(SEED) --keypoints $(KEYPOINTS) --object $(OBJECT) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
-evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT EFFECTS ENGINE=mujoco|physx JOBS=1 CLUSTER: success rate as JSON
+evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT EFFECTS ENGINE=mujoco|physx CONTACTS=1 JOBS=1 CLUSTER: success rate as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup evaluate --engine $(ENGINE) --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \
 		--keypoints $(KEYPOINTS) --controller $(CONTROLLER) --object $(OBJECT) --effects $(EFFECTS) \
-		$(if $(filter-out file,$(origin JOBS)),--jobs $(JOBS)) $(ON) $(ARGS)
+		$(if $(CONTACTS),--contacts $(CONTACTS)) $(if $(filter-out file,$(origin JOBS)),--jobs $(JOBS)) $(ON) $(ARGS)
 
 table3: $(if $(filter physx,$(ENGINE)),physx,setup) ## ENGINE KEYPOINTS SEED JOBS CLUSTER ARGS="--tries 50": the paper's 21 objects in three scenarios, beside its own successes
 	@$(ACTIVATE) exec ros2 run np_bringup table3 --engine $(ENGINE) --keypoints $(KEYPOINTS) --seed $(SEED) --jobs $(JOBS) \

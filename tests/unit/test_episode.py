@@ -142,6 +142,43 @@ def test_post_ends_with_its_timeout():
     assert phases(episode.keypoints(11 * TICK, keypoints())) == ["failed: post: timeout"]
 
 
+def test_when_the_time_of_a_contact_is_over_another_is_chosen_after_a_rest_from_what_is_seen_then():
+    episode = in_post(post_timeout=0.5, contacts=2)
+    for i in range(7, 11):
+        episode.keypoints(i * TICK, keypoints())
+    events = episode.keypoints(11 * TICK, keypoints())
+    assert events[0] == PhaseState("pre", "contact 2: timeout", since=str(14 * TICK)) and ticks(events) == [(11, "pre")]
+    for i in (12, 13):  # the hand lets go, the object comes to rest
+        assert ticks(episode.keypoints(i * TICK, keypoints())) == [(i, "pre")]
+    assert episode.keypoints(14 * TICK, keypoints()) == [] and episode.awaits == "joint_trajectory"
+    with pytest.raises(Refused):  # the first contact's plan
+        episode.trajectory(TICK, 0.2)
+    assert ticks(episode.trajectory(14 * TICK, 0.2)) == [(14, "approach")]
+    for i in range(15, 20):
+        episode.keypoints(i * TICK, keypoints())
+    assert episode.phase == "post"  # with a time of its own
+    for i in range(20, 24):
+        assert ticks(episode.keypoints(i * TICK, keypoints())) == [(i, "post")]
+    assert phases(episode.keypoints(24 * TICK, keypoints())) == ["failed: post: timeout"]
+
+
+def test_in_real_time_a_plan_for_what_was_seen_before_the_rest_is_refused():
+    episode = make(lockstep=False, post_timeout=0.5, contacts=2)
+    episode.goal(TICK, GOAL)
+    episode.start()
+    episode.keypoints(TICK, keypoints())
+    episode.trajectory(TICK, 0.2)
+    for i in range(2, 12):
+        episode.keypoints(i * TICK, keypoints())
+    assert episode.phase == "pre" and episode.awaits == "keypoints"
+    for i in range(12, 16):
+        assert ticks(episode.keypoints(i * TICK, keypoints())) == [(i, "pre")]
+    for early in (TICK, 13 * TICK):
+        with pytest.raises(Refused):
+            episode.trajectory(early, 0.2)
+    assert phases(episode.trajectory(14 * TICK, 0.2)) == ["approach"]
+
+
 def test_the_edge_of_the_tolerance_is_success_only_when_the_time_is_over():
     edge = Pose(GOAL.position + [0.0, 0.9 * CARD.tolerance_position, 0.0], GOAL.quaternion)
     episode = in_post(post_timeout=0.5, success_frames=3, success_share=0.8)
@@ -321,7 +358,13 @@ def test_in_real_time_ticks_go_on_while_the_planner_thinks_and_the_motion_begins
 @settings(max_examples=150)
 def test_whatever_comes_ticks_increase_and_belong_to_an_episode(data):
     """Any order of inputs: no exception but Refused, ticks only while active and never backwards."""
-    episode = make(lockstep=data.draw(st.booleans()), success_frames=2, post_timeout=0.5, pre_timeout=0.3)
+    episode = make(
+        lockstep=data.draw(st.booleans()),
+        success_frames=2,
+        post_timeout=0.5,
+        pre_timeout=0.3,
+        contacts=data.draw(st.integers(1, 3)),
+    )
     last, stamp = -1, 0
     for _ in range(data.draw(st.integers(1, 40))):
         stamp += data.draw(st.sampled_from([0, TICK // 3, TICK]))

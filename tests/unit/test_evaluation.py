@@ -33,6 +33,13 @@ def good(number):
     return result_of(number, Outcome("succeeded", "", 0.004, 0.02, True, 6.0), 3.0)
 
 
+def test_what_the_first_contact_was_worth_is_said_where_there_were_more():
+    again = result_of(1, Outcome("succeeded", "", 0.004, 0.02, True, 40.0, contacts=2), 9.0)
+    figures = summary([good(0), again])
+    assert figures["success"] == 1.0 and figures["first_contact"]["success"] == 0.5
+    assert "first_contact" not in summary([good(0)])
+
+
 def test_results_survive_and_continue(tmp_path):
     results = Results(tmp_path, SETTINGS)
     results.add(good(0))

@@ -15,7 +15,8 @@ from np_ros.messages import BadMessage, stamp_nanoseconds
 from np_ros.phases import phase_message, phase_state, refusal_message, refusal_reason
 
 texts = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
-states = st.builds(PhaseState, st.sampled_from(PHASES), texts, texts)
+stamps = st.just("") | st.integers(0, 2**63).map(str)
+states = st.builds(PhaseState, st.sampled_from(PHASES), texts, texts, stamps)
 
 
 def sent(message):

@@ -69,7 +69,7 @@ def pose(x, yaw=0.0):
     ],
 )
 def test_the_truth_decides(domain, x, yaw, success):
-    outcome = score(domain, "succeeded", "", pose(x, yaw), pose(0.0), 3.0)
+    outcome = score(domain, [PhaseState("succeeded")], pose(x, yaw), pose(0.0), 3.0)
     assert outcome.success is success
     assert outcome.failed_in == ("" if success else "post")
     assert (outcome.distance, outcome.angle) == pytest.approx((x, yaw), abs=1e-9)
@@ -85,7 +85,16 @@ def test_the_truth_decides(domain, x, yaw, success):
     ],
 )
 def test_failures_are_named_by_their_phase(declared, reason, failed_in):
-    assert score(CARD, declared, reason, pose(0.1), pose(0.0), 3.0).failed_in == failed_in
+    said = [] if declared == "unfinished" else [PhaseState(declared, reason)]
+    assert score(CARD, said, pose(0.1), pose(0.0), 3.0, early=reason).failed_in == failed_in
+
+
+def test_contacts_are_counted_up_to_the_end_of_the_episode():
+    again = PhaseState("pre", "contact 2: timeout", since="5")
+    said = [PhaseState("pre"), PhaseState("approach"), PhaseState("post"), again, PhaseState("succeeded")]
+    outcome = score(CARD, [*said, PhaseState("pre")], pose(0.0), pose(0.0), 3.0)  # the next episode's
+    assert (outcome.contacts, outcome.declared, outcome.success) == (2, "succeeded", True)
+    assert score(CARD, [PhaseState("failed", "x")], pose(0.1), pose(0.0), 3.0).contacts == 1
 
 
 def test_an_episode_is_read_as_recorded(tmp_path):

@@ -39,7 +39,7 @@ CODE = (
 
 @dataclass(frozen=True)
 class Result:
-    """One episode: number, how it ended, wall time s, engine. `declared` is "graph" where the graph broke down."""
+    """One episode: number, how it ended, wall time s, engine, contacts chosen. `declared` is "graph" where the graph broke down."""
 
     episode: int
     engine: str = field(default="mujoco", kw_only=True)
@@ -51,6 +51,7 @@ class Result:
     angle: float | None
     duration: float
     wall_s: float
+    contacts: int = field(default=1, kw_only=True)
     depths: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     limit_shares: Sequence[Sequence[float]] = field(default_factory=list)
 
@@ -72,6 +73,7 @@ def result_of(
         round(wall_s, 2),
         depths.as_dict() if depths else {},
         [] if shares is None else shares.round(4).tolist(),
+        contacts=outcome.contacts,
     )
 
 
@@ -83,15 +85,17 @@ def breakdown(episode: int, reason: str, wall_s: float) -> Result:
 def summary(results: list[Result]) -> dict[str, object]:
     """The figures of an evaluation.
 
-    success: rate by the truth; ci95: Wilson; failures: number by phase; declared_wrongly: episodes the
+    success: rate by the truth; ci95: Wilson; first_contact: the rate of those that needed one contact, where some had more, with its
+    own interval; failures: number by phase; declared_wrongly: episodes the
     graph took for a success that were none; missed: true successes that it did not declare; depth_mm: how deep shapes were in
     each other, fingertips apart, by pair, and the share of the time in which housing or links pushed; limit_share: how much of the
     arm's limits of speed, torque and range the episodes came to.
     """
     successes = sum(r.success for r in results)
+    again = max((r.contacts for r in results), default=1) > 1
     return {
-        "success": round(successes / len(results), 4) if results else None,
-        "ci95": [round(bound, 4) for bound in wilson_interval(successes, len(results))],
+        **_rate(successes, len(results)),
+        **({"first_contact": _rate(sum(r.success and r.contacts == 1 for r in results), len(results))} if again else {}),
         "episodes": len(results),
         "failures": dict(sorted(Counter(r.failed_in for r in results if not r.success).items())),
         "declared_wrongly": sum(r.declared == SUCCEEDED and not r.success for r in results),
@@ -99,6 +103,13 @@ def summary(results: list[Result]) -> dict[str, object]:
         "depth_mm": Tally.summary(Tally(r.depths) for r in results).as_dict(),
         "limit_share": limit_share.summary(np.array(r.limit_shares) for r in results if r.limit_shares),
         "wall_s": round(sum(r.wall_s for r in results), 1),
+    }
+
+
+def _rate(successes: int, episodes: int) -> dict[str, object]:
+    return {
+        "success": round(successes / episodes, 4) if episodes else None,
+        "ci95": [round(bound, 4) for bound in wilson_interval(successes, episodes)],
     }
 
 

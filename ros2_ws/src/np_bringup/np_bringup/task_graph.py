@@ -36,6 +36,11 @@ ARGUMENTS = (
         "impedance",
         "impedance: joint impedance; osc: the operational-space baseline, with weights that were trained with it.",
     ),
+    LaunchArgument(
+        "contacts",
+        "1",
+        "How often a contact may be chosen: when the time of one is over the hand lets go and looks again; 1: as in the paper.",
+    ),
     LaunchArgument("image_rate", "30", "Images a second of simulated time."),
     LaunchArgument(
         "calibration",
@@ -69,7 +74,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     named = {**common, "domain": given["domain"]}
     seeing = {**named, "object": given["object"], "calibration": given["calibration"]}
     learned = {**seeing, "weights": given["weights"], "controller": given["controller"]}
-    seed, image_rate = _integer(given, "seed"), _integer(given, "image_rate")
+    seed, image_rate, contacts = (_integer(given, name) for name in ("seed", "image_rate", "contacts"))
     from_camera = given["keypoints"] == "camera"
     effects = {"effects": given["effects"]} if given["effects"] else {}
     simulated = [
@@ -97,7 +102,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
         NodeSpec("np_policy", "pre_contact", parameters=learned),
         NodeSpec("np_policy", "approach", parameters={**seeing, "seed": seed}),
         NodeSpec("np_policy", "post_contact", parameters=learned),
-        NodeSpec("np_policy", "episode", parameters={**seeing, "backend": backends.node_name(given)}),
+        NodeSpec("np_policy", "episode", parameters={**seeing, "backend": backends.node_name(given), "contacts": contacts}),
     ]
     if given["bag"]:
         information = {

@@ -18,16 +18,20 @@ PHASES = (*AT_REST, *ACTIVE, EXCITE)
 class PhaseState:
     """The phase in force, why, where there is something to explain, and the name of the experiment under way.
 
-    As text it is one line: "failed: post: timeout", "excite: dwell". Raises ValueError for a phase that is none.
+    since: stamp ns, as text, of the first keypoints that count, of a `pre` in which a contact is chosen anew. As text the state is
+    one line: "failed: post: timeout", "excite: dwell". Raises ValueError for a phase that is none, or a stamp that is no number.
     """
 
     phase: str
     reason: str = ""
     experiment: str = ""
+    since: str = ""
 
     def __post_init__(self) -> None:
         if self.phase not in PHASES:
             raise ValueError(f"phase: expected one of {', '.join(PHASES)}, got '{self.phase}'")
+        if self.since and not (self.since.isascii() and self.since.isdigit()):
+            raise ValueError(f"since: expected a stamp in ns, got '{self.since}'")
 
     def __str__(self) -> str:
         return ": ".join(part for part in (self.phase, self.experiment, self.reason) if part)

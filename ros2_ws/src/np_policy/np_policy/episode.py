@@ -49,7 +49,8 @@ class EpisodeConfig:
     """domain; lockstep or real time; policy_period ns; limits of the phases in s, see docs/reference/graph.md.
 
     pre_timeout, post_blind: how long keypoints may be unusable; success_frames: ticks in a row within success_share of the
-    tolerance, or, when the time is over, within all of it; min_score: of a usable keypoint; camera: that sees them;
+    tolerance, or, when the time is over, within all of it; contacts: how often a contact may be chosen, each with a post_timeout of
+    its own (paper: 1); min_score: of a usable keypoint; camera: that sees them;
     silence, planning: how long by the wall clock nothing may come at all; arrival: rad that a joint may be off the plan's
     end for the arm to have arrived there.
     """
@@ -63,6 +64,7 @@ class EpisodeConfig:
     post_blind: float = 1.0
     success_frames: int = 5
     success_share: float = 1.0
+    contacts: int = 1
     min_score: float = 0.3
     silence: float = 30.0
     planning: float = 60.0
@@ -95,6 +97,8 @@ class Episode:
         self._planned_from: int | None = None  # stamp of the keypoints that a plan is awaited for
         self._motion_ends = self._post_began = 0
         self._not_before = -1  # stamp from which images count
+        self._contact = 1
+        self._rest_ends = -1  # stamp from which a contact is chosen
         self._plan_end: np.ndarray | None = None
         self._blind_since: int | None = None
         self._sure = self._near = self._gone = 0
@@ -171,7 +175,11 @@ class Episode:
         if (
             self.phase != PRE
             or awaited is None
-            or not (stamp == awaited if self.config.lockstep else stamp >= max(self._goal.stamp, self._not_before))
+            or not (
+                stamp == awaited
+                if self.config.lockstep
+                else stamp >= max(self._goal.stamp, self._not_before, self._rest_ends)
+            )
         ):
             raise Refused(f"a plan for {stamp} ns, while the phase is {self.phase} and one is awaited for {awaited} ns")
         self.phase = APPROACH
@@ -243,6 +251,8 @@ class Episode:
 
     def _decide_pre(self, stamp: int, good: bool) -> list[Event]:
         self._goal_used = self._begun = True
+        if stamp < self._rest_ends:
+            return [self._tick(stamp)]
         if self._planned_from is None:
             if good:
                 self._planned_from = stamp
@@ -278,7 +288,18 @@ class Episode:
                 return [PhaseState(SUCCEEDED)]
             if self._gone >= config.success_frames:
                 return self._fail("the object left the workspace")
-        return self._fail("timeout") if self._is_over(stamp) else []
+        if not self._is_over(stamp):
+            return []
+        return self._choose_again(stamp) if self._contact < config.contacts else self._fail("timeout")
+
+    def _choose_again(self, stamp: int) -> list[Event]:
+        """The time of a contact is over: the hand lets go, and once all is at rest another one is chosen, from where the object is now."""
+        self._contact += 1
+        self._rest_ends = stamp + round(self.config.settle * SECOND)
+        self._planned_from = self._plan_end = self._blind_since = None
+        self._sure = self._near = self._gone = 0
+        self.phase = PRE
+        return [PhaseState(PRE, f"contact {self._contact}: timeout", since=str(self._rest_ends)), self._tick(stamp)]
 
     def _missed(self) -> str:
         """How the arm is not where the plan ends, as where its controller refused to follow it, or ""."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +29,7 @@ class Outcome:
 
     declared: the phase the graph ended in, reason: what it said about it; distance m, angle rad: true
     object pose to goal at the end; success: whether that is within the domain's tolerance; duration: s of
-    simulated time.
+    simulated time; contacts: how many were chosen.
     """
 
     declared: str
@@ -38,6 +38,7 @@ class Outcome:
     angle: float
     success: bool
     duration: float
+    contacts: int = 1
 
     @property
     def failed_in(self) -> str:
@@ -58,10 +59,18 @@ def position_only(domain: Domain) -> str:
     return " (position only)" if domain.tolerance_angle is None else ""
 
 
-def score(domain: Domain, declared: str, reason: str, pose: Pose, goal: Pose, duration: float) -> Outcome:
-    """The outcome for an object that ended at `pose` (truth)."""
+def score(domain: Domain, said: Sequence[PhaseState], pose: Pose, goal: Pose, duration: float, early: str = "") -> Outcome:
+    """The outcome of an episode of which `said` was said up to its end or beyond, for an object that ended at `pose` (truth).
+
+    early: why there is no end, where that is known.
+    """
     distance, angle = pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion)
-    return Outcome(declared, reason, float(distance), float(angle), bool(is_success(domain, distance, angle)), duration)
+    end = first_end(said)
+    until = said.index(end) if end else len(said)
+    contacts = max(1, sum(state.phase == PRE for state in said[:until]))
+    declared, reason = (end.phase, end.reason) if end else ("unfinished", early)
+    success = bool(is_success(domain, distance, angle))
+    return Outcome(declared, reason, float(distance), float(angle), success, duration, contacts)
 
 
 @dataclass(frozen=True)
@@ -133,8 +142,6 @@ def load_episode(recording: Recording) -> EpisodeData:
     phases = [((stamp - start) / SECOND, state) for stamp, state in changes]
     said = [state for _, state in phases]
     began = next((number for number, state in enumerate(said) if state.phase == PRE), 0)
-    end = first_end(said[began:])
-    declared, reason = (end.phase, end.reason) if end else ("unfinished", _early_end(recording))
     duration = (recording.end - start) / SECOND
     final = Pose(poses.values[-1, :3], poses.values[-1, 3:])
     return EpisodeData(
@@ -156,7 +163,7 @@ def load_episode(recording: Recording) -> EpisodeData:
         phases=phases,
         counts=recording.counts,
         duration=duration,
-        outcome=score(domain, declared, reason, final, goal, duration),
+        outcome=score(domain, said[began:], final, goal, duration, _early_end(recording)),
     )
 
 

@@ -42,6 +42,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         "--effects", default="none", help="patch.yaml of effects that the simulated arm has; none: nominal"
     )
     parser.add_argument("--engine", choices=list(ENGINES), default="mujoco", help="whose physics the robot has")
+    parser.add_argument(
+        "--contacts", type=int, default=1, help="how often a contact may be chosen in an episode; the paper: 1"
+    )
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
     parser.add_argument("--bags", action="store_true", help="record every episode (slower)")
     parser.add_argument(
@@ -51,7 +54,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--cluster", default="", help=HELP)
     parser.add_argument("--out", type=Path, default=Path("runs/evaluate"), help="folder for results, logs and bags")
     options = parser.parse_args(arguments)
-    for name in ("episodes", "jobs"):
+    for name in ("episodes", "jobs", "contacts"):
         if getattr(options, name) < 1:
             parser.error(f"--{name}: expected at least 1, got {getattr(options, name)}")
     if problem := missing_cluster(options.cluster):
@@ -96,6 +99,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         "controller": options.controller,
         "object": options.object,
         **({"scenario": options.scenario} if options.scenario else {}),
+        **({"contacts": options.contacts} if options.contacts > 1 else {}),
         "effects": "none" if options.effects == "none" else Path(options.effects).read_text(encoding="utf-8"),
         "code_sha256": code_sha256(),
         **where,
@@ -117,6 +121,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
             "seed": str(options.seed),
             "keypoints": options.keypoints,
             "controller": options.controller,
+            "contacts": str(options.contacts),
             "image_rate": str(IMAGE_RATE),
             "effects": "" if options.effects == "none" else options.effects,
             "weights": options.weights,

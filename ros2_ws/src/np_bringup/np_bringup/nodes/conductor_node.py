@@ -126,9 +126,8 @@ class Conductor(Participant):
             self._wait(lambda: self._has_ended, SERVICE_TIMEOUT, "the end of the episode")
         self._wait(lambda: self._poses, SERVICE_TIMEOUT, "object_pose")
         self._hear_out()
-        end = first_end(self._phases)
         ended, pose = self._poses[-1]
-        return score(self._domain, end.phase, end.reason, pose, goal, (ended - began) / 1e9)
+        return score(self._domain, self._phases, pose, goal, (ended - began) / 1e9)
 
     @property
     def depths(self) -> Tally:

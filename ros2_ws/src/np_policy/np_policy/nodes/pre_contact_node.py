@@ -26,7 +26,8 @@ OLDEST_KEYPOINTS = 0.5  # s since they came, in real time
 
 
 class PreContactNode(Node):
-    """Answers every new goal once, with the first good keypoints of phase `pre`; again if the backend repeats those."""
+    """Answers every new goal once, and every contact that is to be chosen anew, with the first good keypoints of phase `pre`; again if
+    the backend repeats those."""
 
     def __init__(self) -> None:
         super().__init__("pre_contact")
@@ -48,6 +49,7 @@ class PreContactNode(Node):
         self._keypoints: tuple[int, np.ndarray] | None = None
         self._arrived = 0.0  # s of wall time, of the newest keypoints
         self._in_phase = False
+        self._since = 0  # stamp from which keypoints count, of a contact that is chosen anew
         self._gripper = self.create_publisher(Float64, "gripper_command", qos.EVENT)
         self._pose = self.create_publisher(PoseStamped, "pre_contact_pose", qos.EVENT)
         self.create_subscription(DiagnosticArray, "episode/phase", self._on_phase, qos.LATCHED)
@@ -57,9 +59,14 @@ class PreContactNode(Node):
 
     def _on_phase(self, message: DiagnosticArray) -> None:
         try:
-            before, self._in_phase = self._in_phase, phase_state(message).phase == PRE
+            state = phase_state(message)
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
+        before, self._in_phase = self._in_phase, state.phase == PRE
+        if self._in_phase:
+            again, self._since = self._since, int(state.since or 0)
+            if self._since > again:
+                self._answered = -1
         if self._in_phase and not before and not self._settings.lockstep:
             self._keypoints, self._answered = (
                 None,
@@ -83,7 +90,7 @@ class PreContactNode(Node):
         if not self._in_phase or self._goal.keypoints is None or self._keypoints is None:
             return
         began, (stamp, keypoints) = self._goal.stamp, self._keypoints
-        if began == self._answered or stamp < began or not self._is_heard():
+        if began == self._answered or stamp < max(began, self._since) or not self._is_heard():
             return
         if not self._settings.lockstep and time.monotonic() - self._arrived > OLDEST_KEYPOINTS:
             return  # of a camera that has fallen silent

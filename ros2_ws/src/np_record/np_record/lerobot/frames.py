@@ -130,7 +130,7 @@ def episode_frames(recording: Recording) -> Frames:
         columns[OBJECT] = newest("object_pose", *poses["object_pose"], times + _ROUNDING)
         place = newest("object_pose", *poses["object_pose"], np.array([ended + _ROUNDING]))[0]
         goal = columns[GOAL][-1]
-        success = score(domain, "", "", Pose(place[:3], place[3:]), Pose(goal[:3], goal[3:]), 0.0).success
+        success = score(domain, [], Pose(place[:3], place[3:]), Pose(goal[:3], goal[3:]), 0.0).success
     columns[SUCCESS] = columns[DONE] & success
     return Frames(domain, success, columns, _images(recording, times))
 
