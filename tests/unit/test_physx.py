@@ -19,7 +19,7 @@ from np_effects.patch import Patch, PatchEffect
 from np_physx_bridge.box_world import PhysxBoxWorld
 from np_physx_bridge.engine import PhysxEngine
 from np_physx_bridge.library import missing, sapien
-from np_physx_bridge.scene import Translator, coefficient, scene
+from np_physx_bridge.scene import PLANE_BIT, Translator, coefficient, scene
 from np_sim_bridge import static_bench as bench
 from np_sim_bridge.mujoco_engine import MujocoEngine
 from np_sim_bridge.schedule import PERIOD
@@ -178,7 +178,19 @@ def test_shapes_have_material_and_collision_bits_of_the_scene():
     assert len(shapes) == 1 + len(BUMP.obstacles)
     for shape in shapes:
         assert shape.physical_material.static_friction == pytest.approx(HARD.table)
-        assert shape.get_collision_groups()[:2] == [1, 6]
+        is_plane = isinstance(shape, sapien().physx.PhysxCollisionShapePlane)
+        assert shape.get_collision_groups() == ([1 | PLANE_BIT, 6, 1, 0] if is_plane else [1, 6, 0, 0])
+    assert sum(shape.get_collision_groups()[2] for shape in shapes) == 1
+
+
+def test_the_object_stands_on_its_corners_and_everything_else_touches_its_faces():
+    model = load_model(BUMP, contact=HARD)
+    box, *corners = Translator(sapien(), model, HARD).free_body(OBJECT)[1].get_collision_shapes()
+    assert box.get_collision_groups() == [2, 5, 1, 0] and len(corners) == 8
+    for corner in corners:
+        assert corner.get_collision_groups() == [0, PLANE_BIT, 0, 0]
+        outermost = np.abs(corner.get_local_pose().p) + corner.radius
+        np.testing.assert_allclose(outermost, BUMP.half_size, atol=1e-7)
 
 
 def test_friction_is_that_of_coulomb_in_every_direction():
@@ -194,6 +206,11 @@ def test_nothing_sinks_in_and_a_card_comes_along():
     rows = bench.press(MAKE)["rows"]
     assert max(rows[-1]["finger_mm"], rows[-1]["table_mm"]) < 0.1
     assert bench.drag(MAKE)["followed_mm"] > 0.98 * 30.0
+
+
+def test_a_card_drawn_beside_its_middle_is_not_turned():
+    """With the box's face on the table as one patch it was, by 44 degrees."""
+    assert bench.drag_off_centre(MAKE)["turned_deg"] < 3.0
 
 
 def test_a_tall_box_tips_where_theory_says():

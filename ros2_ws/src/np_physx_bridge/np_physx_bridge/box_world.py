@@ -8,7 +8,15 @@ from np_description.contact import OBJECT_FRICTION, ContactModel
 from np_description.domains import Pose
 from np_description.rotations import matrix_from_quaternion
 from np_physx_bridge.library import sapien
-from np_physx_bridge.scene import CONTACT_OFFSET, POSITION_ITERATIONS, VELOCITY_ITERATIONS, coefficient, scene
+from np_physx_bridge.scene import (
+    CONTACT_OFFSET,
+    PLANE_BIT,
+    POSITION_ITERATIONS,
+    VELOCITY_ITERATIONS,
+    coefficient,
+    scene,
+    stand_on_corners,
+)
 from np_sim_bridge.box_world import GRAVITY, STEP, TIP_RADIUS, BoxOnTable
 
 BOX, FINGER, TABLE = 1, 2, 4  # collision bits: the finger touches the box only
@@ -46,11 +54,16 @@ class PhysxBoxWorld:
 
     def _attach(self, component, make, size, contact, friction, kind, affinity, is_object=False) -> None:
         own = coefficient(contact, friction, is_object)
-        shape = make(*size, self._physx.PhysxMaterial(own, own, 0.0))
-        shape.set_collision_groups([kind, affinity, 0, 0])
-        shape.set_contact_offset(CONTACT_OFFSET)
-        shape.set_rest_offset(0.0)
-        component.attach(shape)
+        material = self._physx.PhysxMaterial(own, own, 0.0)
+        shapes = [make(*size, material)]
+        is_plane = kind == TABLE
+        shapes[0].set_collision_groups([kind | (PLANE_BIT if is_plane else 0), affinity, int(is_plane), 0])
+        if is_object:
+            shapes += stand_on_corners(self._physx, shapes[0], material, self._sapien.Pose)
+        for shape in shapes:
+            shape.set_contact_offset(CONTACT_OFFSET)
+            shape.set_rest_offset(0.0)
+            component.attach(shape)
 
     def _make_body(self, body, mass: float, inertia: np.ndarray) -> None:
         body.set_mass(mass)
@@ -122,6 +135,6 @@ class PhysxBoxWorld:
         found = {"finger": 0.0, "table": 0.0}
         for contact in self._system.get_contacts():
             kinds = sum(shape.get_collision_groups()[0] for shape in contact.shapes)
-            pair = {BOX | FINGER: "finger", BOX | TABLE: "table"}[kinds]
+            pair = "finger" if kinds == BOX | FINGER else "table"
             found[pair] = max([found[pair], *(-float(point.separation) for point in contact.points)])
         return found

@@ -1,7 +1,8 @@
 """The scene in PhysX: a translation of the compiled MuJoCo scene, so that masses, frames, shapes and limits have one source.
 
 What is translated: bodies with mass, centre of mass and inertia; hinges and slides with range and armature; boxes, capsules,
-spheres and planes with the same collision bits. What is not: how contacts give way. PhysX's do not.
+spheres and planes with the same collision bits. What is not: how contacts give way. PhysX's do not. A box of the object stands on
+its corners (`stand_on_corners`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from np_description.scene import OBJECT
 
 CONTACT_OFFSET = 0.01  # m, from which on contacts are looked for: the library's own
 SAGITTA = 1e-4  # m
+CORNER_RADIUS = 2.5e-4  # m
+PLANE_BIT = 1 << 10  # of what only a plane touches
 POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1  # with fewer, a box that is pulled at .9 of its friction creeps
 STICTION = 1e4  # N s/m, Nm s/rad: slope of Coulomb friction about standstill, until its limit is reached
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -143,11 +146,16 @@ class Translator:
             kind, affinity = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
             if not (kind or affinity):
                 continue
-            friction = coefficient(
-                self._contact, float(model.geom_friction[geom, 0]), is_object=model.geom(geom).name.startswith(OBJECT)
-            )
-            for shape in self._shapes(geom, self._physx.PhysxMaterial(friction, friction, 0.0)):
-                shape.set_collision_groups([kind, affinity, 0, 0])
+            is_object = model.geom(geom).name.startswith(OBJECT)
+            friction = coefficient(self._contact, float(model.geom_friction[geom, 0]), is_object=is_object)
+            is_plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+            material = self._physx.PhysxMaterial(friction, friction, 0.0)
+            shapes = self._shapes(geom, material)
+            for shape in shapes:
+                shape.set_collision_groups([kind | (PLANE_BIT if is_plane else 0), affinity, int(is_plane), 0])
+            if is_object and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+                shapes += stand_on_corners(self._physx, shapes[0], material, self._sapien.Pose)
+            for shape in shapes:
                 shape.set_contact_offset(CONTACT_OFFSET)
                 shape.set_rest_offset(0.0)
                 component.attach(shape)
@@ -167,6 +175,25 @@ class Translator:
             return [_placed(physx.PhysxCollisionShapeSphere(size[0], material), place)]
         turned = self._sapien.Pose([0, 0, 0], _from_x(np.array([0.0, 0, 1])))  # a plane faces x in PhysX, z in MuJoCo
         return [_placed(physx.PhysxCollisionShapePlane(material), place * turned)]
+
+
+def stand_on_corners(physx: ModuleType, box, material, pose) -> list:
+    """Spheres in the corners of a box, which from then on touch planes in its place; all else touches the box.
+
+    A face of a box on a plane is one patch, whose friction PhysX takes to be the same everywhere in it, wherever it is pressed. A card
+    that a fingertip presses beside its middle and draws is then turned about the tip, by 44 degrees over 60 mm, where the law of Coulomb
+    turns it not at all: friction has its centre where the load has. Each sphere has friction of its own, by its own load
+    (`np_sim_bridge.static_bench.drag_off_centre`). pose: the library's Pose.
+    """
+    groups = box.get_collision_groups()
+    box.set_collision_groups([groups[0], groups[1], groups[2] | 1, groups[3]])  # of those that pass planes by
+    place, inner = box.get_local_pose(), np.asarray(box.half_size) - CORNER_RADIUS
+    corners = []
+    for signs in np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3):
+        sphere = _placed(physx.PhysxCollisionShapeSphere(CORNER_RADIUS, material), place * pose(signs * inner))
+        sphere.set_collision_groups([0, PLANE_BIT, 0, 0])
+        corners.append(sphere)
+    return corners
 
 
 def along(radius: float, half_length: float) -> np.ndarray:

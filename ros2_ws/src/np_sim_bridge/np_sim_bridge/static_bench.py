@@ -59,6 +59,19 @@ def drag(make: Make, force: float = 5.0, distance: float = 0.03) -> dict:
     return {"drawn_mm": 1e3 * distance, "followed_mm": 1e3 * float(world.pose().position[0] - began)}
 
 
+def drag_off_centre(make: Make, force: float = 5.0, offset: float = 0.02, distance: float = 0.06) -> dict:
+    """A fingertip pressed beside the card's middle and drawn across: how far the card turns, degrees. Not at all: friction with the
+    table has its centre where the load has, which is below the tip, and the card weighs next to nothing."""
+    above = np.array([0.0, offset, 2 * CARD.half_size[2] + TIP_RADIUS])
+    world, steps = make(BoxOnTable(CARD.half_size, CARD.mass, tuple(above), pressing=True)), 600
+    world.lead(above, press=force)
+    world.step(1.0)
+    for k in range(steps):
+        world.lead(above + [distance * (k + 1) / steps, 0.0, 0.0], press=force)
+        world.step(3.0 / steps)
+    return {"turned_deg": abs(float(np.degrees(_turned(world))))}
+
+
 def slide(make: Make, friction: float, heading: float) -> dict:
     """Down a slope steeper than the friction angle: the coefficient that the acceleration tells, over the true one."""
     angle, world = np.arctan(friction) + 0.15, make(CUBE)
@@ -119,6 +132,7 @@ def bench(make: Make, friction: float) -> dict:
     return {
         "press": press(make),
         "drag": drag(make),
+        "drag_off_centre": drag_off_centre(make),
         "slide": [slide(make, friction, np.radians(h)) for h in HEADINGS],
         "creep": creep(make, friction),
         "push_off_centre": push_off_centre(make),
@@ -130,6 +144,7 @@ THEORY: dict[str, float | str] = {
     "finger into card at 20 N, mm": 0.0,
     "card into table at 20 N, mm": 0.0,
     "card under a finger that is drawn 30 mm, mm": 30.0,
+    "card turned by a finger 20 mm beside its middle that is drawn 60 mm, degrees": 0.0,
     "friction along an edge, over the coefficient": 1.0,
     "friction along the diagonal, over the coefficient": 1.0,
     "friction at worst, over the coefficient": 1.0,
@@ -148,6 +163,7 @@ def figures(answer: dict) -> dict[str, float]:
         pressed["finger_mm"],
         pressed["table_mm"],
         answer["drag"]["followed_mm"],
+        answer["drag_off_centre"]["turned_deg"],
         friction[0],
         friction[45],
         max(friction.values(), key=lambda share: abs(share - 1)),
