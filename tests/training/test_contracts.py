@@ -1,11 +1,14 @@
 """The command that adds contracts to weights of before, and what the training writes into them."""
 
+from dataclasses import replace
+
 import onnx
 import pytest
 import torch
 from detector_weights import write_detector
 from safetensors.torch import save_file
 
+from np_description.contact import SOFT
 from np_description.contract import KEY
 from np_description.domains import BUMP, CARD
 from np_description.released import WeightsError, sha256
@@ -66,7 +69,8 @@ def test_the_training_writes_contracts_that_the_nodes_accept_and_what_only_it_kn
     trained = trained_contract(PRE_CONTACT, BUMP, "osc")
     assert PolicyContract.of(PRE_CONTACT, BUMP, "osc").compare(trained.text(), "x.safetensors") == []
     assert trained.control_rate == 250.0 and trained.target_delay == (0.005, 0.04)
-    assert trained_contract(PRE_CONTACT, CARD, "impedance").control_rate == 200.0
+    soft = trained_contract(PRE_CONTACT, replace(CARD, contact=SOFT), "impedance")
+    assert soft.control_rate == 200.0
     other = trained_contract(POST_CONTACT, BUMP, "impedance", PhysicsConfig(substeps=10))
     with pytest.raises(WeightsError, match="policy_rate: expected 10.0, got 20.0"):
         PolicyContract.of(POST_CONTACT, BUMP).compare(other.text(), "x.safetensors")

@@ -54,7 +54,8 @@ def test_the_summary_answers_each_question_of_theory():
     assert list(found) == list(bench.THEORY)
     for question, theory in bench.THEORY.items():
         if isinstance(theory, float):
-            assert found[question] == pytest.approx(theory, rel=0.07, abs=0.5), question
+            slack = 2.0 if question.endswith("degrees") else 0.5  # the card weighs a little
+            assert found[question] == pytest.approx(theory, rel=0.07, abs=slack), question
 
 
 def test_another_contact_is_refused_by_name():
