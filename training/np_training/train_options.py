@@ -145,6 +145,11 @@ def parse() -> argparse.Namespace:
         help=f"for a step that ends with housing or links at the object; default: {RewardConfig.bare:g}; not with --reward paper",
     )
     parser.add_argument(
+        "--change",
+        type=float,
+        help=f"price of the pose residual's squared change from step to step; default: {RewardConfig.change:g}; not with --reward paper",
+    )
+    parser.add_argument(
         "--turn",
         type=float,
         help=f"weight of the angle's potential; default: {RewardConfig.turn:g}; not with --reward paper",
@@ -155,7 +160,7 @@ def parse() -> argparse.Namespace:
         arguments.effects = load_effects(arguments.effects)
         arguments.played = played_domain(arguments.domain, arguments.object, arguments.max_opening)
         arguments.reward = reward_for(
-            arguments.reward, task.far, far=arguments.far, turn=arguments.turn, bare=arguments.bare
+            arguments.reward, task.far, far=arguments.far, turn=arguments.turn, bare=arguments.bare, change=arguments.change
         )
     except ValueError as error:
         parser.error(str(error))

@@ -306,6 +306,7 @@ class Environment:
         physics.noise.copy_(config.conditions.torque_noise * self._normal(config.worlds, 7))
         self._shove()
         physics.advance()
+        change = action[:, actions.POSE].clamp(-1, 1) - self.last_action[:, actions.POSE]
         self.last_action = action.clamp(-1, 1)
         self.age += 1
         objects = self.objects
@@ -321,7 +322,7 @@ class Environment:
         pairs = ((getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures))
         after = Measures(*(torch.where(broken.view(-1, *[1] * (old.ndim - 1)), old, new) for old, new in pairs))
         bare = physics.contacts.touching("housing-object", "link-object")
-        terms = config.reward.terms(before, after, success, lost | stopped, target.stiffness, bare)
+        terms = config.reward.terms(before, after, success, lost | stopped, target.stiffness, bare, change)
         if self.joint_range is not None:
             terms["joint_range"] = config.reward.scale * self.joint_range.term(physics.qpos[:, ARM])
         reward = sum(terms.values())

@@ -45,9 +45,10 @@ class PaperReward:
         lost: torch.Tensor,
         stiffness: torch.Tensor,
         bare: torch.Tensor,
+        change: torch.Tensor,
     ) -> dict[str, torch.Tensor]:
         """Each term (n,), scaled. after: at the end of the step; success (n,) bool; stiffness (n, 7) Nm/rad. What was before, what is
-        lost and what the housing touches cost nothing here."""
+        lost, what the housing touches and how the action changes cost nothing here."""
         terms = {
             "corners": (self.distance / (after.corners + self.distance)).sum(-1),
             "gains": -self.gains * normalised_stiffness(stiffness).norm(dim=-1),

@@ -34,7 +34,9 @@ class Measures:
 @dataclass(frozen=True)
 class RewardConfig:
     """distance (C1, m), success (C2), gains (a joint, at its largest stiffness), failure (C4: lost object, no collision-free contact);
-    bare: a step at whose end housing or links touch the object, which are hard, smooth and not made for it; weights of the potentials:
+    bare: a step at whose end housing or links touch the object, which are hard, smooth and not made for it; change: of the squared
+    change of the pose residual from one step to the next, in shares of its limits: 24 where all six go from one end to the other, with
+    which a policy works an object loose by a simulator's own friction (docs/decisions/policies.md); weights of the potentials:
     progress, far (for 1 m), turn (for half a turn), reach (for .1 m); scale: of the sum, for the value network's sake."""
 
     name: ClassVar[str] = "potentials"
@@ -44,6 +46,7 @@ class RewardConfig:
     gains: float = 0.03
     failure: float = -100.0
     bare: float = -2.5
+    change: float = 0.0
     progress: float = 10.0
     far: float = 0.0
     turn: float = 150.0
@@ -67,14 +70,16 @@ class RewardConfig:
         lost: torch.Tensor,
         stiffness: torch.Tensor,
         bare: torch.Tensor,
+        change: torch.Tensor,
     ) -> dict[str, torch.Tensor]:
         """Each term (n,), scaled. before, after: around the step; success, lost (n,) bool; stiffness (n, 7) Nm/rad; bare (n,)
-        bool: whether housing or links touch the object."""
+        bool: whether housing or links touch the object; change (n, 6): of the pose residual since the last step, in [-2, 2]."""
         old, new = self.potentials(before), self.potentials(after)
         terms = {name: new[name] - old[name] for name in new} | {
             "success": self.success * success,
             "gains": -self.gains * normalised_stiffness(stiffness).sum(-1),
             "failure": self.failure * lost,
             "bare": self.bare * bare,
+            "change": -self.change * (change * change).sum(-1),
         }
         return {name: self.scale * term for name, term in terms.items()}

@@ -16,7 +16,7 @@ SIZE = 20
 # action, at the same gain ranges and residual limits, which the weights' contract names itself; a test holds it to that.
 VERSION = 1
 RATE = 10  # Hz: what the residual limits of one step are meant for
-STIFFNESS = slice(6, 13)  # of the action
+POSE, STIFFNESS = slice(0, 6), slice(6, 13)  # of the action
 
 
 @dataclass(frozen=True)
