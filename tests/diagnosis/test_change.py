@@ -9,6 +9,7 @@ from arm_generator import Truth, at, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import panda
 from np_diagnosis.arm.stages import drive
 from np_diagnosis.commands.diagnose import parse
@@ -23,6 +24,7 @@ from np_diagnosis.report.document import make_report, to_json
 from np_diagnosis.simulation.patching import make_patch
 from np_effects.stage import Stage
 from np_effects.sums import sliding
+from np_effects.torque_loop import torque_saturation
 from np_effects.transmission import backlash
 
 # Against the nominal arm: friction, damping, an offset, what no catalogue knows, and every link 5 % heavier.
@@ -184,6 +186,27 @@ def test_hysteresis_that_a_gear_always_had_is_no_change(before):
     _, left = stages.change(Stage.TRANSMISSION, 3, rows, nothing, twist)
     straight = apart(directions(nuisances.columns(c, Stage.TRANSMISSION, 3), rows), rows, twist[:, None])
     assert np.std(left[rows]) < 0.3 * np.std(straight[rows])
+
+
+def test_a_limit_that_a_drive_always_had_is_no_change(before):
+    """It lies between two limits that are tried; what it takes is gone from either stage, and not only from r1."""
+    joint, stages_of = 3, (Stage.DRIVE, Stage.DYNAMICS)
+    given_ = drive([before], panda())
+    limit = 0.817 * np.abs(given_.commanded + given_.gravity)[:, joint].max()
+    held = rigid.gravity_torque(panda(), before.position)[:, joint]
+
+    def limited(log):
+        torque = log.torque.copy()
+        torque[:, joint] = np.clip(torque[:, joint] + held, -limit, limit) - held
+        return replace(log, torque=torque)
+
+    logs = limited(before), limited(record(WRONG, name="new", noise=99))
+    stages, whole = Stages(context_of(*logs)), Stages(make_context(list(logs), panda()))
+    shown = torque_saturation._signature(limit, joint, False)
+    for stage in stages_of:
+        rows, said = stages.rows(stage, joint), whole.columns(shown, stage, joint)
+        _, left = stages.change(stage, joint, rows, said[:, :0], said[:, 0])
+        assert np.std(said[rows]) > 0.05 and np.std(left[rows]) < 0.05 * np.std(said[rows])
 
 
 def test_a_play_that_is_new_is_read_off_the_later_recording(before):
