@@ -48,7 +48,7 @@ def is_apart(
     asked: rows (n,) bool in which there may be a limit (`Context.is_later`).
     """
     left = _left(d, joint, limited, asked)
-    best = {apart: min((left(level, apart), level) for level in levels[apart]) for apart in (False, True)}
+    best = _of_levels(left, levels)
     if min(best.values())[0] > (1 - ACTS) * left(np.inf, False):
         return False  # nothing is limited
     best = {apart: _nearest(left, found, apart, STEPS) for apart, found in best.items()}
@@ -65,10 +65,10 @@ def always(
     less than half of the squares that there are. levels: where to begin, by reading.
     """
     left = _left(d, joint, limited, earlier)
-    (_, limit), apart = min(
-        (_nearest(left, min((left(level, apart), level) for level in levels[apart]), apart, FINE), apart)
-        for apart in (False, True)
-    )
+    best = _of_levels(left, levels)
+    if min(best.values())[0] >= left(np.inf, False):
+        return None  # a limit above the one that is there would say a part of it
+    (_, limit), apart = min((_nearest(left, found, apart, FINE), apart) for apart, found in best.items())
     column = lost(d, joint, limited, limit, apart)
     acts = earlier & (column != 0)
     residual = (d.measured - d.arrived)[acts, joint]
@@ -88,6 +88,11 @@ def _left(d: Drive, joint: int, limited: Limited, rows: np.ndarray | slice) -> L
         return float(np.square(residual - change).sum())
 
     return left
+
+
+def _of_levels(left: Left, levels: dict[bool, Sequence[float]]) -> dict[bool, tuple[float, float]]:
+    """(squares, limit) of the best of some limits, by reading."""
+    return {apart: min((left(level, apart), level) for level in levels[apart]) for apart in (False, True)}
 
 
 def _nearest(left: Left, found: tuple[float, float], apart: bool, steps: Sequence[float]) -> tuple[float, float]:

@@ -68,13 +68,14 @@ def generalisations(search: Search, member: int) -> tuple[str, ...]:
     is another cause of the same forces (`_is_another_cause`) does.
     """
     design, mine = search.design, search.design.candidates[member]
-    found = set()
+    larger: dict[str, bool] = {}  # id: whether a variant of it is another cause
     for other in design.candidates:
         at_place = other.joint == mine.joint and other.effect.component == mine.effect.component
         has_more = len(other.ids) > len(mine.ids) and other.effect.id != mine.effect.id
-        if at_place and has_more and spans(design, other, mine) and not _is_another_cause(design, other, mine):
-            found.add(other.effect.id)
-    return tuple(sorted(found))
+        if at_place and has_more and spans(design, other, mine):
+            name = other.effect.id
+            larger[name] = larger.get(name, False) or _is_another_cause(design, other, mine)
+    return tuple(sorted(name for name, is_other in larger.items() if not is_other))
 
 
 def _is_another_cause(design: Design, larger: Candidate, mine: Candidate) -> bool:
