@@ -23,7 +23,7 @@ from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.report.document import make_report, to_json
 from np_diagnosis.simulation.patching import make_patch
 from np_effects.stage import Stage
-from np_effects.sums import sliding
+from np_effects.sums import bent, sliding
 from np_effects.torque_loop import torque_saturation
 from np_effects.transmission import backlash
 
@@ -60,6 +60,30 @@ def test_a_payload_that_was_put_on_is_found_in_an_arm_that_is_wrong_in_every_joi
     (entry,) = make_patch(diagnosis).effects
     assert entry.effect == "payload"
     assert entry.parameters["mass"] == pytest.approx(0.3 * 1.05, abs=0.01)  # 5 % heavier like all that the arm is
+
+
+def with_torque(log, joint, extra):
+    """The log with more torque (n,) Nm asked for, and given, at a joint."""
+    torque, asked, target = log.torque.copy(), log.commands.torque.copy(), log.commands.target.copy()
+    torque[:, joint] += extra
+    asked[:, joint] += (ahead := np.append(extra[1:], extra[-1]))
+    target[:, joint] += ahead / log.commands.stiffness[:, joint]
+    return replace(log, torque=torque, commands=replace(log.commands, torque=asked, target=target))
+
+
+def test_uneven_friction_that_bends_its_bristles_further_is_one_effect(before):
+    """It was an offset of the drive with presliding friction: the old bristles carry more, and all of it turns over late."""
+    joint, reach, (forward, backward) = 2, 4e-3, (0.7, -0.05)
+    after = record(WRONG, name="new", noise=99)
+    turned, own = bent(after.position[:, joint], reach), bent(after.position[:, joint], WRONG.breakaway)
+    extra = forward * (turned + 1) / 2 + backward * (turned - 1) / 2 + panda().frictionloss[joint] * (turned - own)
+    diagnosis = diagnose([with_torque(after, joint, extra)], reference=[before])
+    (found,) = [f for f in diagnosis.findings if f.is_chosen]
+    assert (found.effect.id, found.component) == ("asymmetric_coulomb_friction", panda().joints[joint])
+    assert found.parameters["level_positive"].value == pytest.approx(forward, abs=0.02)
+    assert found.parameters["level_negative"].value == pytest.approx(backward, abs=0.02)
+    assert found.parameters["reach"].value == pytest.approx(reach, rel=0.15)
+    assert make_patch(diagnosis).effects
 
 
 def in_steps(log, joint, step):
