@@ -9,6 +9,7 @@ from arm_generator import Truth, at, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from np_diagnosis.arm import rigid
 from np_diagnosis.arm.model import panda
 from np_diagnosis.arm.stages import drive
 from np_diagnosis.commands.diagnose import parse
@@ -22,7 +23,8 @@ from np_diagnosis.inference.residuals import Stages
 from np_diagnosis.report.document import make_report, to_json
 from np_diagnosis.simulation.patching import make_patch
 from np_effects.stage import Stage
-from np_effects.sums import sliding
+from np_effects.sums import bent, sliding
+from np_effects.torque_loop import torque_saturation
 from np_effects.transmission import backlash
 
 # Against the nominal arm: friction, damping, an offset, what no catalogue knows, and every link 5 % heavier.
@@ -58,6 +60,30 @@ def test_a_payload_that_was_put_on_is_found_in_an_arm_that_is_wrong_in_every_joi
     (entry,) = make_patch(diagnosis).effects
     assert entry.effect == "payload"
     assert entry.parameters["mass"] == pytest.approx(0.3 * 1.05, abs=0.01)  # 5 % heavier like all that the arm is
+
+
+def with_torque(log, joint, extra):
+    """The log with more torque (n,) Nm asked for, and given, at a joint."""
+    torque, asked, target = log.torque.copy(), log.commands.torque.copy(), log.commands.target.copy()
+    torque[:, joint] += extra
+    asked[:, joint] += (ahead := np.append(extra[1:], extra[-1]))
+    target[:, joint] += ahead / log.commands.stiffness[:, joint]
+    return replace(log, torque=torque, commands=replace(log.commands, torque=asked, target=target))
+
+
+def test_uneven_friction_that_bends_its_bristles_further_is_one_effect(before):
+    """It was an offset of the drive with presliding friction: the old bristles carry more, and all of it turns over late."""
+    joint, reach, (forward, backward) = 2, 4e-3, (0.7, -0.05)
+    after = record(WRONG, name="new", noise=99)
+    turned, own = bent(after.position[:, joint], reach), bent(after.position[:, joint], WRONG.breakaway)
+    extra = forward * (turned + 1) / 2 + backward * (turned - 1) / 2 + panda().frictionloss[joint] * (turned - own)
+    diagnosis = diagnose([with_torque(after, joint, extra)], reference=[before])
+    (found,) = [f for f in diagnosis.findings if f.is_chosen]
+    assert (found.effect.id, found.component) == ("asymmetric_coulomb_friction", panda().joints[joint])
+    assert found.parameters["level_positive"].value == pytest.approx(forward, abs=0.02)
+    assert found.parameters["level_negative"].value == pytest.approx(backward, abs=0.02)
+    assert found.parameters["reach"].value == pytest.approx(reach, rel=0.15)
+    assert make_patch(diagnosis).effects
 
 
 def in_steps(log, joint, step):
@@ -184,6 +210,27 @@ def test_hysteresis_that_a_gear_always_had_is_no_change(before):
     _, left = stages.change(Stage.TRANSMISSION, 3, rows, nothing, twist)
     straight = apart(directions(nuisances.columns(c, Stage.TRANSMISSION, 3), rows), rows, twist[:, None])
     assert np.std(left[rows]) < 0.3 * np.std(straight[rows])
+
+
+def test_a_limit_that_a_drive_always_had_is_no_change(before):
+    """It lies between two limits that are tried; what it takes is gone from either stage, and not only from r1."""
+    joint, stages_of = 3, (Stage.DRIVE, Stage.DYNAMICS)
+    given_ = drive([before], panda())
+    limit = 0.817 * np.abs(given_.commanded + given_.gravity)[:, joint].max()
+    held = rigid.gravity_torque(panda(), before.position)[:, joint]
+
+    def limited(log):
+        torque = log.torque.copy()
+        torque[:, joint] = np.clip(torque[:, joint] + held, -limit, limit) - held
+        return replace(log, torque=torque)
+
+    logs = limited(before), limited(record(WRONG, name="new", noise=99))
+    stages, whole = Stages(context_of(*logs)), Stages(make_context(list(logs), panda()))
+    shown = torque_saturation._signature(limit, joint, False)
+    for stage in stages_of:
+        rows, said = stages.rows(stage, joint), whole.columns(shown, stage, joint)
+        _, left = stages.change(stage, joint, rows, said[:, :0], said[:, 0])
+        assert np.std(said[rows]) > 0.05 and np.std(left[rows]) < 0.05 * np.std(said[rows])
 
 
 def test_a_play_that_is_new_is_read_off_the_later_recording(before):

@@ -29,6 +29,7 @@ from np_effects.registry import all_signatures
 from np_effects.sensing.encoder_quantisation import find_quantum
 from np_effects.signature import Parameter
 from np_effects.stage import Stage
+from np_effects.sums import bent
 from np_effects.timing.command_delay import USUAL
 
 ARM = panda()
@@ -223,11 +224,11 @@ def test_the_schema_refuses(change, text):
 
 def test_what_yields_before_it_slides_follows_the_motion_and_turns_with_it():
     path = np.concatenate([np.linspace(0, 0.02, 400), np.linspace(0.02, -0.02, 800)])
-    bent = nuisances.bent(path, 1e-3)
-    assert np.abs(bent).max() == pytest.approx(1.0) and bent[0] == 0.0
-    assert bent[380] == pytest.approx(1.0) and bent[-1] == pytest.approx(-1.0)
+    share = bent(path, 1e-3)
+    assert np.abs(share).max() == pytest.approx(1.0) and share[0] == 0.0
+    assert share[380] == pytest.approx(1.0) and share[-1] == pytest.approx(-1.0)
     # It turns over twice its reach, which is where friction is late.
-    turned = 400 + np.flatnonzero(bent[400:] <= -1.0 + 1e-9)[0]
+    turned = 400 + np.flatnonzero(share[400:] <= -1.0 + 1e-9)[0]
     assert path[400] - path[turned] == pytest.approx(2e-3, rel=0.1)
 
 

@@ -58,8 +58,8 @@ def searches(tmp_path_factory):
 
 
 def number(search, name, joint=STUCK):
-    """The one candidate of an effect in a joint."""
-    [found] = [n for n, c in enumerate(search.design.candidates) if c.effect.id == name and c.joint == joint]
+    """The candidate of an effect in a joint, of its variant without a name."""
+    [found] = [n for n, c in enumerate(search.design.candidates) if c.effect.key == name and c.joint == joint]
     return found
 
 

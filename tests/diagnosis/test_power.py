@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm_generator import Truth, record
+from arm_generator import Truth, at, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from np_diagnosis.arm.model import panda
+from np_diagnosis.diagnosis import diagnose
 from np_diagnosis.experiments.ambiguity import Ambiguity, ambiguity, open_question
 from np_diagnosis.experiments.excitation import experiment, suite
 from np_diagnosis.experiments.forecast import planned_cells, planned_log
@@ -23,6 +24,7 @@ from np_diagnosis.experiments.power import (
 )
 from np_diagnosis.inference.context import make_context
 from np_diagnosis.inference.design import make_design
+from np_diagnosis.inference.ranking import generalisations, spans
 from np_diagnosis.inference.search import Search
 from np_diagnosis.report.document import make_report, to_json
 from np_diagnosis.report.page import render
@@ -137,6 +139,25 @@ def test_the_rival_is_what_explains_the_recording_and_not_a_part_of_it(uneven):
     question = ambiguity(diagnosis.search, diagnosis.chosen, diagnosis.chosen.members[0], ("torque_offset",))
     assert ("torque_offset",) not in question.names and ("coulomb_friction", "torque_offset") in question.names
     assert all(p.probability < 0.1 for row in powers(diagnosis.search, question, EXPERIMENTS) for p in row)
+
+
+def test_an_offset_may_be_friction_with_equal_and_opposite_levels(uneven):
+    """The same forces, of the drive or of the joint: neither is a special case that would leave the other one right."""
+    search = uneven[0].search
+    number = {(c.effect.key, c.joint): n for n, c in enumerate(search.design.candidates)}
+    offset, friction = number["torque_offset[unseen by the sensor]", 0], number["asymmetric_coulomb_friction", 0]
+    assert spans(search.design, *(search.design.candidates[n] for n in (friction, offset)))
+    assert generalisations(search, offset) == ("cable_torque",)  # whose stiffness has to be nothing for this
+    assert generalisations(search, number["coulomb_friction", 0]) == ("asymmetric_coulomb_friction",)
+
+
+def test_an_offset_is_named_with_the_friction_that_it_may_be():
+    diagnosis = diagnose([record(Truth(offset=at(1, 0.3)))])
+    (finding,) = [f for f in diagnosis.findings if f.is_chosen]
+    assert finding.effect.id == "torque_offset" and finding.rivals == ("asymmetric_coulomb_friction",)
+    assert diagnosis.verdict == "ambiguous"
+    answer = next_experiment(diagnosis, open_question(diagnosis))
+    assert answer["name"] == NONE and "asymmetric_coulomb_friction" in answer["cannot_separate"]
 
 
 def test_an_ambiguity_is_answered_with_a_command_and_its_probability(stuck, monkeypatch):

@@ -13,7 +13,7 @@ from np_diagnosis.recordings.signals import Log, sample
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
 from np_effects.arm_effects import ArmEffects
-from np_effects.limits import is_apart, lost
+from np_effects.limits import always, is_apart, lost
 from np_effects.patch import Patch, PatchEffect
 from np_effects.signature import Parameter
 from np_effects.stage import Stage
@@ -160,6 +160,23 @@ def test_what_a_limit_acts_on_is_asked_of_the_recording(limited, limit, apart):
     d.measured = d.arrived
     d.measured = d.arrived + lost(d, 0, limited, limit, apart)[:, None] + 0.03 * rng.normal(size=(3000, 1))
     assert is_apart(d, 0, limited, {False: [0.94 * limit, 1.1 * limit], True: [0.94 * limit, 1.1 * limit]}) is apart
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("limited, limit", [(saturated, 6.0), (ramped, 300.0)])
+def test_a_limit_that_a_drive_had_is_known_from_before(limited, limit, apart):
+    rng, time = np.random.default_rng(3), np.arange(3000) * PERIOD
+    commanded = 8 * np.sin(7 * time) + 4 * np.sin(60 * time)
+    gravity = 9 * np.sin(5 * time)
+    d = SimpleNamespace(arrived=commanded[:, None], gravity=gravity[:, None], starts=np.array([0, 1500]), period=PERIOD)
+    d.measured = d.arrived + 0.03 * rng.normal(size=(3000, 1))
+    tried, earlier = {False: [0.94 * limit, 1.1 * limit], True: [0.94 * limit, 1.1 * limit]}, time < 3.0
+    assert always(d, 0, limited, tried, earlier) is None
+    changed = d.measured + lost(d, 0, limited, limit, apart)[:, None]
+    d.measured, unchanged = np.where(earlier[:, None], changed, d.measured), d.measured
+    assert always(d, 0, limited, tried, earlier) == (pytest.approx(limit, rel=3e-3), apart)
+    d.measured = np.where(earlier[:, None], unchanged, changed)  # a limit that is new is not one that was there
+    assert always(d, 0, limited, tried, earlier) is None
 
 
 @settings(max_examples=20, deadline=None)

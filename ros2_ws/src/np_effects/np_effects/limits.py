@@ -19,6 +19,8 @@ OFTEN = 99.8  # per cent of the periods in which a drive at its limit gives no m
 REACHED = (0.97, 1.0)  # of the largest given: a drive at its limit is there again and again
 ACTS = 0.05  # of the squares between command and measurement that a limit must explain for its reading to matter
 STEPS = (0.06, 0.03, 0.015, 0.008, 0.004)  # of a limit, by which it is looked for between two levels
+FINE = (*STEPS, 0.002, 0.001, 5e-4, 2e-4, 1e-4)  # likewise, where what the limit takes is taken out
+ALWAYS = 0.5  # of the squares in the rows in which a limit acts that one which was there leaves at most
 Limited = Callable[[Drive, np.ndarray, float, np.ndarray], np.ndarray]
 """What a limit leaves of torques (n,) Nm asked for, of which (n,) Nm were measured."""
 
@@ -45,16 +47,56 @@ def is_apart(
     levels: where to begin, by reading. Between two of them the limit is looked for: how near one happens to be says nothing.
     asked: rows (n,) bool in which there may be a limit (`Context.is_later`).
     """
-    residual = (d.measured[:, joint] - d.arrived[:, joint])[asked]
+    left = _left(d, joint, limited, asked)
+    best = _of_levels(left, levels)
+    if min(best.values())[0] > (1 - ACTS) * left(np.inf, False):
+        return False  # nothing is limited
+    best = {apart: _nearest(left, found, apart, STEPS) for apart, found in best.items()}
+    return best[True] < best[False]
+
+
+def always(
+    d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]], earlier: np.ndarray
+) -> tuple[float, bool] | None:
+    """The limit that a joint's drive had in the rows `earlier` (n,) bool, and whether it is of the command without gravity;
+    None where nothing was limited there.
+
+    Whether it was there is asked of the rows in which the limit would act, which may be few: in those it must leave
+    less than half of the squares that there are. levels: where to begin, by reading.
+    """
+    left = _left(d, joint, limited, earlier)
+    best = _of_levels(left, levels)
+    if min(best.values())[0] >= left(np.inf, False):
+        return None  # a limit above the one that is there would say a part of it
+    (_, limit), apart = min((_nearest(left, found, apart, FINE), apart) for apart, found in best.items())
+    column = lost(d, joint, limited, limit, apart)
+    acts = earlier & (column != 0)
+    residual = (d.measured - d.arrived)[acts, joint]
+    is_there = np.square(residual - column[acts]).sum() < ALWAYS * np.square(residual).sum()
+    return (limit, apart) if is_there else None
+
+
+Left = Callable[[float, bool], float]
+"""Squares Nm^2 of what was measured that a limit leaves in some rows, in one of the readings."""
+
+
+def _left(d: Drive, joint: int, limited: Limited, rows: np.ndarray | slice) -> Left:
+    residual = (d.measured[:, joint] - d.arrived[:, joint])[rows]
 
     def left(limit: float, apart: bool) -> float:
-        return float(np.square(residual - lost(d, joint, limited, limit, apart)[asked]).sum())
+        change = 0.0 if np.isinf(limit) else lost(d, joint, limited, limit, apart)[rows]
+        return float(np.square(residual - change).sum())
 
-    best = {apart: min((left(level, apart), level) for level in levels[apart]) for apart in (False, True)}
-    if min(best.values())[0] > (1 - ACTS) * np.square(residual).sum():
-        return False  # nothing is limited
-    for apart, found in best.items():
-        for step in STEPS:
-            found = min([found, *((left(found[1] * x, apart), found[1] * x) for x in (1 - step, 1 + step))])
-        best[apart] = found
-    return best[True] < best[False]
+    return left
+
+
+def _of_levels(left: Left, levels: dict[bool, Sequence[float]]) -> dict[bool, tuple[float, float]]:
+    """(squares, limit) of the best of some limits, by reading."""
+    return {apart: min((left(level, apart), level) for level in levels[apart]) for apart in (False, True)}
+
+
+def _nearest(left: Left, found: tuple[float, float], apart: bool, steps: Sequence[float]) -> tuple[float, float]:
+    """(squares, limit) of the best limit about one that was found, looked for in smaller and smaller steps."""
+    for step in steps:
+        found = min([found, *((left(found[1] * x, apart), found[1] * x) for x in (1 - step, 1 + step))])
+    return found

@@ -79,6 +79,7 @@ class EffectRecord:
     sensors: OnSensors | None = None
     shows_in_motion: bool = True
     numpy_only: bool = False
+    always: Callable[[Context], list[Signature]] | None = None
     text: Mapping[str, str] | None = None
     said: str = ""
 

@@ -108,3 +108,8 @@ SCENE_RECORDS = find_scene_records()
 def all_signatures(context: Context) -> list[Signature]:
     """Every way in which an effect could show in this recording, variants included."""
     return [signature for record in RECORDS.values() for signature in record.signatures(context)]
+
+
+def shown_before(context: Context) -> list[Signature]:
+    """What the recordings of the arm as it was show of effects that settle it there (`EffectRecord.always`)."""
+    return [signature for record in RECORDS.values() if record.always for signature in record.always(context)]

@@ -76,6 +76,16 @@ def sliding(moved: np.ndarray, stroke: float, shaken: float = 0.0) -> np.ndarray
     return recurrence(decay, moved / path * (1 - decay))
 
 
+def bent(position: np.ndarray, reach: float) -> np.ndarray:
+    """How far a bristle is bent that a joint drags along, as a share (m,), -1 to 1, of its reach rad.
+
+    It is what the play operator leaves of a smoothed position (m,) rad.
+    """
+    padded = np.pad(position, SMOOTH // 2, mode="edge")
+    smooth = np.convolve(padded, np.full(SMOOTH, 1 / SMOOTH), mode="valid")
+    return (smooth - play(smooth, reach)) / reach
+
+
 def sign(velocity: np.ndarray) -> np.ndarray:
     """Direction of recorded motion, -1..1, smooth through standstill."""
     return np.tanh(velocity / SURE_SPEED)

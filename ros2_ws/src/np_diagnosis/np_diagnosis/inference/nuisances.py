@@ -19,7 +19,7 @@ from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.evidence import Context
 from np_effects.signature import Parameter
 from np_effects.stage import Stage
-from np_effects.sums import SMOOTH, play, sign
+from np_effects.sums import bent, sign
 
 NUISANCES = THRESHOLDS.nuisances
 
@@ -133,13 +133,3 @@ def _attenuation(context: Context, joint: int) -> float:
     moved = context.samples.acceleration[slides(context.samples, joint), joint]
     noise = context.samples.shaking[joint] ** 2 / (np.mean(moved**2) if moved.size else 1.0)
     return float(felt * (NUISANCES.acceleration_error + min(noise, NUISANCES.noise_share)))
-
-
-def bent(position: np.ndarray, reach: float) -> np.ndarray:
-    """How far a bristle is bent that a joint drags along, as a share (m,), -1 to 1, of its reach rad.
-
-    It is what the play operator leaves of a smoothed position (m,) rad.
-    """
-    padded = np.pad(position, SMOOTH // 2, mode="edge")
-    smooth = np.convolve(padded, np.full(SMOOTH, 1 / SMOOTH), mode="valid")
-    return (smooth - play(smooth, reach)) / reach

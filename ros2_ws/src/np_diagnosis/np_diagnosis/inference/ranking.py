@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from np_diagnosis.inference.design import Candidate, Design
 from np_diagnosis.inference.search import Model, Search
 from np_diagnosis.thresholds import THRESHOLDS
+from np_effects import RECORDS
 
 RANKING = THRESHOLDS.ranking
 
@@ -61,16 +64,30 @@ def alternatives(search: Search, chosen: Model, member: int) -> tuple[str, ...]:
 def generalisations(search: Search, member: int) -> tuple[str, ...]:
     """Ids of effects at a member's place of which the member is a special case.
 
-    Asymmetric friction, for one, is plain friction where its two levels are equal. Such effects do not contradict it.
+    Asymmetric friction, for one, is plain friction where its two levels are equal. Such effects do not contradict it; what
+    is another cause of the same forces (`_is_another_cause`) does.
     """
     design, mine = search.design, search.design.candidates[member]
-    found = set()
+    larger: dict[str, bool] = {}  # id: whether a variant of it is another cause
     for other in design.candidates:
         at_place = other.joint == mine.joint and other.effect.component == mine.effect.component
         has_more = len(other.ids) > len(mine.ids) and other.effect.id != mine.effect.id
         if at_place and has_more and spans(design, other, mine):
-            found.add(other.effect.id)
-    return tuple(sorted(found))
+            name = other.effect.id
+            larger[name] = larger.get(name, False) or _is_another_cause(design, other, mine)
+    return tuple(sorted(name for name, is_other in larger.items() if not is_other))
+
+
+def _is_another_cause(design: Design, larger: Candidate, mine: Candidate) -> bool:
+    """Whether an effect that says what a smaller one does is a cause elsewhere: of another module, with all of its parameters.
+
+    Friction with equal and opposite levels is the torque of an offset, and a fault of the joint, not of its drive. A cable
+    says it with one of its parameters alone: a cable without stiffness is none.
+    """
+    if RECORDS[larger.effect.id].module == RECORDS[mine.effect.id].module:
+        return False
+    fewer = (replace(larger, ids=np.delete(larger.ids, k)) for k in range(len(larger.ids)))
+    return not any(spans(design, one, mine) for one in fewer)
 
 
 def spans(design: Design, one: Candidate, other: Candidate) -> bool:

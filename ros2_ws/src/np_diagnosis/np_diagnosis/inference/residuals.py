@@ -11,7 +11,7 @@ from np_diagnosis.inference.flexible import flexible
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import RECORDS
 from np_effects.evidence import Context
-from np_effects.registry import all_signatures
+from np_effects.registry import all_signatures, shown_before
 from np_effects.signature import Signature
 from np_effects.stage import Stage
 
@@ -27,6 +27,7 @@ class Stages:
     def __init__(self, context: Context):
         self.context = context
         self.signatures = all_signatures(context)
+        self._before = shown_before(context) if context.reference else []
         self._common: dict[tuple[Stage, int, bool], np.ndarray] = {}  # `directions` of each cell
         # Of the last joint asked for: columns of effects by stage, and of what could be said of all recordings alike.
         self._kept: tuple[int, dict[tuple[int, Stage], tuple[Signature, np.ndarray]]] = (-1, {})
@@ -115,12 +116,19 @@ class Stages:
         return bent if less < (1 - HINTS.always_wound) * left else straight
 
     def _said_of_both(self, stage: Stage, joint: int) -> tuple[np.ndarray, np.ndarray]:
-        """Columns of `_alike`: those of a gear that winds up (n, w) apart from all others (n, s)."""
+        """Columns of `_alike`: those of a gear that winds up (n, w) apart from all others (n, s).
+
+        A limit that the drive had before is said by a column of its own: between two limits of a grid the nearest one leaves
+        what a new limit would explain. It is known by the torque measured, and so may be taken out of r2 as well.
+        """
         own = [nuisances.columns(self.context, stage, joint), flexible(self.context, stage, joint, expected=True)]
         wound = [np.zeros((len(own[0]), 0))]
         for effect in self.signatures:
-            if effect.only_joint in (None, joint) and stage in effect.columns and effect.id != LOSS:
+            said = effect.id != LOSS and RECORDS[effect.id].always is None
+            if effect.only_joint in (None, joint) and stage in effect.columns and said:
                 (wound if effect.id == HYSTERESIS else own).append(self._own(effect, stage, joint))
+        shown = [self._everywhere(effect, stage, joint) for effect in self._before if effect.only_joint == joint]
+        own += [columns for columns in shown if columns is not None]
         return beside(own), beside(wound)
 
     def _everywhere(self, effect: Signature, stage: Stage, joint: int) -> np.ndarray | None:

@@ -2,34 +2,67 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from np_effects.behaviour import Resistance, Values, direction
 from np_effects.evidence import Context
 from np_effects.panda_changes import added
 from np_effects.record import EffectRecord, Place, Quantity, Visible
-from np_effects.signature import Parameter, Signature, stack
+from np_effects.signature import Parameter, Shape, Signature, stack
 from np_effects.stage import Stage
-from np_effects.sums import sign
+from np_effects.sums import bent, sign
 
 POSITIVE, NEGATIVE = Quantity("level_positive", "Nm", -4.0, 4.0), Quantity("level_negative", "Nm", -4.0, 4.0)
+REACH = Quantity("reach", "rad", 0.0, 0.05)  # half of the way on which it turns over; no simulated arm has it
+# rad: longer than any arm's own friction takes. More friction on the same bristles bends them further.
+REACHES = (0.0007, 0.0014, 0.0028, 0.0056, 0.0112)
+MOST = 0.02
+# Of the joint's own friction, which is on the same bristles.
+_TAKEN_ALONG = Parameter("share", "1", 0.0, 2.0, 0.3, 1.0)
+
+
+def _levels(lower: float) -> tuple[Parameter, ...]:
+    return tuple(Parameter(q.name, "Nm", lower, q.upper, 0.3) for q in (POSITIVE, NEGATIVE))
+
+
+def _at_once(lower: float) -> Signature:
+    """From the one level to the other through their mean: the forces of Coulomb friction with an offset, at a turn as well,
+    or turns would seem to tell the two apart."""
+    return Signature(
+        "asymmetric_coulomb_friction",
+        _levels(lower),
+        {
+            Stage.DYNAMICS: lambda c, j: stack(
+                c.samples.filtered(j, lambda q, v: (sign(v) + 1) / 2),
+                c.samples.filtered(j, lambda q, v: (sign(v) - 1) / 2),
+            )
+        },
+        "Gaz et al., RA-L 2019",
+    )
+
+
+def _late(reach: float, lower: float) -> Signature:
+    """The same on bristles that a reversal bends by twice the reach, rad. As presliding friction with an offset these would be
+    two effects in place of one."""
+    return Signature(
+        "asymmetric_coulomb_friction",
+        (*_levels(lower), _TAKEN_ALONG),
+        {
+            Stage.DYNAMICS: lambda c, j: stack(
+                c.samples.filtered(j, lambda q, v: (bent(q, reach) + 1) / 2),
+                c.samples.filtered(j, lambda q, v: (bent(q, reach) - 1) / 2),
+                c.arm.frictionloss[j] * c.samples.filtered(j, lambda q, v: bent(q, reach) - sign(v)),
+            )
+        },
+        "Prandtl 1928: a bristle that bends, then slides",
+        f"turns over within {1e3 * reach:.3g} mrad",
+        Shape(REACH.name, "rad", reach, partial(_late, lower=lower), upper=MOST),
+    )
 
 
 def _signatures(context: Context) -> list[Signature]:
     lower = -float(context.arm.frictionloss.max())
-    return [
-        Signature(
-            "asymmetric_coulomb_friction",
-            tuple(Parameter(q.name, "Nm", lower, q.upper, 0.3) for q in (POSITIVE, NEGATIVE)),
-            {
-                # From the one level to the other through their mean: the forces of Coulomb friction with an offset, at a turn
-                # as well, or turns would seem to tell the two apart.
-                Stage.DYNAMICS: lambda c, j: stack(
-                    c.samples.filtered(j, lambda q, v: (sign(v) + 1) / 2),
-                    c.samples.filtered(j, lambda q, v: (sign(v) - 1) / 2),
-                )
-            },
-            "Gaz et al., RA-L 2019",
-        )
-    ]
+    return [_at_once(lower), *(_late(reach, lower) for reach in REACHES)]
 
 
 def _uneven(values: Values) -> Resistance:
@@ -41,7 +74,7 @@ def _uneven(values: Values) -> Resistance:
 RECORD = EffectRecord(
     "asymmetric_coulomb_friction",
     Place.JOINT,
-    (POSITIVE, NEGATIVE),
+    (POSITIVE, NEGATIVE, REACH),
     _signatures,
     Visible("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
     panda=lambda panda, component, v: added(

@@ -13,7 +13,7 @@ from np_description.rotations import namespace
 from np_effects import evidence
 from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values, unlimited
 from np_effects.evidence import Context
-from np_effects.limits import GRAVITY_APART, is_apart, levels, lost
+from np_effects.limits import GRAVITY_APART, always, is_apart, levels, lost
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import WHOLE, Shape, Signature, stack
 from np_effects.stage import Stage
@@ -79,20 +79,31 @@ def _signatures(context: Context) -> list[Signature]:
         return []
     found, later = [], context.is_later(context.drive.trajectory)
     for j in range(len(context.arm)):
-        tried = {apart: _levels(context, j, apart) for apart in (False, True)}
+        tried = {apart: _levels(context, j, apart, later) for apart in (False, True)}
         apart = is_apart(context.drive, j, ramped, tried, later)
         found += [_signature(level, j, apart) for level in tried[apart]]
     return found
 
 
-def _levels(context: Context, joint: int, apart: bool) -> list[float]:
-    """Limits Nm/s to try."""
+def _always(context: Context) -> list[Signature]:
+    if context.drive is None:
+        return []
+    found, earlier = [], ~context.is_later(context.drive.trajectory)
+    for j in range(len(context.arm)):
+        tried = {apart: _levels(context, j, apart, earlier) for apart in (False, True)}
+        shown = always(context.drive, j, ramped, tried, earlier)
+        found += [_signature(shown[0], j, shown[1])] if shown else []
+    return found
+
+
+def _levels(context: Context, joint: int, apart: bool, rows: np.ndarray) -> list[float]:
+    """Limits Nm/s to try for rows (n,) bool of the drive."""
     d = context.drive
     held = 0.0 if apart else d.gravity[:, joint]
     within = np.ones(len(d.time), bool)
     within[d.starts] = False
     asked, given = (np.diff(torque[:, joint] + held, prepend=0.0) / d.period for torque in (d.arrived, d.measured))
-    return levels(asked[within], given[within & context.is_later(d.trajectory)])
+    return levels(asked[within], given[within & rows])
 
 
 def _follow(values: Values) -> Drive:
@@ -114,5 +125,6 @@ RECORD = EffectRecord(
     _signatures,
     Visible("share of the suite's peak", (0.06,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
     drive=OnDrive(DriveSlot.RATE, _follow, of_total=True),
+    always=_always,
     said="the drive of {at} changes its torque by no more than {limit:Nm/s}",
 )

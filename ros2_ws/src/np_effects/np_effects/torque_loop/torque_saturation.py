@@ -10,7 +10,7 @@ from np_description.rotations import namespace
 from np_effects import behaviour
 from np_effects.behaviour import DriveSlot, OnDrive, Values, unlimited
 from np_effects.evidence import Context, Drive
-from np_effects.limits import GRAVITY_APART, is_apart, levels, lost
+from np_effects.limits import GRAVITY_APART, always, is_apart, levels, lost
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import WHOLE, Shape, Signature, stack
 from np_effects.stage import Stage
@@ -41,17 +41,28 @@ def _signatures(context: Context) -> list[Signature]:
         return []
     found, later = [], context.is_later(context.drive.trajectory)
     for j in range(len(context.arm)):
-        tried = {apart: _levels(context, j, apart) for apart in (False, True)}
+        tried = {apart: _levels(context, j, apart, later) for apart in (False, True)}
         apart = is_apart(context.drive, j, saturated, tried, later)
         found += [_signature(level, j, apart) for level in tried[apart]]
     return found
 
 
-def _levels(context: Context, joint: int, apart: bool) -> list[float]:
-    """Limits Nm to try."""
+def _always(context: Context) -> list[Signature]:
+    if context.drive is None:
+        return []
+    found, earlier = [], ~context.is_later(context.drive.trajectory)
+    for j in range(len(context.arm)):
+        tried = {apart: _levels(context, j, apart, earlier) for apart in (False, True)}
+        shown = always(context.drive, j, saturated, tried, earlier)
+        found += [_signature(shown[0], j, shown[1])] if shown else []
+    return found
+
+
+def _levels(context: Context, joint: int, apart: bool, rows: np.ndarray) -> list[float]:
+    """Limits Nm to try for rows (n,) bool of the drive."""
     d = context.drive
     held = 0.0 if apart else d.gravity[:, joint]
-    return levels(d.commanded[:, joint] + held, (d.measured[:, joint] + held)[context.is_later(d.trajectory)])
+    return levels(d.commanded[:, joint] + held, (d.measured[:, joint] + held)[rows])
 
 
 def _clip(values: Values) -> behaviour.Drive:
@@ -66,5 +77,6 @@ RECORD = EffectRecord(
     _signatures,
     Visible("share of the suite's peak", (0.07,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
     drive=OnDrive(DriveSlot.LIMIT, _clip, of_total=True),
+    always=_always,
     said="the drive of {at} gives no more than {limit:Nm}",
 )
