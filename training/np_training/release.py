@@ -13,9 +13,7 @@ import argparse
 import json
 from pathlib import Path
 
-from np_training.setting import OBJECT_HELP
-
-WEIGHTS, RESULTS = Path("weights"), Path("docs/results")
+from np_training.setting import OBJECT_HELP, RESULTS, WEIGHTS
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from np_control.operational_space import CartesianGains
 from np_description.domains import Domain, find_domain
@@ -25,6 +26,7 @@ UNSAID = {
 STARTS = {"contact": None, "above": (0.0, 0.0, 1.0), "right": (0.0, -1.0, 0.0)}
 """Where an episode begins: where the pre-contact policy says, over the object (EE-ABOVE), or at its right
 side as seen from the robot (EE-AT-RIGHT); directions from the object's centre in the base frame."""
+WEIGHTS, RESULTS = Path("weights"), Path("docs/results")  # where a release goes
 OBJECT_HELP = "a rigid row of the domain's table of objects, or a .yaml file"
 
 

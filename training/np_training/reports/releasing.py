@@ -23,11 +23,10 @@ from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256
 from np_training.contracts import trained_contract
 from np_training.ppo.learner import learning_rate
-from np_training.release import RESULTS, WEIGHTS
 from np_training.report import PHYSICS_STEPS, Run, read_run
 from np_training.reports.curves import draw_curves
 from np_training.reports.curves import save as save_figure
-from np_training.setting import UNSAID, chosen, domain_of, setting_of
+from np_training.setting import RESULTS, UNSAID, WEIGHTS, chosen, domain_of, setting_of
 
 _CARD = """# {title}
 
