@@ -104,18 +104,6 @@ def test_help_of_a_command_imports_nothing_that_is_slow(module):
     assert done.stdout.startswith("usage: ") and done.stderr == "[]\n"
 
 
-def commands() -> list[str]:
-    """The module of every command and node: entry points of the workspace, what of training and blind tests runs by itself."""
-    told = "".join(path.read_text() for path in sorted((ROOT / "ros2_ws/src").glob("*/setup.py")))
-    alone = [
-        ".".join(path.relative_to(folder).with_suffix("").parts)
-        for folder in (ROOT / "training", ROOT / "benchmark")
-        for path in sorted(folder.rglob("*.py"))
-        if "__main__" in path.read_text()
-    ]
-    return [*re.findall(r"= (np_[\w.]+):main", told), *alone]
-
-
 ALL = """
 import importlib, io, sys
 from contextlib import redirect_stdout
@@ -134,6 +122,8 @@ for name in {names}:
 
 def test_no_help_imports_torch():
     """Which takes seconds. All in one process: the first that does is named."""
+    from help_times import commands
+
     names = commands()
     assert {"np_training.train", "np_training.detector.release", "np_blind.task_set"} < set(names) and len(names) > 60
     done = subprocess.run([sys.executable, "-c", ALL.format(names=names)], capture_output=True, text=True)
