@@ -26,7 +26,7 @@ REAL_TIME := realtime or real_time
 ALONE := tests/unit tests/training tests/diagnosis tests/parity
 GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
-.PHONY: help setup demo test test-slow test-driver driver-report hardware physx lerobot cluster bench soak fuzz blind evaluate table3 train identify docs format lock clean distclean
+.PHONY: help setup demo test test-slow test-driver driver-report hardware physx lerobot cluster bench soak fuzz blind blind-chain evaluate table3 train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -72,6 +72,10 @@ fuzz: setup ## SEED: random and malformed messages on every topic: none of the n
 blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS CLUSTER: the gap doctor against sealed cases, as JSON
 	@$(ACTIVATE) exec python -m np_blind.blind --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) \
 		$(ON) $(ARGS)
+
+blind-chain: physx ## CASES=16 SEED=1 JOBS CLUSTER ARGS=--seal: what is beside the arm, in PhysX, against sealed cases, as JSON
+	@$(ACTIVATE) exec python -m np_blind.task_set $(if $(filter-out file,$(origin CASES)),--cases $(CASES)) \
+		$(if $(filter-out file,$(origin SEED)),--seed $(SEED)) --jobs $(JOBS) $(ON) $(ARGS)
 
 train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there
 	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)

@@ -15,7 +15,7 @@ from safetensors.torch import save_file
 from np_description.contract import KEY
 from np_description.domains import find_domain
 from np_perception.contract import DetectorContract
-from np_training.detector.export import export
+from np_training.detector.exporting import export
 from np_training.detector.network import KeypointNetwork, NetworkConfig
 
 TINY = NetworkConfig(widths=(8, 8, 8), blocks=(1, 1))

@@ -6,7 +6,8 @@ import torch
 
 from np_policy.networks import mlp
 from np_training.ppo import distributed
-from np_training.ppo.learner import Batch, Learner, PPOConfig
+from np_training.ppo.config import PPOConfig
+from np_training.ppo.learner import Batch, Learner
 from np_training.ppo.networks import PreContactPolicy
 
 

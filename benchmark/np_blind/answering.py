@@ -10,12 +10,10 @@ import os
 import shlex
 import shutil
 import subprocess
-import sys
 import time
 import traceback
 from collections.abc import Sequence
 from concurrent.futures import Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +26,6 @@ from np_record.workers import Workers
 from np_ros.parent import end_with_parent
 
 SINGLE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-ROUNDS = 3  # fresh sets of processes at most, where one of them is killed
 
 
 @dataclass(frozen=True)
@@ -64,19 +61,10 @@ def write_error(out: Path, number: int, error: str) -> None:
 def answer_all(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: int, workers: Workers) -> None:
     """Bags and answers of all cases that have none yet. workers(jobs) gives an executor.
 
-    Where a process is killed (for its memory, say), those left begin anew; what was under way the last time
-    counts as failed.
+    A case that has lost every process it was given to (killed for its memory, say) counts as failed.
     """
-    for left in reversed(range(ROUNDS)):
-        try:
-            with workers(jobs) as pool:
-                _answer(cases, only, asking, jobs, pool)
-            return
-        except BrokenProcessPool as error:
-            print(f"blind: {error}; {left} more attempts", file=sys.stderr)
-    for case in cases:  # begun, and not survived
-        if bag_path(asking.out, case.number).exists() and not is_answered(asking.out, case.number):
-            write_error(asking.out, case.number, "a process of the test was killed, again and again")
+    with workers(jobs) as pool:
+        _answer(cases, only, asking, jobs, pool)
 
 
 def _answer(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: int, pool) -> None:
@@ -91,14 +79,18 @@ def _answer(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: in
     answers: dict[Future, int] = {pool.submit(answer, by_number[n], asking): n for n in sorted(recorded)}
     bar, done = Progress(len(cases), "blind"), len(answered)
     bar.show(done, "simulating")
-    for future in as_completed(making):
-        lost = _lost(future)
-        for number, error in ({case.number: lost for case in making[future]} if lost else future.result()).items():
-            if error:  # counted as wrong: no answer
-                write_error(out, number, error)
-                done += 1
-            else:
-                answers[pool.submit(answer, by_number[number], asking)] = number
+    while making:
+        for future in as_completed([*making]):
+            batch, lost = making.pop(future), _lost(future)
+            if lost and len(batch) > 1:  # by one of them, and which it was shows where each is alone
+                making |= {pool.submit(_record, [case], only, asking): [case] for case in batch}
+                continue
+            for number, error in ({batch[0].number: lost} if lost else future.result()).items():
+                if error:  # counted as wrong: no answer
+                    write_error(out, number, error)
+                    done += 1
+                else:
+                    answers[pool.submit(answer, by_number[number], asking)] = number
     for future in as_completed(answers):
         if lost := _lost(future):
             write_error(out, answers[future], lost)
@@ -107,10 +99,8 @@ def _answer(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: in
 
 
 def _lost(future: Future) -> str:
-    """How a cluster lost a case, with the workers it ran on; "" where it did not. Raises BrokenProcessPool."""
+    """How a case lost the processes it was given to; "" where it did not."""
     error = future.exception()
-    if isinstance(error, BrokenProcessPool):
-        raise error
     return f"{type(error).__name__}: {error}" if error else ""
 
 

@@ -12,13 +12,16 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from np_blind.pose_streams import Rig, record
-from np_diagnosis.chain.clock import Clock, compare
-from np_diagnosis.chain.streams import Stream, read
 from np_record.command import Progress
+
+if TYPE_CHECKING:  # slow: no --help should wait for it
+    from np_blind.pose_streams import Rig
+    from np_diagnosis.chain.clock import Clock
+    from np_diagnosis.chain.streams import Stream
 
 SHIFTS = (-0.08, -0.06, -0.04, -0.02, 0.02, 0.04, 0.06, 0.08)  # s
 DRIFTS = (0.0, 50.0, 100.0, 200.0)  # ppm
@@ -77,6 +80,9 @@ def half_width(clock: Clock) -> float:
 
 def shifted(path: Path, rng: np.random.Generator, tell: Callable[[str], None]) -> Iterator[dict]:
     """A row for each recording, condition and shift: what is recovered of the shift."""
+    from np_diagnosis.chain.clock import compare
+    from np_diagnosis.chain.streams import read
+
     for recording, names in PAIRS.items():
         a, b = (read(f"{path}:{name}") for name in names)
         baseline = {"all": compare(a, b), "even": compare(a, b.rows(np.arange(0, len(b.time), 2)))}
@@ -103,8 +109,12 @@ def _row(clock: Clock) -> dict:
     return row
 
 
-def drawn(draws: int, seed: int, tell: Callable[[str], None], base: Rig = Rig()) -> Iterator[dict]:
-    """A row for each synthetic recording: what was true, and what was found."""
+def drawn(draws: int, seed: int, tell: Callable[[str], None], base: Rig | None = None) -> Iterator[dict]:
+    """A row for each synthetic recording: what was true, and what was found. base: what they are changes of, None: `Rig()`."""
+    from np_blind.pose_streams import Rig, record
+    from np_diagnosis.chain.clock import compare
+
+    base = base or Rig()
     for number in range(draws):
         rng = np.random.default_rng([seed, number])
         name = list(RIGS)[number % len(RIGS)]

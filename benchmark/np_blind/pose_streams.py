@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from np_control.kinematics import hand_pose
@@ -112,4 +111,6 @@ def _pictures(rig: Rig, rng: np.random.Generator, motion: Motion) -> Stream:
 def _correlated(rng: np.random.Generator, rows: int, memory: float) -> np.ndarray:
     """Noise (n, 3) of standard deviation 1, each row remembering the one before by `memory`."""
     white = rng.normal(size=(rows + 100, 3)) * np.sqrt(1 - memory**2)
+    from scipy.signal import lfilter  # takes a second, of which no --help has need
+
     return lfilter([1.0], [1.0, -memory], white, axis=0)[100:]

@@ -12,14 +12,17 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from np_blind.view_cases import DEGREE, Case, Detector, Truth, places, usual
 from np_description.domains import BUMP, CARD
 from np_diagnosis.chain.view_stage.parameters import EFFECTS, NAMES
-from np_diagnosis.chain.view_stage.view import View, view
 from np_record.command import Progress
+
+if TYPE_CHECKING:
+    from np_diagnosis.chain.view_stage.view import View
 
 LIMITS = {
     "camera_place": ("camera", 3, 0.002),
@@ -64,6 +67,8 @@ UNKNOWN = ("moved", "dented", "wild")
 
 def row(kind: str, seed: int, number: int, measured: bool) -> dict:
     """One case: what was true, and what was found."""
+    from np_diagnosis.chain.view_stage.view import view  # slow: no --help should wait for it
+
     rng = np.random.default_rng([seed, number, list(KINDS).index(kind), measured])
     gap, more = KINDS[kind](rng)
     own = more.pop("own", rng.uniform(0.2, 0.8))

@@ -8,8 +8,9 @@ import pytest
 from bags import record_episode
 
 from np_blind.task_cases import GAPS, ORDER, Detector, draw, make_key
+from np_blind.task_judged import judged
 from np_blind.task_reality import Reality
-from np_blind.task_set import figures, judged
+from np_blind.task_set import figures
 from np_description.domains import BUMP
 from np_diagnosis.chain.explanations import Explained, Named
 from np_diagnosis.chain.findings import effects

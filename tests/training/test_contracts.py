@@ -19,7 +19,7 @@ from np_policy.networks import PostContactPolicy
 from np_policy.policy import PostContactController
 from np_training import contracts
 from np_training.contracts import add_contract, trained_contract
-from np_training.physics.batched import PhysicsConfig
+from np_training.physics.config import PhysicsConfig
 
 
 def test_a_contract_is_added_once_beside_the_tensors_as_they_were(tmp_path, monkeypatch, capsys):

@@ -9,8 +9,9 @@ from np_description.domains import BUMP, CARD
 from np_description.panda import FINGER_MAX
 from np_training import train
 from np_training.detector.augment import Augmentation, replace_background
-from np_training.detector.train import augmentation_for
+from np_training.detector.training import augmentation_for
 from np_training.environment import contact
+from np_training.ppo.training import make_trainer
 from np_training.setting import domain_of
 from np_training.tasks.poses import sample_tasks
 
@@ -20,7 +21,7 @@ TINY = ["--worlds", "8", "--rollout", "2", "--limit", "3", "--device", "cpu"]
 def trainer(monkeypatch, tmp_path, *options: str):
     """The trainer that the command line makes, untrained."""
     monkeypatch.setattr(sys, "argv", ["train", "--domain", "bump", "--out", str(tmp_path), *TINY, *options])
-    return train.make_trainer(train.parse(), "cpu")
+    return make_trainer(train.parse(), "cpu")
 
 
 def test_without_practice_and_random_contacts_every_episode_is_the_domains_own(tmp_path, monkeypatch):

@@ -240,7 +240,7 @@ def test_training_writes_weights_and_continues_where_it_stopped(tmp_path, capsys
     steps = [int(row["step"]) for row in rows]
     assert steps == sorted(set(steps)) and {2, 3} <= set(steps)  # a slow machine reports in between as well
     assert all(np.isfinite(float(row["heatmap"])) for row in rows)
-    from np_training.detector.export import load_weights
+    from np_training.detector.exporting import load_weights
 
     _, record = load_weights(tmp_path / "keypoint_detector_card.safetensors")
     assert record["steps"] == 3 and record["images"] == 12 and record["held_out"] == figures

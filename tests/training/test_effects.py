@@ -17,9 +17,11 @@ from np_effects.record import Place
 from np_effects.weight import Hold
 from np_training import evaluate, train
 from np_training.environment.environment import EnvironmentConfig
-from np_training.physics.batched import ARM, HOLD_STIFFNESS, BatchedPhysics, PhysicsConfig
+from np_training.physics.batched import ARM, HOLD_STIFFNESS, BatchedPhysics
+from np_training.physics.batched_effects import batched_effects
 from np_training.physics.batched_gravity import BatchedHold
-from np_training.physics.carried_effects import CARRIED, batched_effects, check_carried, load_effects
+from np_training.physics.carried_effects import CARRIED, check_carried, load_effects
+from np_training.physics.config import PhysicsConfig
 
 PATCH = Patch(
     (

@@ -13,12 +13,12 @@ from np_description.depths import Tally
 from np_description.domains import BUMP
 from np_training import evaluate as command
 from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.episodes.drawing import PICTURES, draw_recording, draw_strips
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
+from np_training.episodes.evaluation import breaks_first, evaluate, rate, summarise
 from np_training.episodes.recording import load_recording
-from np_training.evaluate import breaks_first, evaluate, rate, summarise
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
-from np_training.video import PICTURES, draw_recording, draw_strips
 
 WORLDS = 8
 

@@ -16,6 +16,8 @@ from np_training import distill, evaluate, release, train
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.episodes.episodes import run_episodes
 from np_training.ppo.networks import ActorCritic
+from np_training.ppo.training import make_trainer
+from np_training.reports.releasing import check_place
 from np_training.setting import UNSAID, chosen, domain_of, setting_of
 from np_training.tasks.practice import draw_tasks
 from np_training.tasks.registry import find_task
@@ -123,9 +125,9 @@ def test_a_student_for_another_object_is_not_released(tmp_path, monkeypatch, cap
 def test_the_folder_that_the_nodes_load_from_is_not_for_another_object(tmp_path, monkeypatch):
     monkeypatch.setenv("NP_WEIGHTS", str(tmp_path))
     with pytest.raises(ValueError, match="from there the nodes load the weights for the domain's own object"):
-        release.check_place("dense", tmp_path)
-    release.check_place("dense", tmp_path / "dense")
-    release.check_place("default", tmp_path)
+        check_place("dense", tmp_path)
+    check_place("dense", tmp_path / "dense")
+    check_place("default", tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +144,7 @@ def test_an_object_that_cannot_be_trained_with_is_refused_in_a_line(module, need
 
 def test_what_is_trained_with_weighs_what_the_object_weighs(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "argv", ["train", "--domain", "bump", "--object", "dense", "--out", str(tmp_path), *TINY])
-    trainer = train.make_trainer(train.parse(), "cpu")
+    trainer = make_trainer(train.parse(), "cpu")
     physics = trainer.environment.physics
     assert physics.mass[:, physics.object_body].numpy() == pytest.approx(0.223)
     assert trainer.setting["object"] == "dense"

@@ -10,7 +10,8 @@ from np_description.domains import BUMP, CARD
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_vector
 from np_policy.action import Target
-from np_training.physics.batched import ARM, BatchedPhysics, PhysicsConfig
+from np_training.physics.batched import ARM, BatchedPhysics
+from np_training.physics.config import PhysicsConfig
 
 WORLDS = 8
 

@@ -17,8 +17,9 @@ from np_description.penetration import Penetration
 from np_description.scene import SUPPORT_PROUD
 from np_policy.action import Target
 from np_training.environment.environment import Environment, EnvironmentConfig, corners
-from np_training.physics.batched import ARM, CONTROLLERS, BatchedPhysics, PhysicsConfig, physics_for
+from np_training.physics.batched import ARM, BatchedPhysics
 from np_training.physics.batched_kinematics import forward_kinematics
+from np_training.physics.config import CONTROLLERS, PhysicsConfig, physics_for
 from np_training.tasks.randomisation import NOMINAL_CONDITIONS, ROBUST
 
 WORLDS, SUBSTEPS = 4, 3

@@ -17,16 +17,18 @@ from np_description.rotations import matrix_from_quaternion, rotation_angle
 from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
 from np_training import train
-from np_training.distill import distil
 from np_training.environment import contact
 from np_training.environment.environment import PRE_STATE_SIZE, Environment, EnvironmentConfig, pre_contact_state
-from np_training.evaluate import evaluate
-from np_training.physics.batched import BatchedPhysics, PhysicsConfig
+from np_training.episodes.evaluation import evaluate
+from np_training.physics.batched import BatchedPhysics
+from np_training.physics.config import PhysicsConfig
 from np_training.ppo import curriculum
 from np_training.ppo import learner as ppo
+from np_training.ppo.config import TrainConfig
+from np_training.ppo.distillation import distil
 from np_training.ppo.networks import ActorCritic, PreContactPolicy, sample
-from np_training.ppo.trainer import TrainConfig, Trainer
-from np_training.release import without_optimisers
+from np_training.ppo.trainer import Trainer
+from np_training.reports.releasing import without_optimisers
 from np_training.tasks import kinds, practice
 from np_training.tasks.bump import YAWS
 from np_training.tasks.poses import quarter_tips, sample_tasks

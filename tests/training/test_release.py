@@ -13,13 +13,14 @@ from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import WeightsError, load, save, sha256
 from np_training import compare
-from np_training.evaluate import rate, read_checkpoint
-from np_training.ppo.learner import Learner, PPOConfig
+from np_training.episodes.evaluation import rate, read_checkpoint
+from np_training.ppo.config import PPOConfig
+from np_training.ppo.learner import Learner
 from np_training.ppo.log import Log, read_log
 from np_training.ppo.networks import ActorCritic
-from np_training.release import check_releasable, figure_table, release
 from np_training.report import read_run, write_report
 from np_training.reports.curves import WINDOW, reached
+from np_training.reports.releasing import check_releasable, figure_table, release
 
 EVALUATION = {
     "conditions": "twice",

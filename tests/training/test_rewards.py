@@ -20,7 +20,7 @@ from np_description.scene import load_model
 from np_training import train
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.physics.batched import ARM, OBJECT_POSITION, OBJECT_QUATERNION
-from np_training.ppo.learner import PPOConfig
+from np_training.ppo.config import PPOConfig
 from np_training.ppo.networks import PreContactPolicy
 from np_training.tasks.paper_reward import PaperReward
 from np_training.tasks.registry import REWARDS, find_task

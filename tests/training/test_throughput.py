@@ -5,18 +5,18 @@ import json
 import pytest
 import torch
 
-from np_training.bench import throughput
+from np_training.bench import measuring, throughput
 
 WORLDS, ROLLOUT = 8, 2
 
 
 @pytest.fixture(scope="module")
 def trainer():
-    return throughput.make_trainer("card", "cpu", WORLDS, ROLLOUT, 0, None)
+    return measuring.make_trainer("card", "cpu", WORLDS, ROLLOUT, 0, None)
 
 
 def test_all_figures_of_one_run(trainer, monkeypatch, capsys):
-    monkeypatch.setattr(throughput, "make_trainer", lambda *arguments: trainer)
+    monkeypatch.setattr(measuring, "make_trainer", lambda *arguments: trainer)
     monkeypatch.setattr("sys.argv", ["throughput", "--worlds", str(WORLDS), "--device", "cpu", "--seconds", "0.01"])
     throughput.main()
     result = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
@@ -26,24 +26,24 @@ def test_all_figures_of_one_run(trainer, monkeypatch, capsys):
     for name in ("environment", "bare_contact", "bare_free"):
         assert result[f"trainer_over_{name}"] == pytest.approx(rates["trainer"] / rates[name])
     assert result["policy_steps_per_second"] == pytest.approx(rates["trainer"] / substeps)
-    assert all(result[name]["rounds"] >= throughput.LEAST_ROUNDS for name in rates)
+    assert all(result[name]["rounds"] >= measuring.LEAST_ROUNDS for name in rates)
 
 
 def test_the_parts_of_an_iteration_are_less_than_the_whole_and_leave_the_trainer_as_it_was(trainer):
     env, before = trainer.environment, trainer.iteration
-    solve, bound = throughput.environment_module.solve_ik, dict(vars(env))
-    found = throughput.parts(trainer)
+    solve, bound = measuring.environment_module.solve_ik, dict(vars(env))
+    found = measuring.parts(trainer)
     assert trainer.iteration == before + 1
     alone = ("draw_starts", "observe", "step", "physics", "reset", "update")
     rounding = 0.001 * len(found)
     assert min(found.values()) >= 0 and sum(found[name] for name in alone) <= found["iteration"] + rounding
     assert found["inverse_kinematics"] <= found["step"] + found["reset"]
-    assert throughput.environment_module.solve_ik is solve and set(vars(env)) == set(bound)
+    assert measuring.environment_module.solve_ik is solve and set(vars(env)) == set(bound)
 
 
 def test_bare_physics_goes_through_the_states_of_the_rollout(trainer):
     physics, seen = trainer.environment.physics, []
-    states = throughput.visited(trainer)
+    states = measuring.visited(trainer)
     assert len(states) == ROLLOUT
     assert not torch.equal(states[0][0], states[1][0])
     advance, physics.advance = (
@@ -51,7 +51,7 @@ def test_bare_physics_goes_through_the_states_of_the_rollout(trainer):
         lambda: seen.append((physics.qpos.clone(), physics.command.clone())),
     )
     try:
-        assert throughput.advance_from(physics, states) == ROLLOUT
+        assert measuring.advance_from(physics, states) == ROLLOUT
     finally:
         physics.advance = advance
     for (qpos, command), (wanted, _, commanded) in zip(seen, states):
@@ -60,7 +60,7 @@ def test_bare_physics_goes_through_the_states_of_the_rollout(trainer):
 
 def test_objects_at_rest_lie_still_and_untouched(trainer):
     environment = trainer.environment
-    throughput.rest(environment)
+    measuring.rest(environment)
     before = environment.physics.qpos.clone()
     environment.physics.advance()
     assert (environment.physics.qpos - before).abs().max() < 1e-3
@@ -70,8 +70,8 @@ def test_objects_at_rest_lie_still_and_untouched(trainer):
 
 def test_the_rate_counts_periods_worlds_and_substeps(trainer, monkeypatch):
     clock = iter(range(100))
-    monkeypatch.setattr(throughput.time, "perf_counter", lambda: float(next(clock)))
-    rate = throughput.measure(trainer.environment.physics, lambda: 3, 2.0)
+    monkeypatch.setattr(measuring.time, "perf_counter", lambda: float(next(clock)))
+    rate = measuring.measure(trainer.environment.physics, lambda: 3, 2.0)
     substeps = trainer.environment.physics.config.substeps
     # Of every two readings of the clock one second belongs to the round.
     assert rate.rounds == 2 and rate.steps_per_second == pytest.approx(3 * 2 * substeps * WORLDS / 2)

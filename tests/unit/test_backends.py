@@ -2,8 +2,13 @@
 
 import pytest
 
+from np_bringup.backends import ENGINES
+from np_bringup.commands import evaluate
 from np_bringup.commands.bench import observer
 from np_bringup.task_graph import task_graph
+from np_diagnosis.commands import excite
+from np_diagnosis.commands.excite import make_graph
+from np_sim_bridge.simulators import SIMULATORS
 
 REAL = {"backend": "franka_driver", "mode": "realtime", "hostname": "robot", "calibration": "camera.yaml"}
 
@@ -33,6 +38,16 @@ def test_the_second_engine_stands_where_the_first_stood(mode):
     assert second["physx_bridge"].parameters == first["sim_bridge"].parameters
     assert second["physx_bridge"].realtime == first["sim_bridge"].realtime
     assert second["episode"].parameters["backend"] == "physx_bridge"
+
+
+@pytest.mark.parametrize("engine", SIMULATORS)
+def test_an_engine_is_the_same_node_for_every_command(engine, tmp_path):
+    """Episodes and excitation read one table."""
+    wanted = SIMULATORS[engine]
+    played = {(spec.package, spec.executable) for spec in task_graph({"backend": ENGINES[engine]})}
+    excited = {(spec.package, spec.executable) for spec in make_graph(tmp_path / "bag", "lockstep", engine=engine)}
+    assert (wanted.package, wanted.executable) in played & excited
+    assert evaluate.parse(["--keypoints", "truth"]).engine == excite.parse(["--out", "bag"]).engine == "mujoco"
 
 
 def test_with_the_controller_on_board_there_is_no_other():

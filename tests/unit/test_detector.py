@@ -81,7 +81,7 @@ def test_detections_are_bounded_and_the_same_bits_every_time(weights, image):
 
 
 def test_the_exported_network_answers_as_the_trained_one(weights, image):
-    from np_training.detector.export import Deployed, load_weights
+    from np_training.detector.exporting import Deployed, load_weights
 
     network, record = load_weights(weights / "keypoint_detector_card.safetensors")
     with torch.no_grad():

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from packages import packages_of, sources
 
+from np_bringup import playing
 from np_bringup.commands import demo
 from np_bringup.commands import evaluate as command
 from np_bringup.evaluation import CODE, breakdown, code_sha256, result_of, summary
@@ -79,6 +80,18 @@ def test_parts_of_other_processes_are_collected_and_what_a_killed_run_left_of_th
     assert again.missing(5) == [range(4, 5)]
     assert [path.suffix for path in tmp_path.iterdir()] == [".jsonl"]
     assert Results(tmp_path, SETTINGS, fresh=True).finished() == 0
+
+
+def test_the_part_of_a_lost_process_is_gone_on_with(tmp_path, monkeypatch):
+    part = Results(tmp_path, SETTINGS).part(range(2, 7))
+    lost = Part(part)
+    lost.add(good(2))
+    lost.add(good(3))
+    part.write_text(part.read_text()[:-30])
+    played = []
+    monkeypatch.setattr(playing, "play", lambda request, numbers, results: played.extend(numbers))
+    playing.play_part(None, range(2, 7), part)
+    assert played == [3, 4, 5, 6] and [json.loads(line)["episode"] for line in part.read_text().splitlines()] == [2]
 
 
 @given(st.sets(st.integers(0, 40)), st.integers(1, 7))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 
 import numpy as np
@@ -10,11 +11,11 @@ from bags import GOAL, brightness, object_pose, record_episode
 
 from np_description.phases import PhaseState
 from np_policy import action
-from np_record.bag import BagError
+from np_record.bag import BagError, Recording
 from np_record.lerobot import layout
-from np_record.lerobot.frames import NAMES, RATE
+from np_record.lerobot.frames import NAMES, RATE, episode_frames
 
-pytest.importorskip("pyarrow", reason="make lerobot")
+pa = pytest.importorskip("pyarrow", reason="make lerobot")
 pq = pytest.importorskip("pyarrow.parquet")
 
 from np_record.commands import export_lerobot  # noqa: E402
@@ -24,6 +25,7 @@ from np_record.lerobot.writing import write_data_set  # noqa: E402
 LENGTHS = (29, 6)
 BRIGHTNESS = [brightness(image) for length in LENGTHS for image in range(length)]
 FAILS = {0: PhaseState("pre"), 50: PhaseState("approach"), 300: PhaseState("failed", "approach: no path")}
+BOOKKEEPING = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 LOADER = os.environ.get("NP_LEROBOT_PYTHON", "")
 """The Python of an environment that has lerobot; this one may have no such thing."""
 
@@ -108,6 +110,44 @@ def test_what_was_recorded_is_read_back(root):
     assert read.names(layout.KEYPOINTS) == list(NAMES[layout.KEYPOINTS]) and read.rate == RATE
     pictures = [picture for number in range(2) for picture in read.images(layout.CAMERA_IMAGE, number)]
     assert np.mean(pictures, axis=(1, 2, 3)) == pytest.approx(BRIGHTNESS, abs=6)
+
+
+def test_every_number_of_every_frame_is_read_back(bags, root):
+    read = read_data_set(root)
+    for bag, episode in zip(bags, read.episodes):
+        with Recording(bag) as recording:
+            frames = episode_frames(recording)
+        assert set(read.columns) == {*frames.columns, *BOOKKEEPING} and episode.tasks == (frames.task,)
+        for name, values in frames.columns.items():
+            was = values.astype(read.information["features"][name]["dtype"])
+            assert np.array_equal(read.columns[name][episode.rows], was), name
+        time = read.columns["timestamp"][episode.rows, 0]
+        assert np.array_equal(time, (np.arange(len(frames)) / RATE).astype(np.float32))
+    for name, summary in json.loads((root / layout.STATS).read_text()).items():
+        assert all(np.array_equal(read.statistics[name][key], np.asarray(value)) for key, value in summary.items())
+
+
+def test_a_data_set_in_several_files_is_read_as_one(root, tmp_path):
+    """As others write them: a table and a page of episodes each, and not in the order of their names."""
+    parts = tmp_path / "parts"
+    shutil.copytree(root, parts)
+    table, about = (pq.read_table(parts / place.format(**layout.FIRST)) for place in (layout.DATA, layout.EPISODES))
+    rows = about.to_pylist()
+    for number, row in enumerate(rows):
+        place = {"chunk_index": number, "file_index": 1 - number}
+        data, page = (parts / path.format(**place) for path in (layout.DATA, layout.EPISODES))
+        for path in (data, page):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        own = {"data/chunk_index": place["chunk_index"], "data/file_index": place["file_index"]}
+        pq.write_table(table.slice(row["dataset_from_index"], row["length"]), data)
+        pq.write_table(pa.Table.from_pylist([row | own]), page)
+    for place in (layout.DATA, layout.EPISODES):
+        (parts / place.format(**layout.FIRST)).unlink()
+    whole, read = read_data_set(root), read_data_set(parts)
+    assert read.episodes[1].rows == slice(29, 35)
+    assert all(np.array_equal(read.columns[name], values) for name, values in whole.columns.items())
+    pictures = [np.mean(picture) for picture in read.images(layout.CAMERA_IMAGE, 1)]
+    assert pictures == pytest.approx(BRIGHTNESS[29:], abs=6)
 
 
 def test_a_frame_is_the_policies_tick():

@@ -10,11 +10,11 @@ from np_description.domains import CARD, sample_task
 from np_description.panda import FINGER_MAX, NOMINAL
 from np_description.rotations import matrix_from_quaternion, six_from_matrix
 from np_perception.pose_estimation import project_keypoints
-from np_policy.action import TIGHT
+from np_policy.action import TIGHT, PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.hand_pose import POSITION_CENTRE, POSITION_RANGE
 from np_policy.networks import PostContactPolicy, PreContactStudent
-from np_policy.policy import PolicyError, PostContactController, PreContactPlanner, student_output
+from np_policy.policy import PostContactController, PreContactPlanner, student_output
 from np_policy.weights import WeightsError, save
 
 START, GOAL = (project_keypoints(CARD, pose) for pose in sample_task(CARD, np.random.default_rng(0)))

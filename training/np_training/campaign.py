@@ -21,10 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 
-import torch
-
-from np_training.tasks.registry import TASKS
-from np_training.train import CHECKPOINT
+from np_description.domains import DOMAINS
+from np_training.train_options import CHECKPOINT
 
 DISTIL_MINUTES = 1.0
 CONDITIONS = ("nominal", "paper", "quarter_stiffness", "fourfold_stiffness")
@@ -162,6 +160,8 @@ def _seconds(checkpoint: Path | None) -> float:
     """s for which a checkpoint was trained."""
     if checkpoint is None:
         return 0.0
+    import torch  # slow: no --help should wait for it
+
     return float(torch.load(checkpoint, map_location="cpu", weights_only=True).get("seconds", 0.0))
 
 
@@ -193,11 +193,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__.splitlines()[0], epilog="Other options go to np_training.train."
     )
-    parser.add_argument("domains", nargs="+", choices=list(TASKS))
+    parser.add_argument("domains", nargs="+", choices=list(DOMAINS))
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--minutes", type=float, default=27.0, help="of training on each GPU")
     parser.add_argument("--episodes", type=int, default=3000, help="of each condition")
     arguments, options = parser.parse_known_args()
+    import torch
+
     gpus: list[int | None] = list(range(torch.cuda.device_count())) or [None]
     outcome = campaign(
         arguments.domains, arguments.out, arguments.minutes, arguments.episodes, gpus, options, run_module

@@ -11,16 +11,20 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from np_training.report import Run, read_run
-from np_training.reports.curves import draw_comparison, reached, save
 from np_training.setting import UNSAID
+
+if TYPE_CHECKING:
+    from np_training.report import Run
 
 EVALUATED = ("steps", "conditions", "student", "success", "ci95", "episodes", "breaks_first")
 
 
 def summary(run: Run, success: float) -> dict:
     """How a run was made, when it reached the success (None: never), and how it ended."""
+    from np_training.reports.curves import reached  # slow: no --help should wait for Matplotlib
+
     last = run.rows[-1]
     return {
         "command": run.config.get("command", []),
@@ -41,6 +45,9 @@ def main() -> None:
     parser.add_argument("--success", type=float, default=0.95)
     parser.add_argument("--out", type=Path, required=True, help="path without ending")
     arguments = parser.parse_args()
+    from np_training.report import read_run
+    from np_training.reports.curves import draw_comparison, save
+
     folders = [run.rpartition("=") for run in arguments.runs]
     runs = {name or Path(folder).name: read_run(Path(folder)) for name, _, folder in folders}
     if len(runs) < len(folders):

@@ -19,9 +19,8 @@ from np_description.released import WeightsError, sha256
 from np_description.weights_header import read_metadata, tensors_sha256, with_metadata
 from np_perception.contract import DetectorContract
 from np_policy.contract import CONTROLLERS, KINDS, PolicyContract
-from np_training.environment.environment import DELAY_STEP
-from np_training.physics.batched import LEARNED_IN, PhysicsConfig, physics_for
-from np_training.tasks.randomisation import PAPER
+from np_training.physics.config import LEARNED_IN, PhysicsConfig, physics_for
+from np_training.tasks.randomisation import DELAY_STEP, PAPER
 
 
 def trained_contract(

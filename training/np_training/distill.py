@@ -10,104 +10,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from pathlib import Path
 
-import torch
-
-from np_description.domains import DOMAINS, Domain
-from np_description.hand import HandShapes
-from np_description.objects.choice import choice_of
-from np_policy import hand_pose
-from np_policy.contract import PRE_CONTACT
-from np_policy.networks import PreContactStudent
-from np_policy.observation import normalised_keypoints, student_observation
-from np_policy.weights import save
-from np_training.contracts import trained_contract
-from np_training.environment import contact
-from np_training.environment.environment import as_seen, corners, pre_contact_state
-from np_training.physics.batched import physics_for
-from np_training.ppo.networks import PreContactPolicy
-from np_training.setting import OBJECT_HELP, chosen, domain_of, setting_of
-from np_training.tasks.poses import Poses, sample_tasks
-
-KEYPOINT_NOISE = 0.02  # largest standard deviation, normalised image units; 1.0 is half an image
-POOL, REUSE = 32, 8  # batches of tasks kept, and updates from them for each that is new: the teacher is the slow part
-
-
-def student_input(domain: Domain, objects: Poses, goals: Poses, noise: torch.Tensor | float = 0.0) -> torch.Tensor:
-    """The student's input (n, 32) for tasks, keypoints disturbed by Gaussian noise of a standard deviation
-    (n, 1, 1)."""
-    return disturbed(*_keypoints(domain, objects, goals), noise)
-
-
-def disturbed(keypoints: torch.Tensor, goal: torch.Tensor, noise: torch.Tensor | float) -> torch.Tensor:
-    """The student's input (n, 32) for keypoints (n, 8, 2), seen with noise of a standard deviation (n, 1, 1),
-    and goal keypoints (n, 8, 2)."""
-    return student_observation(keypoints + noise * torch.randn_like(keypoints), goal)
-
-
-def _keypoints(domain: Domain, objects: Poses, goals: Poses) -> tuple[torch.Tensor, torch.Tensor]:
-    return tuple(normalised_keypoints(corners(domain, poses)) for poses in as_seen(domain, objects, goals))
-
-
-def distil(
-    domain: Domain,
-    teacher: PreContactPolicy,
-    device: str,
-    minutes: float,
-    batch: int = 8192,
-    seed: int = 0,
-    steps: int | None = None,
-    hand: HandShapes | None = None,
-) -> tuple[PreContactStudent, dict[str, float]]:
-    """Train a student for some minutes, or for so many steps, of a teacher that has `hand`; returns it with its errors on fresh noiseless tasks: means (mm, rad,
-    mm) and the angle's median, which a teacher that decides between two faces leaves far below the mean."""
-    generator = torch.Generator(device=device).manual_seed(seed)
-    torch.manual_seed(seed)
-    student = PreContactStudent().to(device)
-    optimiser = torch.optim.Adam(student.parameters(), lr=1e-3)
-
-    def sample() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Keypoints, goal keypoints and what the teacher answers, of a batch of fresh tasks."""
-        objects, goals = sample_tasks(domain, batch, generator)
-        with torch.no_grad():
-            chosen = teacher(pre_contact_state(*as_seen(domain, objects, goals)))
-            target = hand_pose.encode(*contact.contact_pose(domain, chosen, objects, hand))
-        return *_keypoints(domain, objects, goals), target
-
-    begin, step, share = time.monotonic(), 0, 0.0
-    pool = [torch.cat(parts) for parts in zip(*(sample() for _ in range(POOL)))]
-    while share < 1:
-        share = (step + 1) / steps if steps else (time.monotonic() - begin) / (60 * minutes)
-        for group in optimiser.param_groups:
-            group["lr"] = 1e-3 * max(1 - share, 1e-3)
-        if step % REUSE == 0:
-            oldest = step // REUSE % POOL * batch
-            for tensor, part in zip(pool, sample()):
-                tensor[oldest : oldest + batch] = part
-        rows = torch.randint(POOL * batch, (batch,), generator=generator, device=device)
-        keypoints, goal, target = (tensor[rows] for tensor in pool)
-        levels = KEYPOINT_NOISE * torch.rand(batch, 1, 1, generator=generator, device=device)
-        loss = (student(disturbed(keypoints, goal, levels)) - target).square().mean()
-        optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        optimiser.step()
-        step += 1
-        if step % 500 == 0:
-            print(f"step {step}  loss {loss.item():.2e}  left {minutes * (1 - share):.1f} min", flush=True)
-    with torch.no_grad():
-        keypoints, goal, target = sample()
-        p, r, w = hand_pose.decode(student(student_observation(keypoints, goal)))
-        tp, tr, tw = hand_pose.decode(target)
-        angle = (((r * tr).sum((-1, -2)) - 1) / 2).clamp(-1, 1).arccos()
-        errors = {
-            "position_mm": 1e3 * (p - tp).norm(dim=-1).mean().item(),
-            "angle_rad": angle.mean().item(),
-            "median_angle_rad": angle.median().item(),
-            "width_mm": 1e3 * (w - tw).abs().mean().item(),
-        }
-    return student.cpu(), {"steps": step, **errors}
+from np_description.domains import DOMAINS
+from np_training.device import DEVICE_HELP, usable
+from np_training.setting import OBJECT_HELP
 
 
 def main() -> None:
@@ -121,31 +28,12 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="do so many steps instead")
     parser.add_argument("--batch", type=int, default=8192)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--device", help=DEVICE_HELP)
     arguments = parser.parse_args()
-    state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
-    setting = setting_of(state)
-    try:
-        domain = domain_of(chosen(setting, domain=arguments.domain, object=arguments.object))
-    except ValueError as error:
-        parser.error(str(error))
-    teacher = PreContactPolicy().to(arguments.device)
-    teacher.load_state_dict({name[4:]: tensor for name, tensor in state["networks"].items() if name.startswith("pre.")})
-    student, figures = distil(
-        domain,
-        teacher,
-        arguments.device,
-        arguments.minutes,
-        arguments.batch,
-        arguments.seed,
-        arguments.steps,
-        physics_for(setting["contact"]).contact.hand,
-    )
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    path = arguments.out / f"pre_contact_student_{domain.name}.safetensors"
-    played = {"domain": domain.name, "object": choice_of(domain)}
-    save(student, path, trained_contract(PRE_CONTACT, domain, setting["controller"]), played)
-    print(json.dumps({"file": str(path), **played, "reward": setting["reward"], **figures}))
+    from np_training.ppo.distillation import distil_checkpoint  # slow: no --help should wait for PyTorch
+
+    arguments.device = usable(arguments.device)
+    print(json.dumps(distil_checkpoint(arguments, parser.error)))
 
 
 if __name__ == "__main__":

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from np_control.operational_space import CartesianGains
 from np_description.domains import Domain, find_domain
 from np_description.objects.choice import DEFAULT, domain_with, portable
+from np_training.physics.config import check_trainable
 from np_training.tasks.rewards import RewardConfig
 
 UNSAID = {
@@ -21,6 +23,10 @@ UNSAID = {
     "reward": RewardConfig.name,
 }
 """What holds where a checkpoint does not say: those of the first versions did not."""
+STARTS = {"contact": None, "above": (0.0, 0.0, 1.0), "right": (0.0, -1.0, 0.0)}
+"""Where an episode begins: where the pre-contact policy says, over the object (EE-ABOVE), or at its right
+side as seen from the robot (EE-AT-RIGHT); directions from the object's centre in the base frame."""
+WEIGHTS, RESULTS = Path("weights"), Path("docs/results")  # where a release goes
 OBJECT_HELP = "a rigid row of the domain's table of objects, or a .yaml file"
 
 
@@ -44,8 +50,6 @@ def domain_of(setting: Mapping[str, object]) -> Domain:
 
     Raises ValueError, one line, for an object that the domain has not, or that training cannot move.
     """
-    from np_training.physics.batched import check_trainable  # slow, and who only reads a setting needs no simulator
-
     domain = domain_with(setting["domain"], setting["object"])
     check_trainable(domain)
     return replace(domain, max_opening=setting["max_opening"])

@@ -5,27 +5,26 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import torch
-
 from np_control.operational_space import CartesianGains
-from np_description.domains import Domain, find_domain
+from np_description.domains import DOMAINS, Domain, find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.panda import FINGER_MAX
-from np_training.environment.fixed_contact import STARTS
-from np_training.physics.batched import CONTROLLERS, LEARNED_IN, STEPPING, PhysicsConfig
+from np_training.device import DEVICE_HELP, usable
 from np_training.physics.carried_effects import load_effects
+from np_training.physics.config import CONTROLLERS, LEARNED_IN, STEPPING, PhysicsConfig
+from np_training.ppo.config import PPOConfig, TrainConfig
 from np_training.ppo.curriculum import STAGES
-from np_training.ppo.learner import PPOConfig
-from np_training.ppo.trainer import TrainConfig
-from np_training.setting import OBJECT_HELP, domain_of
-from np_training.tasks.registry import REWARDS, TASKS, Reward, find_task
+from np_training.setting import OBJECT_HELP, STARTS, domain_of
+from np_training.tasks.paper_reward import PaperReward
 from np_training.tasks.rewards import RewardConfig
+
+CHECKPOINT = "checkpoint.pt"  # in the folder of a run
 
 
 def parse() -> argparse.Namespace:
     """The command line, with the task's defaults; `played`: the domain as it is played, `reward`: the reward itself."""
     parser = argparse.ArgumentParser(description="Joint training of the pre- and post-contact policies.")
-    parser.add_argument("--domain", choices=list(TASKS), default="card")
+    parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--object", default=DEFAULT, help=OBJECT_HELP)
     parser.add_argument("--out", type=Path, help="default: runs/DOMAIN")
     parser.add_argument("--resume", type=Path, help="checkpoint to start from; default: OUT/checkpoint.pt, if any")
@@ -41,7 +40,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--worlds", type=int, default=24576, help="of each process")
     parser.add_argument("--rollout", type=int, default=TrainConfig.rollout)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--device", help=DEVICE_HELP)
     parser.add_argument("--rate-limit", type=float, default=PPOConfig.rate[1], help="largest learning rate")
     parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
     parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")
@@ -110,7 +109,7 @@ def parse() -> argparse.Namespace:
     )
     parser.add_argument(
         "--reward",
-        choices=list(REWARDS),
+        choices=(RewardConfig.name, PaperReward.name),
         default=RewardConfig.name,
         help="paper: np_training.tasks.paper_reward, in place of potentials",
     )
@@ -155,7 +154,9 @@ def parse() -> argparse.Namespace:
         help=f"weight of the angle's potential; default: {RewardConfig.turn:g}; not with --reward paper",
     )
     arguments = parser.parse_args()
-    task = find_task(arguments.domain)
+    from np_training.tasks.registry import find_task  # slow: no --help should wait for PyTorch
+
+    task, arguments.device = find_task(arguments.domain), usable(arguments.device)
     try:
         arguments.effects = load_effects(arguments.effects)
         arguments.played = played_domain(arguments.domain, arguments.object, arguments.max_opening)
@@ -185,7 +186,7 @@ def played_domain(name: str, choice: str = DEFAULT, max_opening: float | None = 
     return domain_of({"domain": name, "object": choice, "max_opening": opening})
 
 
-def reward_for(name: str, task_far: float, **weights: float | None) -> Reward:
+def reward_for(name: str, task_far: float, **weights: float | None) -> RewardConfig | PaperReward:
     """The reward called `name`; weights: of potentials, None for the default one, which is task_far for `far`.
 
     Raises ValueError where potentials are weighed for a reward that has none.
@@ -197,4 +198,4 @@ def reward_for(name: str, task_far: float, **weights: float | None) -> Reward:
         raise ValueError(
             f"{', '.join(given)}: expected --reward {RewardConfig.name}, whose weights these are, got {name}"
         )
-    return REWARDS[name]()
+    return PaperReward()

@@ -9,7 +9,7 @@ from np_description.domains import Domain
 from np_description.released import weights_folder
 from np_description.timing import milliseconds
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector, network_name
-from np_training.detector.export import Deployed, load_weights
+from np_training.detector.exporting import Deployed, load_weights
 
 
 def detector_figures(domain: Domain, weights: str, repeats: int = 50) -> dict[str, object]:

@@ -10,84 +10,12 @@ record in its metadata). --minutes is the wall clock of the call, compilation an
 from __future__ import annotations
 
 import argparse
-import csv
 import json
-import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
-import torch
-from torch import Tensor
-
-from np_description.domains import DOMAINS, find_domain
-from np_training.detector.augment import Augmentation
-from np_training.detector.contrast import ContrastConfig
-from np_training.detector.network import RELIABLE
-from np_training.detector.samples import SampleConfig
-from np_training.detector.trainer import TrainConfig, Trainer
-from np_training.detector.visited import load_visited
-
-FLAGS = ("no_contrast", "keep_background", "always_background")  # what the record of a training says was given
-WARM_UP_STREAM = 999_979  # of random numbers
-
-
-def train(trainer: Trainer, out: Path, steps: int | None, seconds: float, say: Callable[[str], None]) -> dict:
-    """Train until `steps` more are done or `seconds` have passed; the held-out figures at the end."""
-    config, began, first = trainer.config, time.monotonic(), trainer.step
-    checkpoint, weights = out / "checkpoint.pt", out / f"keypoint_detector_{trainer.domain.name}.safetensors"
-    earlier, budget = trainer.seconds, max(1.0, seconds - config.reserve)
-    samples = trainer.samples(trainer.step, pairs=trainer.contrast is not None)
-    reported = saved = began
-    window: list[dict[str, Tensor]] = []
-    progress = 0.0
-    while progress < 1:
-        window.append(trainer.update(samples.draw(), progress))
-        now = time.monotonic()
-        trainer.seconds = earlier + now - began
-        progress = min(1.0, (trainer.step - first) / steps if steps else (now - began) / budget)
-        if now - reported >= config.report or progress == 1:
-            means = {key: torch.stack([w[key] for w in window]).nanmean().item() for key in window[0]}
-            rate = len(window) * config.batch / (time.monotonic() - reported)
-            left = (1 - progress) * (now - began) / max(progress, 1e-6)
-            say(
-                f"{progress:4.0%}  step {trainer.step}  {rate:.0f} images/s  loss {means['heatmap']:.3f} "
-                f"{means['score']:.3f}  error {means['visible_px']:.2f} px visible, "
-                f"{means['hidden_px']:.2f} px hidden, "
-                f"{means['within']:.1%} within {RELIABLE:.0f} px  {left / 60:.1f} min left"
-            )
-            append_row(
-                out / "curves.csv",
-                {"step": trainer.step, "seconds": round(trainer.seconds, 1), "images_per_second": round(rate), **means},
-            )
-            reported, window = time.monotonic(), []
-        if now - saved >= config.save:
-            trainer.save(checkpoint)
-            trainer.write_weights(weights)
-            saved = time.monotonic()
-    trainer.save(checkpoint)
-    trainer.write_weights(weights)
-    figures = trainer.evaluate(config.held_out)
-    trainer.write_weights(weights, held_out=figures)
-    return figures
-
-
-def append_row(path: Path, row: dict) -> None:
-    """Add a row to a CSV file, with a header if it is new."""
-    new = not path.exists()
-    with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(row))
-        if new:
-            writer.writeheader()
-        writer.writerow(row)
-
-
-def augmentation_for(keep: bool, always: bool) -> Augmentation:
-    """What is replaced of background and table: nothing (keep), everything, by a colour or a texture with equal odds (always, the
-    paper), or, where neither is said, 60 % of the images."""
-    if keep:
-        return Augmentation(coloured=0.0, textured=0.0)
-    return Augmentation(coloured=0.5, textured=0.5) if always else Augmentation()
+from np_description.domains import DOMAINS
+from np_training.device import DEVICE_HELP, usable
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -99,10 +27,10 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=6.0, help="wall clock of this call")
     parser.add_argument("--steps", type=int, help="do so many steps instead")
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
-    parser.add_argument("--batch", type=int, default=TrainConfig.batch)
-    parser.add_argument("--rate", type=float, default=TrainConfig.rate)
-    parser.add_argument("--pool", type=int, default=TrainConfig.pool)
+    parser.add_argument("--device", help=DEVICE_HELP)
+    parser.add_argument("--batch", type=int)
+    parser.add_argument("--rate", type=float)
+    parser.add_argument("--pool", type=int)
     parser.add_argument("--episodes", type=Path, help="recording of np_training.evaluate: most states come from it")
     parser.add_argument("--no-contrast", action="store_true", help="without momentum contrast")
     background = parser.add_mutually_exclusive_group()
@@ -110,45 +38,12 @@ def main(arguments: list[str] | None = None) -> None:
     background.add_argument(
         "--always-background", action="store_true", help="replacing them in every image (paper), not in 60 %%"
     )
-    parser.add_argument("--held-out", type=int, default=TrainConfig.held_out)
+    parser.add_argument("--held-out", type=int)
     options = parser.parse_args(arguments)
-    options.out.mkdir(parents=True, exist_ok=True)
+    from np_training.detector.training import run  # slow: no --help should wait for PyTorch
 
-    def say(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
-
-    torch.backends.cudnn.benchmark = True
-    torch.set_float32_matmul_precision("high")
-    domain = find_domain(options.domain)
-    augmentation = augmentation_for(options.keep_background, options.always_background)
-    config = TrainConfig(
-        batch=options.batch,
-        rate=options.rate,
-        pool=options.pool,
-        held_out=options.held_out,
-        contrast=None if options.no_contrast else ContrastConfig(),
-        samples=SampleConfig(augmentation=augmentation),
-    )
-    visited = load_visited(options.episodes, domain, options.device) if options.episodes else None
-    names = ("domain", "seed", "steps" if options.steps else "minutes", "batch", "rate", "pool", "episodes")
-    said = {
-        **vars(options),
-        "episodes": options.episodes and options.episodes.name,
-    }  # the folder says nothing elsewhere
-    command = " ".join(
-        [
-            *(f"--{name} {said[name]}" for name in names if said[name] is not None),
-            *(f"--{name.replace('_', '-')}" for name in FLAGS if getattr(options, name)),
-        ]
-    )
-    trainer = Trainer(domain, options.device, options.seed, config, command=command, visited=visited)
-    if (options.out / "checkpoint.pt").exists():
-        trainer.load(options.out / "checkpoint.pt")
-        say(f"continues from step {trainer.step}")
-    trainer.samples(WARM_UP_STREAM).draw()  # compiles the renderer, before the clock of the training starts
-    say(f"set up in {time.monotonic() - began:.0f} s")
-    figures = train(trainer, options.out, options.steps, options.minutes * 60 - (time.monotonic() - began), say)
-    print(json.dumps(figures))
+    options.device = usable(options.device)
+    print(json.dumps(run(options, began)))
 
 
 if __name__ == "__main__":

@@ -22,17 +22,17 @@ from np_policy import action as actions
 from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training.environment import contact
 from np_training.environment.starts import Starts
-from np_training.physics.batched import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics, PhysicsConfig
+from np_training.physics.batched import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics
 from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
+from np_training.physics.config import PhysicsConfig
 from np_training.tasks.joint_range import JointRange
 from np_training.tasks.poses import Poses, quarter_tips
 from np_training.tasks.practice import Tasks, draw_tasks
-from np_training.tasks.randomisation import NOMINAL_CONDITIONS, Conditions
+from np_training.tasks.randomisation import DELAY_STEP, NOMINAL_CONDITIONS, Conditions
 from np_training.tasks.registry import Reward
 from np_training.tasks.rewards import Measures, RewardConfig
 
 PRE_STATE_SIZE = 18
-DELAY_STEP = 0.005  # s, of `Conditions.delay`
 PERIOD = 1 / actions.RATE  # s
 START_SLACK = 0.1  # rad, between where an episode begins and the range that is allowed in it
 PRIVILEGED_SIZE = 18 + 6 + 3 + 2

@@ -5,10 +5,7 @@ from __future__ import annotations
 import torch
 
 from np_training.environment import contact
-
-STARTS = {"contact": None, "above": (0.0, 0.0, 1.0), "right": (0.0, -1.0, 0.0)}
-"""Where an episode begins: where the pre-contact policy says, over the object (EE-ABOVE), or at its right
-side as seen from the robot (EE-AT-RIGHT); directions from the object's centre in the base frame."""
+from np_training.setting import STARTS
 
 
 class FixedContact:

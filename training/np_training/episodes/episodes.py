@@ -16,10 +16,10 @@ from np_description.scene import SUPPORT_SHARE
 from np_policy import hand_pose
 from np_policy.action import TIGHT
 from np_policy.networks import PreContactStudent
-from np_training.distill import student_input
 from np_training.environment import contact
 from np_training.environment.environment import Environment, as_seen, pre_contact_state
 from np_training.physics.batched import ARM
+from np_training.ppo.distillation import student_input
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.breakdown import groups_of_tasks
 from np_training.tasks.poses import Poses, sample_tasks

@@ -10,27 +10,11 @@ from torch import nn
 
 from np_training.ppo import distributed
 from np_training.ppo.captured import Captured
+from np_training.ppo.config import PPOConfig
 from np_training.ppo.networks import distribution
 
 STATISTICS = ("policy_loss", "value_loss", "kl", "entropy")
 GRAIN = 2048  # rows: what minibatches are filled up to a multiple of where they are captured, to have few shapes
-
-
-@dataclass(frozen=True)
-class PPOConfig:
-    """discount; trace: lambda of generalised advantage estimation; clip; epochs, minibatches a rollout;
-    entropy: weight of the bonus; target_kl: the learning rate falls by 1.5 above twice it and rises below
-    half of it; rate: bounds of the learning rate."""
-
-    discount: float = 0.99
-    trace: float = 0.95
-    clip: float = 0.2
-    epochs: int = 5
-    minibatches: int = 8
-    entropy: float = 0.0005
-    target_kl: float = 0.01
-    rate: tuple[float, float] = (2e-5, 1e-3)
-    gradient_norm: float = 1.0
 
 
 def advantages(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -15,38 +14,14 @@ from np_policy.action import STIFFNESS
 from np_training.environment.environment import Environment
 from np_training.environment.fixed_contact import FixedContact
 from np_training.ppo import distributed
-from np_training.ppo.curriculum import Curriculum, CurriculumConfig, stage_limits
-from np_training.ppo.learner import Batch, Learner, PPOConfig, advantages
+from np_training.ppo.config import PPOConfig, TrainConfig
+from np_training.ppo.curriculum import Curriculum, stage_limits
+from np_training.ppo.learner import Batch, Learner, advantages
 from np_training.ppo.networks import ActorCritic, sample
 from np_training.tasks.breakdown import groups
 from np_training.tasks.joint_range import JointRange
 from np_training.tasks.randomisation import CONDITIONS, NOMINAL_CONDITIONS
 from np_training.tasks.registry import find_task
-
-
-@dataclass(frozen=True)
-class TrainConfig:
-    """rollout: steps between updates; hold: steps at the goal that count as success once randomised, and
-    tolerance: the share of the domain's within which they have to be then; reflex: whether joints beyond their
-    limits end an episode then; pre_least: episodes without which the pre-contact policy is left as it is;
-    start: contact where the pre-contact policy chooses, else see `fixed_contact`; stiffness: that an untrained
-    policy commands, -1 to 1 of its range; deviation: that actions are drawn with at most, of their range: what a robot runs
-    is the mean, which goes round in circles that drawn actions leave; privileged: whether the critic sees more than the policy
-    (`Environment.observe`), else nothing but zeros there; adaptive_joint_range: see `joint_range`; conditions: what is randomised
-    once the limits are tight, by its name in `CONDITIONS`."""
-
-    rollout: int = 12
-    hold: int = 3
-    tolerance: float = 1.0
-    reflex: bool = True
-    pre_least: int = 64
-    start: str = "contact"
-    stiffness: float = 0.0
-    privileged: bool = True
-    deviation: float | None = None
-    adaptive_joint_range: bool = False
-    conditions: str = "paper"
-    curriculum: CurriculumConfig = CurriculumConfig()
 
 
 class Trainer:

@@ -15,12 +15,13 @@ printed. Not printed, and read like this:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
-
-import torch
+from typing import TYPE_CHECKING, ClassVar
 
 from np_policy.action import normalised_stiffness
 from np_training.tasks.rewards import Measures
+
+if TYPE_CHECKING:
+    import torch  # slow, and nothing here but its tensors is meant
 
 
 @dataclass(frozen=True)

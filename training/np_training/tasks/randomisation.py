@@ -6,6 +6,8 @@ import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+DELAY_STEP = 0.005  # s, of `Conditions.delay`
+
 
 @dataclass(frozen=True)
 class Conditions:

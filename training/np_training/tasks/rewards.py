@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
-from typing import ClassVar
-
-import torch
+from typing import TYPE_CHECKING, ClassVar
 
 from np_policy.action import normalised_stiffness
+
+if TYPE_CHECKING:
+    import torch  # slow, and nothing here but its tensors is meant
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from np_ros.graph import LaunchArgument, NodeSpec
+from np_sim_bridge import simulators
 
-SIMULATED, REAL = "sim_bridge", "franka_driver"
-ENGINES = {"mujoco": SIMULATED, "physx": "physx_bridge"}
+ENGINES = {engine: node.executable for engine, node in simulators.SIMULATORS.items()}
 """Which simulated robot has which engine."""
-SIMULATORS = {SIMULATED: "np_sim_bridge", "physx_bridge": "np_physx_bridge"}
+SIMULATORS = {node.executable: node.package for node in simulators.SIMULATORS.values()}
 """The package of each simulated robot."""
+SIMULATED, REAL = ENGINES["mujoco"], "franka_driver"
 OWN = "none"
 """A backend that is not ours to start: `backend_node` says who it is."""
 BACKENDS = (*SIMULATORS, REAL, OWN)

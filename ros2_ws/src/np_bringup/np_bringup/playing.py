@@ -57,8 +57,9 @@ def play(
 
 
 def play_part(request: Request, numbers: range, part: Path) -> None:
-    """`play`, with results in a file of its own."""
-    play(request, numbers, Part(part))
+    """`play`, with results in a file of its own; goes on where a process that was lost has ended."""
+    results = Part(part)
+    play(request, numbers[results.done :], results)
 
 
 def _run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:

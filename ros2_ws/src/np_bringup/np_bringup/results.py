@@ -93,11 +93,16 @@ class Results:
 
 
 class Part:
-    """Where a process of its own puts down the results of its episodes; `Results` collects them."""
+    """Where a process of its own puts down the results of its episodes, in order; `Results` collects them.
+
+    `done`: how many are there already, of one that was lost with the process before.
+    """
 
     def __init__(self, path: Path):
         self._path = path
-        path.write_text("")
+        complete = [line for line in _lines(path) if line.endswith("\n")]
+        path.write_text("".join(complete))
+        self.done = len(complete)
 
     def add(self, result: Result) -> None:
         """As of Results."""

@@ -19,6 +19,10 @@ RATE = 10  # Hz: what the residual limits of one step are meant for
 POSE, STIFFNESS = slice(0, 6), slice(6, 13)  # of the action
 
 
+class PolicyError(RuntimeError):
+    """A network gave something that is no action; the message says what."""
+
+
 @dataclass(frozen=True)
 class ResidualLimits:
     """zeta: the largest residual of one step, each axis; position m, rotation rad."""

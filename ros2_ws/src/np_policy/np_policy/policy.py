@@ -18,13 +18,10 @@ from np_description.rotations import quaternion_from_matrix
 from np_description.symmetry import renamed
 from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints, usable
 from np_policy import action, hand_pose, weights
+from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import post_contact_observation, student_observation
-
-
-class PolicyError(RuntimeError):
-    """A network gave something that is no action; the message says what."""
 
 
 @dataclass(frozen=True)

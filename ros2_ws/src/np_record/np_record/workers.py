@@ -9,11 +9,12 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from importlib.util import find_spec
 from multiprocessing import active_children, get_context
-from threading import Condition
+from threading import Condition, Lock, local
 
 from np_ros.parent import end_with_parent
 
@@ -40,8 +41,8 @@ def workers(jobs: int, cluster: str = "") -> AbstractContextManager[Executor]:
     """An executor of `jobs` processes, each started anew; of a cluster that is elsewhere, of all the workers that it has.
 
     Where its context is left by an exception, cases under way on this machine are interrupted and no further one is begun.
-    A cluster gives the case of a worker that is lost to another, once (a scheduler of your own: as it was told). Without one,
-    all cases that are left raise BrokenProcessPool. Raises OSError for a cluster that does not answer, or without Dask.
+    The case of a worker that is lost is done by another, once (a scheduler of your own: as it was told); the next time its
+    future raises: BrokenProcessPool, of a cluster KilledWorker. Raises OSError for a cluster that does not answer, or without Dask.
     """
     if not cluster:
         return _on_this_machine(jobs)
@@ -52,27 +53,57 @@ def workers(jobs: int, cluster: str = "") -> AbstractContextManager[Executor]:
 
 @contextmanager
 def _on_this_machine(jobs: int) -> Iterator[Executor]:
-    others = set(active_children())
-    pool = _Processes(jobs, mp_context=get_context("spawn"), initializer=_begin)
+    pool = _Processes(jobs)
     try:
         yield pool
     except BaseException:  # else every case that was handed in would be done before the command ends
-        pool.shutdown(wait=False, cancel_futures=True)
-        ending = set(active_children()) - others
-        for process in ending:
-            process.terminate()
-        for process in ending:
-            process.join()
+        pool.end()
         raise
     finally:
         pool.shutdown()
 
 
-class _Processes(ProcessPoolExecutor):
-    """Processes that, told to end, end with the case that they are at: it cleans up, and the one that waits beside it is not begun."""
+class _Processes(ThreadPoolExecutor):
+    """Threads with a process each, which does one case after another: where one is killed, that is the only case it costs a try.
+
+    A process is started by the thread that it works for, since the kernel tells it when that one is gone, not when its command is.
+    """
+
+    def __init__(self, jobs: int):
+        super().__init__(jobs)
+        self._own, self._starting, self._is_ending = local(), Lock(), False
+        self._others = set(active_children())
 
     def submit(self, case, /, *arguments, **named) -> Future:
-        return super().submit(_do, case, *arguments, **named)
+        return super().submit(self._try, case, arguments, named)
+
+    def end(self) -> None:
+        """Interrupt what is under way: a process that is told to end does so with the case that it is at, which cleans up."""
+        with self._starting:
+            self._is_ending = True
+        self.shutdown(wait=False, cancel_futures=True)
+        ending = set(active_children()) - self._others
+        for process in ending:
+            process.terminate()
+        for process in ending:
+            process.join()
+
+    def _try(self, case, arguments, named):
+        for left in reversed(range(LOSSES + 1)):
+            try:
+                return self._begun(case, arguments, named).result()
+            except BrokenProcessPool:
+                del self._own.process
+                if not left:
+                    raise
+
+    def _begun(self, case, arguments, named) -> Future:
+        with self._starting:
+            if self._is_ending:
+                raise CancelledError
+            if not hasattr(self._own, "process"):
+                self._own.process = ProcessPoolExecutor(1, get_context("spawn"), _begin)
+            return self._own.process.submit(_do, case, *arguments, **named)
 
 
 _told_to_end: list[int] = []  # signals that this process was sent during a case

@@ -16,12 +16,8 @@ from np_diagnosis.thresholds import THRESHOLDS
 from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.graph import NodeSpec
 from np_ros.supervisor import NodeDied, Supervisor
+from np_sim_bridge.simulators import SIMULATORS
 
-SIMULATORS = {
-    "mujoco": NodeSpec("np_sim_bridge", "sim_bridge"),
-    "physx": NodeSpec("np_physx_bridge", "physx_bridge"),
-}
-"""The backend of each engine."""
 RUNNING_TIMEOUT = 20.0  # s for an arm that is said to run to be heard
 
 

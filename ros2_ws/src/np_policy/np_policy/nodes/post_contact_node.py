@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import OrderedDict
 
 import numpy as np
-import torch
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
@@ -14,6 +13,7 @@ from std_msgs.msg import Float64MultiArray
 from np_description.panda import BASE_FRAME
 from np_description.phases import POST
 from np_description.rotations import quaternion_from_matrix
+from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, weights_file
 from np_policy.nodes.common import (
     GoalStream,
@@ -23,7 +23,6 @@ from np_policy.nodes.common import (
     report_weights,
     subscribe_keypoints,
 )
-from np_policy.policy import PolicyError, PostContactController
 from np_ros import qos
 from np_ros.messages import BadMessage, gains_message, pose_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, run
@@ -37,10 +36,14 @@ class PostContactNode(Node):
 
     def __init__(self) -> None:
         super().__init__("post_contact")
-        torch.set_num_threads(1)
         self._settings = declare_settings(self)
         folder, controller = declare_weights(self)
         file = weights_file(POST_CONTACT, self._settings.domain, folder)
+        import torch  # slow, and only where there are weights: no --help should wait for it
+
+        from np_policy.policy import PostContactController
+
+        torch.set_num_threads(1)
         self._policy = PostContactController(
             file,
             self._settings.domain,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 import numpy as np
-import torch
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
@@ -14,9 +13,9 @@ from std_msgs.msg import Float64
 from np_description.panda import BASE_FRAME
 from np_description.phases import PRE
 from np_perception.pose_estimation import MIN_POINTS, usable
+from np_policy.action import PolicyError
 from np_policy.contract import PRE_CONTACT, weights_file
 from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, report_weights, subscribe_keypoints
-from np_policy.policy import PolicyError, PreContactPlanner
 from np_ros import qos
 from np_ros.messages import BadMessage, pose_message
 from np_ros.node import Diagnostics, run
@@ -31,10 +30,14 @@ class PreContactNode(Node):
 
     def __init__(self) -> None:
         super().__init__("pre_contact")
-        torch.set_num_threads(1)
         self._settings = declare_settings(self)
         folder, controller = declare_weights(self)
         file = weights_file(PRE_CONTACT, self._settings.domain, folder)
+        import torch  # slow, and only where there are weights: no --help should wait for it
+
+        from np_policy.policy import PreContactPlanner
+
+        torch.set_num_threads(1)
         self._planner = PreContactPlanner(
             file,
             self._settings.domain,

@@ -1,0 +1,60 @@
+"""Answers to the cases of the chain's blind set, case by case, on many processes. A case is a folder, done once its answer lies there."""
+
+from __future__ import annotations
+
+import json
+import traceback
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, as_completed
+from pathlib import Path
+
+from np_blind.task_cases import Case
+from np_record.command import Progress
+
+Answer = Callable[[Case, int], dict]
+"""What a case of a set with such a seed is answered, and what is right about it."""
+
+
+def answer(case: Case, seed: int) -> dict:
+    """A case made, asked and judged."""
+    from np_blind.task_judged import answer  # slow: no --help should wait for it
+
+    return answer(case, seed)
+
+
+def settle(case: Case, seed: int, out: Path, answer: Answer = answer) -> None:
+    """Answer a case into its folder; what goes wrong is an answer too, and published."""
+    try:
+        row = answer(case, seed)
+    except Exception:
+        row = _error(case, traceback.format_exc(limit=3))
+    kept = _kept(out, case)
+    kept.parent.mkdir(exist_ok=True)
+    new = kept.with_suffix(".new")
+    new.write_text(json.dumps(row, indent=1) + "\n", encoding="utf-8")
+    new.replace(kept)
+
+
+def settle_all(cases: Sequence[Case], seed: int, out: Path, pool: Executor, answer: Answer = answer) -> list[dict]:
+    """The answers to all cases, in their order; those that have none in `out` are asked for.
+
+    A case that lost the workers it was given to has an error in place of an answer, and no answer in `out`: the next call tries it again.
+    """
+    missing = [case for case in cases if not _kept(out, case).exists()]
+    progress, lost = Progress(len(cases), "task"), {}
+    progress.show(len(cases) - len(missing))
+    asked = {pool.submit(settle, case, seed, out, answer): case for case in missing}
+    for done, future in enumerate(as_completed(asked), len(cases) - len(missing) + 1):
+        case = asked[future]
+        if error := future.exception():
+            lost[case.number] = _error(case, f"{type(error).__name__}: {error}")
+        progress.show(done, f"case {case.number}")
+    return [lost.get(c.number) or json.loads(_kept(out, c).read_text(encoding="utf-8")) for c in cases]
+
+
+def _kept(out: Path, case: Case) -> Path:
+    return out / f"case_{case.number:03d}" / "answer.json"
+
+
+def _error(case: Case, error: str) -> dict:
+    return {"case": case.number, "kind": case.kind, "gap": case.gap, "error": error}

@@ -1,0 +1,221 @@
+"""Physics steps a second of a whole iteration and of its parts: one process, one device, one scene."""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from unittest.mock import patch
+
+import torch
+import warp as wp
+
+from np_description.panda import NOMINAL
+from np_training.environment import environment as environment_module
+from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.physics.batched import ARM, OBJECT_POSITION, BatchedPhysics
+from np_training.physics.config import PhysicsConfig
+from np_training.ppo.config import TrainConfig
+from np_training.ppo.curriculum import CurriculumConfig
+from np_training.ppo.networks import sample
+from np_training.ppo.trainer import Trainer
+from np_training.tasks.registry import find_task
+
+LEAST_ROUNDS = 2
+SETTLE = 5  # policy periods until an object that was put down rests
+
+
+@dataclass(frozen=True)
+class Rate:
+    """steps: physics steps of all worlds a second; rounds: measured; contacts: of a world, mean over the
+    rounds."""
+
+    steps_per_second: float
+    rounds: int
+    contacts: float
+
+
+def measure(physics: BatchedPhysics, one: Callable[[], int], seconds: float) -> Rate:
+    """Rate of `one`, which returns the policy periods that it took; called once before the clock starts."""
+    one()
+    _wait(physics)
+    begin, periods, rounds, contacts = time.perf_counter(), 0, 0, 0.0
+    spent = 0.0
+    while rounds < LEAST_ROUNDS or spent < seconds:
+        periods += one()
+        rounds += 1
+        _wait(physics)
+        spent = time.perf_counter() - begin
+        # Read between the clock's stops: the answer comes from the device.
+        contacts += physics.overflow()["contacts"] / physics.worlds
+        begin = time.perf_counter() - spent
+    return Rate(periods * physics.config.substeps * physics.worlds / spent, rounds, contacts / rounds)
+
+
+def rollout(trainer: Trainer, visit: Callable[[], None] = lambda: None) -> int:
+    """One rollout of the trainer's policies without learning; `visit` is called before each period."""
+    env, policy = trainer.environment, trainer.networks.post
+    env.starts = env.draw_starts(trainer.chooser, env.config.worlds)
+    for _ in range(trainer.config.rollout):
+        state, _ = env.observe()
+        with torch.no_grad():
+            action, _ = sample(policy, state)
+        visit()
+        env.reset(env.step(action)["done"].nonzero()[:, 0])
+    return trainer.config.rollout
+
+
+def visited(trainer: Trainer) -> list[tuple[torch.Tensor, ...]]:
+    """Positions, velocities and commands at each period of a rollout."""
+    physics, states = trainer.environment.physics, []
+    rollout(
+        trainer,
+        lambda: states.append(tuple(a.clone() for a in (physics.qpos, physics.qvel, physics.command))),
+    )
+    return states
+
+
+def advance_from(physics: BatchedPhysics, states: list[tuple[torch.Tensor, ...]]) -> int:
+    """One period from each of the states; two copies of a state cost next to nothing beside it."""
+    for qpos, qvel, command in states:
+        physics.qpos.copy_(qpos)
+        physics.qvel.copy_(qvel)
+        physics.command.copy_(command)
+        physics.advance()
+    return len(states)
+
+
+def rest(environment: Environment) -> None:
+    """All arms at the ready posture, holding; all objects resting at fresh starts, where the fingers are
+    not."""
+    physics, everyone = (
+        environment.physics,
+        torch.arange(environment.config.worlds, device=environment.device),
+    )
+    qpos = physics.qpos.clone()
+    qpos[:, ARM] = torch.tensor(NOMINAL.ready, dtype=qpos.dtype, device=qpos.device)
+    starts = environment.starts.tasks.starts
+    rows = everyone % len(starts.position)
+    qpos[:, OBJECT_POSITION] = starts.position[rows]
+    qpos[:, OBJECT_POSITION.stop :] = starts.quaternion[rows]
+    physics.place(everyone, qpos)
+    physics.hold(everyone, qpos[:, ARM])
+    for _ in range(SETTLE):
+        physics.advance()
+
+
+def throughput(trainer: Trainer, seconds: float) -> dict:
+    """Every figure, each measured for about `seconds`, as plain numbers."""
+    physics, rollout_steps = trainer.environment.physics, trainer.config.rollout
+
+    def iterate() -> int:
+        trainer.iterate()
+        return rollout_steps
+
+    def hold() -> int:
+        physics.advance()
+        return 1
+
+    rates = {"trainer": measure(physics, iterate, seconds)}
+    rates["environment"] = measure(physics, lambda: rollout(trainer), seconds)
+    states = visited(trainer)
+    rates["bare_contact"] = measure(physics, lambda: advance_from(physics, states), seconds)
+    rest(trainer.environment)
+    rates["bare_free"] = measure(physics, hold, seconds)
+    whole = rates["trainer"].steps_per_second
+    return {
+        **{name: vars(rate) for name, rate in rates.items()},
+        **{f"trainer_over_{name}": whole / rates[name].steps_per_second for name in rates if name != "trainer"},
+        "policy_steps_per_second": whole / physics.config.substeps,
+        "parts_ms": parts(trainer),
+    }
+
+
+def parts(trainer: Trainer) -> dict[str, float]:
+    """ms a policy period that the parts of an iteration take, over one iteration, each without what it calls of the
+    others, but for inverse kinematics, which stays part of its callers; and the iteration as a whole."""
+    env, physics = trainer.environment, trainer.environment.physics
+    spent: dict[str, float] = {}
+    inside: list[float] = []  # s of the parts called so far by each part under way
+
+    def timed(name: str, function: Callable) -> Callable:
+        def call(*arguments):
+            _wait(physics)
+            inside.append(0.0)
+            begin = time.perf_counter()
+            answer = function(*arguments)
+            _wait(physics)
+            whole = time.perf_counter() - begin
+            own = whole - inside.pop()
+            spent[name] = spent.get(name, 0.0) + (whole if name == "iteration" else own)
+            if inside and name != "inverse_kinematics":
+                inside[-1] += whole
+            return answer
+
+        return call
+
+    places = {
+        "draw_starts": (env, "draw_starts"),
+        "observe": (env, "observe"),
+        "step": (env, "step"),
+        "physics": (physics, "advance"),
+        "inverse_kinematics": (environment_module, "solve_ik"),
+        "reset": (env, "reset"),
+        "update": (trainer, "_update"),
+    }
+    with ExitStack() as stack:
+        for name, (owner, attribute) in places.items():
+            stack.enter_context(patch.object(owner, attribute, timed(name, getattr(owner, attribute))))
+        timed("iteration", trainer.iterate)()
+    return {name: round(1e3 * seconds / trainer.config.rollout, 3) for name, seconds in spent.items()}
+
+
+def make_trainer(
+    domain: str, device: str, worlds: int, rollout_steps: int, seed: int, checkpoint: Path | None
+) -> Trainer:
+    """The trainer that `np_training.train` makes without options, from a checkpoint if there is one."""
+    task = find_task(domain)
+    config = EnvironmentConfig(worlds=worlds, seed=seed, limit=task.limit, physics=PhysicsConfig())
+    curriculum = CurriculumConfig(practice=task.practice, explore=task.explore)
+    environment = Environment(task.domain, device, config)
+    trainer = Trainer(environment, TrainConfig(rollout=rollout_steps, curriculum=curriculum))
+    if checkpoint:
+        trainer.load_state_dict(torch.load(checkpoint, map_location=device, weights_only=True))
+    return trainer
+
+
+def _wait(physics: BatchedPhysics) -> None:
+    if physics.device.type == "cuda":
+        torch.cuda.synchronize(physics.device)
+    wp.synchronize_device(wp.get_device(str(physics.device)))
+
+
+def measured(arguments: argparse.Namespace) -> dict:
+    """Every figure that the command line asks for, and where it was measured."""
+    torch.backends.cuda.matmul.allow_tf32 = True
+    trainer = make_trainer(
+        arguments.domain,
+        arguments.device,
+        arguments.worlds,
+        arguments.rollout,
+        arguments.seed,
+        arguments.checkpoint,
+    )
+    stage = trainer.curriculum.stage
+    result = throughput(trainer, arguments.seconds)
+    is_cuda = trainer.environment.device.type == "cuda"
+    return {
+        "command": sys.argv[1:],
+        "domain": arguments.domain,
+        "worlds": arguments.worlds,
+        "stage": stage,
+        "device": torch.cuda.get_device_name(trainer.environment.device) if is_cuda else platform.processor() or "CPU",
+        "timestep": trainer.environment.physics.config.timestep,
+        "substeps": trainer.environment.physics.config.substeps,
+        **result,
+    }

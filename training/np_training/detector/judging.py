@@ -1,0 +1,135 @@
+"""A released detector judged on images that it has not seen, drawn by the renderers of the deployed camera."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+
+from np_description.domains import Domain, find_domain
+from np_perception.detector import KeypointDetector
+from np_record.report.pages import style
+from np_sim_bridge.renderer import egl_works
+from np_training.detector.held_out import SHIFTED_LOOK, HeldOut, held_out_images
+from np_training.detector.metrics import summarise
+from np_training.detector.network import RELIABLE
+from np_training.detector.render import NOMINAL_LOOK
+from np_training.detector.timing import detector_figures
+from np_training.detector.visited import load_visited
+
+SETS = {  # by the names of `np_training.detector.evaluate`: look, renderer, whether the table is patterned
+    "nominal": (NOMINAL_LOOK, "egl", False),
+    "shifted": (SHIFTED_LOOK, "egl", True),
+    "ray_caster": (NOMINAL_LOOK, "warp", False),
+}
+
+
+def judge(detector: KeypointDetector, images: Iterator[HeldOut], total: int, name: str) -> tuple[dict, list]:
+    """Figures, and (worst visible error px, image, detection) of each image that shows the object."""
+    rows, pictures = [], []
+    for i, sample in enumerate(images):
+        found = detector.detect(sample.image)
+        rows.append((found.pixels, found.scores, sample.truth, sample.visible, sample.present))
+        seen = sample.visible & sample.present
+        if seen.any():
+            error = np.linalg.norm(found.pixels - sample.truth, axis=1)
+            pictures.append((float(error[seen].max()), sample, found))
+        if sys.stderr.isatty() or i + 1 == total:
+            print(f"\r{name}: {i + 1}/{total}", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return summarise(*map(np.array, zip(*rows))), pictures
+
+
+def draw_reliability(sets: dict[str, dict], path: Path) -> None:
+    """What share of keypoints is within RELIABLE px of the truth, against the score that says so."""
+    with style():
+        figure = Figure(figsize=(5.2, 4.4), layout="constrained")
+        axes = figure.add_subplot()
+        axes.plot([0, 1], [0, 1], color="0.6", lw=1, ls="--")
+        for name, figures in sets.items():
+            score, held, count = np.array(figures["reliability"]).T
+            (line,) = axes.plot(score, held, lw=1, label=f"{name}: {figures['calibration_error']:.3f}")
+            axes.scatter(score, held, s=4 + 12 * np.log10(count), color=line.get_color())
+        axes.set(xlabel="score", ylabel=f"share within {RELIABLE:g} px", xlim=(0, 1.02), ylim=(0, 1.02))
+        axes.legend(title="expected calibration error", frameon=False)
+        figure.savefig(path, dpi=110)
+
+
+def draw(pictures: list, path: Path, columns: int = 5) -> None:
+    """A sheet of the best, median and worst images: rings are true corners (white seen, black hidden), dots
+    detections."""
+    pictures = sorted(pictures, key=lambda p: p[0])
+    middle = max(0, len(pictures) // 2 - columns // 2)
+    rows = {
+        "best": pictures[:columns],
+        "median": pictures[middle : middle + columns],
+        "worst": pictures[-columns:],
+    }
+    figure = Figure(figsize=(3 * columns, 9.6), layout="constrained")
+    axes = figure.subplots(3, columns)
+    for (title, chosen), line in zip(rows.items(), axes):
+        for axis in line:
+            axis.set_axis_off()
+        for axis, (error, sample, found) in zip(line, chosen):
+            centre = sample.truth[sample.present].mean(axis=0)
+            axis.imshow(sample.image, interpolation="nearest")
+            edges = np.where(sample.visible, "white", "black")
+            axis.scatter(*sample.truth.T, s=40, facecolors="none", edgecolors=edges, linewidths=1.2)
+            axis.scatter(*found.pixels.T, s=10, c=found.scores, cmap="RdYlGn", vmin=0, vmax=1, linewidths=0)
+            axis.set_xlim(centre[0] - 40, centre[0] + 40)
+            axis.set_ylim(centre[1] + 40, centre[1] - 40)
+            axis.set_title(f"{title}: {error:.2f} px", fontsize=9)
+    figure.savefig(path, dpi=70)
+
+
+def evaluate(
+    domain: Domain,
+    folder: str | Path,
+    images: int,
+    seed: int,
+    pictures: Path | None,
+    visited: torch.Tensor | None = None,
+    only: Sequence[str] = tuple(SETS),
+) -> dict:
+    """The figures of the sets, `visited` states among them; the sheet of the shifted one goes to `pictures`."""
+    detector = KeypointDetector(domain, folder)
+    result = {
+        "domain": domain.name,
+        "seed": seed,
+        "weights_sha256": detector.information["weights_sha256"],
+        "sets": {},
+    }
+    opengl = egl_works()
+    drawable = [name for name, (_, renderer, _) in SETS.items() if renderer != "egl" or opengl]
+    if missing := [name for name in only if name not in drawable]:
+        print(f"OpenGL does not work here: not judged on {', '.join(missing)}", file=sys.stderr)
+    for name in (name for name in drawable if name in only):
+        look, renderer, patterned = SETS[name]
+        images_seed = 7919 * (seed + 1) + list(SETS).index(name)
+        samples = held_out_images(domain, images, images_seed, look, renderer, patterned, visited)
+        result["sets"][name], shown = judge(detector, samples, images, name)
+        if pictures is not None and shown and name == ("shifted" if "shifted" in drawable else "ray_caster"):
+            draw(shown, pictures)
+    result["detection"] = detector_figures(domain, str(folder))
+    return result
+
+
+def judge_released(options: argparse.Namespace) -> dict:
+    """Figures of the detector that the command line names; they and its pictures go where it says."""
+    torch.set_num_threads(1)
+    options.out.mkdir(parents=True, exist_ok=True)
+    stem = options.out / f"detector_{options.domain}"
+    domain = find_domain(options.domain)
+    visited = load_visited(options.episodes, domain, "cpu") if options.episodes else None
+    result = evaluate(
+        domain, options.weights, options.images, options.seed, stem.with_suffix(".png"), visited, options.sets
+    )
+    draw_reliability(result["sets"], stem.with_name(f"{stem.name}_reliability.png"))
+    stem.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+    return result

@@ -1,0 +1,74 @@
+"""How the batched simulator can be set up. Needs no simulator: commands read their options with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from np_control.operational_space import CartesianGains
+from np_description.contact import HARD, SOFT, Compliance, ContactModel
+from np_description.domains import Domain
+from np_effects.patch import Patch
+from np_training.physics.carried_effects import check_carried
+
+CONTROLLERS = ("impedance", "osc")
+
+
+@dataclass(frozen=True)
+class PhysicsConfig:
+    """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
+    contact: how rough and how hard everything is; supports: whether the object stands on patches, for `support`;
+    controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, with
+    the gains `cartesian`); effects: what the arm has besides the nominal one (np_training.physics.carried_effects)."""
+
+    timestep: float = 0.005
+    substeps: int = 20
+    contacts: int = 32
+    constraints: int = 192  # 112 are too few for a card that stands on patches under two flat fingers
+    iterations: int = 8
+    ls_iterations: int = 10
+    controller: str = "impedance"
+    cartesian: CartesianGains = CartesianGains()
+    effects: Patch = Patch()
+    contact: ContactModel = SOFT
+    supports: bool = False
+
+    def __post_init__(self) -> None:
+        check_carried(self.effects)
+        if self.controller not in CONTROLLERS:
+            raise ValueError(f"controller: expected one of {', '.join(CONTROLLERS)}, got {self.controller!r}")
+
+
+FIRM = replace(
+    HARD,
+    name="firm",
+    hard=Compliance(0.01, 1.0, (0.95, 0.99), 0.0005),
+    rubber=Compliance(0.01, 1.0, (0.95, 0.99), 0.0005),
+    elliptic=False,
+)
+"""As hard as steps of 5 ms allow, to learn in three times as fast before the hard ones: nothing is measured in it."""
+
+STEPPING = {
+    "soft": (SOFT, dict(timestep=0.005, substeps=20, iterations=8, ls_iterations=10)),
+    "firm": (FIRM, dict(timestep=0.005, substeps=20, iterations=8, ls_iterations=20)),
+    # Hard contacts are stable with steps of 2.5 ms, and their friction needs the line search (np_description.contact).
+    "hard": (HARD, dict(timestep=0.0025, substeps=40, iterations=16, ls_iterations=50)),
+    # The same to learn in: MuJoCo then holds time constants at two steps, 8 ms, and a policy does as well there as in "hard".
+    "swift": (HARD, dict(timestep=0.004, substeps=25, iterations=8, ls_iterations=20)),
+}
+
+LEARNED_IN = {SOFT.name: "soft", HARD.name: "swift"}
+"""How the contacts of a domain are stepped where its policies are learned, by the definition's name."""
+
+
+def physics_for(contact: str, **options) -> PhysicsConfig:
+    """The physics in which a contact definition is stepped; options: further fields. Raises ValueError for an unknown name."""
+    if contact not in STEPPING:
+        raise ValueError(f"contact: expected one of {', '.join(STEPPING)}, got {contact!r}")
+    model, stepping = STEPPING[contact]
+    return PhysicsConfig(contact=model, **{**stepping, **options})
+
+
+def check_trainable(domain: Domain) -> None:
+    """Raises ValueError for an object that is not rigid: a world has no room for its parts."""
+    if domain.object is not None and not domain.object.is_rigid:
+        raise ValueError(f"object: training moves rigid ones, got {domain.object.name}, which has moving parts")
