@@ -1,5 +1,8 @@
 """Groups of episodes by what their tasks ask for."""
 
+from dataclasses import replace
+from math import pi
+
 import pytest
 import torch
 from hypothesis import given
@@ -38,3 +41,11 @@ def test_tips_are_quarter_turns_about_the_horizontal_whatever_the_yaw(quarters, 
     goal = turn(0.0, 0.0, after) @ turn(quarters * torch.pi / 2, 0.0, 0.0) @ start
     poses = [Poses(torch.zeros(1, 3), quaternion_from_matrix(m)[None]) for m in (start, goal)]
     assert quarter_tips(*poses).item() == min(quarters, 4 - quarters)
+
+
+def test_every_task_of_a_domain_that_turns_is_in_one_group_of_turns_of_like_size():
+    domain = replace(CARD, goal_yaw=(-pi, pi))
+    masks = groups_of_tasks(domain, *sample_tasks(domain, 2000, torch.Generator().manual_seed(1)))
+    assert list(masks) == ["turn45", "turn90", "turn135", "turn180"]
+    assert (sum(mask.int() for mask in masks.values()) == 1).all()
+    assert all(0.2 < mask.float().mean() < 0.3 for mask in masks.values())

@@ -161,7 +161,12 @@ def parse() -> argparse.Namespace:
         arguments.effects = load_effects(arguments.effects)
         arguments.played = played_domain(arguments.domain, arguments.object, arguments.max_opening)
         arguments.reward = reward_for(
-            arguments.reward, task.far, far=arguments.far, turn=arguments.turn, bare=arguments.bare, change=arguments.change
+            arguments.reward,
+            task.far,
+            far=arguments.far,
+            turn=arguments.turn,
+            bare=arguments.bare,
+            change=arguments.change,
         )
     except ValueError as error:
         parser.error(str(error))

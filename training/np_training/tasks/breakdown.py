@@ -47,5 +47,7 @@ def groups_of_tasks(domain: Domain, starts: Poses, goals: Poses) -> dict[str, to
     if domain.goal_yaw is not None:
         angle, width = rotation_angle(starts.quaternion, goals.quaternion), pi / 4
         for k in range(4):
-            masks[f"turn{degrees((k + 1) * width):.0f}"] = (angle > k * width) & (angle <= (k + 1) * width + 1e-3 * (k == 3))
+            masks[f"turn{degrees((k + 1) * width):.0f}"] = (angle > k * width) & (
+                angle <= (k + 1) * width + 1e-3 * (k == 3)
+            )
     return masks

@@ -95,7 +95,9 @@ def summary(results: list[Result]) -> dict[str, object]:
     again = max((r.contacts for r in results), default=1) > 1
     return {
         **_rate(successes, len(results)),
-        **({"first_contact": _rate(sum(r.success and r.contacts == 1 for r in results), len(results))} if again else {}),
+        **(
+            {"first_contact": _rate(sum(r.success and r.contacts == 1 for r in results), len(results))} if again else {}
+        ),
         "episodes": len(results),
         "failures": dict(sorted(Counter(r.failed_in for r in results if not r.success).items())),
         "declared_wrongly": sum(r.declared == SUCCEEDED and not r.success for r in results),

@@ -102,7 +102,9 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
         NodeSpec("np_policy", "pre_contact", parameters=learned),
         NodeSpec("np_policy", "approach", parameters={**seeing, "seed": seed}),
         NodeSpec("np_policy", "post_contact", parameters=learned),
-        NodeSpec("np_policy", "episode", parameters={**seeing, "backend": backends.node_name(given), "contacts": contacts}),
+        NodeSpec(
+            "np_policy", "episode", parameters={**seeing, "backend": backends.node_name(given), "contacts": contacts}
+        ),
     ]
     if given["bag"]:
         information = {

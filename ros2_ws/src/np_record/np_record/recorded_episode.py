@@ -59,7 +59,9 @@ def position_only(domain: Domain) -> str:
     return " (position only)" if domain.tolerance_angle is None else ""
 
 
-def score(domain: Domain, said: Sequence[PhaseState], pose: Pose, goal: Pose, duration: float, early: str = "") -> Outcome:
+def score(
+    domain: Domain, said: Sequence[PhaseState], pose: Pose, goal: Pose, duration: float, early: str = ""
+) -> Outcome:
     """The outcome of an episode of which `said` was said up to its end or beyond, for an object that ended at `pose` (truth).
 
     early: why there is no end, where that is known.

@@ -53,7 +53,11 @@ _HELP = {
     "post_blind": ("How long keypoints may be unusable in phase post, s.", 0.0, 600.0),
     "success_frames": ("Ticks in a row within the tolerance's share that make a success.", 1, 100),
     "success_share": ("Share of the domain's tolerance that the estimated pose has to be within.", 0.05, 1.0),
-    "contacts": ("How often a contact may be chosen: when its time is over the hand lets go and looks again; paper: 1.", 1, 20),
+    "contacts": (
+        "How often a contact may be chosen: when its time is over the hand lets go and looks again; paper: 1.",
+        1,
+        20,
+    ),
     "planning": ("Wall time in which a trajectory must come, s.", 0.1, 3600.0),
     "arrival": ("Real time: rad that a joint may be off the plan's end when phase post begins.", 0.01, 3.0),
 }
