@@ -17,7 +17,11 @@ def evaluated(data: Mapping) -> tuple[str, str]:
     settings = data["settings"]
     rows = [
         ("success, 95 % Wilson interval", rate(data["success"], data["ci95"])),
-        *([("of these with the first contact", rate(*data["first_contact"].values()))] if "first_contact" in data else []),
+        *(
+            [("of these with the first contact", rate(*data["first_contact"].values()))]
+            if "first_contact" in data
+            else []
+        ),
         ("failures by phase", ", ".join(f"{k}: {v}" for k, v in data["failures"].items()) or "none"),
         ("median distance at the end", f"{distance:.1f} mm"),
         ("median angle at the end", f"{median(e['angle'] for e in ended):.4f} rad"),
