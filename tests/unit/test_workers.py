@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
@@ -93,6 +94,20 @@ def test_processes_end_with_a_command_that_is_killed(tmp_path):
     assert done.returncode == -signal.SIGKILL
     marks = {mark.name for mark in (tmp_path / "marks").iterdir()}
     assert marks == {"begun_0", "begun_1", "ended_0", "ended_1"}
+
+
+def twice_told(folder):
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+    finally:
+        os.kill(os.getpid(), signal.SIGTERM)
+        (folder / "ended").touch()
+
+
+def test_who_is_told_to_end_a_second_time_still_ends_what_it_has_begun(tmp_path):
+    with pytest.raises(BrokenProcessPool), workers(1) as pool:
+        pool.submit(twice_told, tmp_path).result()
+    assert (tmp_path / "ended").exists()
 
 
 @everywhere

@@ -119,7 +119,9 @@ def _end(number, frame) -> None:
     if not _at_work:
         os._exit(128 + number)
     _told_to_end.append(number)
-    raise KeyboardInterrupt  # so that the case ends what it has started
+    # The kernel tells it once for every thread of the parent that a process was handed to: what cleans up is not to be interrupted again.
+    if len(_told_to_end) == 1:
+        raise KeyboardInterrupt  # so that the case ends what it has started
 
 
 def _do(case, /, *arguments, **named):
