@@ -60,7 +60,9 @@ def test_a_case_that_loses_its_workers_is_an_error_until_the_next_call(cluster, 
 def test_the_command_is_made_with_what_make_was_told():
     def made(*arguments):
         command = ["make", "-n", "-o", "physx", "blind-chain", *arguments]
-        own = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}  # not those of `make test`
+        own = {
+            name: value for name, value in os.environ.items() if not name.startswith("MAKE")
+        }  # not those of `make test`
         done = subprocess.run(command, cwd=ROOT, env=own, capture_output=True, text=True, check=True)
         return done.stdout.split("-m ")[-1]
 
