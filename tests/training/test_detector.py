@@ -245,6 +245,14 @@ def test_training_writes_weights_and_continues_where_it_stopped(tmp_path, capsys
     _, record = load_weights(tmp_path / "keypoint_detector_card.safetensors")
     assert record["steps"] == 3 and record["images"] == 12 and record["held_out"] == figures
     assert all(np.isfinite(float(row["contrast"])) for row in rows)
+    other = tmp_path / "other"
+    weights = tmp_path / "keypoint_detector_card.safetensors"
+    quiet = ["--no-contrast", "--reuse", "2", "--rate", "0", "--start", str(weights), "--steps", "3"]
+    main(["--out", str(other), *arguments[2:], *quiet])
+    begun, record = load_weights(other / "keypoint_detector_card.safetensors")
+    assert "--reuse 2 --start keypoint_detector_card.safetensors" in record["command"]
+    kept = load_weights(weights)[0].state_dict()
+    assert all(torch.equal(value, kept[name]) for name, value in begun.named_parameters())  # at a rate of nothing
     with pytest.raises(ValueError, match="expected a checkpoint of .*False.*got .*True"):
         main([*arguments, "--no-contrast", "--steps", "1"])
     with pytest.raises(ValueError, match="expected a checkpoint of .*bump"):

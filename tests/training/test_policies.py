@@ -25,7 +25,7 @@ from np_training.physics.config import PhysicsConfig
 from np_training.ppo import curriculum
 from np_training.ppo import learner as ppo
 from np_training.ppo.config import TrainConfig
-from np_training.ppo.distillation import distil
+from np_training.ppo.distillation import distil, shares_with
 from np_training.ppo.networks import ActorCritic, PreContactPolicy, sample
 from np_training.ppo.trainer import Trainer
 from np_training.reports.releasing import without_optimisers
@@ -389,6 +389,20 @@ def test_distillation_brings_the_student_to_the_teacher():
     teacher = PreContactPolicy()
     _, start = distil(CARD, teacher, "cpu", minutes=0, batch=256, steps=5)
     _, end = distil(CARD, teacher, "cpu", minutes=0, batch=256, steps=400)
+    assert end["position_mm"] < 0.6 * start["position_mm"]
+
+
+def test_a_student_may_learn_of_practice_that_sinks_no_obstacle():
+    shares = shares_with(BUMP, 0.4)
+    assert sum(shares) == pytest.approx(1.0) and shares[0] == pytest.approx(0.6)
+    kinds = find_task("bump").kinds
+    assert {kind.name for kind, share in zip(kinds, shares) if share} == {"own", "roll1", "roll2", "roll3", "turn2"}
+    assert shares_with(CARD, 0.4) == (1.0,)  # which has no practice
+    assert shares_with(BUMP, 0.0) == (1.0,) + (0.0,) * (len(kinds) - 1)
+    torch.manual_seed(6)
+    teacher = PreContactPolicy()
+    _, start = distil(BUMP, teacher, "cpu", minutes=0, batch=128, steps=5, practice=0.4)
+    _, end = distil(BUMP, teacher, "cpu", minutes=0, batch=128, steps=400, practice=0.4)
     assert end["position_mm"] < 0.6 * start["position_mm"]
 
 

@@ -26,6 +26,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--minutes", type=float, default=2.0)
     parser.add_argument("--steps", type=int, help="do so many steps instead")
+    parser.add_argument(
+        "--practice",
+        type=float,
+        default=0.0,
+        help="share of tasks that are practice's, whose objects lie where none begins: for contacts after the first",
+    )
     parser.add_argument("--batch", type=int, default=8192)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", help=DEVICE_HELP)

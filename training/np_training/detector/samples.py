@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import torch
@@ -11,18 +12,21 @@ from torch import Tensor
 from np_description.camera import CAMERA
 from np_description.domains import Domain
 from np_training.detector.augment import Augmentation, augment
-from np_training.detector.render import SceneRenderer
+from np_training.detector.render import Frames, SceneRenderer
 from np_training.detector.scenes import sample_states
 from np_training.detector.visited import mix_visited
 
+KEPT = 16  # batches of renderings, where each is used more than once
 LEAST_AREA = 12.0  # px of the object: below it, where the corners are cannot be asked
 
 
 @dataclass(frozen=True)
 class SampleConfig:
-    """visited: share of the states that come from recorded episodes, where there are any."""
+    """visited: share of the states that come from recorded episodes, where there are any; reuse: batches from a rendering, each
+    augmented anew (on a CPU, rendering is the slow part)."""
 
     visited: float = 0.6
+    reuse: int = 1
     augmentation: Augmentation = Augmentation()
 
 
@@ -58,19 +62,35 @@ class Samples:
         self.domain, self.renderer, self.generator = domain, renderer, generator
         self.config, self.visited, self.pairs = config, visited, pairs
         self.size, self._next = max(pool, renderer.worlds), pool
+        self._kept: deque[Frames] = deque(maxlen=KEPT)
+        self._drawn = 0
 
     def draw(self) -> Batch:
         """The next batch, of the renderer's size."""
+        frames = self._frames()
+        images, pixels = augment(frames, self.generator, self.config.augmentation)
+        second = augment(frames, self.generator, self.config.augmentation)[0] if self.pairs else None
+        present = inside_image(pixels) & (frames.object_area >= LEAST_AREA)[:, None]
+        return Batch(images, pixels, frames.visible, present, second)
+
+    def _frames(self) -> Frames:
+        """New renderings, or some of those that are kept."""
+        if self.config.reuse == 1:
+            return self._render()
+        if self._drawn % self.config.reuse == 0:
+            frames = self._render()
+            self._kept.append(Frames(*(getattr(frames, field.name).clone() for field in fields(frames))))
+        self._drawn += 1
+        index = torch.randint(len(self._kept), (1,), generator=self.generator, device=self.generator.device)
+        return self._kept[int(index)]
+
+    def _render(self) -> Frames:
         count = self.renderer.worlds
         if self._next + count > self.size:
             self._states, self._next = self._draw_states(), 0
         states = self._states[self._next : self._next + count]
         self._next += count
-        frames = self.renderer.render(states, self.generator)
-        images, pixels = augment(frames, self.generator, self.config.augmentation)
-        second = augment(frames, self.generator, self.config.augmentation)[0] if self.pairs else None
-        present = inside_image(pixels) & (frames.object_area >= LEAST_AREA)[:, None]
-        return Batch(images, pixels, frames.visible, present, second)
+        return self.renderer.render(states, self.generator)
 
     def _draw_states(self) -> Tensor:
         states = sample_states(self.domain, self.size, self.generator)

@@ -177,6 +177,18 @@ class Trainer:
             self.contrast.load_state_dict(state["contrast"])
         self.step, self.seconds = state["step"], state["seconds"]
 
+    def start_from(self, path: Path) -> None:
+        """Begin with released weights. Raises WeightsError where they are none of this domain, ValueError where of another network."""
+        from np_training.detector.exporting import load_weights  # imports the exporter, which training does not need
+
+        network, record = load_weights(path)
+        mine = {"domain": self.domain.name, "network": self.network.config}
+        theirs = {"domain": record["domain"], "network": network.config}
+        if theirs != mine:
+            raise ValueError(f"{path}: expected weights of {mine}, got {theirs}")
+        self.network.load_state_dict(network.state_dict())
+        self.average.load_state_dict(network.state_dict())
+
     def record(self, **more) -> dict:
         """What a model card says of the training."""
         gpu = torch.cuda.get_device_name(self.device) if self.device.type == "cuda" else "CPU"

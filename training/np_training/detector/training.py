@@ -98,14 +98,14 @@ def run(options: argparse.Namespace, began: float) -> dict:
     config = TrainConfig(
         **given,
         contrast=None if options.no_contrast else ContrastConfig(),
-        samples=SampleConfig(augmentation=augmentation),
+        samples=SampleConfig(augmentation=augmentation, reuse=options.reuse or SampleConfig.reuse),
     )
     visited = load_visited(options.episodes, domain, options.device) if options.episodes else None
-    names = ("domain", "seed", "steps" if options.steps else "minutes", "batch", "rate", "pool", "episodes")
+    names = ("domain", "seed", "steps" if options.steps else "minutes", "batch", "rate", "pool", "reuse", "start", "episodes")
     said = {
         **vars(options),
         **{name: getattr(config, name) for name in DEFAULTED},
-        "episodes": options.episodes and options.episodes.name,
+        **{name: file and file.name for name, file in (("episodes", options.episodes), ("start", options.start))},
     }  # the folder says nothing elsewhere
     command = " ".join(
         [
@@ -117,6 +117,9 @@ def run(options: argparse.Namespace, began: float) -> dict:
     if (options.out / "checkpoint.pt").exists():
         trainer.load(options.out / "checkpoint.pt")
         say(f"continues from step {trainer.step}")
+    elif options.start:
+        trainer.start_from(options.start)
+        say(f"begins with {options.start.name}")
     trainer.samples(WARM_UP_STREAM).draw()  # compiles the renderer, before the clock of the training starts
     say(f"set up in {time.monotonic() - began:.0f} s")
     return train(trainer, options.out, options.steps, options.minutes * 60 - (time.monotonic() - began), say)

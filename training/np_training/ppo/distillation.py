@@ -23,7 +23,9 @@ from np_training.environment.environment import as_seen, corners, pre_contact_st
 from np_training.physics.config import physics_for
 from np_training.ppo.networks import PreContactPolicy
 from np_training.setting import chosen, domain_of, setting_of
-from np_training.tasks.poses import Poses, sample_tasks
+from np_training.tasks.poses import Poses
+from np_training.tasks.practice import draw_tasks
+from np_training.tasks.registry import find_task
 
 KEYPOINT_NOISE = 0.02  # largest standard deviation, normalised image units; 1.0 is half an image
 POOL, REUSE = 32, 8  # batches of tasks kept, and updates from them for each that is new: the teacher is the slow part
@@ -41,6 +43,15 @@ def disturbed(keypoints: torch.Tensor, goal: torch.Tensor, noise: torch.Tensor |
     return student_observation(keypoints + noise * torch.randn_like(keypoints), goal)
 
 
+def shares_with(domain: Domain, practice: float) -> tuple[float, ...]:
+    """Share of each kind of the domain's tasks where `practice` of them are the kinds of its practice that sink no obstacle: objects
+    also lie where none begins, as they do for a second contact. A domain without such practice has its own tasks alone."""
+    kinds = find_task(domain.name).kinds
+    whole = [number > 0 and not any(kind.lowered) for number, kind in enumerate(kinds)]
+    practice = practice if any(whole) else 0.0
+    return (1 - practice, *(practice * w / max(sum(whole), 1) for w in whole[1:]))
+
+
 def _keypoints(domain: Domain, objects: Poses, goals: Poses) -> tuple[torch.Tensor, torch.Tensor]:
     return tuple(normalised_keypoints(corners(domain, poses)) for poses in as_seen(domain, objects, goals))
 
@@ -54,31 +65,35 @@ def distil(
     seed: int = 0,
     steps: int | None = None,
     hand: HandShapes | None = None,
+    practice: float = 0.0,
 ) -> tuple[PreContactStudent, dict[str, float]]:
-    """Train a student for some minutes, or for so many steps, of a teacher that has `hand`; returns it with its errors on fresh noiseless tasks: means (mm, rad,
-    mm) and the angle's median, which a teacher that decides between two faces leaves far below the mean."""
+    """Train a student for some minutes, or for so many steps, of a teacher that has `hand`; returns it with its errors on fresh
+    noiseless tasks of the domain's own: means (mm, rad, mm) and the angle's median, which a teacher that decides between two faces leaves
+    far below the mean. practice: share of tasks that are practice's (`shares_with`)."""
     generator = torch.Generator(device=device).manual_seed(seed)
     torch.manual_seed(seed)
     student = PreContactStudent().to(device)
     optimiser = torch.optim.Adam(student.parameters(), lr=1e-3)
 
-    def sample() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def sample(shares: tuple[float, ...]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Keypoints, goal keypoints and what the teacher answers, of a batch of fresh tasks."""
-        objects, goals = sample_tasks(domain, batch, generator)
+        tasks = draw_tasks(domain, shares, batch, generator)
+        objects, goals = tasks.starts, tasks.goals
         with torch.no_grad():
             chosen = teacher(pre_contact_state(*as_seen(domain, objects, goals)))
             target = hand_pose.encode(*contact.contact_pose(domain, chosen, objects, hand))
         return *_keypoints(domain, objects, goals), target
 
     begin, step, share = time.monotonic(), 0, 0.0
-    pool = [torch.cat(parts) for parts in zip(*(sample() for _ in range(POOL)))]
+    learned, own = shares_with(domain, practice), shares_with(domain, 0.0)
+    pool = [torch.cat(parts) for parts in zip(*(sample(learned) for _ in range(POOL)))]
     while share < 1:
         share = (step + 1) / steps if steps else (time.monotonic() - begin) / (60 * minutes)
         for group in optimiser.param_groups:
             group["lr"] = 1e-3 * max(1 - share, 1e-3)
         if step % REUSE == 0:
             oldest = step // REUSE % POOL * batch
-            for tensor, part in zip(pool, sample()):
+            for tensor, part in zip(pool, sample(learned)):
                 tensor[oldest : oldest + batch] = part
         rows = torch.randint(POOL * batch, (batch,), generator=generator, device=device)
         keypoints, goal, target = (tensor[rows] for tensor in pool)
@@ -91,7 +106,7 @@ def distil(
         if step % 500 == 0:
             print(f"step {step}  loss {loss.item():.2e}  left {minutes * (1 - share):.1f} min", flush=True)
     with torch.no_grad():
-        keypoints, goal, target = sample()
+        keypoints, goal, target = sample(own)
         p, r, w = hand_pose.decode(student(student_observation(keypoints, goal)))
         tp, tr, tw = hand_pose.decode(target)
         angle = (((r * tr).sum((-1, -2)) - 1) / 2).clamp(-1, 1).arccos()
@@ -124,9 +139,10 @@ def distil_checkpoint(arguments: argparse.Namespace, refuse: Callable[[str], NoR
         arguments.seed,
         arguments.steps,
         physics_for(setting["contact"]).contact.hand,
+        arguments.practice,
     )
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / f"pre_contact_student_{domain.name}.safetensors"
     played = {"domain": domain.name, "object": choice_of(domain)}
     save(student, path, trained_contract(PRE_CONTACT, domain, setting["controller"]), played)
-    return {"file": str(path), **played, "reward": setting["reward"], **figures}
+    return {"file": str(path), **played, "reward": setting["reward"], "practice": arguments.practice, **figures}
