@@ -38,6 +38,7 @@ def make_episodes(modes: list[str], over: float = 0.0) -> Episodes:
         np.full((2, n, 7), over),
         np.full((3, n, 7), 0.5),
         Tally(),
+        np.linspace(0.0, 1.0, n),
         {"tips0": np.arange(n) % 2 == 0, "tips1": np.arange(n) % 2 == 1},
         np.zeros((n, 7)),
     )

@@ -27,7 +27,7 @@ from np_training.tasks.registry import REWARDS, find_task
 from np_training.tasks.rewards import Measures, RewardConfig
 
 NO, YES = torch.tensor([False]), torch.tensor([True])
-STILL = torch.zeros(1, 6)
+STILL, SEEN = torch.zeros(1, 6), torch.zeros(1)
 
 
 def measures(distance, angle=0.0, hand=0.1, dtype=torch.float32):
@@ -48,10 +48,21 @@ def test_a_reward_is_found_by_the_name_that_it_has():
 def test_an_action_that_goes_from_one_end_to_the_other_is_paid_for_where_it_has_a_price():
     at, ends = measures(0.1), torch.full((1, 6), 2.0)
     prices = [
-        reward.terms(at, at, NO, NO, stiffness(0.0), NO, ends).get("change", torch.zeros(1)).item()
+        reward.terms(at, at, NO, NO, stiffness(0.0), NO, ends, SEEN).get("change", torch.zeros(1)).item()
         for reward in (RewardConfig(), RewardConfig(change=0.5, scale=1.0), PaperReward())
     ]
     assert prices == [0.0, -12.0, 0.0]
+
+
+def test_what_hides_the_object_from_the_camera_is_paid_for_where_it_has_a_price():
+    at = measures(0.1)
+    prices = [
+        reward.terms(at, at, NO, NO, stiffness(0.0), NO, STILL, torch.tensor([0.5]))
+        .get("hidden", torch.zeros(1))
+        .item()
+        for reward in (RewardConfig(), RewardConfig(hidden=3.0, scale=1.0), PaperReward())
+    ]
+    assert prices == [0.0, -1.5, 0.0]
 
 
 @pytest.mark.parametrize("reward", [RewardConfig(), PaperReward()], ids=lambda r: r.name)
@@ -63,8 +74,10 @@ def test_finishing_pays_more_than_hovering_at_the_tolerance(reward, domain):
     # A card whose middle is at the goal, turned a little more than the tolerance: its corners are 5 mm off.
     near, goal = measures(0.005, hand=closest), measures(0.010, hand=closest)
     soft = stiffness(0.0)
-    hover = sum(reward.terms(near, near, NO, NO, soft, NO, STILL).values()) * (1 - discount**limit) / (1 - discount)
-    finish = sum(reward.terms(near, goal, YES, NO, soft, NO, STILL).values())
+    hover = (
+        sum(reward.terms(near, near, NO, NO, soft, NO, STILL, SEEN).values()) * (1 - discount**limit) / (1 - discount)
+    )
+    finish = sum(reward.terms(near, goal, YES, NO, soft, NO, STILL, SEEN).values())
     assert finish > hover + 1
 
 
@@ -72,7 +85,7 @@ def test_finishing_pays_more_than_hovering_at_the_tolerance(reward, domain):
 def test_a_way_back_to_where_it_began_earns_nothing(stations):
     config, soft = RewardConfig(far=500.0), torch.full((1, 7), 10.0)
     path = [measures(*s, dtype=torch.float64) for s in (*stations, stations[0])]
-    terms = [config.terms(a, b, NO, NO, soft, NO, STILL) for a, b in zip(path, path[1:])]
+    terms = [config.terms(a, b, NO, NO, soft, NO, STILL, SEEN) for a, b in zip(path, path[1:])]
     for name in ("progress", "far", "turn", "reach"):
         assert abs(float(sum(t[name] for t in terms))) < 1e-9
 
@@ -144,16 +157,16 @@ def box_keypoints_of(domain, objects, world):
 
 def test_of_the_papers_reward_only_the_contact_out_of_reach_is_c4():
     before, after, soft = measures(0.2), measures(0.1), stiffness(0.5)
-    plain = PaperReward().terms(before, after, NO, NO, soft, NO, STILL)
+    plain = PaperReward().terms(before, after, NO, NO, soft, NO, STILL, SEEN)
     for lost, bare in ((YES, NO), (NO, YES)):
-        assert PaperReward().terms(measures(0.01), after, NO, lost, soft, bare, STILL) == plain
+        assert PaperReward().terms(measures(0.01), after, NO, lost, soft, bare, STILL, SEEN) == plain
     assert PaperReward.failure == -100
 
 
 def test_the_norm_of_the_stiffnesses_is_of_shares_of_their_ranges():
     at = measures(0.1)
     for share in (0.0, 0.5, 1.0):
-        gains = PaperReward(scale=1.0).terms(at, at, NO, NO, stiffness(share), NO, STILL)["gains"]
+        gains = PaperReward(scale=1.0).terms(at, at, NO, NO, stiffness(share), NO, STILL, SEEN)["gains"]
         assert gains.item() == pytest.approx(-share * 7**0.5)
 
 

@@ -149,6 +149,11 @@ def parse() -> argparse.Namespace:
         help=f"price of the pose residual's squared change from step to step; default: {RewardConfig.change:g}; not with --reward paper",
     )
     parser.add_argument(
+        "--hidden",
+        type=float,
+        help=f"price of a step at whose end the arm hides all corners from the camera; default: {RewardConfig.hidden:g}; not with --reward paper",
+    )
+    parser.add_argument(
         "--turn",
         type=float,
         help=f"weight of the angle's potential; default: {RewardConfig.turn:g}; not with --reward paper",
@@ -167,6 +172,7 @@ def parse() -> argparse.Namespace:
             turn=arguments.turn,
             bare=arguments.bare,
             change=arguments.change,
+            hidden=arguments.hidden,
         )
     except ValueError as error:
         parser.error(str(error))

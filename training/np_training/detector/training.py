@@ -101,7 +101,17 @@ def run(options: argparse.Namespace, began: float) -> dict:
         samples=SampleConfig(augmentation=augmentation, reuse=options.reuse or SampleConfig.reuse),
     )
     visited = load_visited(options.episodes, domain, options.device) if options.episodes else None
-    names = ("domain", "seed", "steps" if options.steps else "minutes", "batch", "rate", "pool", "reuse", "start", "episodes")
+    names = (
+        "domain",
+        "seed",
+        "steps" if options.steps else "minutes",
+        "batch",
+        "rate",
+        "pool",
+        "reuse",
+        "start",
+        "episodes",
+    )
     said = {
         **vars(options),
         **{name: getattr(config, name) for name in DEFAULTED},

@@ -21,6 +21,7 @@ from np_description.symmetry import naming, symmetries
 from np_policy import action as actions
 from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training.environment import contact
+from np_training.environment.sight import Sight
 from np_training.environment.starts import Starts
 from np_training.physics.batched import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics
 from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
@@ -91,6 +92,7 @@ class Environment:
         self.domain, self.config, self.device = domain, config, torch.device(device)
         self.physics = BatchedPhysics(domain, config.worlds, device, config.physics)
         self.hand = config.physics.contact.hand
+        self.sight = Sight(self.physics.host_model, device)
         self.generator = torch.Generator(device=device).manual_seed(config.seed)
         self.limits = actions.LOOSE
         n = config.worlds
@@ -291,8 +293,8 @@ class Environment:
     def step(self, action: torch.Tensor) -> dict[str, torch.Tensor]:
         """Advance every world by one policy period under actions (n, 20).
 
-        Returns reward, done, success, lost, stopped (by the reflex), timeout (n,), the reward's terms, and for ended episodes
-        their total.
+        Returns reward, done, success, lost, stopped (by the reflex), timeout (n,), hidden (`Sight.hidden`), the reward's terms, and
+        for ended episodes their total.
         Ended worlds are NOT reset: call `reset(done.nonzero())`, after the critic has seen the last state.
         """
         physics, config = self.physics, self.config
@@ -322,7 +324,8 @@ class Environment:
         pairs = ((getattr(before, f.name), getattr(after, f.name)) for f in fields(Measures))
         after = Measures(*(torch.where(broken.view(-1, *[1] * (old.ndim - 1)), old, new) for old, new in pairs))
         bare = physics.contacts.touching("housing-object", "link-object")
-        terms = config.reward.terms(before, after, success, lost | stopped, target.stiffness, bare, change)
+        hidden = self.sight.hidden(*physics.geoms, objects, corners(self.domain, objects)).nan_to_num()
+        terms = config.reward.terms(before, after, success, lost | stopped, target.stiffness, bare, change, hidden)
         if self.joint_range is not None:
             terms["joint_range"] = config.reward.scale * self.joint_range.term(physics.qpos[:, ARM])
         reward = sum(terms.values())
@@ -338,6 +341,7 @@ class Environment:
             "distance": distance,
             "angle": angle,
             "broken": broken,
+            "hidden": hidden,
         }
 
     def _shove(self) -> None:

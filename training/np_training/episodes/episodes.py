@@ -37,8 +37,8 @@ class Episodes:
 
     mode: index into MODES; length: policy steps; distance m, angle rad: to the goal at the end; over (2, n,
     7): physics steps beyond the limits of joint velocity and torque; shares (3, n, 7): the largest share of each limit (`np_description.limit_share`)
-    that a joint came to; depths: of contact, at the end of each policy step; groups: masks (n,) by kind of task
-    (`breakdown.groups`); goals (n, 7): position and quaternion; qpos (steps + 1, n, 16), held still from each
+    that a joint came to; depths: of contact, at the end of each policy step; hidden (n,): how much of its time the arm hid the object from
+    the camera (mean of `Sight.hidden`); groups: masks (n,) by kind of task (`breakdown.groups`); goals (n, 7): position and quaternion; qpos (steps + 1, n, 16), held still from each
     end on, where it was recorded.
     """
 
@@ -49,6 +49,7 @@ class Episodes:
     over: np.ndarray
     shares: np.ndarray
     depths: Tally
+    hidden: np.ndarray
     groups: dict[str, np.ndarray]
     goals: np.ndarray
     qpos: np.ndarray | None = field(default=None, repr=False)
@@ -73,6 +74,7 @@ def concatenate(parts: list[Episodes]) -> Episodes:
         join("over", 1),
         join("shares", 1),
         Tally.joined(part.depths for part in parts),
+        join("hidden"),
         groups,
         join("goals"),
     )
@@ -113,7 +115,7 @@ def run_episodes(
 
     alive = torch.ones(worlds, dtype=torch.bool, device=device)
     mode = torch.full((worlds,), MODES.index("timeout"), device=device)
-    length, distance, angle = (torch.zeros(worlds, device=device) for _ in range(3))
+    length, distance, angle, hidden, played = (torch.zeros(worlds, device=device) for _ in range(5))
     over = torch.zeros(2, worlds, 7, device=device)
     shares, tally = torch.zeros(3, worlds, 7, device=device), Tally()
     lower, upper = (torch.tensor(list(end)).to(over) for end in (NOMINAL.position_lower, NOMINAL.position_upper))
@@ -122,6 +124,8 @@ def run_episodes(
         with torch.no_grad():
             out = env.step(networks.post(env.observe()[0]))
         over += env.physics.over * alive[:, None]
+        hidden += out["hidden"] * alive
+        played += alive
         from_middle = (env.physics.qpos[:, ARM] - (lower + upper) / 2).abs() / ((upper - lower) / 2)
         share = torch.cat([env.physics.peak, from_middle[None]])
         shares = torch.where(alive[:, None] & share.isfinite(), shares.maximum(share), shares)
@@ -141,6 +145,7 @@ def run_episodes(
     return Episodes(
         *(a.cpu().numpy() for a in (mode, length, distance, angle, over, shares)),
         tally,
+        (hidden / played.clamp(min=1)).cpu().numpy(),
         masks,
         torch.cat([goals.position, goals.quaternion], -1).cpu().numpy(),
         torch.stack(frames).cpu().numpy() if record else None,

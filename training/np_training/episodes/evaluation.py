@@ -71,6 +71,7 @@ def summarise(episodes: Episodes, substeps: int) -> dict:
             "largest_joint_share": float(over[1].max()),
             "by_joint": [round(float(x), 6) for x in over[1]],
         },
+        "hidden_share": round(float(episodes.hidden[reached].mean()), 4) if reached.any() else None,
         "depth_mm": Tally.summary([episodes.depths]).as_dict(),
         "limit_share": limit_share.summary(episodes.shares[:, reached].transpose(1, 0, 2)),
         "by_group": {name: rate(success[mask]) for name, mask in episodes.groups.items()},

@@ -178,7 +178,7 @@ class BatchedPhysics:
         self._half_size = torch.tensor(domain.half_size, dtype=torch.float32, device=self.device)
         self.contacts = BatchedContacts(names, self.data, worlds)
         # Where fixed geoms are in the world is worked out once, when the data are made: it may be moved there.
-        self._geom_position = wp.to_torch(d.geom_xpos)
+        self._geom_position, self._geom_rotation = wp.to_torch(d.geom_xpos), wp.to_torch(d.geom_xmat)
         self._obstacles = {model.geom(box.name).id: box.centre[2] for box in domain.obstacles}
         self._graph = None
 
@@ -186,6 +186,11 @@ class BatchedPhysics:
     def fingers(self) -> torch.Tensor:
         """Commanded finger openings (worlds, 2) m."""
         return self.ctrl[:, 7:9]
+
+    @property
+    def geoms(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Positions (worlds, geoms, 3) m and rotations (worlds, geoms, 3, 3) of the scene's geoms, at the last physics step's beginning."""
+        return self._geom_position, self._geom_rotation
 
     def hold(self, where: torch.Tensor, q: torch.Tensor) -> None:
         """Command the worlds `where` (n,) to stay at joints q (n, 7) rad, now and in the period to come."""

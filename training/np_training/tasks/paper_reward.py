@@ -47,9 +47,10 @@ class PaperReward:
         stiffness: torch.Tensor,
         bare: torch.Tensor,
         change: torch.Tensor,
+        hidden: torch.Tensor,
     ) -> dict[str, torch.Tensor]:
         """Each term (n,), scaled. after: at the end of the step; success (n,) bool; stiffness (n, 7) Nm/rad. What was before, what is
-        lost, what the housing touches and how the action changes cost nothing here."""
+        lost, what the housing touches, how the action changes and what the camera sees cost nothing here."""
         terms = {
             "corners": (self.distance / (after.corners + self.distance)).sum(-1),
             "gains": -self.gains * normalised_stiffness(stiffness).norm(dim=-1),

@@ -37,7 +37,8 @@ class RewardConfig:
     """distance (C1, m), success (C2), gains (a joint, at its largest stiffness), failure (C4: lost object, no collision-free contact);
     bare: a step at whose end housing or links touch the object, which are hard, smooth and not made for it; change: of the squared
     change of the pose residual from one step to the next, in shares of its limits: 24 where all six go from one end to the other, with
-    which a policy works an object loose by a simulator's own friction (docs/decisions/policies.md); weights of the potentials:
+    which a policy works an object loose by a simulator's own friction (docs/decisions/policies.md); hidden: of a step at whose end the
+    arm hides every corner from the camera, less where it hides fewer (`Sight`); weights of the potentials:
     progress, far (for 1 m), turn (for half a turn), reach (for .1 m); scale: of the sum, for the value network's sake."""
 
     name: ClassVar[str] = "potentials"
@@ -48,6 +49,7 @@ class RewardConfig:
     failure: float = -100.0
     bare: float = -2.5
     change: float = 0.0
+    hidden: float = 0.0
     progress: float = 10.0
     far: float = 0.0
     turn: float = 150.0
@@ -72,9 +74,11 @@ class RewardConfig:
         stiffness: torch.Tensor,
         bare: torch.Tensor,
         change: torch.Tensor,
+        hidden: torch.Tensor,
     ) -> dict[str, torch.Tensor]:
         """Each term (n,), scaled. before, after: around the step; success, lost (n,) bool; stiffness (n, 7) Nm/rad; bare (n,)
-        bool: whether housing or links touch the object; change (n, 6): of the pose residual since the last step, in [-2, 2]."""
+        bool: whether housing or links touch the object; change (n, 6): of the pose residual since the last step, in [-2, 2];
+        hidden (n,): how far the camera is from seeing enough, 0 to 1."""
         old, new = self.potentials(before), self.potentials(after)
         terms = {name: new[name] - old[name] for name in new} | {
             "success": self.success * success,
@@ -82,5 +86,6 @@ class RewardConfig:
             "failure": self.failure * lost,
             "bare": self.bare * bare,
             "change": -self.change * (change * change).sum(-1),
+            "hidden": -self.hidden * hidden,
         }
         return {name: self.scale * term for name, term in terms.items()}
