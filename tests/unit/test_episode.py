@@ -162,6 +162,25 @@ def test_when_the_time_of_a_contact_is_over_another_is_chosen_after_a_rest_from_
     assert phases(episode.keypoints(24 * TICK, keypoints())) == ["failed: post: timeout"]
 
 
+def test_an_object_that_is_not_seen_is_looked_for_with_another_contact_while_there_is_one():
+    episode = in_post(post_blind=0.3, contacts=2)
+    for i in range(7, 10):
+        assert ticks(episode.keypoints(i * TICK, None)) == [(i, "post")]
+    events = episode.keypoints(10 * TICK, None)
+    reason = "contact 2: keypoints: fewer than 6 usable keypoints for 0.3 s"
+    assert events[0] == PhaseState("pre", reason, since=str(13 * TICK)) and ticks(events) == [(10, "pre")]
+    for i in range(11, 15):  # still hidden
+        assert ticks(episode.keypoints(i * TICK, None)) == [(i, "pre")]
+    assert episode.keypoints(15 * TICK, keypoints()) == [] and episode.awaits == "joint_trajectory"
+    episode.trajectory(15 * TICK, 0.2)
+    for i in range(16, 21):
+        episode.keypoints(i * TICK, keypoints())
+    assert episode.phase == "post"
+    for i in range(21, 24):
+        episode.keypoints(i * TICK, None)
+    assert phases(episode.keypoints(24 * TICK, None)) == [f"failed: post: {reason.partition(': ')[2]}"]
+
+
 def test_in_real_time_a_plan_for_what_was_seen_before_the_rest_is_refused():
     episode = make(lockstep=False, post_timeout=0.5, contacts=2)
     episode.goal(TICK, GOAL)

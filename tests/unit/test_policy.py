@@ -14,7 +14,7 @@ from np_policy.action import TIGHT, PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.hand_pose import POSITION_CENTRE, POSITION_RANGE
 from np_policy.networks import PostContactPolicy, PreContactStudent
-from np_policy.policy import PostContactController, PreContactPlanner, student_output
+from np_policy.policy import PEEK_HEIGHT, PostContactController, PreContactPlanner, student_output
 from np_policy.weights import WeightsError, save
 
 START, GOAL = (project_keypoints(CARD, pose) for pose in sample_task(CARD, np.random.default_rng(0)))
@@ -104,6 +104,29 @@ def test_without_keypoints_the_last_ones_are_used_and_without_any_the_hand_stays
     controller.reset()
     controller.act(Q, np.zeros(9), START, GOAL)
     assert with_memory.position.tobytes() == controller.act(Q, np.zeros(9), START, GOAL).position.tobytes()
+
+
+def test_a_hand_that_hides_the_object_is_drawn_up_until_it_is_seen_again_or_high_enough(folder):
+    controller = PostContactController(weights_file("post_contact", CARD, folder), CARD, peek_after=3)
+    position, rotation = forward_kinematics(NOMINAL.ready)
+    few = START.copy()
+    few[:3, 2] = 0.0  # five are left
+    blind = [controller.act(Q, np.zeros(9), few, GOAL) for _ in range(3)]
+    assert all(np.abs(t.position - position)[:2].max() > 1e-6 for t in blind)  # the policy goes on for so long
+    assert position[2] > PEEK_HEIGHT  # of the ready posture: the hand is high enough and stays
+    np.testing.assert_allclose(controller.act(Q, np.zeros(9), None, GOAL).position, position)
+    low = Q.copy()
+    low[1] += 0.8
+    place, turn = forward_kinematics(low[:7])
+    assert place[2] < PEEK_HEIGHT
+    target = controller.act(low, np.zeros(9), None, GOAL)
+    np.testing.assert_allclose(target.position, place + [0.0, 0.0, TIGHT.position])
+    np.testing.assert_allclose(target.rotation, turn, atol=1e-12)
+    assert np.abs(controller.act(low, np.zeros(9), START, GOAL).position - place)[:2].max() > 1e-6
+    never = PostContactController(weights_file("post_contact", CARD, folder), CARD, peek_after=0)
+    never.act(low, np.zeros(9), START, GOAL)
+    for _ in range(20):
+        assert np.abs(never.act(low, np.zeros(9), None, GOAL).position - place)[:2].max() > 1e-6
 
 
 def test_a_network_that_gives_nan_is_refused(tmp_path):

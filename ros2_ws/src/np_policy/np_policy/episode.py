@@ -272,7 +272,7 @@ class Episode:
             self.distance = self.angle = float("nan")
             self._sure = self._near = 0
             if self._blind_for(stamp) >= config.post_blind:
-                return self._fail(f"keypoints: {error} for {config.post_blind:g} s")
+                return self._end_contact(stamp, f"keypoints: {error} for {config.post_blind:g} s")
         else:
             self._blind_since = None
             goal = self._goal_pose
@@ -288,18 +288,19 @@ class Episode:
                 return [PhaseState(SUCCEEDED)]
             if self._gone >= config.success_frames:
                 return self._fail("the object left the workspace")
-        if not self._is_over(stamp):
-            return []
-        return self._choose_again(stamp) if self._contact < config.contacts else self._fail("timeout")
+        return self._end_contact(stamp, "timeout") if self._is_over(stamp) else []
 
-    def _choose_again(self, stamp: int) -> list[Event]:
-        """The time of a contact is over: the hand lets go, and once all is at rest another one is chosen, from where the object is now."""
+    def _end_contact(self, stamp: int, reason: str) -> list[Event]:
+        """This contact comes to nothing, and why: the hand lets go, and once all is at rest another one is chosen, from where the object is
+        now; or the episode fails, if it was the last."""
+        if self._contact == self.config.contacts:
+            return self._fail(reason)
         self._contact += 1
         self._rest_ends = stamp + round(self.config.settle * SECOND)
         self._planned_from = self._plan_end = self._blind_since = None
         self._sure = self._near = self._gone = 0
         self.phase = PRE
-        return [PhaseState(PRE, f"contact {self._contact}: timeout", since=str(self._rest_ends)), self._tick(stamp)]
+        return [PhaseState(PRE, f"contact {self._contact}: {reason}", since=str(self._rest_ends)), self._tick(stamp)]
 
     def _missed(self) -> str:
         """How the arm is not where the plan ends, as where its controller refused to follow it, or ""."""

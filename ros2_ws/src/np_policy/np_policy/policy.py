@@ -16,7 +16,7 @@ from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
 from np_description.rotations import quaternion_from_matrix
 from np_description.symmetry import renamed
-from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints, usable
+from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, project_keypoints, usable
 from np_policy import action, hand_pose, weights
 from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
@@ -69,10 +69,15 @@ class PreContactPlanner:
         return student_output(_infer(self._network, student_observation(*renamed(self._domain, here, there))))
 
 
+PEEK_HEIGHT = 0.25  # m, of T_E: above what an upright hand hides from the nominal camera
+_UP = np.eye(action.SIZE)[2]  # as fast as the residual's limit lets the hand rise, gains in the middle of their ranges
+
+
 class PostContactController:
     """The post-contact policy with its memory: the last action and the last good keypoints.
 
-    controller, policy_rate, `warnings`: as for PreContactPlanner. Raises WeightsError if its weights are missing or do not fit.
+    peek_after: decisions without enough usable keypoints in a row after which the hand is drawn up, off the object and out of the
+    camera's way, until there are enough or it is PEEK_HEIGHT high; 0: never. controller, policy_rate, `warnings`: as for PreContactPlanner. Raises WeightsError if its weights are missing or do not fit.
     """
 
     def __init__(
@@ -84,16 +89,19 @@ class PostContactController:
         camera: Camera = CAMERA,
         controller: str = "impedance",
         policy_rate: float = action.RATE,
+        peek_after: int = 5,
     ) -> None:
         contract = PolicyContract.of(POST_CONTACT, domain, controller, policy_rate)
         self._network, self.warnings = weights.load(PostContactPolicy(), file, contract), contract.check(file)
         self._domain, self._camera, self._min_score = domain, camera, min_score
+        self._peek_after = peek_after
         self.reset()
 
     def reset(self) -> None:
         """Forget the last episode."""
         self.last_action = np.zeros(action.SIZE)
         self._keypoints: np.ndarray | None = None
+        self._blind = 0  # decisions in a row
 
     def act(self, q, dq, keypoints, goal) -> action.Target:
         """One policy step.
@@ -103,6 +111,11 @@ class PostContactController:
         PolicyError.
         """
         position, rotation = forward_kinematics(np.asarray(q, float)[:7])
+        enough = keypoints is not None and usable(np.asarray(keypoints, float), self._min_score).sum() >= MIN_POINTS
+        self._blind = 0 if enough else self._blind + 1
+        if self._peek_after and self._blind > self._peek_after:
+            self.last_action = _UP if position[2] < PEEK_HEIGHT else np.zeros(action.SIZE)
+            return action.decode(self.last_action, position, rotation)
         seen = self._fill(keypoints)
         if seen is None:
             return action.decode(np.zeros(action.SIZE), position, rotation)

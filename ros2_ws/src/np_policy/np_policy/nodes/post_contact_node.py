@@ -25,7 +25,7 @@ from np_policy.nodes.common import (
 )
 from np_ros import qos
 from np_ros.messages import BadMessage, gains_message, pose_message, stamp_nanoseconds
-from np_ros.node import Diagnostics, run
+from np_ros.node import Diagnostics, parameter, run
 from np_ros.phases import phase_state
 
 _KEPT = 8  # keypoints messages that wait for their tick
@@ -38,6 +38,14 @@ class PostContactNode(Node):
         super().__init__("post_contact")
         self._settings = declare_settings(self)
         folder, controller = declare_weights(self)
+        peek_after = parameter(
+            self,
+            "peek_after",
+            5,
+            "Ticks in a row without 6 usable keypoints after which the hand is drawn up, out of the camera's way; 0: never.",
+            0,
+            600,
+        )
         file = weights_file(POST_CONTACT, self._settings.domain, folder)
         import torch  # slow, and only where there are weights: no --help should wait for it
 
@@ -51,6 +59,7 @@ class PostContactNode(Node):
             camera=self._settings.camera,
             controller=controller,
             policy_rate=self._settings.policy_rate,
+            peek_after=peek_after,
         )
         self.diagnostics = Diagnostics(self)
         report_weights(self, self.diagnostics, self._policy.warnings)
