@@ -241,6 +241,10 @@ def test_a_play_that_is_new_is_read_off_the_later_recording(before):
     c = context_of(old, new)
     assert backlash._reach(c, joint)[1] == pytest.approx(half, rel=0.1)
     assert backlash._follows_load(c, joint)
+    # What both recordings have in common must not be nought in the earlier one: it would be the change.
+    earlier = ~c.is_later(c.transmission.trajectory)
+    side = backlash._floating(c, joint, 0.5)
+    assert np.abs(side[earlier]).mean() > 0.5 and np.abs(side[~earlier]).mean() > 0.5
 
 
 def test_the_command_takes_recordings_of_the_arm_as_it_was():

@@ -32,9 +32,18 @@ def _side(c: Context, j: int) -> np.ndarray:
 
 
 def _floating(c: Context, j: int, share: float) -> np.ndarray:
-    """Side (n,) of the play at which the twist shows the gear, -1..1: all the way at a share of the twist's reach."""
-    middle, reach = _reach(c, j)
-    return c.samples.filter([np.clip((w[:, j] - middle) / (share * reach), -1.0, 1.0) for w in c.transmission.wound])
+    """Side (n,) of the play at which the twist shows the gear, -1..1: all the way at a share of the twist's reach.
+
+    A reference has a reach of its own, and where that is none its load says the side, as of any play that it might have had. By the
+    later recordings' reach its column would be nought, and what both "have in common" would be the change itself.
+    """
+    t = c.transmission
+    spans = [
+        _reach(c, j) if c.is_later(number) else _span([w[:, j]]) for w, (number, _) in zip(t.wound, c.samples.grids)
+    ]
+    sides = [np.clip((w[:, j] - m) / (share * max(r, LEAST_REACH)), -1.0, 1.0) for w, (m, r) in zip(t.wound, spans)]
+    still = {number for (number, _), (_, reach) in zip(c.samples.grids, spans) if reach <= LEAST_REACH}
+    return np.where(np.isin(t.trajectory, list(still)), _side(c, j), c.samples.filter(sides))
 
 
 def _follows_load(c: Context, j: int) -> bool:
@@ -48,8 +57,11 @@ def _follows_load(c: Context, j: int) -> bool:
 
 def _reach(c: Context, j: int) -> tuple[float, float]:
     """Middle of a joint's twist rad, and how far it goes to either side, in the recordings in which a play may show."""
-    shown = [w[:, j] for w, (number, _) in zip(c.transmission.wound, c.samples.grids) if c.is_later(number)]
-    low, high = np.quantile(np.concatenate(shown), (EDGE, 1 - EDGE))
+    return _span([w[:, j] for w, (number, _) in zip(c.transmission.wound, c.samples.grids) if c.is_later(number)])
+
+
+def _span(twists: list[np.ndarray]) -> tuple[float, float]:
+    low, high = np.quantile(np.concatenate(twists), (EDGE, 1 - EDGE))
     return 0.5 * float(low + high), 0.5 * float(high - low)
 
 
