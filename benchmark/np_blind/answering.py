@@ -132,7 +132,7 @@ def answer(case: Case, asking: Asking) -> bool:
         error = _ask_doctor(case, asking)
     except Exception:
         error = traceback.format_exc()[-2000:]
-    write_error(asking.out, case.number, error)
+    write_error(asking.out, case.number, error.replace(f"{asking.out.resolve()}/", ""))  # which says nothing elsewhere
     if not asking.keep:
         _remove_bags(asking.out, case.number)
     return True
