@@ -55,6 +55,7 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
         options.contacts,
     )
     place.mkdir(parents=True, exist_ok=True)
+    what_runs = {"code_sha256": code_sha256(), **origin(options.weights)}  # now: files may be edited meanwhile
     began, progress, played = time.monotonic(), Progress(len(asked), "table3"), {}
     with workers(options.jobs, options.cluster) as pool:
         playing = {pool.submit(play, cell, setting): cell for cell in asked}
@@ -70,8 +71,7 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
         "contacts": options.contacts,
         "tries": options.tries,
         "seed": options.seed,
-        "code_sha256": code_sha256(),
-        **origin(options.weights),
+        **what_runs,
         "totals": totals(in_order),
         "rows": rows(in_order),
         "per_episode": episodes(in_order),
