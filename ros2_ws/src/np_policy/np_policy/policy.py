@@ -15,7 +15,7 @@ from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
 from np_description.objects.choice import DEFAULT
-from np_description.rotations import quaternion_from_matrix
+from np_description.rotations import matrix_from_quaternion, quaternion_from_matrix
 from np_description.symmetry import renamed
 from np_description.weights_header import read_metadata
 from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints, usable
@@ -81,15 +81,19 @@ class PreContactPlanner:
                 for points in (keypoints, goal)
             )
             shown = (
-                project_keypoints(self._known, known_in_place(self._domain, self._known, pose), self._camera)
+                Pose(known_in_place(self._domain, self._known, pose.position, pose.quaternion), pose.quaternion)
                 for pose in (objekt, end)
             )
-            chosen = self._choose(self._known, *shown)
+            chosen = self._choose(self._known, *(project_keypoints(self._known, pose, self._camera) for pose in shown))
         except (PoseError, ValueError) as error:
             raise PolicyError(
                 f"pre-contact policy: expected keypoints with a pose, for a size it was not trained with: {error}"
             ) from error
-        return replace(chosen, pose=carried_over(self._domain, self._known, objekt, chosen.pose, chosen.opening))
+        hand, rotation = chosen.pose.position, matrix_from_quaternion(chosen.pose.quaternion)
+        there = carried_over(
+            self._domain, self._known, objekt.position, objekt.quaternion, hand, rotation, chosen.opening
+        )
+        return replace(chosen, pose=Pose(there, chosen.pose.quaternion))
 
     def _choose(self, domain: Domain, keypoints, goal) -> PreContact:
         here, there = (self._camera.normalise(np.asarray(points)[:, :2]) for points in (keypoints, goal))
