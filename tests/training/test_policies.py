@@ -25,7 +25,7 @@ from np_training.physics.config import PhysicsConfig
 from np_training.ppo import curriculum
 from np_training.ppo import learner as ppo
 from np_training.ppo.config import TrainConfig
-from np_training.ppo.distillation import distil
+from np_training.ppo.distillation import Student, distil
 from np_training.ppo.networks import ActorCritic, PreContactPolicy, sample
 from np_training.ppo.trainer import Trainer
 from np_training.reports.releasing import without_optimisers
@@ -394,7 +394,7 @@ def test_distillation_brings_the_student_to_the_teacher():
 
 def test_evaluation_counts_every_episode(environment):
     environment.config = dataclasses.replace(environment.config, limit=3)
-    figures = evaluate(environment, ActorCritic(), PreContactStudent())
+    figures = evaluate(environment, ActorCritic(), Student(PreContactStudent()))
     assert figures["episodes"] == WORLDS
     assert (
         round(figures["success"] * WORLDS)
