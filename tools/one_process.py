@@ -26,7 +26,8 @@ from np_description.domains import DOMAINS, Domain, find_domain
 from np_description.objects.choice import DEFAULT, domain_with, portable
 from np_description.panda import JOINT_NAMES
 from np_description.phases import FAULT, POST, PRE, PhaseState
-from np_perception.pose_estimation import estimate_pose, project_keypoints
+from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints
+from np_policy.action import PolicyError
 from np_policy.approach import plan_approach
 from np_policy.collision import CollisionModel
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, weights_file
@@ -96,22 +97,22 @@ class OneProcess:
         elif episode.phase == POST:
             if before != POST:
                 self._post.reset()
-            target = self._post.act(now.position, now.velocity, seen, goal)
             try:
+                target = self._post.act(now.position, now.velocity, seen, goal)
                 controller.set_target(
                     now.stamp, target.position, target.rotation, target.stiffness, target.damping_ratio
                 )
-            except Refusal:
+            except (PolicyError, Refusal):
                 pass  # as in the graph: the target before stays
 
     def _approach(self, arm: Simulation, controller: Controller, episode: Episode, now, seen, goal) -> list[Event]:
-        wanted = self._pre.propose(seen, goal)
-        objekt = estimate_pose(seen, self._domain).pose
         try:
+            wanted = self._pre.propose(seen, goal)
+            objekt = estimate_pose(seen, self._domain).pose
             plan = plan_approach(
                 self._collision, now.position[:7], wanted.pose, wanted.opening, objekt, seed=self._seed
             )
-        except PlanningError as error:
+        except (PlanningError, PoseError, PolicyError) as error:
             return episode.refusal(now.stamp, str(error))
         arm.set_fingers(wanted.opening)
         controller.follow(plan.trajectory, now.stamp)
