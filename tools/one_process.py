@@ -63,9 +63,8 @@ class OneProcess:
         arm = Simulation(self._domain, seed=self._seed, first_episode=number, engine=self._engine, scenario=scenario)
         controller, guard = Controller(), SafetyFilter()
         guard.start(arm.measure().position[:7])
-        episode = Episode(
-            EpisodeConfig(self._domain, contacts=self._contacts), lambda: arm.measure().position[:7].copy()
-        )
+        config = EpisodeConfig(self._domain, contacts=self._contacts, success_share=self._domain.aim)
+        episode = Episode(config, lambda: arm.measure().position[:7].copy())
         goal = project_keypoints(self._domain, arm.task.goal)
         _note(said, [*episode.start(), *episode.goal(0, arm.task.goal)])
         while True:
@@ -127,6 +126,7 @@ def main() -> None:
     """Play what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domains", nargs="+", choices=list(DOMAINS), default=["bump", "wall"])
+    parser.add_argument("--rows", nargs="+", default=[], help="rows of the table; default: all")
     parser.add_argument("--object", help="drawn tasks with this one, in place of the table")
     parser.add_argument("--engine", choices=("mujoco", "physx"), default="mujoco")
     parser.add_argument("--tries", type=int, default=5, help="episodes, of a cell in the table")
@@ -144,7 +144,7 @@ def main() -> None:
         results = [played.play(number) for number in range(options.tries)]
         print(json.dumps({"domain": name, "object": text, "engine": options.engine, **what, **summary(results)}))
         return
-    asked, began, finished = cells(options.domains, [], [OURS]), time.monotonic(), []
+    asked, began, finished = cells(options.domains, options.rows, [OURS]), time.monotonic(), []
     where = {"code_sha256": code_sha256(), **origin()}
     progress = Progress(len(asked), "table")
     for cell in asked:
