@@ -15,7 +15,7 @@ def tabled(data: Mapping) -> tuple[str, str]:
         (
             row["domain"],
             f"`{row['object']}`",
-            *("{}/{}".format(*row["scenarios"].get(str(n), (0, 0))) for n in (1, 2, 3)),
+            *(_cell(row["scenarios"].get(str(n), (0, 0))) for n in (1, 2, 3)),
             rate(row["success"], row["ci95"]) if row["episodes"] else "not played",
             *([_first(row)] if again else []),
             _paper(row),
@@ -82,8 +82,13 @@ def tabled(data: Mapping) -> tuple[str, str]:
                 if not e["success"]
             ),
         )
-    body += f"\nEngine {data['engine']}, keypoints: {data['keypoints']}, revision `{data['revision']}`, {data['wall_s']:.0f} s.\n"
+    graph = "" if data.get("graph", True) else " (`tools/one_process.py`, without a graph)"
+    body += f"\nEngine {data['engine']}, keypoints: {data['keypoints']}{graph}, revision `{data['revision']}`, {data['wall_s']:.0f} s.\n"
     return f"{total['successes']} of {total['episodes']} ({total['ci95'][0]:.2f} to {total['ci95'][1]:.2f})", body
+
+
+def _cell(counted: tuple[int, int]) -> str:
+    return "{} of {}".format(*counted) if counted[1] else ""
 
 
 def _first(figures: Mapping) -> str:
@@ -95,6 +100,8 @@ def _paper(row: Mapping) -> str:
 
 
 def _papers(rows: list[Mapping], domain: str) -> str:
-    mine = [r for r in rows if r["method"] == "ours" and domain in ("", r["domain"])]
+    mine = [r for r in rows if r["method"] == "ours" and domain in ("", r["domain"]) and r["episodes"]]
+    if not mine:
+        return ""
     successes, tries = (sum(r[f"paper_{name}"] for r in mine) for name in ("successes", "tries"))
     return f"{successes} of {tries} ({successes / tries:.2f})"
