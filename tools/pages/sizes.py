@@ -23,7 +23,7 @@ def sized(data: Mapping) -> tuple[str, str]:
         ),
     )
     played = data["played"]
-    body += f"\nEpisodes, {played['what']} (`{played['command']}`):\n\n" + table(
+    body += f"\nEpisodes, {played['what']}:\n\n```\n{played['command']}\n```\n\n" + table(
         ("domain", "all edges times", "contact chosen by the network alone", "as the node asks it"),
         (
             (
