@@ -55,9 +55,9 @@ evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KE
 		--keypoints $(KEYPOINTS) --controller $(CONTROLLER) --object $(OBJECT) --effects $(EFFECTS) \
 		$(if $(CONTACTS),--contacts $(CONTACTS)) $(if $(filter-out file,$(origin JOBS)),--jobs $(JOBS)) $(ON) $(ARGS)
 
-table3: $(if $(filter physx,$(ENGINE)),physx,setup) ## ENGINE KEYPOINTS SEED JOBS CLUSTER ARGS="--tries 50": the paper's 21 objects in three scenarios, beside its own successes
+table3: $(if $(filter physx,$(ENGINE)),physx,setup) ## ENGINE KEYPOINTS SEED CONTACTS=1 JOBS CLUSTER ARGS="--tries 50": the paper's 21 objects in three scenarios, beside its own successes
 	@$(ACTIVATE) exec ros2 run np_bringup table3 --engine $(ENGINE) --keypoints $(KEYPOINTS) --seed $(SEED) --jobs $(JOBS) \
-		$(ON) $(ARGS)
+		$(if $(CONTACTS),--contacts $(CONTACTS)) $(ON) $(ARGS)
 
 bench: setup ## latencies, real-time factor, planning time as JSON
 	@$(ACTIVATE) exec ros2 run np_bringup bench $(ARGS)

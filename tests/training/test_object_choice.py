@@ -12,13 +12,19 @@ from np_description.domains import BUMP, DOMAINS
 from np_description.objects.choice import choice_of, domain_with
 from np_description.objects.table import ROWS
 from np_description.weights_header import read_metadata
+from np_policy.contract import PRE_CONTACT, PolicyContract, weights_file
+from np_policy.networks import PreContactStudent
+from np_policy.weights import load
 from np_training import distill, evaluate, release, train
+from np_training.environment import contact
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.episodes.episodes import run_episodes
+from np_training.ppo.distillation import Student
 from np_training.ppo.networks import ActorCritic
 from np_training.ppo.training import make_trainer
 from np_training.reports.releasing import check_place
 from np_training.setting import UNSAID, chosen, domain_of, setting_of
+from np_training.tasks.poses import sample_tasks
 from np_training.tasks.practice import draw_tasks
 from np_training.tasks.registry import find_task
 
@@ -172,3 +178,24 @@ def test_episodes_of_a_scenario_have_its_goal_and_their_starts_scatter():
     assert np.ptp(drawn.goals, axis=0).max() > 0.01
     with pytest.raises(ValueError, match="scenario: expected 1 to 3, got 4"):
         run_episodes(environment, networks, networks.pre, seed=1, scenario=4)
+
+
+@pytest.mark.parametrize("domain, factor", [("bump", 1.2), ("wall", 1.1), ("wall", 0.8)])
+def test_a_student_reaches_an_object_of_another_size_where_the_network_alone_would_not(domain, factor):
+    """Of the released weights; where the object is smaller, the network alone stands too far off."""
+    spec = DOMAINS[domain]
+    size = [2 * factor * half for half in spec.half_size]
+    text = json.dumps({"name": "other", "domain": domain, "size": size, "mass": spec.mass, "surface": "paper"})
+    other = domain_with(domain, text)
+    network = load(PreContactStudent(), weights_file(PRE_CONTACT, spec), PolicyContract.of(PRE_CONTACT, spec))
+    objects, goals = sample_tasks(other, 40, torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        (position, *chosen), (alone, *_) = (
+            Student(network, known).hand_poses(other, objects, goals) for known in ("default", text)
+        )
+    contacts = contact.reach(other, position, *chosen, objects)
+    assert contacts.feasible.float().mean() > 0.9
+    if factor > 1:
+        assert contact.reach(other, alone, *chosen, objects).feasible.float().mean() < 0.3
+    apart = (position - alone).norm(dim=-1)
+    assert (apart > 0.5 * abs(factor - 1) * min(size)).all() and (apart < 0.03).all()

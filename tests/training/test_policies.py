@@ -25,7 +25,7 @@ from np_training.physics.config import PhysicsConfig
 from np_training.ppo import curriculum
 from np_training.ppo import learner as ppo
 from np_training.ppo.config import TrainConfig
-from np_training.ppo.distillation import distil, shares_with
+from np_training.ppo.distillation import Student, distil, shares_with
 from np_training.ppo.networks import ActorCritic, PreContactPolicy, sample
 from np_training.ppo.trainer import Trainer
 from np_training.reports.releasing import without_optimisers
@@ -408,7 +408,7 @@ def test_a_student_may_learn_of_practice_that_sinks_no_obstacle():
 
 def test_evaluation_counts_every_episode(environment):
     environment.config = dataclasses.replace(environment.config, limit=3)
-    figures = evaluate(environment, ActorCritic(), PreContactStudent())
+    figures = evaluate(environment, ActorCritic(), Student(PreContactStudent()))
     assert figures["episodes"] == WORLDS
     assert (
         round(figures["success"] * WORLDS)

@@ -15,6 +15,7 @@ from np_policy.approach import ApproachConfig, StartError, UnreachableError, pla
 from np_policy.collision import CollisionModel
 from np_policy.planning import Budget, PlanningError, densify, find_path, length
 from np_policy.retiming import ACCELERATION_LIMIT, retime, round_corners
+from np_policy.stand_off import CLEARANCE, gap
 
 FAST = ApproachConfig(budget=Budget(improve=3000))
 
@@ -94,6 +95,37 @@ def test_a_pose_slightly_in_the_table_is_raised_and_one_far_in_it_refused():
     assert 0.005 < plan.lift < 0.01
     with pytest.raises(UnreachableError, match="mm deep in the surroundings"):
         plan_approach(collision, NOMINAL.ready, Pose(at - [0, 0, 0.05], down), 0.0, objekt, seed=0, config=FAST)
+
+
+@pytest.mark.parametrize("depth", [0.02, 0.04])
+@pytest.mark.parametrize("side", [False, True], ids=["above", "beside"])
+def test_a_pose_deep_in_the_object_is_drawn_out_before_its_face(depth, side):
+    """As a student chooses where none of its training began: such an approach was refused, "22 mm deep in object"."""
+    objekt = Pose(np.array([0.5, -0.15, 0.045]), np.array([1.0, 0, 0, 0]))
+    rotation = np.diag([1.0, -1.0, -1.0])
+    outwards = np.array([-1.0, 0, 0]) if side else np.array([0, 0, 1.0])
+    if side:  # the hand leans away from the face before which it stands
+        rotation = matrix_from_vector(np.array([0.0, -0.5, 0.0])) @ rotation
+    at = objekt.position + (0.045 - depth) * outwards
+    collision = CollisionModel(BUMP)
+    plan = plan_approach(
+        collision, NOMINAL.ready, Pose(at, quaternion_from_matrix(rotation)), 0.0, objekt, seed=0, config=FAST
+    )
+    assert depth < plan.drawn_out < depth + 0.04
+    position, turn = forward_kinematics(plan.trajectory.positions[-1])
+    apart, normal = gap(BUMP, objekt.position, objekt.quaternion, position, turn, 0.0)
+    np.testing.assert_allclose(normal, outwards, atol=1e-9)
+    assert apart == pytest.approx(CLEARANCE, abs=1e-3)
+    np.testing.assert_allclose(position - at - plan.lift * np.array([0, 0, 1.0]), plan.drawn_out * outwards, atol=1e-3)
+
+
+def test_a_pose_that_may_be_is_left_as_it_is():
+    objekt = Pose(np.array([0.5, -0.15, 0.045]), np.array([1.0, 0, 0, 0]))
+    down = np.diag([1.0, -1.0, -1.0])
+    goal = Pose(objekt.position + [0, 0, 0.045], quaternion_from_matrix(down))  # its fingertips 9 mm inside
+    plan = plan_approach(CollisionModel(BUMP), NOMINAL.ready, goal, 0.0, objekt, seed=0, config=FAST)
+    assert plan.drawn_out == 0.0
+    np.testing.assert_allclose(forward_kinematics(plan.trajectory.positions[-1])[0], goal.position, atol=1e-3)
 
 
 def test_poses_out_of_reach_are_refused_with_the_miss():

@@ -12,9 +12,11 @@ from np_description.domains import DOMAINS, Pose, resting_pose
 from np_description.objects.choice import domain_with, place_in
 from np_description.objects.spec import Contents
 from np_description.objects.table import ROWS, rows_of
-from np_description.panda import NOMINAL
+from np_description.panda import BASE_FRAME, NOMINAL
+from np_description.rotations import matrix_from_quaternion
 from np_physx_bridge.engine import PhysxEngine
-from np_physx_bridge.library import missing
+from np_physx_bridge.library import missing, sapien
+from np_physx_bridge.scene import Translator
 from np_policy.collision import CollisionModel
 from np_sim_bridge.mujoco_engine import MujocoEngine
 from np_sim_bridge.simulation import Simulation
@@ -27,6 +29,8 @@ in_both = pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
 SOFT = [(row.spec.domain, row.spec.name) for row in ROWS if not row.spec.is_rigid]
 every_soft_one = pytest.mark.parametrize("domain, name", SOFT, ids=map("-".join, SOFT))
 in_every_contact = pytest.mark.parametrize("contact", CONTACTS.values(), ids=CONTACTS)
+PLATED = [(row.spec.domain, row.spec.name) for row in ROWS if row.spec.compliance]
+in_physx = pytest.mark.skipif(bool(missing()), reason=missing() or "PhysX is here")
 ZERO, FLAT = np.zeros(7), np.array([1.0, 0, 0, 0])
 
 
@@ -144,7 +148,64 @@ def test_a_soft_object_is_a_function_of_seed_episode_and_torques(engine):
         np.testing.assert_array_equal(fresh.configuration(), used.configuration())
 
 
-@pytest.mark.skipif(bool(missing()), reason=missing() or "PhysX is here")
+def push_part(made, name: str, force: list[float]) -> None:
+    """A force, N, in the base frame, at the middle of a part, for the next step."""
+    if isinstance(made, MujocoEngine):
+        made.data.xfrc_applied[made.model.body(name).id, :3] = force
+        return
+    links = {link.joint.name: link for link in made.object.articulation.get_links()}
+    links[name].add_force_torque(force, [0, 0, 0])
+
+
+@in_both
+@pytest.mark.parametrize("domain, name", PLATED, ids=map("-".join, PLATED))
+def test_a_soft_row_gives_way_as_its_stiffness_says(engine, domain, name):
+    """Its upper face is pressed flat, by what sinks each of the two plates in a row by half its travel."""
+    domain = replace(domain_with(domain, name), obstacles=())
+    soft = domain.object.compliance
+    made, load = engine(domain, contact=HARD), soft.stiffness * soft.travel
+    made.reset(Pose(np.array([0.5, 0.1, domain.half_size[2]]), FLAT))
+    first = made.model.joint("object").id + 1
+    upper, lower = (made.model.joint(f"object_{side}_z").id - first for side in ("upper", "lower"))
+    for _ in range(500):
+        push_part(made, "object_upper_z", [0.0, 0.0, -load])
+        made.step(ZERO, ZERO, 0.0)
+    parts, weight = made.configuration()[16:], 9.81 * domain.object.mass / (2 * soft.stiffness)
+    assert -parts[upper] == pytest.approx(soft.travel / 2, rel=0.05, abs=2e-5)
+    assert parts[lower] == pytest.approx(min(soft.travel / 2 + weight, soft.travel), rel=0.05, abs=2e-5)
+
+
+@in_physx
+@pytest.mark.parametrize("spec", [row.spec for row in ROWS], ids=[f"{row.spec.domain}-{row.spec.name}" for row in ROWS])
+def test_a_row_weighs_and_rubs_in_the_second_engine_as_it_says(spec):
+    engine = PhysxEngine(place_in(DOMAINS[spec.domain], spec))
+    engine.reset(Pose(np.array([0.5, -0.2, spec.half_size[2]]), FLAT))
+    bodies = [engine.object] if spec.is_rigid else engine.object.articulation.get_links()
+    places = [body.entity.pose * body.cmass_local_pose for body in bodies]
+    masses, centres = np.array([body.mass for body in bodies]), np.array([place.p for place in places], float)
+    centre = masses @ centres / masses.sum()
+    inertia = np.zeros((3, 3))
+    for body, place, at in zip(bodies, places, centres - centre):
+        turn = matrix_from_quaternion(np.asarray(place.q, float))
+        inertia += turn @ np.diag(body.inertia) @ turn.T + body.mass * (at @ at * np.eye(3) - np.outer(at, at))
+    assert masses.sum() == pytest.approx(spec.mass, rel=1e-5)
+    np.testing.assert_allclose(centre - engine.object_pose().position, spec.centre_of_mass, atol=1e-6)
+    np.testing.assert_allclose(inertia, np.diag(spec.moments), atol=1e-3 * max(spec.moments))
+    table = Translator(sapien(), engine.model, engine._contact).surroundings().components[0]
+    links, finger = engine.articulation.get_links(), engine.model.body("panda_finger1").id
+    tip = links[finger - engine.model.body(BASE_FRAME).id].get_collision_shapes()[-1]
+    touching = [shape for body in bodies for shape in body.get_collision_shapes()]
+    outermost = np.max([np.abs((body.entity.pose * shape.get_local_pose()).p - engine.object_pose().position)
+                        + (shape.half_size if hasattr(shape, "half_size") else shape.radius)
+                        for body in bodies for shape in body.get_collision_shapes()], axis=0)  # fmt: skip
+    np.testing.assert_allclose(outermost, spec.half_size, atol=1e-6)
+    for shape in touching:  # PhysX averages the two of a pair
+        for other, friction in ((table.get_collision_shapes()[0], spec.surface.table), (tip, spec.surface.finger)):
+            pair = shape.physical_material.static_friction + other.physical_material.static_friction
+            assert pair / 2 == pytest.approx(friction.coefficient, rel=1e-6)
+
+
+@in_physx
 def test_the_second_engine_has_the_same_masses_and_springs():
     domain = domain_with("wall", "water_tissue_box")
     engine = PhysxEngine(domain)

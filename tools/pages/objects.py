@@ -10,7 +10,8 @@ from pages.markdown import head, paragraph, table
 INTRODUCTION = f"""The 21 objects of the paper's Table III: `make evaluate DOMAIN=bump OBJECT=sponge`. Masses, surfaces and which are not
 rigid are the paper's, and so are the successes of its policy, of {TRIES} tries with the real robot. It prints no sizes: every row
 has the size of its domain's own object. Frictions, and how soft and how loose things are, are estimates with their source. `default` is the
-domain's own object, unchanged. All of them beside the paper's successes: `make table3`. An object of your own:
+domain's own object, unchanged. All of them beside the paper's successes: `make table3`
+(`CONTACTS=2`: a contact may be chosen twice; `ARGS="--domains wall --objects sponge --scenarios 1 --tries 5"`: less of it). An object of your own:
 [guide](../guide/your_own_object.md)."""
 
 PARTS = """
@@ -37,8 +38,8 @@ def softness(spec: ObjectSpec) -> str:
         words.append(f"soft: {spec.compliance.stiffness:g} N/m along z, {1e3 * spec.compliance.travel:g} mm a face")
     if spec.contents:
         inside = spec.contents
-        gaps = " ".join(f"{axis} {1e3 * gap:g}" for axis, gap in zip("xyz", inside.clearance) if gap)
-        words.append(f"loose: {1e3 * inside.mass:g} g, +- mm {gaps}, friction {inside.friction:g}")
+        gaps = ", ".join(f"{1e3 * gap:g} mm along {axis}" for axis, gap in zip("xyz", inside.clearance) if gap)
+        words.append(f"loose: {1e3 * inside.mass:g} g, either way {gaps}, friction {inside.friction:g}")
     return "; ".join(words)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from pages import chain, contact, doctor, driver, endurance, episodes, perception, speed
+from pages import chain, contact, doctor, driver, endurance, episodes, paper_table, perception, sizes, speed
 from pages.markdown import head, paragraph, table
 
 SETS = "sets.yaml"
@@ -22,6 +22,8 @@ the card, which is 5 mm thick."""
 # Kind of a set, as the index names it, by what its file is called: the first that fits.
 KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = (
     ("evaluation_", "", "through the graph", episodes.evaluated),
+    ("table3_", "", "through the graph", paper_table.tabled),
+    ("other_sizes", "", "through the node's policies", sizes.sized),
     ("bump_first_look", "", "batched", episodes.first_look),
     ("training_", "", "batched", lambda data: episodes.trained(data["evaluations"], data)),
     ("", "_comparison", "batched", episodes.compared),

@@ -13,13 +13,11 @@ from np_description.depths import Tally
 from np_description.objects.scenarios import fixed_task
 from np_description.panda import NOMINAL
 from np_description.scene import SUPPORT_SHARE
-from np_policy import hand_pose
 from np_policy.action import TIGHT
-from np_policy.networks import PreContactStudent
 from np_training.environment import contact
 from np_training.environment.environment import Environment, as_seen, pre_contact_state
 from np_training.physics.batched import ARM
-from np_training.ppo.distillation import student_input
+from np_training.ppo.distillation import Student
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.breakdown import groups_of_tasks
 from np_training.tasks.poses import Poses, sample_tasks
@@ -84,7 +82,7 @@ def run_episodes(
     env: Environment,
     networks: ActorCritic,
     chooser: Callable[[torch.Tensor], torch.Tensor],
-    student: PreContactStudent | None = None,
+    student: Student | None = None,
     conditions: Conditions | None = None,
     seed: int | None = None,
     record: bool = False,
@@ -171,7 +169,7 @@ def _start(
     objects: Poses,
     goals: Poses,
     chooser: Callable[[torch.Tensor], torch.Tensor],
-    student: PreContactStudent | None,
+    student: Student | None,
 ) -> torch.Tensor:
     """Put the contacts chosen for the tasks into the pool, all of them; returns which can be reached (n,)."""
     state = pre_contact_state(*as_seen(env.domain, objects, goals))
@@ -181,8 +179,9 @@ def _start(
             contacts = contact.resolve(env.domain, action, objects, hand=env.hand)
         else:
             noise = env.config.conditions.keypoint_noise
-            pose = hand_pose.decode(student(student_input(env.domain, objects, goals, noise)))
-            contacts = contact.reach(env.domain, *pose, objects, hand=env.hand)
+            contacts = contact.reach(
+                env.domain, *student.hand_poses(env.domain, objects, goals, noise), objects, hand=env.hand
+            )
     everyone = dataclasses.replace(contacts, feasible=torch.ones_like(contacts.feasible))
     none = torch.zeros(len(state), device=env.device)
     env.starts = env.pool(Tasks(objects, goals, none.long(), none), state, action, none, everyone)

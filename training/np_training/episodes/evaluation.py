@@ -17,6 +17,7 @@ from np_description import limit_share
 from np_description.depths import Tally
 from np_description.domains import find_domain
 from np_description.objects.choice import DEFAULT
+from np_description.weights_header import read_metadata
 from np_effects.patch import Patch
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PreContactStudent
@@ -27,6 +28,7 @@ from np_training.environment.fixed_contact import FixedContact
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
 from np_training.episodes.recording import save_recording
 from np_training.physics.config import physics_for
+from np_training.ppo.distillation import Student
 from np_training.ppo.networks import ActorCritic
 from np_training.setting import UNSAID, chosen, domain_of, setting_of
 from np_training.tasks.randomisation import CONDITIONS, GROUPS, PAPER, widen
@@ -82,7 +84,7 @@ def summarise(episodes: Episodes, substeps: int) -> dict:
 def evaluate(
     environment: Environment,
     networks: ActorCritic,
-    student: PreContactStudent | None = None,
+    student: Student | None = None,
     start: str = "contact",
     conditions: str | None = None,
     seeds: tuple[int | None, ...] = (None,),
@@ -157,7 +159,10 @@ def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable
     if arguments.video and setting["object"] != DEFAULT:
         refuse("--video draws a domain's own object: leave it out with another")
     contract = PolicyContract.of(PRE_CONTACT, find_domain(setting["domain"]), setting["controller"])
-    student = load(PreContactStudent(), arguments.student, contract).to(arguments.device) if arguments.student else None
+    student = None
+    if arguments.student:
+        network = load(PreContactStudent(), arguments.student, contract).to(arguments.device)
+        student = Student(network, read_metadata(arguments.student).get("object", DEFAULT))
     environment = Environment(
         domain,
         arguments.device,

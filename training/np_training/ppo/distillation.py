@@ -5,17 +5,19 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NoReturn
 
 import torch
 
 from np_description.domains import Domain
 from np_description.hand import HandShapes
-from np_description.objects.choice import choice_of
+from np_description.objects.choice import DEFAULT, choice_of
 from np_policy import hand_pose
 from np_policy.contract import PRE_CONTACT
 from np_policy.networks import PreContactStudent
 from np_policy.observation import normalised_keypoints, student_observation
+from np_policy.other_size import carried_over, known_domain, known_in_place
 from np_policy.weights import save
 from np_training.contracts import trained_contract
 from np_training.environment import contact
@@ -35,6 +37,30 @@ def student_input(domain: Domain, objects: Poses, goals: Poses, noise: torch.Ten
     """The student's input (n, 32) for tasks, keypoints disturbed by Gaussian noise of a standard deviation
     (n, 1, 1)."""
     return disturbed(*_keypoints(domain, objects, goals), noise)
+
+
+@dataclass(frozen=True)
+class Student:
+    """A student's network, and the object that it was trained with, as np_description.objects.choice names it."""
+
+    network: PreContactStudent
+    object: str = DEFAULT
+
+    def hand_poses(
+        self, domain: Domain, objects: Poses, goals: Poses, noise: torch.Tensor | float = 0.0
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """T_E position (n, 3) m, rotation (n, 3, 3) and opening (n,) m that it chooses for tasks, as the node does: for an object of
+        another size than it knows, see np_policy.other_size. noise: of keypoints, a standard deviation (n, 1, 1)."""
+        known = known_domain(domain, self.object)
+        if known is None:
+            return hand_pose.decode(self.network(student_input(domain, objects, goals, noise)))
+        shown = (
+            Poses(known_in_place(domain, known, poses.position, poses.quaternion), poses.quaternion)
+            for poses in (objects, goals)
+        )
+        hand, rotation, opening = hand_pose.decode(self.network(student_input(known, *shown, noise)))
+        there = carried_over(domain, known, objects.position, objects.quaternion, hand, rotation, opening)
+        return there, rotation, opening
 
 
 def disturbed(keypoints: torch.Tensor, goal: torch.Tensor, noise: torch.Tensor | float) -> torch.Tensor:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -106,6 +107,16 @@ def summary(results: list[Result]) -> dict[str, object]:
         "limit_share": limit_share.summary(np.array(r.limit_shares) for r in results if r.limit_shares),
         "wall_s": round(sum(r.wall_s for r in results), 1),
     }
+
+
+def reasons(results: Sequence[Result]) -> dict[str, int]:
+    """What the graph said of the episodes that failed, and how often, the most frequent first: numbers are left out (#)."""
+    said = (
+        "declared a success and was none" if r.declared == SUCCEEDED else re.sub(r"-?\d+(\.\d+)?", "#", r.reason)
+        for r in results
+        if not r.success
+    )
+    return dict(Counter(said).most_common())
 
 
 def _rate(successes: int, episodes: int) -> dict[str, object]:

@@ -8,15 +8,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from np_bringup.evaluation import Result, reasons, summary
+from np_bringup.results import read_results
 from np_description.objects.choice import DEFAULT
 from np_description.objects.scenarios import COUNT
 from np_description.objects.table import BASELINES, TRIES, rows_of
-from np_record.intervals import wilson_interval
 from np_ros.parent import end_with_parent
 
 OURS, OSC, FIXED = "ours", "osc", "fixed_limits"
@@ -26,8 +26,8 @@ TITLES = {OURS: "", OSC: "operational space control", FIXED: "limits at zeta* fr
 
 @dataclass(frozen=True)
 class Setting:
-    """What all cells of a table share: engine, source of keypoints, episodes a scenario, seed, folder of the results, and of each
-    method the folder of its weights ("": the project's own)."""
+    """What all cells of a table share: engine, source of keypoints, episodes a scenario, seed, folder of the results, of each
+    method the folder of its weights ("": the project's own), and how often a contact may be chosen in an episode."""
 
     engine: str
     keypoints: str
@@ -35,6 +35,7 @@ class Setting:
     seed: int
     out: Path
     weights: Mapping[str, str]
+    contacts: int = 1
 
 
 @dataclass(frozen=True)
@@ -54,16 +55,24 @@ class Cell:
 
 @dataclass(frozen=True)
 class Played:
-    """What came of a cell: successes of episodes, failures by phase, and what went wrong where it was not played ("": nothing)."""
+    """What came of a cell: its episodes in order, and what went wrong where it was not played ("": nothing)."""
 
     cell: Cell
-    successes: int = 0
-    episodes: int = 0
-    failures: Mapping[str, int] | None = None
+    results: tuple[Result, ...] = ()
     error: str = ""
 
+    @property
+    def successes(self) -> int:
+        """Of its episodes."""
+        return sum(result.success for result in self.results)
 
-def cells(domains: Iterable[str], objects: Sequence[str], methods: Iterable[str]) -> list[Cell]:
+
+def cells(
+    domains: Iterable[str],
+    objects: Sequence[str],
+    methods: Iterable[str],
+    scenarios: Collection[int] = range(1, COUNT + 1),
+) -> list[Cell]:
     """The table's cells, in the paper's order; objects: names, none for all. A baseline has the default object only.
 
     Raises ValueError for an object that no row of the domains has.
@@ -78,7 +87,7 @@ def cells(domains: Iterable[str], objects: Sequence[str], methods: Iterable[str]
         for domain in domains
         for name in rows_of(domain)
         if (not objects or name in objects) and (method == OURS or name == DEFAULT)
-        for scenario in range(1, COUNT + 1)
+        for scenario in sorted(set(scenarios))
     ]
 
 
@@ -94,6 +103,7 @@ def play(cell: Cell, setting: Setting) -> Played:
         "seed": setting.seed,
         "engine": setting.engine,
         "keypoints": setting.keypoints,
+        "contacts": setting.contacts,
         "controller": OSC if cell.method == OSC else "impedance",
         "weights": setting.weights[cell.method],
         "out": folder,
@@ -105,14 +115,14 @@ def play(cell: Cell, setting: Setting) -> Played:
     if done.returncode:
         words = (folder / "evaluate.log").read_text().strip().splitlines()
         return Played(cell, error=words[-1] if words else f"evaluate ended with status {done.returncode}")
-    figures = json.loads(done.stdout.splitlines()[-1])
-    episodes = figures["episodes"]
-    return Played(cell, round(figures["success"] * episodes), episodes, figures["failures"])
+    file = Path(json.loads(done.stdout.splitlines()[-1])["results"])
+    return Played(cell, tuple(read_results(file)[: setting.tries]))
 
 
 def rows(played: Iterable[Played]) -> list[dict[str, object]]:
-    """A row for each object and method: successes and episodes by scenario and in all, rate with its 95 % interval (Wilson), failures
-    by phase, what went wrong, and the paper's successes of its 15 tries (None: it has none)."""
+    """A row for each object and method: successes and episodes by scenario and in all, rate with its 95 % interval (Wilson), the same
+    with the first contact where some episodes had more, failures by phase and by what the graph said, what went wrong, and the
+    paper's successes of its 15 tries (None: it has none)."""
     by_row: dict[tuple[str, str, str], list[Played]] = {}
     for one in played:
         by_row.setdefault((one.cell.domain, one.cell.object, one.cell.method), []).append(one)
@@ -121,7 +131,7 @@ def rows(played: Iterable[Played]) -> list[dict[str, object]]:
             "domain": domain,
             "object": name,
             "method": method,
-            "scenarios": {str(p.cell.scenario): [p.successes, p.episodes] for p in group},
+            "scenarios": {str(p.cell.scenario): [p.successes, len(p.results)] for p in group},
             **_total(group),
             "errors": [f"scenario {p.cell.scenario}: {p.error}" for p in group if p.error],
             "paper_successes": papers(domain, name, method),
@@ -148,13 +158,23 @@ def totals(played: Sequence[Played]) -> dict[str, dict[str, object]]:
     return {name: _total(group) for name, group in sorted(groups.items())}
 
 
+def episodes(played: Iterable[Played]) -> list[dict[str, object]]:
+    """Every episode, with its cell: what a table is made of, without how deep and how near to limits things were."""
+    left_out = ("engine", "depths", "limit_shares")
+    return [
+        {**asdict(one.cell), **{name: value for name, value in asdict(result).items() if name not in left_out}}
+        for one in played
+        for result in one.results
+    ]
+
+
 def _total(group: Sequence[Played]) -> dict[str, object]:
-    successes, episodes = sum(p.successes for p in group), sum(p.episodes for p in group)
-    failures = sum((Counter(p.failures or {}) for p in group), Counter())
+    results = [result for one in group for result in one.results]
+    told = ("success", "ci95", "first_contact", "failures", "declared_wrongly", "missed")
+    figures = {name: value for name, value in summary(results).items() if name in told}
     return {
-        "successes": successes,
-        "episodes": episodes,
-        "success": round(successes / episodes, 4) if episodes else None,
-        "ci95": [round(bound, 4) for bound in wilson_interval(successes, episodes)],
-        "failures": dict(sorted(failures.items())),
+        "successes": sum(r.success for r in results),
+        "episodes": len(results),
+        **figures,
+        "reasons": reasons(results),
     }

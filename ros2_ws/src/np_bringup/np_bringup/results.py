@@ -110,6 +110,11 @@ class Part:
             file.write(_line(result))
 
 
+def read_results(path: Path) -> list[Result]:
+    """The results in a file of `Results`, in the order of their numbers. Raises ValueError for a line that is none."""
+    return sorted((result for _, result in _read(path, _lines(path)[1:], 2)), key=lambda result: result.episode)
+
+
 def split(runs: list[range], jobs: int) -> list[range]:
     """Runs of episodes for so many processes, none much longer than another."""
     if not runs:

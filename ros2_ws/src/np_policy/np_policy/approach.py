@@ -7,7 +7,7 @@ straight to the pose. Only on the straight parts, and only hand and fingers, may
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from np_description.scene import OBJECT
 from np_policy.collision import CollisionModel, Touch
 from np_policy.planning import Budget, PlanningError, find_path
 from np_policy.retiming import ACCELERATION_LIMIT, join, retime, round_corners
+from np_policy.stand_off import CLEARANCE, gap
 
 
 class UnreachableError(PlanningError):
@@ -34,8 +35,8 @@ class ApproachConfig:
     """Parameters of the approach; m, s, rad.
 
     standoff: length of the straight parts; object_depth, surface_depth: how far hand and fingers may reach into the
-    object's estimated pose and into fixed surroundings, for estimates are not exact; largest_lift: a pose that reaches
-    deeper into the table is raised by up to this much; contact_speed: of the hand on the straight parts, m/s;
+    object's estimated pose and into fixed surroundings, for estimates are not exact: a pose that reaches deeper into the object is
+    drawn out of it (`_Hand.drawn_out`); largest_lift: one that reaches deeper into the table is raised by up to this much; contact_speed: of the hand on the straight parts, m/s;
     velocity, acceleration: shares of the robot's limits; postures: inverse kinematics solutions looked for;
     limit_margin: distance kept from joint limits; resolution: between postures checked. With a clearance of 5 mm and
     0.9 m of reach, postures 0.01 rad apart leave no room for a contact between them.
@@ -56,12 +57,13 @@ class ApproachConfig:
 
 @dataclass(frozen=True)
 class Approach:
-    """trajectory: the whole motion; lift: m by which the pose was raised out of the surroundings;
-    contact_start: s at which the last straight part begins."""
+    """trajectory: the whole motion; lift: m by which the pose was raised out of the surroundings; drawn_out: m by which it was drawn
+    out of the object; contact_start: s at which the last straight part begins."""
 
     trajectory: Trajectory
     lift: float
     contact_start: float
+    drawn_out: float = 0.0
 
 
 _POSITION_TOLERANCE, _ANGLE_TOLERANCE = 5e-4, 2e-3  # m, rad: when inverse kinematics has arrived
@@ -90,12 +92,15 @@ def plan_approach(
     hand = _Hand(collision, config)
     leave = _leave_start(hand, joints)
     reason: PlanningError | None = None
-    lift = 0.0
-    postures = hand.postures(goal.position, goal.quaternion, joints, seed)
+    position = np.asarray(goal.position, float)
+    postures = hand.postures(position, goal.quaternion, joints, seed)
+    out = hand.drawn_out(postures[0], objekt, goal, opening)
+    if out.any():
+        position = position + out
+        postures = hand.postures(position, goal.quaternion, joints, seed)
     lift = hand.needed_lift(postures[0])
     if lift > 0:
-        raised = goal.position + np.array([0.0, 0.0, lift])
-        postures = hand.postures(raised, goal.quaternion, joints, seed)
+        postures = hand.postures(position + np.array([0.0, 0.0, lift]), goal.quaternion, joints, seed)
     for posture in postures[:_CANDIDATES]:
         try:
             arrive = hand.straight_away(posture)[::-1]
@@ -110,7 +115,7 @@ def plan_approach(
                 budget=config.budget,
                 resolution=config.resolution,
             )
-            return _timed(collision, leave, path, arrive, lift, config)
+            return replace(_timed(collision, leave, path, arrive, lift, config), drawn_out=float(np.linalg.norm(out)))
         except PlanningError as error:
             reason = reason or error  # of the most natural posture
     raise reason
@@ -193,6 +198,19 @@ class _Hand:
     def bounds(self, *postures) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper joint positions (7,) of the motion: limits with their margin, unless it begins beyond that."""
         return np.min([self._lower, *postures], axis=0), np.max([self._upper, *postures], axis=0)
+
+    def drawn_out(self, joints, objekt: Pose, goal: Pose, opening: float) -> np.ndarray:
+        """The way (3,) m to where the fingers stand before the object's face as in training, along that face's normal, if the hand at
+        joints (7,) rad is deeper in the object than it may be; else zeros.
+
+        A policy that chooses a contact where none of its training began puts the hand into the object now and then.
+        """
+        depths = [-t.distance for t in self.collision.touches(joints) if t.by_tool and OBJECT in (t.first, t.second)]
+        if max(depths, default=0.0) <= self.config.object_depth:
+            return np.zeros(3)
+        rotation = matrix_from_quaternion(goal.quaternion)
+        apart, normal = gap(self.collision.domain, objekt.position, objekt.quaternion, goal.position, rotation, opening)
+        return max(0.0, CLEARANCE - apart) * normal
 
     def needed_lift(self, joints) -> float:
         """How far m the hand has to be raised so that it is no deeper in fixed surroundings than it may be."""

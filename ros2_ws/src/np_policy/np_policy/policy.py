@@ -5,7 +5,7 @@ Inference is single-threaded PyTorch on one sample, so that equal inputs give eq
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +14,17 @@ import torch
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
-from np_description.rotations import quaternion_from_matrix
+from np_description.objects.choice import DEFAULT
+from np_description.rotations import matrix_from_quaternion, quaternion_from_matrix
 from np_description.symmetry import renamed
+from np_description.weights_header import read_metadata
 from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, project_keypoints, usable
 from np_policy import action, hand_pose, weights
 from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import post_contact_observation, student_observation
+from np_policy.other_size import carried_over, known_domain, known_in_place
 
 
 @dataclass(frozen=True)
@@ -46,8 +49,8 @@ def student_output(output) -> PreContact:
 class PreContactPlanner:
     """The pre-contact student.
 
-    controller, policy_rate Hz: of the graph that it is to run in. `warnings`: how its weights' contract differs from that
-    graph without being refused. Raises WeightsError if the weights are missing or do not fit.
+    min_score: of keypoints that are used; controller, policy_rate Hz: of the graph that it is to run in. `warnings`: how its
+    weights' contract differs from that graph without being refused. Raises WeightsError if the weights are missing or do not fit.
     """
 
     def __init__(
@@ -55,18 +58,46 @@ class PreContactPlanner:
         file: str | Path,
         domain: Domain,
         *,
+        min_score: float = 0.3,
         camera: Camera = CAMERA,
         controller: str = "impedance",
         policy_rate: float = action.RATE,
     ) -> None:
         contract = PolicyContract.of(PRE_CONTACT, domain, controller, policy_rate)
         self._network, self.warnings = weights.load(PreContactStudent(), file, contract), contract.check(file)
-        self._domain, self._camera = domain, camera
+        self._domain, self._camera, self._min_score = domain, camera, min_score
+        self._known = known_domain(domain, read_metadata(file).get("object", DEFAULT))
 
     def propose(self, keypoints, goal) -> PreContact:
-        """From keypoints and goal keypoints (8, 3): u px, v px, score. Raises PolicyError."""
+        """From keypoints and goal keypoints (8, 3): u px, v px, score. Raises PolicyError.
+
+        For an object of another size than the weights know a pose is chosen as `np_policy.other_size` says.
+        """
+        if self._known is None:
+            return self._choose(self._domain, keypoints, goal)
+        try:
+            objekt, end = (
+                estimate_pose(points, self._domain, min_score=self._min_score, camera=self._camera).pose
+                for points in (keypoints, goal)
+            )
+            shown = (
+                Pose(known_in_place(self._domain, self._known, pose.position, pose.quaternion), pose.quaternion)
+                for pose in (objekt, end)
+            )
+            chosen = self._choose(self._known, *(project_keypoints(self._known, pose, self._camera) for pose in shown))
+        except (PoseError, ValueError) as error:
+            raise PolicyError(
+                f"pre-contact policy: expected keypoints with a pose, for a size it was not trained with: {error}"
+            ) from error
+        hand, rotation = chosen.pose.position, matrix_from_quaternion(chosen.pose.quaternion)
+        there = carried_over(
+            self._domain, self._known, objekt.position, objekt.quaternion, hand, rotation, chosen.opening
+        )
+        return replace(chosen, pose=Pose(there, chosen.pose.quaternion))
+
+    def _choose(self, domain: Domain, keypoints, goal) -> PreContact:
         here, there = (self._camera.normalise(np.asarray(points)[:, :2]) for points in (keypoints, goal))
-        return student_output(_infer(self._network, student_observation(*renamed(self._domain, here, there))))
+        return student_output(_infer(self._network, student_observation(*renamed(domain, here, there))))
 
 
 PEEK_HEIGHT = 0.25  # m, of T_E: above what an upright hand hides from the nominal camera

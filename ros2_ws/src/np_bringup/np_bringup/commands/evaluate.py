@@ -10,18 +10,16 @@ from concurrent.futures import wait
 from pathlib import Path
 
 from np_bringup.backends import ENGINES
+from np_bringup.commands.episodes_asked import add_options, check_options, concluded
 from np_bringup.evaluation import code_sha256, summary
 from np_bringup.playing import Request, play, play_part
 from np_bringup.results import Results, split
-from np_bringup.task_graph import CONTROLLERS, KEYPOINT_SOURCES
+from np_bringup.task_graph import CONTROLLERS
 from np_description.domains import DOMAINS, find_domain
 from np_description.objects.choice import DEFAULT, portable
 from np_description.objects.scenarios import COUNT
-from np_physx_bridge.library import missing
-from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, origin
-from np_record.workers import HELP, workers
-from np_record.workers import missing as missing_cluster
-from np_ros.supervisor import NodeDied
+from np_record.command import Progress, origin
+from np_record.workers import workers
 
 IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change nothing
 
@@ -31,8 +29,6 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--episodes", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0, help="names the tasks, together with the episode's number")
-    parser.add_argument("--keypoints", choices=KEYPOINT_SOURCES, default="camera")
     parser.add_argument("--controller", choices=list(CONTROLLERS), default="impedance")
     parser.add_argument("--object", default=DEFAULT, help="a row of the domain's table of objects, or a .yaml file")
     parser.add_argument(
@@ -41,30 +37,17 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--effects", default="none", help="patch.yaml of effects that the simulated arm has; none: nominal"
     )
-    parser.add_argument("--engine", choices=list(ENGINES), default="mujoco", help="whose physics the robot has")
-    parser.add_argument(
-        "--contacts", type=int, default=1, help="how often a contact may be chosen in an episode; the paper: 1"
-    )
-    parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
     parser.add_argument("--bags", action="store_true", help="record every episode (slower)")
     parser.add_argument(
         "--fresh", action="store_true", help="run every episode anew, whatever is kept of the same code"
     )
-    parser.add_argument("--jobs", type=int, default=1, help="graphs at a time")
-    parser.add_argument("--cluster", default="", help=HELP)
-    parser.add_argument("--out", type=Path, default=Path("runs/evaluate"), help="folder for results, logs and bags")
+    add_options(parser, jobs=1, out="runs/evaluate")
     options = parser.parse_args(arguments)
-    for name in ("episodes", "jobs", "contacts"):
-        if getattr(options, name) < 1:
-            parser.error(f"--{name}: expected at least 1, got {getattr(options, name)}")
-    if problem := missing_cluster(options.cluster):
-        parser.error(f"--cluster {problem}")
+    check_options(parser, options, ("episodes",))
     try:
         options.object = portable(options.domain, options.object)
     except ValueError as error:
         parser.error(str(error))
-    if options.engine == "physx" and missing():
-        parser.error(f"--engine physx: {missing()}")
     if options.cluster:  # its workers were started elsewhere
         options.out = options.out.resolve()
         options.weights = str(Path(options.weights).resolve()) if options.weights else ""
@@ -189,17 +172,7 @@ def rate(results: Results) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
-    interrupt_on_sigterm()
-    try:
-        figures = evaluate(options)
-    except KeyboardInterrupt:
-        print("interrupted; finished episodes are kept, the same command goes on with the next", file=sys.stderr)
-        return INTERRUPTED
-    except (NodeDied, TimeoutError, LookupError, ValueError, OSError) as error:
-        print(f"evaluate: {error}", file=sys.stderr)
-        return 1
-    print(json.dumps(figures))
-    return 0
+    return concluded("evaluate", lambda: evaluate(options), lambda figures: (figures, 0))
 
 
 if __name__ == "__main__":

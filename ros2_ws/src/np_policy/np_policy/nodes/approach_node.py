@@ -134,7 +134,10 @@ class ApproachNode(Node):
         message.header.frame_id = BASE_FRAME
         self._publish(stamp, message)
         self.diagnostics.values.update(
-            planning_time=round(seconds, 3), duration=round(motion.duration, 3), lift=round(plan.lift, 4)
+            planning_time=round(seconds, 3),
+            duration=round(motion.duration, 3),
+            lift=round(plan.lift, 4),
+            drawn_out=round(plan.drawn_out, 4),
         )
         self.diagnostics.report(DiagnosticStatus.OK, "planned")
 

@@ -41,6 +41,7 @@ class PreContactNode(Node):
         self._planner = PreContactPlanner(
             file,
             self._settings.domain,
+            min_score=self._settings.min_score,
             camera=self._settings.camera,
             controller=controller,
             policy_rate=self._settings.policy_rate,

@@ -1,0 +1,43 @@
+"""An object of another size than the one that a pre-contact policy was trained with, which is the only one that it knows.
+
+The policy is shown the box it knows in the object's place, on the same surface. The hand pose that it chooses there is carried over to
+the object: along the face in proportion to its size, and before it where training lets the fingers stand. NumPy or PyTorch; poses in
+the base frame: position (..., 3) m, quaternion (..., 4) wxyz, rotation (..., 3, 3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_description.domains import Domain
+from np_description.objects.choice import DEFAULT, domain_with
+from np_description.rotations import matrix_from_quaternion
+from np_policy.stand_off import CLEARANCE, gap, like
+
+SAME = 1e-6  # m
+
+
+def known_domain(domain: Domain, choice: str = DEFAULT) -> Domain | None:
+    """The domain with the box that weights know, where the object of `domain` has another size; else None. choice: the object that
+    they were trained with, as np_description.objects.choice names it."""
+    known = domain_with(domain.name, choice)
+    return None if np.allclose(known.half_size, domain.half_size, rtol=0, atol=SAME) else known
+
+
+def known_in_place(domain: Domain, known: Domain, position, quaternion):
+    """Where (..., 3) m the centre of the known box is in place of the object: turned the same, its lowest point as high."""
+    larger = like(np.subtract(known.half_size, domain.half_size), position)
+    higher = (abs(matrix_from_quaternion(quaternion)[..., 2, :]) * larger).sum(-1)
+    return position + higher[..., None] * like((0.0, 0.0, 1.0), position)
+
+
+def carried_over(domain: Domain, known: Domain, position, quaternion, hand, rotation, opening):
+    """Where (..., 3) m T_E goes before the object at position and quaternion, chosen at `hand`, with that rotation and opening (...) m
+    of each finger, for the known box in its place."""
+    turn = matrix_from_quaternion(quaternion)
+    local = ((hand - known_in_place(domain, known, position, quaternion))[..., None] * turn).sum(-2)
+    scaled = position + (turn * (local * like(np.divide(domain.half_size, known.half_size), local))[..., None, :]).sum(
+        -1
+    )
+    apart, normal = gap(domain, position, quaternion, scaled, rotation, opening)
+    return scaled + (CLEARANCE - apart)[..., None] * normal

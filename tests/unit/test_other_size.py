@@ -1,0 +1,146 @@
+"""Contacts on an object of another size than the weights know: the hand stands before it as before the one they know."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from np_control.kinematics import solve_ik
+from np_description.contact import HARD, SOFT
+from np_description.domains import BUMP, CARD, DOMAINS, WALL, Pose, resting_pose, sample_task
+from np_description.objects.choice import choice_of, place_in
+from np_description.objects.table import rows_of
+from np_description.panda import NOMINAL
+from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
+from np_description.scene import OBJECT
+from np_perception.pose_estimation import project_keypoints
+from np_policy.action import PolicyError
+from np_policy.collision import CollisionModel
+from np_policy.contract import PRE_CONTACT, PolicyContract, weights_file
+from np_policy.networks import PreContactStudent
+from np_policy.other_size import carried_over, known_domain, known_in_place
+from np_policy.policy import PreContactPlanner
+from np_policy.stand_off import CLEARANCE, gap
+from np_policy.weights import save
+
+FLAT = np.array([1.0, 0, 0, 0])
+
+
+def sized(domain, *factors: float):
+    """The domain with its own object in another size."""
+    spec = rows_of(domain.name)["default"].spec
+    return place_in(domain, replace(spec, size=tuple((np.array(spec.size) * factors).tolist())))
+
+
+def before(domain, objekt: Pose, hand: Pose, opening: float):
+    """`gap` of poses."""
+    return gap(
+        domain, objekt.position, objekt.quaternion, hand.position, matrix_from_quaternion(hand.quaternion), opening
+    )
+
+
+def nearest_finger(domain, objekt: Pose, hand: Pose, opening: float) -> float:
+    """Distance m of the nearest finger to the object, measured by MuJoCo between its shapes."""
+    model = CollisionModel(domain)
+    model.place(objekt, opening)
+    model.data.qpos[:7] = solve_ik(
+        NOMINAL.ready, hand.position, matrix_from_quaternion(hand.quaternion), iterations=100
+    )
+    mujoco.mj_kinematics(model.model, model.data)
+    box = model.model.geom(OBJECT).id
+    fingers = [g for g in range(model.model.ngeom) if model.model.geom(g).name.startswith("panda_finger")]
+    return min(mujoco.mj_geomDistance(model.model, model.data, g, box, 0.2, None) for g in fingers)
+
+
+@pytest.mark.parametrize("contact", [HARD, SOFT], ids=["flat", "round"])
+def test_the_gap_is_what_is_between_the_fingers_and_the_face(contact):
+    domain = replace(sized(BUMP, 2.2, 2.2, 1.1), contact=contact)  # a face that the fingers do not reach beyond
+    objekt, rng = Pose(np.array([0.5, 0.0, 0.05]), FLAT), np.random.default_rng(0)
+    for _ in range(20):
+        turn = matrix_from_vector(np.array([*rng.uniform(-0.4, 0.4, 2), rng.uniform(-0.5, 1.0)]))
+        hand = Pose(
+            objekt.position + [0.0, 0.0, rng.uniform(0.075, 0.1)], quaternion_from_matrix(turn @ np.diag([1.0, -1, -1]))
+        )
+        opening = rng.uniform(0.0, 0.02)
+        apart, normal = before(domain, objekt, hand, opening)
+        np.testing.assert_allclose(normal, [0, 0, 1], atol=1e-12)
+        assert apart == pytest.approx(nearest_finger(domain, objekt, hand, opening), abs=2e-4)
+
+
+@pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS)
+def test_what_has_the_size_that_the_weights_know_is_seen_as_it_is(domain):
+    assert known_domain(domain) is None
+    for row in rows_of(domain.name).values():
+        assert known_domain(place_in(domain, row.spec)) is None
+    tea = sized(domain, 1.1, 1.0, 1.0)
+    assert known_domain(tea) is domain
+    assert known_domain(tea, choice_of(tea)) is None  # weights that were trained for it
+    assert known_domain(domain, choice_of(tea)).half_size == tea.half_size
+
+
+def test_the_known_box_rests_where_the_object_rests():
+    tall = sized(WALL, 1.2, 1.2, 1.2)
+    for region, roll in ((tall.start, 0.0), (tall.goals[0], 0.0), (tall.start, np.pi / 2)):
+        there = resting_pose(tall, region, 0.5, 0.1, 0.3, roll, region.pitch)
+        same = resting_pose(WALL, region, 0.5, 0.1, 0.3, roll, region.pitch)
+        np.testing.assert_array_equal(there.quaternion, same.quaternion)
+        np.testing.assert_allclose(
+            known_in_place(tall, WALL, there.position, there.quaternion), same.position, atol=1e-12
+        )
+
+
+@pytest.mark.parametrize("factor", [0.8, 0.9, 1.1, 1.2])
+@pytest.mark.parametrize("domain", [BUMP, WALL], ids=["bump", "wall"])
+def test_the_released_weights_choose_a_contact_that_can_be_reached_at_another_size(domain, factor):
+    """As if the object had the size that they know, they choose one that is off by half the difference, or in the object."""
+    other = sized(domain, *[factor] * 3)
+    file = weights_file(PRE_CONTACT, domain)
+    knowing, plain = PreContactPlanner(file, other), PreContactPlanner(file, domain)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        start, goal = sample_task(other, rng)
+        seen = [project_keypoints(other, pose) for pose in (start, goal)]
+        chosen, unaware = knowing.propose(*seen), plain.propose(*seen)
+        apart, _ = before(other, start, chosen.pose, chosen.opening)
+        assert apart == pytest.approx(CLEARANCE, abs=1e-6)
+        assert 0.0039 < nearest_finger(other, start, chosen.pose, chosen.opening) < 0.0065  # one that tilts leaves more
+        off = before(other, start, unaware.pose, unaware.opening)[0] - CLEARANCE
+        assert off * (1 - factor) > 0 and abs(off) > 0.004
+        local = matrix_from_quaternion(start.quaternion).T @ (chosen.pose.position - start.position)
+        beside = np.abs(local) / other.half_size
+        assert np.sort(beside)[:2].max() < 1.1  # over the face
+
+
+def test_a_pose_before_a_face_is_carried_along_it_in_proportion_and_stands_off_as_far():
+    wide = sized(BUMP, 1.2, 0.9, 1.1)
+    known = Pose(np.array([0.5, 0.1, 0.045]), FLAT)
+    objekt = Pose(np.array([0.5, 0.1, 0.045 * 1.1]), FLAT)
+    down, hand = np.diag([1.0, -1.0, -1.0]), known.position + [0.02, -0.01, 0.06]
+    there = carried_over(wide, BUMP, objekt.position, objekt.quaternion, hand, down, 0.0)
+    np.testing.assert_allclose((there - objekt.position)[:2], [0.024, -0.009], atol=1e-12)
+    assert gap(wide, objekt.position, objekt.quaternion, there, down, 0.0)[0] == pytest.approx(CLEARANCE)
+
+
+def test_batches_of_tensors_are_carried_over_as_single_poses_are():
+    other, rng = sized(WALL, 1.2, 0.9, 1.1), np.random.default_rng(0)
+    poses = [sample_task(other, rng)[rng.integers(2)] for _ in range(6)]
+    position, quaternion = (np.array([getattr(pose, name) for pose in poses]) for name in ("position", "quaternion"))
+    hand = position + rng.normal(0, 0.08, (6, 3))
+    rotation, opening = matrix_from_vector(rng.normal(0, 1, (6, 3))), rng.uniform(0, 0.02, 6)
+    arguments = position, quaternion, hand, rotation, opening
+    together = carried_over(other, WALL, *(torch.from_numpy(values) for values in arguments)).numpy()
+    for row, one in enumerate(zip(*arguments)):
+        np.testing.assert_allclose(together[row], carried_over(other, WALL, *one), atol=1e-9)
+
+
+def test_keypoints_without_a_pose_are_refused_in_words(tmp_path):
+    torch.manual_seed(0)
+    file = weights_file(PRE_CONTACT, CARD, tmp_path)
+    save(PreContactStudent(), file, PolicyContract.of(PRE_CONTACT, CARD))
+    planner = PreContactPlanner(file, sized(CARD, 1.2, 1.2, 1.2))
+    start, goal = (project_keypoints(CARD, pose) for pose in sample_task(CARD, np.random.default_rng(0)))
+    start[:4, 2] = 0.0
+    with pytest.raises(PolicyError, match="a size it was not trained with: expected at least 6 of 8 keypoints"):
+        planner.propose(start, goal)
