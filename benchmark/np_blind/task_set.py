@@ -11,45 +11,20 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 from np_blind.answering import SINGLE_THREAD
 from np_blind.sealed import SealError, check, check_doctor, digest, put_down
 from np_blind.task_answering import settle_all
-from np_blind.task_cases import OUT_OF_CATALOGUE, SET, draw, make_key
+from np_blind.task_cases import SET, draw, make_key
+from np_blind.task_figures import figures
 from np_physx_bridge.library import missing
 from np_record.command import INTERRUPTED, interrupt_on_sigterm
-from np_record.intervals import wilson_interval
 from np_record.workers import HELP, workers
 from np_record.workers import missing as missing_cluster
 
 LOCKED_FROM = 900  # seed from which on a set is sealed
-
-
-def figures(rows: Sequence[Mapping]) -> dict:
-    """Shares of what is right, each with its Wilson interval and its number of cases."""
-    ok = [row for row in rows if not row.get("error")]
-    known, clean = [r for r in ok if r["module"] is not None], [r for r in ok if r["kind"] == "clean"]
-    out = [r for r in ok if r["kind"] in OUT_OF_CATALOGUE]
-    intervals = [
-        one for r in ok if r["kind"] not in OUT_OF_CATALOGUE for n, one in r["intervals"].items() if n != "least_finger"
-    ]
-    asked = {
-        "right module": [r["module"] for r in known],
-        "right effect or class": [bool(r["effect"]) and not r["wrong"] for r in known],
-        "false alarm, clean": [bool(r["named"]) or r["unexplained"] for r in clean],
-        "out of catalogue: unexplained": [r["unexplained"] for r in out],
-        "out of catalogue: named something": [bool(r["named"]) and not r["unexplained"] for r in out],
-        "95 % intervals that hold": [one["holds"] for one in intervals],
-        "errors": [bool(row.get("error")) for row in rows],
-    }
-    return {
-        name: {"value": sum(of) / len(of), "ci95": list(wilson_interval(sum(of), len(of))), "of": len(of)}
-        for name, of in asked.items()
-        if of
-    }
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

@@ -61,6 +61,7 @@ class Thresholds:
     forcing: task.Forcing = task.Forcing()
     lag: task.Lagging = task.Lagging()
     meeting: task.Meeting = task.Meeting()
+    motion: task.Moving = task.Moving()
     felt: task.Felt = task.Felt()
 
 

@@ -130,6 +130,23 @@ class Meeting:
 
 
 @dataclass(frozen=True)
+class Moving:
+    """The object's motion, simulated from where it rests (chain/motion/)."""
+
+    down: float = threshold(0.015, "m", "over its lowest point, within which the tip may touch the object", JUDGEMENT)
+    rested: float = threshold(0.4, "s", "before that, of images that show where the object rests", JUDGEMENT)
+    after: float = threshold(0.5, "s", "after it, in which the object comes to rest and late images come", JUDGEMENT)
+    least: float = threshold(0.8, "s", "of a window", JUDGEMENT)
+    stiffness: float = threshold(
+        100.0,
+        "Nm/rad",
+        "by which the wrist's last joint is led along its way, other joints by more",
+        "tried, see the doctor's page",
+    )
+    draws: int = threshold(1000, "draws", "of windows, for the interval of a share", NUMERICS)
+
+
+@dataclass(frozen=True)
 class Felt:
     """Which explanation of what was felt stands (chain/explanations.py)."""
 

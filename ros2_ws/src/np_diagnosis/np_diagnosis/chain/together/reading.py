@@ -1,13 +1,12 @@
-"""What is read for all stages together: recordings of one set-up, and the arm's answer."""
+"""What is read for all stages together: recordings of one set-up."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from np_diagnosis.chain.task.recording import NoSuite, read_task
-from np_diagnosis.chain.together.whole import Row, Seen
+from np_diagnosis.chain.together.whole import Seen
 from np_diagnosis.chain.track import read_track
 from np_diagnosis.chain.view_stage.places import read_places
 from np_diagnosis.recordings.reading import ContractViolation
@@ -28,14 +27,3 @@ def read_seen(bags: Sequence[str | Path], calibration: str = "", measured: bool 
         if task.domain.half_size != tasks[0].domain.half_size:
             raise ContractViolation(f"{task.log.name}: expected the object of {tasks[0].log.name}, got another")
     return Seen(tuple(tasks), tuple(tracks), tuple(places))
-
-
-def arm_row(folder: str | Path) -> Row:
-    """The arm's row, from the folder that `diagnose` wrote. Raises ContractViolation where its report is not there or is none."""
-    path = Path(folder) / "report.json"
-    try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-        verdict, said = str(report["verdict"]), str(report["sentence"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ContractViolation(f"arm {path}: expected the report of `diagnose`, got: {error!r}") from error
-    return Row("arm", verdict, said=said)
