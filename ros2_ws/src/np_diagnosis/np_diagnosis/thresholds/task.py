@@ -95,7 +95,12 @@ class Lagging:
     left: float = threshold(
         0.0012, "m", "root mean square of what is left of a way, beyond which it did not go along", JUDGEMENT
     )
-    scale: float = threshold(1.0, "%", "by which the picture's scale is off, about", "calibrations of a camera")
+    scale: float = threshold(
+        2.0,
+        "%",
+        "by which the object goes less far than the tip: it turns, and slips a little",
+        "development cases in PhysX",
+    )
     down: float = threshold(0.005, "m", "over its lowest point, within which the tip is down", JUDGEMENT)
     rested: float = threshold(0.0003, "m", "from its farthest, within which the tip rests", JUDGEMENT)
     settle: float = threshold(0.3, "s", "after the tip has stopped, from which on the object is seen to rest", "delays")
@@ -105,6 +110,8 @@ class Lagging:
     images: int = threshold(12, "images", "of a push, at least", JUDGEMENT)
     corners: int = threshold(5, "corners", "of an image, at least", JUDGEMENT)
     least: int = threshold(3, "pushes", "that say the same", JUDGEMENT)
+    wrong: float = threshold(1.0, "px", "from which on a corner of an image counts less", JUDGEMENT)
+    far_off: float = threshold(2.0, "1", "deviations from the others from which on a push counts less", JUDGEMENT)
     own: float = threshold(0.003, "s", "error of one push, at least: it turns, and comes to rest softly", JUDGEMENT)
     common: float = threshold(0.0015, "s", "error of all pushes: stamps are of states and images", JUDGEMENT)
     seen: float = threshold(0.003, "s", "delay that is named, if it is surely more", "limit of the effect")

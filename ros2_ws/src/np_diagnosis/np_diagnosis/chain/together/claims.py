@@ -120,13 +120,23 @@ def of_lag(lag: Lag | None) -> list[Claim]:
     """Of images that are late: the camera's latency, or its clock, which one recording cannot tell apart."""
     if lag is None or lag.late is None or lag.verdict == "no_gap":
         return []
-    late = lag.late
-    said = [
-        (effect, name, value, say(VIEW_RECORDS[effect], "camera", {name: value}, "the simulator"))
-        for effect, name, value in (("camera_latency", "delay", late), ("clock_offset", "offset", late))
-    ]
-    ways = [Way(e, (e,), {n: v}, text, {n: v.value}) for e, n, v, text in said]
-    return [Claim("lag", tuple(ways if late.value > 0 else ways[1:]), nats(late))]
+    ways = late_by(lag.late)
+    return [Claim("lag", ways if lag.late.value > 0 else ways[1:], nats(lag.late))]
+
+
+def late_by(late: Value) -> tuple[Way, ...]:
+    """What a stream that is late may have: the camera's latency, or its clock."""
+    delayed = say(VIEW_RECORDS["camera_latency"], "camera", {"delay": late}, "the simulator")
+    return (
+        Way("camera_latency", ("camera_latency",), {"delay": late}, delayed, {"delay": late.value}),
+        Way(
+            "clock_offset",
+            ("clock_offset",),
+            {"offset": late},
+            "the camera's clock is off by that",
+            {"offset": late.value},
+        ),
+    )
 
 
 def of_meeting(meeting: Meeting | None) -> list[Claim]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from np_diagnosis.chain.together.claims import Claim, Way, nats
+from np_diagnosis.chain.together.claims import Claim, Way, late_by, nats
 from np_diagnosis.recordings.reading import ContractViolation
 from np_effects import VIEW_RECORDS
 from np_effects.saying import Value, say
@@ -43,13 +43,10 @@ def of_clock(folder: str | Path) -> Answer:
     claims = ()
     if told["verdict"] in ("identified", "ambiguous"):
         late = _value(told, "offset_s", "offset_ci95_s")
-        sizes = {"camera_latency": {"delay": late}, "clock_offset": {"offset": late}}
-        if told["verdict"] == "identified":
+        ways = tuple(way for way in late_by(late) if way.name in told["effects"])
+        if told["verdict"] == "identified":  # by its drift
             ppm = _value(told, "drift_ppm", "drift_ci95_ppm")
-            drift = Value(*(1e-6 * number for number in (ppm.value, ppm.low, ppm.high)))
-            sizes = {"clock_offset": {"offset": late, "drift": drift}}
-        ids = [effect for effect in told["effects"] if effect in sizes]
-        ways = tuple(_way(effect, sizes[effect]) for effect in ids)
+            ways = (_off(late, Value(*(1e-6 * number for number in (ppm.value, ppm.low, ppm.high)))),)
         claims = (Claim("clock", ways, nats(late)),)
     return Answer(
         "clock", "timing", told["verdict"], claims, "" if claims else str(told["sentence"]), str(told["doubt"])
@@ -89,9 +86,10 @@ def _words(effect: str) -> str:
     return effect.replace("_", " ")
 
 
-def _way(effect: str, sizes: dict[str, Value]) -> Way:
-    said = say(VIEW_RECORDS[effect], "camera", sizes, "the simulator")
-    return Way(effect, (effect,), sizes, said, {name: value.value for name, value in sizes.items()})
+def _off(late: Value, drift: Value) -> Way:
+    sizes = {"offset": late, "drift": drift}
+    said = say(VIEW_RECORDS["clock_offset"], "camera", sizes, "the simulator")
+    return Way("clock_offset", ("clock_offset",), sizes, said, {name: value.value for name, value in sizes.items()})
 
 
 def _value(told: Mapping, name: str, interval: str) -> Value:
