@@ -20,7 +20,6 @@ from np_effects.patch import Patch, PatchEffect
 
 SET = "task"
 OUT = "out"
-KNOCKED_AT = 60.0  # s, at which a camera is knocked: after touches and drags, before the pushes
 BREATH = 7.0  # s, in which a lens that hunts goes out of focus and back
 MEMORY = 0.8  # of a detector's error, from image to image
 GROSS = 6.0  # px, of a corner that is wrong
@@ -81,12 +80,12 @@ GAPS: dict[str, Callable[[np.random.Generator], Gap]] = {
         "x": float(rng.uniform(0.45, 0.55)),
         "y": _either(rng, 0.05, 0.2),
     },
-    "knocked": lambda rng: {"turn": _either(rng, radians(0.5), radians(1.0))},
+    "knocked": lambda rng: {"turn": _either(rng, radians(0.5), radians(1.0)), "at": float(rng.uniform(40, 100))},
     "breathing": lambda rng: {"scale": float(rng.uniform(0.01, 0.02))},
 }
 """Of 3 to 8 times the limit of an effect, as far as a simulator takes it. cable: N, that pulls the object all the time, in a direction rad;
 magnet: N, that pull the object down over a place of the table (m), and less with the distance; knocked: rad, by which the camera turns to the
-side at KNOCKED_AT; breathing: share, by which the picture grows and shrinks every BREATH s, about its middle."""
+side at a moment s; breathing: share, by which the picture grows and shrinks every BREATH s, about its middle."""
 OUT_OF_CATALOGUE = ("cable", "magnet", "knocked", "breathing")
 CONFOUNDED = ("table_friction", "object_mass")
 """A pair that pushes hold as one product."""
@@ -136,7 +135,7 @@ def make_key(count: int, seed: int) -> str:
 
 class Detector:
     """Errors of a detector and a camera of their own: first-order memory of the image before, now and then a corner that is wrong; a
-    camera that is knocked once, or whose lens hunts. noise, gross: px, and share of corners; knocked: rad to the side from KNOCKED_AT on;
+    camera that is knocked once, or whose lens hunts. noise, gross: px, and share of corners; knocked: rad to the side, from `at` s on;
     breathing: share."""
 
     def __init__(
@@ -145,12 +144,13 @@ class Detector:
         noise: float,
         gross: float,
         knocked: float = 0.0,
+        at: float = 0.0,
         breathing: float = 0.0,
         camera: Camera = CAMERA,
     ):
         self._rng = np.random.default_rng([seed, 7])
         self._noise, self._gross = noise, gross
-        self._shift, self._breathing = camera.fx * float(np.tan(knocked)), breathing
+        self._shift, self._at, self._breathing = camera.fx * float(np.tan(knocked)), at, breathing
         self._middle = np.array([camera.cx, camera.cy])
         self._left = np.zeros((8, 2))
 
@@ -159,6 +159,6 @@ class Detector:
         new = np.sqrt(1 - MEMORY**2) * self._noise * self._rng.standard_normal((8, 2))
         self._left = MEMORY * self._left + new
         wrong = self._rng.random((8, 1)) < self._gross
-        shift = np.array([self._shift * (time > KNOCKED_AT), 0.0])
+        shift = np.array([self._shift * (time > self._at), 0.0])
         shift = shift + self._breathing * np.sin(2 * np.pi * time / BREATH) * (pixels - self._middle)
         return pixels + self._left + shift + wrong * GROSS * self._rng.standard_normal((8, 2))

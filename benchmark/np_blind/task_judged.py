@@ -20,7 +20,7 @@ from np_diagnosis.chain.together.whole import Seen, Whole, diagnose, patch
 from np_diagnosis.chain.view_stage.places import places
 from np_effects.patch import Patch
 
-NOISE, GROSS = 0.15, 0.01  # px and share, of the detector
+NOISE, GROSS = 0.15, 0.005  # px and share, of the detector
 HELD_OUT = 500_000  # added to the seed of a recording that no stage hears: other starts, other noise, the same set-up
 FELT_FIRST = "touch_object"  # so that drags press as they should
 
@@ -58,6 +58,7 @@ def recorded(case: Case, seed: int, only: tuple[str, ...] = ()) -> TaskRecording
         NOISE,
         GROSS,
         case.stranger("knocked", "turn"),
+        case.stranger("knocked", "at"),
         case.stranger("breathing", "scale"),
     )
     return Reality(BUMP, case.patch, seed * 1000 + case.number, Pulled, finding).run(only)

@@ -194,7 +194,7 @@ def test_a_key_of_the_blind_set_is_of_its_seed_alone_and_has_all_kinds():
 
 
 def test_a_knocked_camera_and_a_detector_of_the_blind_set():
-    quiet = Detector(1, 0.0, 0.0, 0.01, camera=replace(CAMERA, fx=200.0))
+    quiet = Detector(1, 0.0, 0.0, 0.01, 60.0, camera=replace(CAMERA, fx=200.0))
     corners = np.full((8, 2), 50.0)
     assert np.allclose(quiet(0.0, corners), corners) and np.allclose(quiet(61.0, corners)[:, 0], 52.0, atol=1e-3)
     hunts, middle = Detector(1, 0.0, 0.0, breathing=0.02), np.array([CAMERA.cx, CAMERA.cy])

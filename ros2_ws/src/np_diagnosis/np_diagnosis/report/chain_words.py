@@ -193,7 +193,7 @@ def _stages(whole: Whole) -> dict:
     """Each stage's verdict and doubt; the view's and the hand's own answers."""
     stages = {
         name: {"verdict": stage.verdict, "doubt": whole.doubts.get(name, "")}
-        for name, stage in (("meeting", whole.meeting), ("lag", whole.lag))
+        for name, stage in (("meeting", whole.meeting), ("untouched", whole.still), ("lag", whole.lag))
         if stage is not None
     }
     if whole.view is not None:

@@ -62,6 +62,7 @@ class Thresholds:
     lag: task.Lagging = task.Lagging()
     meeting: task.Meeting = task.Meeting()
     motion: task.Moving = task.Moving()
+    untouched: task.Untouching = task.Untouching()
     felt: task.Felt = task.Felt()
 
 

@@ -154,6 +154,22 @@ class Moving:
 
 
 @dataclass(frozen=True)
+class Untouching:
+    """Whether an object rests in the picture that nothing touches (chain/task/untouched.py)."""
+
+    moved: float = threshold(
+        0.7, "px", "from its middle place, from which on the picture moves by itself: 1.4 mm", JUDGEMENT
+    )
+    step: float = threshold(
+        2.0, "px", "beyond those about it, of one image to the next: 12 cm/s, where the hand goes 6", JUDGEMENT
+    )
+    surely: float = threshold(6.0, "1", "times the noise of such a way or step, that it is at least", JUDGEMENT)
+    least: float = threshold(1.0, "s", "of a stretch without a hand", JUDGEMENT)
+    window: int = threshold(9, "images", "of which a median is taken", NUMERICS)
+    corners: int = threshold(4, "corners", "that are seen in all images of a stretch", JUDGEMENT)
+
+
+@dataclass(frozen=True)
 class Felt:
     """Which explanation of what was felt stands (chain/explanations.py)."""
 

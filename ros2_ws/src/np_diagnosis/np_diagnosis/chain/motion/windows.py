@@ -42,10 +42,15 @@ def windows(recording: TaskRecording) -> Iterator[Window]:
     """All of a recording. A hand that comes down twice in an experiment makes two: what one stroke was predicted wrongly does not count
     against the next."""
     for name in (name for family in FAMILIES for name in recording.named(family)):
-        time = recording.log.time[recording.rows(name)]
-        height = forward_kinematics(recording.log.position[recording.rows(name)])[0][:, 2]
-        down = np.flatnonzero(height < height.min() + MOTION.down)
-        for stroke in np.split(down, np.flatnonzero(np.diff(down) > 1) + 1):
-            begin, end = float(time[stroke[0]]), min(float(time[stroke[-1]]) + MOTION.after, float(time[-1]))
+        for begin, end in strokes(recording, name):
             if end - begin > MOTION.least:
                 yield Window(recording, name, begin - MOTION.rested, begin, end)
+
+
+def strokes(recording: TaskRecording, name: str) -> Iterator[tuple[float, float]]:
+    """(begin, end) s of an experiment between which the tip may touch the object, and what it does to it is seen."""
+    time = recording.log.time[recording.rows(name)]
+    height = forward_kinematics(recording.log.position[recording.rows(name)])[0][:, 2]
+    down = np.flatnonzero(height < height.min() + MOTION.down)
+    for stroke in np.split(down, np.flatnonzero(np.diff(down) > 1) + 1):
+        yield float(time[stroke[0]]), min(float(time[stroke[-1]]) + MOTION.after, float(time[-1]))

@@ -13,6 +13,7 @@ from np_diagnosis.chain.scatter import Scatter, scatter
 from np_diagnosis.chain.task.lag import Lag, lag
 from np_diagnosis.chain.task.meeting import Meeting, meet
 from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.task.untouched import Untouched, untouched
 from np_diagnosis.chain.together import claims as made
 from np_diagnosis.chain.together.claims import Claim
 from np_diagnosis.chain.together.elsewhere import Answer
@@ -64,6 +65,7 @@ class Whole:
     force: Forces | None = None
     lag: Lag | None = None
     meeting: Meeting | None = None
+    still: Untouched | None = None
     doubts: dict[str, str] = field(default_factory=dict)
     elsewhere: tuple[Answer, ...] = ()
 
@@ -98,7 +100,7 @@ def diagnose(
     viewed = _tried(doubts, "view", lambda: view(seen.places, camera)) if seen.places else None
     if not seen.places:
         doubts["view"] = "the object rests nowhere in the picture"
-    touched = forced = late = met = None
+    touched = forced = late = met = still = None
     if seen.tasks:
         tell("touch")
         touched = _tried(doubts, "touch", lambda: feel(seen.tasks[0], panda))
@@ -107,13 +109,21 @@ def diagnose(
         forced = judge(every, Believed.of(seen.tasks[0].domain)) if every is not None else None
         tell("meeting")
         met = _tried(doubts, "meeting", lambda: meet(seen.tasks[0], camera, _lift(touched)))
+        still = _tried(doubts, "untouched", lambda: untouched(seen.tasks[0]))
         tell("lag")
         late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], camera))
     else:
         doubts |= dict.fromkeys(
             ("touch", "force", "meeting", "lag"), "no recording is of the task suite (excite --suite task)"
         )
-    for name, stage in (("view", viewed), ("touch", touched), ("force", forced), ("meeting", met), ("lag", late)):
+    for name, stage in (
+        ("view", viewed),
+        ("touch", touched),
+        ("force", forced),
+        ("meeting", met),
+        ("untouched", still),
+        ("lag", late),
+    ):
         if stage is not None and stage.doubt:
             doubts[name] = stage.doubt
     claims = made.settled(
@@ -126,7 +136,7 @@ def diagnose(
         + [claim for answer in elsewhere for claim in answer.claims],
         touched,
     )
-    whole = Whole((), seen, viewed, scattered, touched, forced, late, met, doubts, tuple(elsewhere))
+    whole = Whole((), seen, viewed, scattered, touched, forced, late, met, still, doubts, tuple(elsewhere))
     total = sum(claim.gain for claim in claims)
     rows = tuple(_row(module, [c for c in claims if c.ways[0].module == module], total, whole) for module in MODULES)
     return replace(whole, rows=rows)
@@ -177,7 +187,11 @@ def _row(module: str, claims: list[Claim], total: float, whole: Whole) -> Row:
 
 def _unexplained(module: str, whole: Whole) -> tuple[str, bool]:
     """Of the module that a stage is first of all about."""
-    stages = {"camera": (whole.view, whole.meeting), "table": (whole.touch,), "contact": (whole.force,)}.get(module, ())
+    stages = {
+        "camera": (whole.view, whole.meeting, whole.still),
+        "table": (whole.touch,),
+        "contact": (whole.force,),
+    }.get(module, ())
     told = (answer for answer in whole.elsewhere if answer.module == module and module != "arm")
     asked = (stage for stage in (*stages, *told) if stage is not None)
     doubts = [stage.doubt for stage in asked if stage.verdict == "unexplained"]
