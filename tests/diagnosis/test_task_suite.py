@@ -110,6 +110,21 @@ def slips(finger, pressed):
     ]
 
 
+def pulled(pull, seed=1):
+    """Pushes and drags in four directions of an object that something else pulls by (2,) N."""
+    ways = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+    return [
+        replace(one, force=one.force - float(np.dot(pull, ways[k % 4])), way=ways[k % 4])
+        for k, one in enumerate(readings(kinds=("drag", "push"), seed=seed))
+    ]
+
+
+def test_an_object_that_something_pulls_is_unexplained_and_the_pull_is_told():
+    assert all(judge(pulled((0.0, 0.0), seed), BELIEVED).verdict == "no_gap" for seed in range(6))
+    found = judge(pulled((-0.3, 0.2)), BELIEVED)
+    assert found.verdict == "unexplained" and "pulls the object by -0.3" in found.doubt
+
+
 @pytest.mark.parametrize(
     ("change", "effect"),
     [({"table": 1.4}, "table_friction"), ({"mass": 1.5}, "object_mass")],

@@ -81,6 +81,10 @@ class Forcing:
         0.04, "1", "by which the force of a push is off that turns the object", "seen in two engines"
     )
     central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
+    pull: float = threshold(0.1, "N", "that something else pulls the object by, at least", JUDGEMENT)
+    pulled: float = threshold(
+        12.0, "nats", "by which forces are more probable with it", "as sure as a verdict is: development cases"
+    )
     misfit: float = threshold(
         3.0, "1", "times the usual errors that are left, beyond which it is unexplained", JUDGEMENT
     )
