@@ -73,9 +73,8 @@ def main(arguments: list[str] | None = None) -> int:
     from np_description.calibration import CalibrationError, calibrated_camera
     from np_diagnosis import lean  # noqa: F401, I001  before NumPy
     from np_diagnosis.chain.motion.stage import predict
-    from np_diagnosis.chain.task.recording import read_task
     from np_diagnosis.chain.together.elsewhere import of_arm, of_clock, of_pushes
-    from np_diagnosis.chain.together.reading import read_seen
+    from np_diagnosis.chain.together.reading import read_held_out, read_seen
     from np_diagnosis.chain.together.whole import diagnose, patch
     from np_diagnosis.recordings.reading import ContractViolation
     from np_diagnosis.report.chain_words import check, document
@@ -97,7 +96,7 @@ def main(arguments: list[str] | None = None) -> int:
             panda = load_patch(options.arm / "patch.yaml").panda()
         elsewhere += [of_clock(folder) for folder in options.clock] + [of_pushes(file) for file in options.pushes]
         seen = read_seen(options.bags, options.calibration, not options.without_pose)
-        fresh = [read_task(bag) for bag in options.held_out]
+        fresh = read_held_out(options.held_out, seen)
         found = diagnose(seen, camera, panda, elsewhere, tell)
     except (CalibrationError, ContractViolation, ValueError) as violation:
         return refuse(violation)

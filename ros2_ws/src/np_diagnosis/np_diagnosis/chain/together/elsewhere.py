@@ -72,11 +72,10 @@ def _pushed(one: Mapping) -> tuple[Way, ...]:
     }
     ids = tuple(one["effect"])
     parts = [
-        f"{size['field'].replace('_', ' ')} "
-        + (f"{sizes[size['field']]:%}" if size["is_factor"] else f"{sizes[size['field']]:SI}")
+        f"{sizes[size['field']]:% more/less}" if size["is_factor"] else f"{sizes[size['field']]:SI}"
         for size in one["sizes"]
     ]
-    said = f"{' or '.join(_words(i) for i in ids)}, by slow pushes: {', '.join(parts)} more"
+    said = f"slow pushes show {' or '.join(_words(i) for i in ids)}: {', '.join(parts)}"
     first = Way("/".join(ids), ids, sizes, said, {})
     rivals = (tuple(rival) for rival in one["rivals"])
     return (first, *(Way("/".join(r), r, {}, " or ".join(map(_words, r)), {}) for r in rivals))

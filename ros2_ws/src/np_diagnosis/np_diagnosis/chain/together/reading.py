@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from np_diagnosis.chain.task.recording import NoSuite, read_task
+from np_diagnosis.chain.task.recording import NoSuite, TaskRecording, read_task
 from np_diagnosis.chain.together.whole import Seen
 from np_diagnosis.chain.track import read_track
 from np_diagnosis.chain.view_stage.places import read_places
@@ -23,7 +23,18 @@ def read_seen(bags: Sequence[str | Path], calibration: str = "", measured: bool 
             tasks.append(read_task(bag))
         except NoSuite:
             continue  # an episode: it is seen, and not felt
+    _of_one_object(tasks)
+    return Seen(tuple(tasks), tuple(tracks), tuple(places))
+
+
+def read_held_out(bags: Sequence[str | Path], seen: Seen) -> tuple[TaskRecording, ...]:
+    """Further recordings of the task suite, of which no stage shall hear. Raises ContractViolation for one that is none, or of another object."""
+    fresh = tuple(read_task(bag) for bag in bags)
+    _of_one_object([*seen.tasks, *fresh])
+    return fresh
+
+
+def _of_one_object(tasks: Sequence[TaskRecording]) -> None:
     for task in tasks[1:]:
         if task.domain.half_size != tasks[0].domain.half_size:
             raise ContractViolation(f"{task.log.name}: expected the object of {tasks[0].log.name}, got another")
-    return Seen(tuple(tasks), tuple(tracks), tuple(places))
