@@ -52,6 +52,11 @@ def settle_all(cases: Sequence[Case], seed: int, out: Path, pool: Executor, answ
     return [lost.get(c.number) or json.loads(_kept(out, c).read_text(encoding="utf-8")) for c in cases]
 
 
+def answered(cases: Sequence[Case], out: Path) -> list[dict]:
+    """The answers that lie in `out`, in the order of the cases."""
+    return [json.loads(_kept(out, c).read_text(encoding="utf-8")) for c in cases if _kept(out, c).exists()]
+
+
 def _kept(out: Path, case: Case) -> Path:
     return out / f"case_{case.number:03d}" / "answer.json"
 

@@ -17,7 +17,7 @@ from np_diagnosis.chain.task.recording import TaskRecording, spans_of
 from np_diagnosis.chain.track import Track
 from np_diagnosis.experiments.excitation import Segment, end_of, schedule
 from np_diagnosis.experiments.task.suite import Situation, task_suite
-from np_diagnosis.experiments.task.witness import Witness
+from np_diagnosis.experiments.task.witness import OutOfPicture, Witness
 from np_diagnosis.recordings.reading import SECOND
 from np_diagnosis.recordings.signals import Log
 from np_effects.patch import Patch
@@ -67,14 +67,14 @@ class Reality:
         self._note()
 
     def run(self, only: tuple[str, ...] = ()) -> TaskRecording:
-        """The suite, or some of its families, and what was recorded of it."""
+        """The suite, or some of its families, and what was recorded of it: up to where the object has left the picture."""
         plans = task_suite(self.domain, self._situation(), only)
         plan = next(plans)
         while plan is not None:
             self._lead(plan)
             try:
                 plan = plans.send(self._situation())
-            except StopIteration:
+            except (StopIteration, OutOfPicture):
                 plan = None
         return self._recording()
 

@@ -11,45 +11,20 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 from np_blind.answering import SINGLE_THREAD
 from np_blind.sealed import SealError, check, check_doctor, digest, put_down
-from np_blind.task_answering import settle_all
-from np_blind.task_cases import OUT_OF_CATALOGUE, SET, draw, make_key
+from np_blind.task_answering import answered, settle_all
+from np_blind.task_cases import SET, draw, make_key
+from np_blind.task_figures import figures
 from np_physx_bridge.library import missing
 from np_record.command import INTERRUPTED, interrupt_on_sigterm
-from np_record.intervals import wilson_interval
 from np_record.workers import HELP, workers
 from np_record.workers import missing as missing_cluster
 
 LOCKED_FROM = 900  # seed from which on a set is sealed
-
-
-def figures(rows: Sequence[Mapping]) -> dict:
-    """Shares of what is right, each with its Wilson interval and its number of cases."""
-    ok = [row for row in rows if not row.get("error")]
-    known, clean = [r for r in ok if r["module"] is not None], [r for r in ok if r["kind"] == "clean"]
-    out = [r for r in ok if r["kind"] in OUT_OF_CATALOGUE]
-    intervals = [
-        one for r in ok if r["kind"] not in OUT_OF_CATALOGUE for n, one in r["intervals"].items() if n != "least_finger"
-    ]
-    asked = {
-        "right module": [r["module"] for r in known],
-        "right effect or class": [bool(r["effect"]) and not r["wrong"] for r in known],
-        "false alarm, clean": [bool(r["named"]) or r["unexplained"] for r in clean],
-        "out of catalogue: unexplained": [r["unexplained"] for r in out],
-        "out of catalogue: named something": [bool(r["named"]) and not r["unexplained"] for r in out],
-        "95 % intervals that hold": [one["holds"] for one in intervals],
-        "errors": [bool(row.get("error")) for row in rows],
-    }
-    return {
-        name: {"value": sum(of) / len(of), "ci95": list(wilson_interval(sum(of), len(of))), "of": len(of)}
-        for name, of in asked.items()
-        if of
-    }
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -62,6 +37,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--cases", type=int, default=16, help="how many (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="of everything random about them (default: %(default)s)")
     parser.add_argument("--seal", action="store_true", help="put down the key's hash, and do no more")
+    parser.add_argument("--answered", action="store_true", help="score what is answered, and ask nothing")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--cluster", default="", help=HELP)
     parser.add_argument(
@@ -85,15 +61,19 @@ def main(arguments: list[str] | None = None) -> int:
         if options.seal:
             print(json.dumps({"sha256": put_down(key)}))
             return 0
-        if problem := missing():  # before a sealed set is spent on errors
+        if (problem := missing()) and not options.answered:  # before a sealed set is spent on errors
             raise OSError(problem)
         is_locked = options.seed >= LOCKED_FROM
         sealed = check(key) if is_locked else digest(key)
         options.out.mkdir(parents=True, exist_ok=True)
         doctor = check_doctor(options.out, is_locked)
         os.environ.update(SINGLE_THREAD)  # of the processes that are started: a case has a core
-        with workers(options.jobs, options.cluster) as pool:
-            rows = settle_all(draw(options.cases, options.seed), options.seed, options.out, pool)
+        cases = draw(options.cases, options.seed)
+        if options.answered:
+            rows = answered(cases, options.out)
+        else:
+            with workers(options.jobs, options.cluster) as pool:
+                rows = settle_all(cases, options.seed, options.out, pool)
     except KeyboardInterrupt:
         print("interrupted; answers are kept, the same command goes on with the next", file=sys.stderr)
         return INTERRUPTED

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from np_blind import task_set
-from np_blind.task_answering import settle_all
+from np_blind.task_answering import answered, settle_all
 from np_blind.task_cases import draw
 from np_physx_bridge.library import missing
 from np_record.workers import LOCAL, workers
@@ -45,6 +45,7 @@ def test_what_goes_wrong_is_an_answer_and_what_is_answered_is_not_asked_again(tm
         assert rows[:3] == [{"case": number, "seed": 7} for number in range(3)]
         assert rows[3]["case"] == 3 and "ValueError: nothing was seen" in rows[3]["error"]
         assert settle_all(CASES, 7, tmp_path, pool, never) == rows
+        assert answered(draw(6, 1), tmp_path) == rows
 
 
 @pytest.mark.parametrize("cluster", ["", pytest.param(LOCAL, marks=needs_dask)])

@@ -7,26 +7,33 @@ import numpy as np
 import pytest
 from bags import record_episode
 
-from np_blind.task_cases import GAPS, ORDER, Detector, draw, make_key
+from np_blind.task_cases import BREATH, GAPS, ORDER, Detector, draw, make_key
+from np_blind.task_figures import figures
 from np_blind.task_judged import judged
 from np_blind.task_reality import Reality
-from np_blind.task_set import figures
+from np_description.camera import CAMERA
 from np_description.domains import BUMP
+from np_description.panda import NOMINAL
 from np_diagnosis.chain.explanations import Explained, Named
 from np_diagnosis.chain.findings import effects
+from np_diagnosis.chain.motion.stage import predict, share
 from np_diagnosis.chain.scatter import Scatter
 from np_diagnosis.chain.task.lag import Led
 from np_diagnosis.chain.task.lag import judge as judge_lag
 from np_diagnosis.chain.task.meeting import Met
 from np_diagnosis.chain.task.meeting import judge as judge_meeting
+from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.task.untouched import untouched
 from np_diagnosis.chain.together import claims as made
 from np_diagnosis.chain.together.claims import Claim, Way
-from np_diagnosis.chain.together.motion import predict
+from np_diagnosis.chain.together.elsewhere import of_clock, of_pushes
 from np_diagnosis.chain.together.reading import read_seen
 from np_diagnosis.chain.together.whole import MODULES, NOT_SEEN, Seen, diagnose, patch
 from np_diagnosis.chain.touch.stage import Felt
 from np_diagnosis.chain.track import Track
 from np_diagnosis.commands import chain as command
+from np_diagnosis.recordings.reading import ContractViolation
+from np_diagnosis.recordings.signals import Log
 from np_diagnosis.report.chain_page import render
 from np_diagnosis.report.chain_words import check, document
 from np_effects.patch import Patch, PatchEffect
@@ -179,32 +186,82 @@ def test_an_episode_is_seen_and_not_felt(tmp_path):
 def test_a_key_of_the_blind_set_is_of_its_seed_alone_and_has_all_kinds():
     assert make_key(16, 5) == make_key(16, 5) != make_key(16, 6)
     assert json.loads(make_key(3, 5))["cases"] == json.loads(make_key(16, 5))["cases"][:3]
-    assert set(ORDER) == set(GAPS)
-    for case in draw(16, 5):
+    assert {name for names in ORDER for name in names.split()} == set(GAPS)
+    cases = draw(len(ORDER), 5)
+    assert {case.kind for case in cases} == {"clean", "single", "pair", "out"}
+    for case in cases:
         change = case.patch.scene_change()
-        assert case.kind != "object_mass" or abs(change.mass - 1) >= 0.3
+        assert "object_mass" not in case.gap or abs(change.mass - 1) >= 0.3
+        assert (case.kind == "pair") == (len(case.effects) == 2) and (case.kind == "out") == bool(
+            set(case.gap) - set(case.effects)
+        )
 
 
 def test_a_knocked_camera_and_a_detector_of_the_blind_set():
-    quiet = Detector(1, 0.0, 0.0, 0.01, focal=200.0)
+    quiet = Detector(1, 0.0, 0.0, 0.01, 60.0, camera=replace(CAMERA, fx=200.0))
     corners = np.full((8, 2), 50.0)
     assert np.allclose(quiet(0.0, corners), corners) and np.allclose(quiet(61.0, corners)[:, 0], 52.0, atol=1e-3)
+    hunts, middle = Detector(1, 0.0, 0.0, breathing=0.02), np.array([CAMERA.cx, CAMERA.cy])
+    assert np.allclose(hunts(BREATH / 4, corners) - middle, 1.02 * (corners - middle))
     noisy = Detector(1, 0.5, 0.0)
     off = np.array([noisy(0.0, corners) - corners for _ in range(4000)]).reshape(4000, -1)
     assert off.std() == pytest.approx(0.5, rel=0.05)
     assert np.corrcoef(off[1:].ravel(), off[:-1].ravel())[0, 1] == pytest.approx(0.8, abs=0.03)
 
 
+def held_up(moved=None):
+    """A recording of one drag: the hand is down from 6 to 8 s; corners rest, but for what `moved` does with (time, pixels)."""
+    rng, time, state = np.random.default_rng(1), np.arange(450) / 30, np.arange(0, 15, 0.01)
+    corners = np.array([[60, 60], [90, 60], [60, 90], [90, 90], [70, 50], [100, 50], [70, 80], [100, 80]], float)
+    pixels = corners + 0.3 * rng.standard_normal((450, 8, 2))
+    if moved:
+        pixels = np.array([moved(t, one) for t, one in zip(time, pixels)])
+    track = Track("held up", time, pixels, np.ones((450, 8), bool))
+    down = (state > 6) & (state < 8)
+    joints = np.tile(NOMINAL.ready, (len(state), 1))
+    joints[down, 3] -= 0.05
+    log = Log("held up", state, joints, 0 * joints, 0 * joints, state, False)
+    return TaskRecording(log, track, 0.0, BUMP, {"drag_1": (5.0, 10.0)})
+
+
+def test_a_picture_that_keeps_still_is_well_whatever_the_hand_does():
+    led = held_up(lambda t, one: one + [np.clip(t - 6.5, 0, 1) * 8, 0])
+    assert untouched(held_up()).verdict == untouched(led).verdict == "no_gap"
+
+
+@pytest.mark.parametrize(
+    "moved",
+    [
+        lambda t, one: one + [4.0 * (t > 3.0), 0],  # knocked, the hand up
+        lambda t, one: one + [4.0 * (t > 7.0), 0],  # while it leads the object
+        lambda t, one: one + 0.03 * np.sin(2 * np.pi * t / 7) * (one - 112),  # a lens that hunts
+    ],
+)
+def test_a_picture_that_moves_by_itself_is_unexplained(moved):
+    found = untouched(held_up(moved))
+    assert found.verdict == "unexplained" and "the picture" in found.doubt
+
+
+def test_a_noisy_detector_is_no_picture_that_moves():
+    rng, left = np.random.default_rng(5), np.zeros((8, 2))
+
+    def noisy(t, one):
+        left[:] = 0.8 * left + 1.5 * rng.standard_normal((8, 2))
+        return one + left
+
+    assert untouched(held_up(noisy)).verdict == "no_gap"
+
+
 def test_a_false_alarm_and_a_miss_are_judged_as_such():
     found = diagnose(Seen((), (still(),), ()))
     cases = {case.kind: case for case in draw(16, 5)}
     quiet = judged(cases["clean"], found)
-    missed = judged(cases["object_mass"], found)
+    missed = judged(cases["single"], found)
     assert missed["module"] is False and missed["effect"] is False and quiet["module"] is None
     alarm = {**quiet, "named": [["object_mass"]]}
     shares = figures([quiet, alarm, missed, {"error": "died", "kind": "clean"}])
     assert shares["false alarm, clean"]["value"] == 0.5 and shares["errors"]["value"] == 0.25
-    assert shares["right module"] == {**shares["right module"], "value": 0.0, "of": 1}
+    assert shares["right module, singles"] == {**shares["right module, singles"], "value": 0.0, "of": 1}
 
 
 @pytest.mark.parametrize(("spread", "named"), [(0.2, True), (0.001, False)])
@@ -217,6 +274,82 @@ def test_images_of_a_detector_without_noise_are_not_said_to_be_repeated(spread, 
 def test_a_patch_that_is_right_predicts_taps_better_and_its_opposite_worse():
     aside, other = (Patch((PatchEffect("camera_extrinsics", "camera", {"x": x, "y": x}),)) for x in (0.01, -0.01))
     recording = Reality(BUMP, aside, 3, MujocoEngine).run(("tap",))
-    right, wrong = predict(recording, aside), predict(recording, other)
-    assert right.experiments == 2 and right.after < 0.7 * right.before and right.removed > 0.3
-    assert wrong.after > wrong.before and wrong.removed < 0
+    right, wrong = predict([recording], aside), predict([recording], other)
+    assert right.windows == 2 and right.after < 0.7 * right.before and right.removed.low > 0.3
+    assert right.by_effect == {"camera_extrinsics": right.removed.value}
+    assert wrong.after > wrong.before and wrong.removed.value < 0
+
+
+def test_the_interval_of_a_share_knows_of_windows_that_differ():
+    alike = share(np.full(12, 2.0), np.full(12, 1.0))
+    assert alike.value == alike.low == alike.high == 0.5
+    wide = share(np.full(12, 2.0), np.r_[np.zeros(6), np.full(6, 2.0)])
+    assert wide.value == 0.5 and wide.low < 0.3 and wide.high > 0.7
+
+
+def written(folder, name, told):
+    folder.mkdir(exist_ok=True)
+    (folder / name).write_text(json.dumps(told))
+    return folder
+
+
+CLOCK = {
+    "verdict": "ambiguous", "effects": ["camera_latency", "clock_offset"], "sentence": "late", "doubt": "",
+    "offset_s": 0.04, "offset_ci95_s": [0.036, 0.044], "drift_ppm": 1.0, "drift_ci95_ppm": [-60.0, 60.0],
+}  # fmt: skip
+TWICE = {"field": "friction", "value": 2.0, "low": 1.8, "high": 2.3, "is_factor": True}
+PUSHED = {
+    "effect": ["table_friction", "object_mass"],
+    "gain_nats": 50.0,
+    "sizes": [TWICE],
+    "rivals": [],
+    "split_by": "",
+}
+
+
+def test_what_clock_and_pushes_said_stands_in_the_rows_of_the_chain(tmp_path):
+    late = of_clock(written(tmp_path, "clock.json", CLOCK))
+    pushed = of_pushes(written(tmp_path, "p.json", {"new_together": {"verdict": "gap", "named": [PUSHED]}}) / "p.json")
+    found = diagnose(Seen((), (still(),), ()), elsewhere=[late, pushed])
+    told = json.loads(json.dumps(document(found, ["still"])))
+    check(told)
+    rows = {row["module"]: row for row in told["rows"]}
+    assert rows["timing"]["verdict"] == rows["contact"]["verdict"] == "ambiguous"
+    assert "40 ms (36 to 44)" in rows["timing"]["said"] and "100 % (80 to 130)" in rows["contact"]["said"]
+    assert told["stages"]["pushes"]["verdict"] == "ambiguous" and "a second clock" in told["next"][0]
+    page = render(found, told)
+    assert "camera latency or clock offset" in page and "table friction or object mass" in page
+
+
+def test_what_is_known_better_is_said_once(tmp_path):
+    (sure,) = of_clock(written(tmp_path, "clock.json", CLOCK)).claims
+    (unsure,) = made.of_lag(judge_lag(tuple(push(0.03, 0.04, np.random.default_rng(2)) for _ in range(4))))
+    assert made.settled([unsure, sure], None) == [max(sure, unsure, key=lambda one: one.gain)]
+    pushes = {"new_together": {"verdict": "gap", "named": [PUSHED]}}
+    (product,) = of_pushes(written(tmp_path, "p.json", pushes) / "p.json").claims
+    mass = Claim("force", (Way("object_mass", ("object_mass",), {}, "", {}),), 9.0)
+    assert made.settled([product, mass], None) == [mass] and made.settled([product], None) == [product]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "row", "said"),
+    [("no_gap", "no_gap", "agree"), ("unexplained", "unexplained", "no single delay"), ("undetermined", NOT_SEEN, "")],
+)
+def test_a_clock_that_names_nothing_says_why(tmp_path, verdict, row, said):
+    told = {
+        **CLOCK,
+        "verdict": verdict,
+        "sentence": "The stamps agree.",
+        "doubt": "it is no single delay" * (row == verdict != "no_gap"),
+    }
+    found = diagnose(Seen((), (still(),), ()), elsewhere=[of_clock(written(tmp_path, "clock.json", told))])
+    timing = next(one for one in document(found, [])["rows"] if one["module"] == "timing")
+    assert timing["verdict"] == row and said in timing["said"]
+
+
+def test_an_answer_that_is_none_is_refused_by_name(tmp_path):
+    for read, path in ((of_clock, tmp_path), (of_pushes, tmp_path / "p.json")):
+        with pytest.raises(ContractViolation, match=str(tmp_path)):
+            read(path)
+    with pytest.raises(ContractViolation, match="got no effects"):
+        of_clock(written(tmp_path, "clock.json", {"verdict": "no_gap"}))

@@ -6,15 +6,19 @@ import numpy as np
 import pytest
 
 from np_control.kinematics import forward_kinematics
+from np_description.camera import CAMERA
 from np_description.domains import BUMP, Pose
+from np_description.hand import FLAT_HAND
 from np_description.panda import NOMINAL
 from np_description.rotations import yaw_quaternion
 from np_diagnosis.chain.explanations import Measured, explain
 from np_diagnosis.chain.force.readings import Reading
 from np_diagnosis.chain.force.stage import Believed, judge
 from np_diagnosis.experiments.task.path import Leg, OutOfReach, segment, tip_of
+from np_diagnosis.experiments.task.room import Lain, Room
 from np_diagnosis.experiments.task.suite import FAMILIES, Situation, task_suite
 from np_diagnosis.experiments.task.tip import CORNERS, leading_yaw, upright
+from np_diagnosis.experiments.task.witness import OutOfPicture, Witness
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import SCENE_RECORDS
 from np_effects.patch import Patch, PatchEffect, dump_patch, load_patch
@@ -52,6 +56,28 @@ def test_every_family_is_planned_and_segments_join():
             assert one.trajectory.duration > 0  # raises Refusal where the controller would refuse it
             q = one.positions[-1]
     assert sum(one.duration for plan in made for one in plan) < 170
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.43, -0.17), (0.54, -0.14), (0.5, 0.1)])
+def test_the_housing_passes_a_tall_object_beside_which_the_table_is_touched(x, y):
+    lain = Lain.of(BUMP, Pose(np.array([x, y, 0.045]), yaw_quaternion(np.asarray(0.3))))
+    places = Room(BUMP, CAMERA).places(lain)
+    corners = lain.corners(np.zeros(2))[:, :2]
+    housing = np.max([box.half_size[:2] for box in FLAT_HAND.housing], axis=0)
+    assert len(places) == 4
+    for place in places:  # the hand's y is across the table
+        assert (corners.max(axis=0) < place - housing).any() or (corners.min(axis=0) > place + housing).any()
+
+
+def test_an_object_that_has_left_the_picture_is_told_from_one_that_no_pose_explains():
+    scattered = np.column_stack([np.random.default_rng(1).uniform(0, 200, (8, 2)), np.ones(8)])
+    seen = np.column_stack([CAMERA.project(Lain.of(BUMP, LAIN).corners(np.zeros(2)))[0], np.ones(8)])
+    for changed, error in ((seen * ([[1, 1, 0]] * 3 + [[1, 1, 1]] * 5), OutOfPicture), (scattered, ValueError)):
+        witness = Witness(BUMP)
+        witness.see(1, changed)
+        with pytest.raises(error) as raised:
+            witness.situation(NOMINAL.ready)
+        assert isinstance(raised.value, OutOfPicture) == (error is OutOfPicture)
 
 
 def test_an_unknown_family_is_refused_by_name():
@@ -108,6 +134,21 @@ def slips(finger, pressed):
         Reading(f"slip_{k}", "drag", finger * n, n, 0.0, 0.04, "drags", 0.03, follows=0.03)
         for k, n in enumerate(pressed)
     ]
+
+
+def pulled(pull, seed=1):
+    """Pushes and drags in four directions of an object that something else pulls by (2,) N."""
+    ways = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+    return [
+        replace(one, force=one.force - float(np.dot(pull, ways[k % 4])), way=ways[k % 4])
+        for k, one in enumerate(readings(kinds=("drag", "push"), seed=seed))
+    ]
+
+
+def test_an_object_that_something_pulls_is_unexplained_and_the_pull_is_told():
+    assert all(judge(pulled((0.0, 0.0), seed), BELIEVED).verdict == "no_gap" for seed in range(6))
+    found = judge(pulled((-0.3, 0.2)), BELIEVED)
+    assert found.verdict == "unexplained" and "pulls the object by -0.3" in found.doubt
 
 
 @pytest.mark.parametrize(

@@ -31,13 +31,15 @@ REAL = (
 )
 
 
-QUANTITIES = {"table": 1.0, "finger": 1.0, "mass": 1e3, "height": 1e3, "late": 1e3, "least_finger": 1.0}
+QUANTITIES = {"table": 1.0, "finger": 1.0, "mass": 1e3, "height": 1e3, "late": 1e3, "picture_x": 1e3, "picture_y": 1e3}
 UNITS = {
     "table": "friction, table",
     "finger": "friction, fingertip",
     "mass": "mass, g",
     "height": "table, mm",
     "late": "late, ms",
+    "picture_x": "picture x, mm",
+    "picture_y": "picture y, mm",
 }
 
 
@@ -45,7 +47,12 @@ def task(data: Mapping) -> tuple[str, str]:
     """Headline and body of `np_blind.task_set`."""
     rows, found = data["rows"], data["figures"]
     part = "" if len(rows) == data["drawn"] else f"; {data['drawn'] - len(rows)} have not been run"
-    shown = ("right effect or class", "false alarm, clean", "95 % intervals that hold")
+    shown = (
+        "right effect or class",
+        "right effect or class, singles",
+        "false alarm, clean",
+        "95 % intervals that hold",
+    )
     headline = f"{len(rows)} of {data['drawn']} cases{part}: " + ", ".join(
         f"{name} {found[name]['value']:.2f} of {found[name]['of']}" for name in shown if name in found
     )
@@ -54,12 +61,44 @@ def task(data: Mapping) -> tuple[str, str]:
     body += f"\nSHA-256 of the key `{data['key_sha256'][:16]}`, of the doctor `{data['doctor_sha256'][:16]}`.\n\n## Every case\n\n"
     body += table(("case", "what is other", "verdict", "said", "right"), (_case(row) for row in rows))
     body += "\n## Every number that was measured\n\nWith its 95 % interval; the truth has the background in it.\n\n"
-    return headline, body + table(("case", *UNITS.values()), (_numbers(row) for row in rows if "intervals" in row))
+    units = {n: u for n, u in UNITS.items() if any(n in row.get("intervals", {}) for row in rows)}
+    body += table(("case", *units.values()), (_numbers(row, units) for row in rows if "intervals" in row))
+    moved = [row for row in rows if (row.get("motion") or {}).get("windows")]
+    return headline, body + _motion(moved) if moved else body
+
+
+def _motion(rows: list[Mapping]) -> str:
+    """Of sets that have a recording which no stage heard."""
+    head = (
+        "case",
+        "windows",
+        "as believed, px",
+        "with the patch",
+        "with all that is true",
+        "everything at once",
+        "removed, 95 %",
+    )
+    cells = (
+        (
+            row["case"],
+            row["motion"]["windows"],
+            *(row["motion"][name] for name in ("believed", "patch", "truth", "at_once")),
+            "{:.2f}, {:.2f} to {:.2f}".format(*row["motion"]["removed"]),
+        )
+        for row in rows
+    )
+    return (
+        "\n## The object's motion, held out\n\nCorners in drags, pushes and taps of a recording that no stage heard, px off their prediction "
+        "in MuJoCo, mean over windows.\n\n" + table(head, cells)
+    )
 
 
 def _case(row: Mapping) -> tuple:
-    gap = ", ".join(f"{name} {value:.3g}" for name, value in row["gap"].items())
-    what = f"{row['kind']}: {gap}" if gap else row["kind"]
+    # Of the first set a gap is the parameters of its one effect, which the kind names.
+    gaps = row["gap"] if all(isinstance(one, Mapping) for one in row["gap"].values()) else {row["kind"]: row["gap"]}
+    what = (
+        "; ".join(f"{e}: " + ", ".join(f"{n} {v:.3g}" for n, v in of.items()) for e, of in gaps.items()) or row["kind"]
+    )
     if row.get("error"):
         return row["case"], what, "error", row["error"].strip().splitlines()[-1], "no"
     said = "; ".join([*row["said"], *(row["doubts"].values() if row["unexplained"] else ())]) or "nothing"
@@ -70,8 +109,8 @@ def _case(row: Mapping) -> tuple:
     return row["case"], what, row["verdict"].replace("_", " "), said, "yes" if right else "no"
 
 
-def _numbers(row: Mapping) -> tuple:
-    return row["case"], *(_number(row["intervals"].get(name), QUANTITIES[name]) for name in UNITS)
+def _numbers(row: Mapping, units: Mapping) -> tuple:
+    return row["case"], *(_number(row["intervals"].get(name), QUANTITIES[name]) for name in units)
 
 
 def _number(one: Mapping | None, scale: float) -> str:

@@ -45,9 +45,10 @@ class MujocoEngine:
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key("ready").id)
         self.data.qpos[self._object : self._object + 7] = [*start.position, *start.quaternion]
 
-    def place(self, position: np.ndarray) -> None:
-        """Put the arm's joints at (7,) rad, at rest."""
+    def place(self, position: np.ndarray, velocity: np.ndarray | float = 0.0) -> None:
+        """Put the arm's joints at (7,) rad, with a velocity (7,) rad/s."""
         self.data.qpos[self._position[: len(JOINT_NAMES)]] = position
+        self.data.qvel[self._velocity[: len(JOINT_NAMES)]] = velocity
         mujoco.mj_forward(self.model, self.data)
 
     def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -38,6 +38,30 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--arm", type=Path, metavar="DIR", help="folder of `diagnose`: its report.json and patch.yaml are the arm's row"
     )
+    parser.add_argument(
+        "--clock",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="DIR",
+        help="folders of `clock`: the camera's stream against another",
+    )
+    parser.add_argument(
+        "--pushes",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="FILE.json",
+        help="files of `pushes --out`, of the same object",
+    )
+    parser.add_argument(
+        "--held-out",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="BAG",
+        help="further recordings of the task suite, which no stage hears: the patch is held against the object's motion in them",
+    )
     parser.add_argument("--out", type=Path, help="folder for chain.json, chain.html and patch.yaml")
     return parser.parse_args(arguments)
 
@@ -48,8 +72,9 @@ def main(arguments: list[str] | None = None) -> int:
     # Slow to import, and not wanted by --help.
     from np_description.calibration import CalibrationError, calibrated_camera
     from np_diagnosis import lean  # noqa: F401, I001  before NumPy
-    from np_diagnosis.chain.together.motion import predict
-    from np_diagnosis.chain.together.reading import arm_row, read_seen
+    from np_diagnosis.chain.motion.stage import predict
+    from np_diagnosis.chain.together.elsewhere import of_arm, of_clock, of_pushes
+    from np_diagnosis.chain.together.reading import read_held_out, read_seen
     from np_diagnosis.chain.together.whole import diagnose, patch
     from np_diagnosis.recordings.reading import ContractViolation
     from np_diagnosis.report.chain_words import check, document
@@ -65,16 +90,20 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         tell("read")
         camera = calibrated_camera(options.calibration)
-        arm, panda = None, Patch().panda()
+        elsewhere, panda = [], Patch().panda()
         if options.arm:
-            arm, panda = arm_row(options.arm), load_patch(options.arm / "patch.yaml").panda()
+            elsewhere.append(of_arm(options.arm))
+            panda = load_patch(options.arm / "patch.yaml").panda()
+        elsewhere += [of_clock(folder) for folder in options.clock] + [of_pushes(file) for file in options.pushes]
         seen = read_seen(options.bags, options.calibration, not options.without_pose)
-        found = diagnose(seen, camera, panda, arm, tell)
+        fresh = read_held_out(options.held_out, seen)
+        found = diagnose(seen, camera, panda, elsewhere, tell)
     except (CalibrationError, ContractViolation, ValueError) as violation:
         return refuse(violation)
     tell("motion")
     mended = patch(found)
-    predicted = predict(seen.tasks[0], mended, camera) if seen.tasks and mended.effects else None
+    moved = fresh or seen.tasks
+    predicted = predict(moved, mended, camera, panda, bool(fresh)) if moved and mended.effects else None
     told = document(found, [str(bag) for bag in options.bags], predicted)
     check(told)
     if options.out:

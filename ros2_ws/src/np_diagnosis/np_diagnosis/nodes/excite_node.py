@@ -6,6 +6,7 @@ with gains for each segment. The controller follows, the backend guards, the rec
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -23,7 +24,7 @@ from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
 from np_diagnosis.experiments.excitation import TICK_NS, Segment, end_of, schedule, suite
 from np_diagnosis.experiments.task.suite import Situation, task_suite
-from np_diagnosis.experiments.task.witness import Witness
+from np_diagnosis.experiments.task.witness import OutOfPicture, Witness
 from np_ros import qos
 from np_ros.messages import (
     BadMessage,
@@ -122,9 +123,11 @@ class Exciter(Participant):
             return self._lead(suite(only, start=self._state[1]))
 
     def run_task(self, domain: Domain, only: Sequence[str] = (), camera: Camera = CAMERA) -> list[str]:
-        """Send the task suite's experiments, or some families of it, each planned once the one before is over; the segments sent.
+        """Send the task suite's experiments, or some families of it, each planned once the one before is over; the segments sent. It ends
+        where an experiment has moved the object out of the picture.
 
-        Raises as `run` does; GraphError as well where the object is not seen, or the hand presses harder than it may.
+        Raises as `run` does; GraphError as well where the object is not seen at first, no pose explains it, or the hand presses harder
+        than it may.
         """
         self._witness, sent = Witness(domain, camera), []
         with self._at_rest_afterwards():
@@ -135,6 +138,11 @@ class Exciter(Participant):
                 try:
                     plan = plans.send(self._situation(self._end))
                 except StopIteration:
+                    plan = None
+                except GraphError as error:
+                    if not isinstance(error.__cause__, OutOfPicture):
+                        raise
+                    print(f"excite: {error}; the suite ends here", file=sys.stderr)
                     plan = None
         return sent
 

@@ -8,8 +8,8 @@ from importlib.resources import files
 
 from np_diagnosis.chain import findings
 from np_diagnosis.chain.force.stage import Believed
-from np_diagnosis.chain.together.claims import Claim, Way
-from np_diagnosis.chain.together.motion import Predicted
+from np_diagnosis.chain.motion.stage import Predicted
+from np_diagnosis.chain.together.claims import Claim, Way, module_of
 from np_diagnosis.chain.together.whole import NOT_SEEN, Row, Whole, patch
 from np_diagnosis.report import felt_words, view_words
 from np_effects.saying import Value
@@ -19,6 +19,8 @@ SPLIT_BY = {
     "force": "drags of the object from above, by several forces (excite --suite task)",
     "meeting": view_words.PUT_DOWN,
     "lag": "a second clock: stamps of the camera's own, or a light that both see",
+    "clock": "a second clock: stamps of the camera's own, or a light that both see",
+    "pushes": "taps, or slides without the tip: deceleration is mu g whatever the mass",
 }
 """By stage: what tells the members of its classes apart."""
 
@@ -41,7 +43,7 @@ def sentence(whole: Whole) -> str:
             else "The largest part"
         )
         said.append(f"{begin} is at the {top.module}: {claimed(max(top.claims, key=lambda claim: claim.gain))}.")
-    if arm := next((row.said for row in whole.rows if row.module == "arm" and row.said), ""):
+    if arm := whole.row("arm").said:
         said.append(arm)
     quiet = [row.module for row in whole.rows if row.verdict == "no_gap"]
     if not said:
@@ -60,13 +62,14 @@ def claimed(claim: Claim) -> str:
 
 def row_words(row: Row, whole: Whole) -> str:
     """A row's finding in words, and what was measured."""
-    if row.said:
+    if row.said and not row.claims and not row.doubt and not numbers(row.module, whole):
         return row.said
     parts = [claimed(claim) for claim in row.claims]
     if row.doubt:
         parts.append(row.doubt)
     text = "; ".join(parts) or "as it is believed to be"
-    return " ".join(f"{part[0].upper()}{part[1:]}." for part in (text, numbers(row.module, whole)) if part)
+    said = [f"{part[0].upper()}{part[1:]}." for part in (text, numbers(row.module, whole)) if part]
+    return " ".join([*said, row.said] if row.said else said)
 
 
 def numbers(module: str, whole: Whole) -> str:
@@ -108,12 +111,12 @@ def document(whole: Whole, bags: list[str], predicted: Predicted | None = None) 
         "schema_version": 1,
         "verdict": whole.verdict,
         "sentence": sentence(whole),
-        "rows": [_row(row, whole) for row in whole.rows],
+        "rows": [_row(row, whole, predicted) for row in whole.rows],
         "effects": [
             {"effect": e.effect, "component": e.component, "parameters": dict(e.parameters)}
             for e in patch(whole).effects
         ],
-        "motion": None if predicted is None else {**asdict(predicted), "removed": predicted.removed},
+        "motion": None if predicted is None else {**asdict(predicted), "removed": _value(predicted.removed)},
         "next": next_steps(whole),
         "measured": _measured(whole),
         "stages": _stages(whole),
@@ -140,11 +143,17 @@ def check(told: dict) -> None:
     jsonschema.validate(told, schema)
 
 
-def _row(row: Row, whole: Whole) -> dict:
+def _row(row: Row, whole: Whole, predicted: Predicted | None) -> dict:
+    mine = (
+        {effect: gone for effect, gone in predicted.by_effect.items() if module_of(effect) == row.module}
+        if predicted
+        else {}
+    )
     return {
         "module": row.module,
         "verdict": row.verdict,
         "share": row.share,
+        "motion": sum(mine.values()) if mine else None,
         "said": row_words(row, whole),
         "claims": [
             {"stage": c.stage, "gain_nats": float(c.gain), "ways": [_way(way) for way in c.ways]} for c in row.claims
@@ -184,7 +193,7 @@ def _stages(whole: Whole) -> dict:
     """Each stage's verdict and doubt; the view's and the hand's own answers."""
     stages = {
         name: {"verdict": stage.verdict, "doubt": whole.doubts.get(name, "")}
-        for name, stage in (("meeting", whole.meeting), ("lag", whole.lag))
+        for name, stage in (("meeting", whole.meeting), ("untouched", whole.still), ("lag", whole.lag))
         if stage is not None
     }
     if whole.view is not None:
@@ -193,6 +202,7 @@ def _stages(whole: Whole) -> dict:
         stages["scatter"] = findings.document(whole.scatter)
     if whole.touch is not None and whole.force is not None:
         stages |= {name: felt_words.document(whole.touch, whole.force)[name] for name in ("touch", "force")}
+    stages |= {one.stage: {"verdict": one.verdict, "doubt": one.doubt} for one in whole.elsewhere}
     for name, doubt in whole.doubts.items():
         stages.setdefault(name, {"verdict": "undetermined", "doubt": doubt})
     return stages

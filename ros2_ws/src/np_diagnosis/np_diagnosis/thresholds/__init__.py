@@ -61,6 +61,8 @@ class Thresholds:
     forcing: task.Forcing = task.Forcing()
     lag: task.Lagging = task.Lagging()
     meeting: task.Meeting = task.Meeting()
+    motion: task.Moving = task.Moving()
+    untouched: task.Untouching = task.Untouching()
     felt: task.Felt = task.Felt()
 
 

@@ -81,6 +81,10 @@ class Forcing:
         0.04, "1", "by which the force of a push is off that turns the object", "seen in two engines"
     )
     central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
+    pull: float = threshold(0.1, "N", "that something else pulls the object by, at least", JUDGEMENT)
+    pulled: float = threshold(
+        12.0, "nats", "by which forces are more probable with it", "as sure as a verdict is: development cases"
+    )
     misfit: float = threshold(
         3.0, "1", "times the usual errors that are left, beyond which it is unexplained", JUDGEMENT
     )
@@ -95,7 +99,12 @@ class Lagging:
     left: float = threshold(
         0.0012, "m", "root mean square of what is left of a way, beyond which it did not go along", JUDGEMENT
     )
-    scale: float = threshold(1.0, "%", "by which the picture's scale is off, about", "calibrations of a camera")
+    scale: float = threshold(
+        2.0,
+        "%",
+        "by which the object goes less far than the tip: it turns, and slips a little",
+        "development cases in PhysX",
+    )
     down: float = threshold(0.005, "m", "over its lowest point, within which the tip is down", JUDGEMENT)
     rested: float = threshold(0.0003, "m", "from its farthest, within which the tip rests", JUDGEMENT)
     settle: float = threshold(0.3, "s", "after the tip has stopped, from which on the object is seen to rest", "delays")
@@ -105,6 +114,8 @@ class Lagging:
     images: int = threshold(12, "images", "of a push, at least", JUDGEMENT)
     corners: int = threshold(5, "corners", "of an image, at least", JUDGEMENT)
     least: int = threshold(3, "pushes", "that say the same", JUDGEMENT)
+    wrong: float = threshold(1.0, "px", "from which on a corner of an image counts less", JUDGEMENT)
+    far_off: float = threshold(2.0, "1", "deviations from the others from which on a push counts less", JUDGEMENT)
     own: float = threshold(0.003, "s", "error of one push, at least: it turns, and comes to rest softly", JUDGEMENT)
     common: float = threshold(0.0015, "s", "error of all pushes: stamps are of states and images", JUDGEMENT)
     seen: float = threshold(0.003, "s", "delay that is named, if it is surely more", "limit of the effect")
@@ -127,6 +138,39 @@ class Meeting:
     out: float = threshold(
         0.006, "m", "by which every face is met farther out than it is seen", "two engines: 0 and 6 mm"
     )
+
+
+@dataclass(frozen=True)
+class Moving:
+    """The object's motion, simulated from where it rests (chain/motion/)."""
+
+    down: float = threshold(0.015, "m", "over its lowest point, within which the tip may touch the object", JUDGEMENT)
+    rested: float = threshold(0.4, "s", "before that, of images that show where the object rests", JUDGEMENT)
+    after: float = threshold(0.5, "s", "after it, in which the object comes to rest and late images come", JUDGEMENT)
+    least: float = threshold(0.8, "s", "of a window", JUDGEMENT)
+    stiffness: float = threshold(
+        100.0,
+        "Nm/rad",
+        "by which the wrist's last joint is led along its way, other joints by more",
+        "tried, see the doctor's page",
+    )
+    draws: int = threshold(1000, "draws", "of windows, for the interval of a share", NUMERICS)
+
+
+@dataclass(frozen=True)
+class Untouching:
+    """Whether an object rests in the picture that nothing touches (chain/task/untouched.py)."""
+
+    moved: float = threshold(
+        0.7, "px", "from its middle place, from which on the picture moves by itself: 1.4 mm", JUDGEMENT
+    )
+    step: float = threshold(
+        2.0, "px", "beyond those about it, of one image to the next: 12 cm/s, where the hand goes 6", JUDGEMENT
+    )
+    surely: float = threshold(6.0, "1", "times the noise of such a way or step, that it is at least", JUDGEMENT)
+    least: float = threshold(1.0, "s", "of a stretch without a hand", JUDGEMENT)
+    window: int = threshold(9, "images", "of which a median is taken", NUMERICS)
+    corners: int = threshold(4, "corners", "that are seen in all images of a stretch", JUDGEMENT)
 
 
 @dataclass(frozen=True)

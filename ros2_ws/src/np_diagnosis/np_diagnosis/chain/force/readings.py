@@ -31,7 +31,7 @@ class Reading:
     """kind: drag, push or scrape. group: readings of the same arm's errors: strokes of drags, or pushes one way. force N: along the table
     against the motion (drag, push), or up the face (scrape). normal N: what presses the surfaces together besides weight. aside m: of a
     push, from the object's centre. deviation, normal_deviation N: of force and normal, by their scatter and by friction of the joints.
-    follows: of a drag, by which share of the tip's way the object is seen to be led."""
+    follows: of a drag, by which share of the tip's way the object is seen to be led. way: of a drag or push, its direction in the base frame."""
 
     experiment: str
     kind: str
@@ -42,6 +42,7 @@ class Reading:
     group: str = ""
     normal_deviation: float = 0.0
     follows: float = 1.0
+    way: tuple[float, float] = (0.0, 0.0)
 
 
 def readings(recording: TaskRecording, panda: PandaModel = NOMINAL) -> list[Reading]:
@@ -78,7 +79,8 @@ def _drags(recording: TaskRecording, panda: PandaModel) -> Iterator[Reading]:
                 force = float(np.hypot(along.mean(), across.mean()))
                 follows = _follows(recording, moved, stroke)
                 error = _error(along)
-                yield Reading(name, "drag", force, pressed, 0.0, error, "drags", FORCE.force, follows)
+                ahead = tuple(sign * float(n == axis) for n in range(2))
+                yield Reading(name, "drag", force, pressed, 0.0, error, "drags", FORCE.force, follows, ahead)
 
 
 def _follows(recording: TaskRecording, moved: Motion, stroke: np.ndarray) -> float:
@@ -137,7 +139,8 @@ def _push(recording: TaskRecording, name: str, panda: PandaModel) -> list[Readin
     deviation = np.sqrt(_error(along[on]) ** 2 + turning**2 + ahead @ covariance @ ahead)
     group = f"push {round(float(np.arctan2(ahead[1], ahead[0])) / (np.pi / 2)) % 4}"
     force, normal_deviation = float(np.median(along[on])), float(np.sqrt(before * seen / (before + seen)))
-    return [Reading(name, "push", force, normal, aside, float(deviation), group, normal_deviation)]
+    way = float(ahead[0]), float(ahead[1])
+    return [Reading(name, "push", force, normal, aside, float(deviation), group, normal_deviation, way=way)]
 
 
 def _forward(moved: Motion) -> tuple[np.ndarray, np.ndarray]:

@@ -91,6 +91,10 @@ def judge(every: Sequence[Reading], believed: Believed) -> Forces:
         measured=_sizes(value, covariance, believed),
         least_finger=max(held, default=None),
     )
+    pull, gain = _pull(led, believed)
+    if gain > FORCE.pulled and np.linalg.norm(pull) > FORCE.pull:
+        doubt = f"something pulls the object by {pull[0]:.2f} N and {pull[1]:.2f} N (x, y), whatever the hand does"
+        return Forces("unexplained", explained, doubt=doubt, **told)
     if misfit > FORCE.misfit:
         return Forces(
             "unexplained", explained, doubt=f"forces are {misfit:.1f} times as far off as they usually are", **told
@@ -152,6 +156,22 @@ def _fit(
     numbers[places] = found.x[: len(places)]
     covariance[np.ix_(places, places)] = inverse[: len(places), : len(places)]
     return numbers, covariance, misfit
+
+
+def _pull(used: Sequence[Reading], believed: Believed) -> tuple[np.ndarray, float]:
+    """Force (2,) N on the object that would explain what readings in some directions lack and in others have too much; nats by which they are
+    more probable with it."""
+    force = np.array([r.force for r in used])
+    own = np.array([np.hypot(r.deviation, believed.table * r.normal_deviation) for r in used])
+    ways = np.array([r.way for r in used])
+
+    def off(x: np.ndarray) -> np.ndarray:
+        left = (force - _predicted(x[:2], used, believed) + ways @ x[2:]) / np.hypot(own, FORCE.common)
+        return np.concatenate([left, x[:2] / UNKNOWN])
+
+    with_pull = least_squares(off, np.zeros(4), loss="soft_l1", f_scale=TAILS)
+    without = least_squares(lambda x: off(np.append(x, [0.0, 0.0])), np.zeros(2), loss="soft_l1", f_scale=TAILS)
+    return with_pull.x[2:], float(without.cost - with_pull.cost)
 
 
 def _scattered(used: Sequence[Reading], believed: Believed, covariance: np.ndarray) -> float:

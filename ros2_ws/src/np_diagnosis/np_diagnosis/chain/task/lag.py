@@ -58,10 +58,11 @@ def lag(recording: TaskRecording, camera: Camera = CAMERA) -> Lag:
 
 
 def judge(pushes: tuple[Led, ...]) -> Lag:
-    """Of pushes: see `lag`. The median of what each says; its error by their scatter, and what all pushes have in common."""
+    """Of pushes: see `lag`. The mean of what each says, fast ones more than slow ones; its error by theirs, or by their scatter where that is
+    larger, and what all pushes have in common."""
     fits = [_late(one) for one in pushes]
-    good = [(late, one) for (late, left), one in zip(fits, pushes) if left < LAG.left and abs(late) < 0.99 * LAG.within]
-    each, kept = tuple(late for late, _ in good), tuple(one for _, one in good)
+    good = [(fit, one) for fit, one in zip(fits, pushes) if fit[2] < LAG.left and abs(fit[0]) < 0.99 * LAG.within]
+    each, kept = tuple(late for (late, _, _), _ in good), tuple(one for _, one in good)
     if len(each) < LAG.least:
         return Lag(
             "undetermined",
@@ -70,15 +71,26 @@ def judge(pushes: tuple[Led, ...]) -> Lag:
             kept,
             f"{len(each)} pushes led the object as they should; {LAG.least} are needed",
         )
-    spread = 1.4826 * float(np.median(np.abs(np.array(each) - np.median(each))))
-    deviation = float(np.hypot(1.2533 * max(spread, LAG.own) / np.sqrt(len(each)), LAG.common))
-    value = float(np.median(each))
+    value, own = _mean(np.array(each), np.array([deviation for (_, deviation, _), _ in good]))
+    deviation = float(np.hypot(own, LAG.common))
     late = Value(value, value - HALF_WIDTH * deviation, value + HALF_WIDTH * deviation)
     return Lag("ambiguous" if late.low > LAG.seen or late.high < -LAG.seen else "no_gap", late, each, kept)
 
 
-def _late(one: Led) -> tuple[float, float]:
-    """s by which the images of a push are late, and m that is left of the object's way."""
+def _mean(late: np.ndarray, deviation: np.ndarray) -> tuple[float, float]:
+    """Mean of numbers (n,) with deviations (n,), and its deviation. One that is far off the others counts for as little as it should."""
+    deviation = np.hypot(deviation, LAG.own)
+    middle = float(np.median(late))
+    for _ in range(20):
+        off = (late - middle) / deviation
+        weights = 1 / deviation**2 / np.maximum(1.0, np.abs(off) / LAG.far_off)
+        middle = float(weights @ late / weights.sum())
+    scatter = float(weights @ off**2 / weights.sum()) * len(late) / max(len(late) - 1, 1)
+    return middle, float(np.sqrt(max(1.0, scatter) / weights.sum()))
+
+
+def _late(one: Led) -> tuple[float, float, float]:
+    """s by which the images of a push are late, with its deviation, and m that is left of the object's way."""
 
     def off(x: np.ndarray) -> np.ndarray:
         """x: delay in ms, scale in %, place of rest in mm."""
@@ -88,7 +100,12 @@ def _late(one: Led) -> tuple[float, float]:
     starts = [np.array([delay, 0.0, 0.0]) for delay in np.arange(-100.0, 1e3 * LAG.within, 20.0)]
     start = min(starts, key=lambda x: float(off(x) @ off(x)))
     found = least_squares(off, start, loss="soft_l1", diff_step=1e-2, x_scale=(10.0, 1.0, 0.3))
-    return 1e-3 * float(found.x[0]), LAG.way * float(np.sqrt(np.mean(off(found.x)[:-1] ** 2)))
+    variance = np.linalg.inv(found.jac.T @ found.jac)[0, 0] * max(1.0, 2 * found.cost / len(one.time))
+    return (
+        1e-3 * float(found.x[0]),
+        1e-3 * float(np.sqrt(variance)),
+        LAG.way * float(np.sqrt(np.mean(off(found.x)[:-1] ** 2))),
+    )
 
 
 def _led(recording: TaskRecording, name: str, camera: Camera) -> Led | None:
@@ -132,10 +149,14 @@ def _way(recording: TaskRecording, images: np.ndarray, rest: Pose, ahead: np.nda
         def off(x: np.ndarray, seen=seen, usable=usable) -> np.ndarray:
             return (project(x) - seen)[usable].ravel()
 
-        x = np.zeros(3)
-        for _ in range(3):  # Gauss and Newton: the picture is nearly a plane
+        x, weights = np.zeros(3), np.ones(2 * usable.sum())
+        for _ in range(
+            5
+        ):  # Gauss and Newton: the picture is nearly a plane; a corner that is found wrongly counts less
             here = off(x)
             columns = np.column_stack([(off(x + STEP * unit) - here) / STEP for unit in np.eye(3)])
-            x = x - np.linalg.lstsq(columns, here, rcond=None)[0]
+            x = x - np.linalg.lstsq(columns * weights[:, None], here * weights, rcond=None)[0]
+            far = np.linalg.norm(off(x).reshape(-1, 2), axis=1)
+            weights = np.repeat(np.sqrt(np.minimum(1.0, LAG.wrong / np.maximum(far, 1e-9))), 2)
         found[row] = x[0], x[2]
     return found.T

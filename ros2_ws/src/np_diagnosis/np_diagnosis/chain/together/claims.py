@@ -17,11 +17,12 @@ from np_diagnosis.chain.view_stage.parameters import EFFECTS
 from np_diagnosis.chain.view_stage.view import View
 from np_diagnosis.report import felt_words, view_words
 from np_effects import SCENE_RECORDS, VIEW_RECORDS
+from np_effects.catalogue import catalogue
 from np_effects.saying import Value, say
 
 TIMING = ("camera_latency", "clock_offset", "frame_drop", "exposure_blur", "rolling_shutter")
-SAID_BY_NONE = {"table_tilt": "table", "object_size": "object"}
-"""Modules of effects that no simulated scene carries."""
+TABLE = "environment"
+"""What the catalogue calls the table."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +61,8 @@ def module_of(effect: str) -> str:
     """The module of the chain that an effect is of."""
     if effect in TIMING:
         return "timing"
-    if effect in SAID_BY_NONE:
-        return SAID_BY_NONE[effect]
-    part = str((VIEW_RECORDS.get(effect) or SCENE_RECORDS[effect]).part)
-    return "table" if part == "environment" else part
+    module = catalogue()[effect]["module"]
+    return "table" if module == TABLE else module
 
 
 def of_view(view: View | None) -> list[Claim]:
@@ -113,7 +112,7 @@ def of_scatter(scatter: Scatter | None) -> list[Claim]:
             say(record, str(record.part), values, "the simulator"),
             {k: v.value for k, v in values.items()},
         )
-        found.append(Claim("scatter", (way,), _nats(first)))
+        found.append(Claim("scatter", (way,), nats(first)))
     return found
 
 
@@ -121,13 +120,23 @@ def of_lag(lag: Lag | None) -> list[Claim]:
     """Of images that are late: the camera's latency, or its clock, which one recording cannot tell apart."""
     if lag is None or lag.late is None or lag.verdict == "no_gap":
         return []
-    late = lag.late
-    said = [
-        (effect, name, value, say(VIEW_RECORDS[effect], "camera", {name: value}, "the simulator"))
-        for effect, name, value in (("camera_latency", "delay", late), ("clock_offset", "offset", late))
-    ]
-    ways = [Way(e, (e,), {n: v}, text, {n: v.value}) for e, n, v, text in said]
-    return [Claim("lag", tuple(ways if late.value > 0 else ways[1:]), _nats(late))]
+    ways = late_by(lag.late)
+    return [Claim("lag", ways if lag.late.value > 0 else ways[1:], nats(lag.late))]
+
+
+def late_by(late: Value) -> tuple[Way, ...]:
+    """What a stream that is late may have: the camera's latency, or its clock."""
+    delayed = say(VIEW_RECORDS["camera_latency"], "camera", {"delay": late}, "the simulator")
+    return (
+        Way("camera_latency", ("camera_latency",), {"delay": late}, delayed, {"delay": late.value}),
+        Way(
+            "clock_offset",
+            ("clock_offset",),
+            {"offset": late},
+            "the camera's clock is off by that",
+            {"offset": late.value},
+        ),
+    )
 
 
 def of_meeting(meeting: Meeting | None) -> list[Claim]:
@@ -142,7 +151,8 @@ def of_meeting(meeting: Meeting | None) -> list[Claim]:
             ("camera_turn", "camera_extrinsics", "its turn"),
             ("image_offset", "keypoint_bias", "where corners are found"),
         )
-        place = Way("camera_place", ("camera_extrinsics",), dict(off), said, {})
+        moved = {axis: -off[axis].value for axis in "xy"}  # a camera that stands elsewhere shows things the other way
+        place = Way("camera_place", ("camera_extrinsics",), dict(off), said, moved)
         ways = (place, *(Way(name, (effect,), {}, text, {}) for name, effect, text in others))
         found.append(Claim("meeting", ways, one.gain))
     return found
@@ -153,6 +163,7 @@ def settled(claims: list[Claim], touch: Felt | None) -> list[Claim]:
     table elsewhere than it was felt is none; one that has it there is the one, and counts once."""
     if any(c.stage == "view" and c.ways[0].module == "camera" for c in claims):
         claims = [c for c in claims if c.stage != "meeting"]  # the same gap, of which the view says more
+    claims = _once(claims)
     if touch is None or touch.explained is None or touch.verdict in ("undetermined", "unexplained"):
         return claims
     found: list[Claim] = []
@@ -169,6 +180,15 @@ def settled(claims: list[Claim], touch: Felt | None) -> list[Claim]:
     return [c for c in found if c not in again]
 
 
+def _once(claims: list[Claim]) -> list[Claim]:
+    """Without those that say again what is known better: by which a stream is late, and, of what pushes hold as one, the member that forces
+    have named."""
+    late = [c for c in claims if c.stage in ("lag", "clock")]
+    claims = [c for c in claims if c not in late or c is max(late, key=lambda one: one.gain)]
+    felt = {c.ways[0].ids[0] for c in claims if c.stage == "force" and c.is_one}
+    return [c for c in claims if not (c.stage == "pushes" and felt & set(c.ways[0].ids))]
+
+
 def _contradicted(way: Way, touch: Felt) -> bool:
     bounds = {"table_" + name: value for name, value in touch.explained.bounds.items()}
     apart = (
@@ -179,7 +199,7 @@ def _contradicted(way: Way, touch: Felt) -> bool:
     return any(apart)
 
 
-def _nats(value: Value) -> float:
+def nats(value: Value) -> float:
     """By which a number is more probable than none, were it Gaussian."""
     deviation = max((value.high - value.low) / 3.92, 1e-9)
     return float(np.clip(0.5 * (value.value / deviation) ** 2, 0.0, 1e3))

@@ -1,13 +1,12 @@
-"""What is read for all stages together: recordings of one set-up, and the arm's answer."""
+"""What is read for all stages together: recordings of one set-up."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from np_diagnosis.chain.task.recording import NoSuite, read_task
-from np_diagnosis.chain.together.whole import Row, Seen
+from np_diagnosis.chain.task.recording import NoSuite, TaskRecording, read_task
+from np_diagnosis.chain.together.whole import Seen
 from np_diagnosis.chain.track import read_track
 from np_diagnosis.chain.view_stage.places import read_places
 from np_diagnosis.recordings.reading import ContractViolation
@@ -24,18 +23,18 @@ def read_seen(bags: Sequence[str | Path], calibration: str = "", measured: bool 
             tasks.append(read_task(bag))
         except NoSuite:
             continue  # an episode: it is seen, and not felt
-    for task in tasks[1:]:
-        if task.domain.half_size != tasks[0].domain.half_size:
-            raise ContractViolation(f"{task.log.name}: expected the object of {tasks[0].log.name}, got another")
+    _of_one_object(tasks)
     return Seen(tuple(tasks), tuple(tracks), tuple(places))
 
 
-def arm_row(folder: str | Path) -> Row:
-    """The arm's row, from the folder that `diagnose` wrote. Raises ContractViolation where its report is not there or is none."""
-    path = Path(folder) / "report.json"
-    try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-        verdict, said = str(report["verdict"]), str(report["sentence"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ContractViolation(f"arm {path}: expected the report of `diagnose`, got: {error!r}") from error
-    return Row("arm", verdict, said=said)
+def read_held_out(bags: Sequence[str | Path], seen: Seen) -> tuple[TaskRecording, ...]:
+    """Further recordings of the task suite, of which no stage shall hear. Raises ContractViolation for one that is none, or of another object."""
+    fresh = tuple(read_task(bag) for bag in bags)
+    _of_one_object([*seen.tasks, *fresh])
+    return fresh
+
+
+def _of_one_object(tasks: Sequence[TaskRecording]) -> None:
+    for task in tasks[1:]:
+        if task.domain.half_size != tasks[0].domain.half_size:
+            raise ContractViolation(f"{task.log.name}: expected the object of {tasks[0].log.name}, got another")

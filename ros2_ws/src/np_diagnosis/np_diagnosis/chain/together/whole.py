@@ -13,8 +13,10 @@ from np_diagnosis.chain.scatter import Scatter, scatter
 from np_diagnosis.chain.task.lag import Lag, lag
 from np_diagnosis.chain.task.meeting import Meeting, meet
 from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.task.untouched import Untouched, untouched
 from np_diagnosis.chain.together import claims as made
 from np_diagnosis.chain.together.claims import Claim
+from np_diagnosis.chain.together.elsewhere import Answer
 from np_diagnosis.chain.touch.stage import Felt, feel
 from np_diagnosis.chain.track import Track
 from np_diagnosis.chain.view_stage.parameters import EFFECTS, PARAMETERS
@@ -40,8 +42,8 @@ class Seen:
 @dataclass(frozen=True, eq=False)
 class Row:
     """A module. verdict: identified, ambiguous (effects that explain the same), no_gap, unexplained, or `NOT_SEEN`; claims: what is off;
-    share: of all nats that what is off explains, None where nothing is; doubt: why nothing is said, or what nothing explains; said: of an
-    answer that was given elsewhere, its sentence."""
+    share: of all nats that what is off explains, None where nothing is; doubt: why nothing is said, or what nothing explains; said: sentences
+    of answers that were given elsewhere."""
 
     module: str
     verdict: str
@@ -53,7 +55,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """The answer: a row each module, and each stage's own, None where there is no data for it."""
+    """The answer: a row each module, and each stage's own, None where there is no data for it. elsewhere: what other commands answered."""
 
     rows: tuple[Row, ...]
     seen: Seen
@@ -63,7 +65,9 @@ class Whole:
     force: Forces | None = None
     lag: Lag | None = None
     meeting: Meeting | None = None
+    still: Untouched | None = None
     doubts: dict[str, str] = field(default_factory=dict)
+    elsewhere: tuple[Answer, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -81,11 +85,11 @@ def diagnose(
     seen: Seen,
     camera: Camera = CAMERA,
     panda: PandaModel = NOMINAL,
-    arm: Row | None = None,
+    elsewhere: Sequence[Answer] = (),
     tell: Tell = lambda stage: None,
 ) -> Whole:
-    """Every stage that has data. camera: that is believed in; panda: the arm with its own gap; arm: its row, where `diagnose` has answered;
-    tell: hears each stage's name as it begins.
+    """Every stage that has data. camera: that is believed in; panda: the arm with its own gap; elsewhere: answers of other commands about the
+    same set-up; tell: hears each stage's name as it begins.
 
     Of several recordings of the task suite the first is felt by touch, forces are taken together, and delays are those of the first.
     """
@@ -96,7 +100,7 @@ def diagnose(
     viewed = _tried(doubts, "view", lambda: view(seen.places, camera)) if seen.places else None
     if not seen.places:
         doubts["view"] = "the object rests nowhere in the picture"
-    touched = forced = late = met = None
+    touched = forced = late = met = still = None
     if seen.tasks:
         tell("touch")
         touched = _tried(doubts, "touch", lambda: feel(seen.tasks[0], panda))
@@ -105,13 +109,21 @@ def diagnose(
         forced = judge(every, Believed.of(seen.tasks[0].domain)) if every is not None else None
         tell("meeting")
         met = _tried(doubts, "meeting", lambda: meet(seen.tasks[0], camera, _lift(touched)))
+        still = _tried(doubts, "untouched", lambda: untouched(seen.tasks[0]))
         tell("lag")
         late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], camera))
     else:
         doubts |= dict.fromkeys(
             ("touch", "force", "meeting", "lag"), "no recording is of the task suite (excite --suite task)"
         )
-    for name, stage in (("view", viewed), ("touch", touched), ("force", forced), ("meeting", met), ("lag", late)):
+    for name, stage in (
+        ("view", viewed),
+        ("touch", touched),
+        ("force", forced),
+        ("meeting", met),
+        ("untouched", still),
+        ("lag", late),
+    ):
         if stage is not None and stage.doubt:
             doubts[name] = stage.doubt
     claims = made.settled(
@@ -120,13 +132,13 @@ def diagnose(
         + made.of_felt(touched, "touch")
         + made.of_felt(forced, "force")
         + made.of_meeting(met)
-        + made.of_lag(late),
+        + made.of_lag(late)
+        + [claim for answer in elsewhere for claim in answer.claims],
         touched,
     )
-    whole = Whole((), seen, viewed, scattered, touched, forced, late, met, doubts)
+    whole = Whole((), seen, viewed, scattered, touched, forced, late, met, still, doubts, tuple(elsewhere))
     total = sum(claim.gain for claim in claims)
     rows = tuple(_row(module, [c for c in claims if c.ways[0].module == module], total, whole) for module in MODULES)
-    rows = tuple(arm if arm is not None and row.module == "arm" else row for row in rows)
     return replace(whole, rows=rows)
 
 
@@ -136,9 +148,8 @@ def patch(whole: Whole) -> Patch:
     for row in whole.rows:
         for claim in row.claims:
             way = claim.ways[0]
-            is_told = claim.stage == "lag" or (
-                len(claim.ways) == 1 and len(way.ids) == 1
-            )  # a late image is late either way
+            # A late image is late either way, and a picture that is off is off, where it was looked at.
+            is_told = claim.stage in ("lag", "clock", "meeting") or (len(claim.ways) == 1 and len(way.ids) == 1)
             if row.verdict != "unexplained" and is_told and way.parameters:
                 entries.setdefault(way.ids[0], {}).update(way.parameters)
     found = (PatchEffect(effect, "", values) for effect, values in entries.items())
@@ -160,19 +171,30 @@ def _held(entry: PatchEffect) -> dict[str, float]:
 def _row(module: str, claims: list[Claim], total: float, whole: Whole) -> Row:
     doubt, stage = _unexplained(module, whole)
     share = sum(c.gain for c in claims) / total if claims and total else None
+    told = [answer for answer in whole.elsewhere if answer.module == module]
+    said = " ".join(answer.said for answer in told if answer.said)
+    if module == "arm" and told:
+        return Row(module, told[0].verdict, said=said)
     if stage:
-        return Row(module, "unexplained", tuple(claims), share, doubt)
+        return Row(module, "unexplained", tuple(claims), share, doubt, said)
     if claims:
-        return Row(module, "identified" if all(c.is_one for c in claims) else "ambiguous", tuple(claims), share)
-    if _is_seen(module, whole):
-        return Row(module, "no_gap")
+        verdict = "identified" if all(c.is_one for c in claims) else "ambiguous"
+        return Row(module, verdict, tuple(claims), share, said=said)
+    if _is_seen(module, whole) or any(answer.is_seen for answer in told):
+        return Row(module, "no_gap", said=said)
     return Row(module, NOT_SEEN, doubt=_why(module, whole))
 
 
 def _unexplained(module: str, whole: Whole) -> tuple[str, bool]:
     """Of the module that a stage is first of all about."""
-    stages = {"camera": (whole.view, whole.meeting), "table": (whole.touch,), "contact": (whole.force,)}.get(module, ())
-    doubts = [stage.doubt for stage in stages if stage is not None and stage.verdict == "unexplained"]
+    stages = {
+        "camera": (whole.view, whole.meeting, whole.still),
+        "table": (whole.touch,),
+        "contact": (whole.force,),
+    }.get(module, ())
+    told = (answer for answer in whole.elsewhere if answer.module == module and module != "arm")
+    asked = (stage for stage in (*stages, *told) if stage is not None)
+    doubts = [stage.doubt for stage in asked if stage.verdict == "unexplained"]
     return "; ".join(doubts), bool(doubts)
 
 

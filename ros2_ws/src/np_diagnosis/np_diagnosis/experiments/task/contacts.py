@@ -9,7 +9,7 @@ import numpy as np
 from np_diagnosis.experiments.excitation import Segment
 from np_diagnosis.experiments.task.path import Leg, OutOfReach, segment, sinking
 from np_diagnosis.experiments.task.room import Lain, Room, is_reachable
-from np_diagnosis.experiments.task.tip import RADIUS, leading_yaw
+from np_diagnosis.experiments.task.tip import GRIP, RADIUS, leading_yaw
 
 CLEAR = 0.03  # m over whatever is there, at which the hand travels
 FAST = 0.12  # m/s on the way
@@ -19,7 +19,6 @@ DEEPER = 0.008  # m below a surface, as it is believed to be, down to which the 
 STROKE, STROKE_SPEED = 0.028, 0.03  # m and m/s of a drag
 BEHIND = 0.02  # m behind the middle, where a drag presses: a tall object would tip over its leading edge
 HEADINGS = (np.array([1.0, 0.0]), np.array([-1.0, 0.0]), np.array([0.0, 1.0]), np.array([0.0, -1.0]))
-GRIP = 0.042  # m below the top of an object, down to which the tip reaches beside it: the hand's housing is 46 mm behind the tip
 OVER = 0.015  # m over obstacles
 LEAVE = 0.012  # m by which the tip backs off
 # m: a scrape leaves the object so far from its obstacle, backs off, and comes down its face from so far below its top, while it goes into

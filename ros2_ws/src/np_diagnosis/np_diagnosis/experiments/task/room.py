@@ -10,7 +10,7 @@ from np_description.camera import Camera
 from np_description.domains import Domain, Pose
 from np_description.keypoints import CORNERS
 from np_description.rotations import matrix_from_quaternion
-from np_diagnosis.experiments.task.tip import RADIUS
+from np_diagnosis.experiments.task.tip import GRIP, HOUSING, RADIUS
 
 CLEAR = 0.008  # m between an object and an obstacle
 BESIDE = 0.03  # m between a place of the table that is touched and anything else
@@ -98,10 +98,18 @@ class Room:
         apart = BESIDE + RADIUS
         if np.linalg.norm(place - lain.centre[:2]) < lain.reach + apart or not is_reachable(place):
             return False
+        if lain.height > GRIP and not self._clears_housing(place, lain):
+            return False
         return all(
             (np.abs(place - box.centre[:2]) > np.array(box.half_size[:2]) + apart).any()
             for box in self.domain.obstacles
         )
+
+    def _clears_housing(self, place: np.ndarray, lain: Lain) -> bool:
+        """Whether the housing of a hand that is down at (2,) m passes a tall object: it is as wide as the hand is, along y."""
+        corners = lain.corners(np.zeros(2))[:, :2]
+        clear = HOUSING + BESIDE / 2
+        return bool(((corners.max(axis=0) < place - clear) | (corners.min(axis=0) > place + clear)).any())
 
 
 def is_reachable(place: np.ndarray) -> bool:

@@ -19,6 +19,10 @@ HALF = np.array([_PAD.half_size[0], 2 * _PAD.half_size[1]])
 """m: half the block's sides along x and y of the hand; one pad on either side of y = 0."""
 CORNERS = np.array([[x, y, BEYOND] for x in (-HALF[0], HALF[0]) for y in (-HALF[1], HALF[1])])
 """Corners (4, 3) m of the block's end, in the frame of T_E."""
+GRIP = 0.042
+"""m below the top of an object, down to which the tip reaches beside it: the hand's housing is 46 mm behind the tip."""
+HOUSING = np.max([box.half_size[:2] for box in FLAT_HAND.housing], axis=0)
+"""m: half the housing's sides along x and y of the hand."""
 RADIUS = float(np.hypot(*HALF))
 """m from the block's axis to its corners."""
 

@@ -19,6 +19,10 @@ SCORE = 0.3  # of a corner that counts
 HARDEST = 90.0  # N, at which an experiment is broken off: below what a Franka's own reflexes are usually set to
 
 
+class OutOfPicture(ValueError):
+    """An object that has left the picture, or is hidden: nothing further can be planned; what was recorded counts."""
+
+
 class Witness:
     """Takes keypoints and states in the order of their stamps. camera: the one that is believed in."""
 
@@ -52,13 +56,13 @@ class Witness:
         )
 
     def situation(self, q: np.ndarray) -> Situation:
-        """Of an arm that rests at joints (7,) rad; the tip's lowest height is counted anew from here. Raises ValueError where no pose
-        explains the corners."""
+        """Of an arm that rests at joints (7,) rad; the tip's lowest height is counted anew from here. Raises OutOfPicture where
+        too few corners are seen, ValueError where no pose explains them."""
         rows = np.array([keypoints for _, keypoints in self._images])
         good = np.array([usable(keypoints, SCORE) for keypoints in rows])
         kept = good.mean(axis=0) > 0.5
         if kept.sum() < MIN_POINTS:
-            raise ValueError(f"{kept.sum()} of 8 corners are seen; {MIN_POINTS} are needed")
+            raise OutOfPicture(f"{kept.sum()} of 8 corners are seen; {MIN_POINTS} are needed")
         masked = np.where(good[..., None], rows[..., :2], np.nan)
         corners = np.zeros((len(kept), 2))
         corners[kept] = np.nanmedian(masked[:, kept], axis=0)

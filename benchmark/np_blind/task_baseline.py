@@ -1,0 +1,52 @@
+"""What fitting a fixed list comes to, on the same recordings: every number that was measured, taken as it is, and named where its interval is
+beyond what is believed. Nothing competes, nothing is a class, and nothing is ever unexplained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from np_diagnosis.chain.force.stage import Believed
+from np_diagnosis.chain.together.whole import Whole
+from np_effects import SCENE_RECORDS, VIEW_RECORDS
+from np_effects.patch import Patch, PatchEffect
+
+FORCES = {"table": "table_friction", "mass": "object_mass", "finger": "gripper_friction"}
+
+
+@dataclass(frozen=True)
+class AtOnce:
+    """patch: with all numbers; named: effects whose interval does not hold what is believed."""
+
+    patch: Patch
+    named: list[str]
+
+
+def at_once(found: Whole) -> AtOnce:
+    """Of the numbers that the stages measured."""
+    values: dict[str, dict[str, float]] = {}
+    named = set()
+
+    def put(effect: str, quantity: str, value: float, low: float, high: float) -> None:
+        values.setdefault(effect, {})[quantity] = value
+        if not low <= 0.0 <= high:
+            named.add(effect)
+
+    if found.force and found.force.measured:
+        believed = Believed.of(found.seen.tasks[0].domain)
+        for number, effect in FORCES.items():
+            if number in found.force.measured:
+                put(effect, "relative", *(v / getattr(believed, number) - 1 for v in found.force.measured[number]))
+    if found.touch and found.touch.explained:
+        height = found.touch.explained.bounds["height"]
+        put("table_height", "height", height.value, height.low, height.high)
+    if found.lag and found.lag.late:
+        put("camera_latency", "delay", found.lag.late.value, found.lag.late.low, found.lag.late.high)
+    if found.meeting and found.meeting.explained:
+        for axis in "xy":
+            off = found.meeting.explained.bounds[axis]
+            put("camera_extrinsics", axis, -off.value, -off.high, -off.low)
+    records = {**SCENE_RECORDS, **VIEW_RECORDS}
+    if "camera_latency" in values:  # a picture does not come before it is taken
+        values["camera_latency"]["delay"] = max(0.0, values["camera_latency"]["delay"])
+    entries = (PatchEffect(effect, str(records[effect].part), given) for effect, given in values.items())
+    return AtOnce(Patch(tuple(entries)), sorted(named))

@@ -1,0 +1,93 @@
+"""One window of the object's motion in MuJoCo: the hand led along its measured way, with the torques that it took."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from np_control.dynamics import Dynamics
+from np_description.camera import CAMERA, Camera
+from np_description.domains import Domain, Pose
+from np_description.keypoints import box_keypoints
+from np_description.panda import NOMINAL, PandaModel
+from np_diagnosis.chain.motion.windows import Window
+from np_diagnosis.chain.task.seen import pose_between
+from np_diagnosis.recordings.reading import ContractViolation
+from np_diagnosis.thresholds import THRESHOLDS
+from np_effects.patch import Patch
+from np_effects.view_effects import ViewEffects
+from np_sim_bridge.mujoco_engine import MujocoEngine
+from np_sim_bridge.schedule import PERIOD, SECOND
+
+MOTION = THRESHOLDS.motion
+LEAST_CORNERS = 3  # of an image that counts
+STIFFNESS = MOTION.stiffness * np.array([4.0, 4, 4, 4, 1.5, 1.5, 1])  # Nm/rad, by which the arm is led
+DAMPING = 2 * np.sqrt(0.2 * STIFFNESS)  # Nm s/rad
+
+
+class Simulated:
+    """A set-up with the effects of a patch, in which windows are predicted.
+
+    The hand is led along the way that was measured, softly, so that what it presses by is what its torques say: a stiff hand would
+    press by what two simulators' contacts give way. camera: that is believed in; panda: the arm with its own gap.
+    """
+
+    def __init__(self, domain: Domain, patch: Patch, camera: Camera = CAMERA, panda: PandaModel = NOMINAL):
+        self._domain, self._change, self._view = domain, patch.scene_change(), ViewEffects(patch, camera)
+        self._late = sum(e.get("delay") for e in patch.of("camera_latency"))
+        self._late += sum(e.get("offset") for e in patch.of("clock_offset"))
+        self._engine = MujocoEngine(domain, panda=panda, change=self._change)
+        self._gravity = Dynamics(panda).gravity
+
+    def error(self, window: Window) -> float:
+        """px by which corners are seen off their prediction in a window: root mean square over its images of the median corner's distance,
+        which a corner that is found wrongly leaves alone.
+
+        Raises ContractViolation where the object is not seen, FloatingPointError where the simulation comes apart.
+        """
+        recording = window.recording
+        start = self._change.pose(pose_between(recording, window.rested, window.begin, self._seen_from()))
+        moments, poses = self._moved(window, start)
+        images = window.images
+        shown = recording.track.time[images] + recording.seen_from - self._late
+        at = np.clip(np.searchsorted(moments, shown), 0, len(poses) - 1)
+        squares = [self._off(recording.track, n, poses[k]) for n, k in zip(images, at)]
+        squares = [one for one in squares if one is not None]
+        if not squares:
+            raise ContractViolation(f"{window.experiment}: expected images of its motion, got none")
+        return float(np.sqrt(np.mean(squares)))
+
+    def _seen_from(self) -> Camera:
+        """A table that is higher is one from which the camera is less high."""
+        x, y, z = self._view.camera.position
+        return replace(self._view.camera, position=(x, y, z - self._change.lift))
+
+    def _off(self, track, image: int, pose: Pose) -> float | None:
+        """px^2, of the median corner of an image; None where too few are usable."""
+        usable = track.usable[image]
+        if usable.sum() < LEAST_CORNERS:
+            return None
+        corners = box_keypoints(np.asarray(self._domain.half_size), pose.position, pose.quaternion)
+        expected = self._view.lens(self._view.camera.project(corners)[0])
+        return float(np.median(np.linalg.norm((expected - track.pixels[image])[usable], axis=1)) ** 2)
+
+    def _moved(self, window: Window, start: Pose) -> tuple[np.ndarray, list[Pose]]:
+        """Moments (n,) s and the object's poses."""
+        log, rows, engine = window.recording.log, window.rows, self._engine
+        engine.reset(start)
+        engine.place(log.position[rows.start], log.velocity[rows.start])
+        moments = np.arange(log.time[rows.start], log.time[rows.stop - 1], PERIOD / SECOND)
+        led, speed, torque = (
+            np.column_stack([np.interp(moments, time, column) for column in values.T])
+            for time, values in ((log.time, log.position), (log.time, log.velocity), (log.torque_time, log.torque))
+        )
+        if log.with_gravity:
+            torque = torque - np.array([self._gravity(q) for q in led])
+        poses = []
+        for row in range(len(moments)):
+            poses.append(engine.object_pose())
+            q, dq, _ = engine.joints()
+            pull = STIFFNESS * (led[row] - q[:7]) + DAMPING * (speed[row] - dq[:7])
+            engine.step(torque[row] + pull, np.zeros(7), 0.0)
+        return moments, poses

@@ -1,0 +1,84 @@
+"""What a patch is worth: the object's motion, predicted in MuJoCo as believed and with the patch, beside what was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_description.camera import CAMERA, Camera
+from np_description.panda import NOMINAL, PandaModel
+from np_diagnosis.chain.motion.simulated import Simulated
+from np_diagnosis.chain.motion.windows import Window, windows
+from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.recordings.reading import ContractViolation
+from np_diagnosis.thresholds import THRESHOLDS
+from np_effects.patch import Patch
+from np_effects.saying import Value
+
+MOTION = THRESHOLDS.motion
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """px by which corners are seen off, mean over windows: before, as believed; after, with the patch. removed: share of the error that the
+    patch removes, below 0 where it does harm, with its interval over windows; by_effect: how much of that is missing without each.
+    held_out: whether no stage has heard the recordings that it is of."""
+
+    before: float
+    after: float
+    windows: int
+    removed: Value
+    by_effect: dict[str, float]
+    held_out: bool = False
+
+
+def errors(recordings: Sequence[TaskRecording], patch: Patch, camera: Camera = CAMERA, panda: PandaModel = NOMINAL):
+    """px (n,) of all windows of recordings of one object, NaN of those that cannot be predicted."""
+    simulated = Simulated(recordings[0].domain, patch, camera, panda)
+    return np.array([_error(simulated, window) for one in recordings for window in windows(one)])
+
+
+def predict(
+    recordings: Sequence[TaskRecording],
+    patch: Patch,
+    camera: Camera = CAMERA,
+    panda: PandaModel = NOMINAL,
+    held_out: bool = False,
+) -> Predicted | None:
+    """Of recordings of one object; None where nothing of them can be predicted."""
+
+    def off(some: Patch) -> np.ndarray:
+        return errors(recordings, some, camera, panda)
+
+    before, after = off(Patch()), off(patch)
+    known = np.isfinite(before) & np.isfinite(after)
+    if not known.any():
+        return None
+    without = {}
+    if len(patch.effects) > 1:
+        for one in patch.effects:
+            rest = off(Patch(tuple(e for e in patch.effects if e is not one)))
+            both = known & np.isfinite(rest)
+            without[one.effect] = float((rest - after)[both].sum() / before[both].sum())
+    removed = share(before[known], after[known])
+    alone = {e.effect: removed.value for e in patch.effects}
+    return Predicted(
+        float(before[known].mean()), float(after[known].mean()), int(known.sum()), removed, without or alone, held_out
+    )
+
+
+def share(before: np.ndarray, after: np.ndarray) -> Value:
+    """Share of errors (n,) that is gone after, with its 95 % interval by the bootstrap over windows."""
+    drawn = np.random.default_rng(0).integers(len(before), size=(MOTION.draws, len(before)))
+    shares = 1 - after[drawn].sum(axis=1) / before[drawn].sum(axis=1)
+    low, high = np.quantile(shares, [0.025, 0.975])
+    return Value(float(1 - after.sum() / before.sum()), float(low), float(high))
+
+
+def _error(simulated: Simulated, window: Window) -> float:
+    try:
+        return simulated.error(window)
+    except (ContractViolation, FloatingPointError):
+        return np.nan
