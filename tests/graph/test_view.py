@@ -136,7 +136,7 @@ def test_tf_is_published_where_its_type_is_installed(monkeypatch):
 
 
 def test_transforms_and_markers_are_those_of_the_scene():
-    data = SceneData(CARD)
+    data = SceneData(CARD, meshes=False)
     pose = Pose(np.array([0.5, 0.1, 0.0025]), np.array([1.0, 0, 0, 0]))
     scene, poses = data.scene(), data.poses(READY, pose, GOAL)
     found = {t.child_frame_id: t for t in robot_state_node.transforms(scene, poses, 7)}

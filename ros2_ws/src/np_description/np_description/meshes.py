@@ -2,7 +2,7 @@
 
 Only for who draws: what is simulated, planned with and trained on has the shapes of `np_description.scene` and nothing else.
 The meshes are those of the package gymnasium-robotics (MIT; its arm is from vikashplus/franka, Apache-2.0), of which nothing
-but the files is used. They have a hundred thousand triangles; `SHARE` of them are kept, which a page can draw on a canvas.
+but the files is used. They have 140,000 triangles; `CANVAS` of them are kept where a painter draws, all for OpenGL.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from np_description.domains import Domain
 from np_description.scene import build_scene
 
-SHARE = 0.06  # of the triangles of the files
+CANVAS, ALL = 0.06, 1.0  # shares of the triangles of the files
 HIDDEN = 3  # geom group that nobody draws
 _PACKAGE = "gymnasium_robotics"
 _FOLDER = "envs/assets/kitchen_franka/franka_assets/meshes/visual"
@@ -27,7 +27,7 @@ _FILES = MappingProxyType(
     {f"panda_link{i}": f"link{i}.stl" for i in range(8)}
     | {"panda_hand": "hand.stl", "panda_finger1": "finger.stl", "panda_finger2": "finger.stl"}
 )
-_WHITE, _DARK = (0.92, 0.92, 0.92, 1.0), (0.25, 0.26, 0.28, 1.0)
+_WHITE, _GREY = (0.92, 0.92, 0.92, 1.0), (0.55, 0.56, 0.58, 1.0)
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
 _STL_HEADER = 84  # bytes
 
@@ -44,15 +44,16 @@ def has_meshes() -> bool:
     return _folder() is not None and importlib.util.find_spec("fast_simplification") is not None
 
 
-def drawn_model(domain: Domain, *, meshes: bool | None = None, **options) -> mujoco.MjModel:
+def drawn_model(domain: Domain, *, meshes: bool | None = None, share: float = ALL, **options) -> mujoco.MjModel:
     """The compiled scene of a domain for who draws it; options as for `build_scene`.
 
     meshes: whether the robot looks like itself or like the shapes that collide; None: like itself where the meshes are
-    installed. Bodies, joints and generalised positions are those of `build_scene`. Raises NoMeshes.
+    installed. share: of the triangles of their files that is drawn. Bodies, joints and generalised positions are those of
+    `build_scene`. Raises NoMeshes.
     """
     spec = build_scene(domain, **options)
     if has_meshes() if meshes is None else meshes:
-        dress(spec, arm_meshes())
+        dress(spec, arm_meshes(share))
     return spec.compile()
 
 
@@ -67,7 +68,7 @@ def dress(spec: mujoco.MjSpec, meshes: Mapping[str, Mesh]) -> None:
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=name,
-            rgba=_DARK if "finger" in name else _WHITE,
+            rgba=_GREY if "finger" in name else _WHITE,
             group=1,
             mass=0,
             contype=0,
@@ -76,13 +77,13 @@ def dress(spec: mujoco.MjSpec, meshes: Mapping[str, Mesh]) -> None:
 
 
 @cache
-def arm_meshes() -> Mapping[str, Mesh]:
-    """The mesh of each body of the robot, of fewer triangles than its file has. Raises NoMeshes, OSError."""
+def arm_meshes(share: float) -> Mapping[str, Mesh]:
+    """The mesh of each body of the robot, with about such a share of the triangles of its file. Raises NoMeshes, OSError."""
     if not has_meshes():
         raise NoMeshes("meshes of the arm: expected them to be installed, they are not: run `make meshes`")
     from fast_simplification import simplify
 
-    return read_meshes(_folder(), lambda mesh: simplify(*mesh, 1.0 - SHARE))
+    return read_meshes(_folder(), lambda mesh: simplify(*mesh, 1.0 - share) if share < 1.0 else mesh)
 
 
 def read_meshes(folder: Path, simplify: Callable[[Mesh], Mesh]) -> Mapping[str, Mesh]:

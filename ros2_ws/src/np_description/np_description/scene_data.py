@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from np_description.domains import Domain, Pose
-from np_description.meshes import drawn_model
+from np_description.meshes import CANVAS, drawn_model
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_description.robot_description import WORLD, robot_bodies, shapes
 from np_description.scene import OBJECT
@@ -23,7 +23,7 @@ class SceneData:
 
     def __init__(self, domain: Domain, *, meshes: bool | None = None):
         self.domain = domain
-        self._model = drawn_model(domain.plain, meshes=meshes)
+        self._model = drawn_model(domain.plain, meshes=meshes, share=CANVAS)
         self._data = mujoco.MjData(self._model)
         self._joints = [self._model.joint(name).qposadr[0] for name in STATE_NAMES]
         self.bodies = [WORLD, *robot_bodies(self._model), OBJECT, GOAL]

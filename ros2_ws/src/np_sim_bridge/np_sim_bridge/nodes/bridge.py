@@ -176,7 +176,14 @@ class Bridge(Node):
         self._image = self.create_publisher(Image, "camera/image_raw", stream, event_callbacks=joined)
         self._camera_info = self.create_publisher(CameraInfo, "camera/camera_info", stream)
         self._goal_pose = self.create_publisher(PoseStamped, "goal_pose", qos.LATCHED)
-        streams = self._joint_states, self._applied, self._object_pose, self._clock_topic, self._image, self._camera_info
+        streams = (
+            self._joint_states,
+            self._applied,
+            self._object_pose,
+            self._clock_topic,
+            self._image,
+            self._camera_info,
+        )
         self._arrivals = Arrivals(streams, ARRIVED_WITHIN)
 
     def _create_inputs(self) -> None:
