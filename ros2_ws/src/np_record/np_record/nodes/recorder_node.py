@@ -20,7 +20,7 @@ from np_ros.node import Diagnostics, parameter, run
 from np_ros.parameters import check_known
 
 _LOOK = 0.2  # s between looks at the writer
-_QUIET = 0.2  # s without a message sent before a stop after which all of these are taken to be here: four heartbeats
+_QUIET = 0.3  # s without a message sent before a stop after which all of these are taken to be here: three heartbeats
 _PATIENCE = 1.0  # s after which a stop waits no longer, whatever another host's clock says of its messages
 
 

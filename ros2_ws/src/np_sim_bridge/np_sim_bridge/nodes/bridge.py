@@ -56,7 +56,7 @@ from np_sim_bridge.simulation import Simulation
 from np_sim_bridge.view import View
 
 REPEAT_AFTER = 1.0  # s of wall time without an answer, after which a state is published again
-ARRIVED_WITHIN = SECOND  # ns that time goes on without a moment at which all that was published had arrived
+ARRIVED_WITHIN = 2 * SECOND  # ns that time goes on without a moment at which all that was published had arrived
 LISTENERS = "arrival at who listens"
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
 WARN, ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
