@@ -26,7 +26,7 @@ REAL_TIME := realtime or real_time
 ALONE := tests/unit tests/training tests/diagnosis tests/parity
 GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
-.PHONY: help setup demo test test-slow test-driver driver-report hardware physx lerobot cluster bench soak fuzz blind blind-chain evaluate table3 train identify docs format lock clean distclean
+.PHONY: help setup demo test test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak fuzz blind blind-chain evaluate table3 train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -124,6 +124,13 @@ test-slow: setup ## the slowest tests, which say least beyond those of `make tes
 cluster: setup .venv/.cluster ## add Dask: make table3 CLUSTER=tcp://host:8786, docs/guide/cluster.md
 
 physx: setup .venv/.physx ## add the second engine: make evaluate ENGINE=physx
+
+# Without dependencies: of the first only its files are wanted.
+.venv/.meshes: requirements-meshes.txt .venv/.installed
+	@.venv/bin/python -m pip --disable-pip-version-check -qq install --no-deps -r $<
+	@touch $@
+
+meshes: setup .venv/.meshes ## add how the arm looks: pages, windows and videos draw it in place of the shapes that collide
 
 lerobot: setup .venv/.lerobot ## add what LeRobot data sets need: ros2 run np_record export_lerobot BAG... --out DIR
 

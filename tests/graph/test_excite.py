@@ -1,7 +1,11 @@
 """The excitation suite over real topics: sim bridge, controller, recorder, and the node that excites."""
 
+import os
+import signal
+
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import Graph
 from sensor_msgs.msg import JointState
 
@@ -14,10 +18,12 @@ from np_diagnosis.commands.excite import make_graph
 from np_diagnosis.experiments.excitation import LOW_DAMPING, suite
 from np_diagnosis.nodes.excite_node import Exciter
 from np_record.bag import Recording
+from np_ros import qos
 from np_ros.messages import gains_array, joint_state_arrays, joint_state_message, trajectory_arrays
 from np_ros.participant import GraphError
 from np_ros.phases import phase_state
 from np_ros.qos import publisher
+from np_sim_bridge.nodes.bridge import LISTENERS
 
 SHORT = ["sinusoid_7"]
 
@@ -85,6 +91,39 @@ def test_lockstep_recordings_are_equal_bit_for_bit(recorded, tmp_path):
             digests.append(recording.digest())
         assert result["lost"] == 0
     assert digests[0] == digests[1]
+
+
+def test_lockstep_waits_for_a_recorder_that_gets_no_processor(recorded, tmp_path):
+    """It is halted at the first segment: time stands still before anything is lost, and the recording is what it would be."""
+    waited = []
+    with Graph(tmp_path / "log") as graph:
+        nodes = make_graph(tmp_path / "bag", "lockstep")
+        graph.start(nodes)
+
+        def hear(message):
+            for status in message.status:
+                values = {pair.key: pair.value for pair in status.values}
+                if values.get("waiting_for") == LISTENERS:
+                    waited.append(int(values["stamp"]))
+            if len(waited) == 3:  # a second between each
+                os.kill(graph.pid("recorder"), signal.SIGCONT)
+
+        def halt(_, number, count):
+            if number == 1:
+                os.kill(graph.pid("recorder"), signal.SIGSTOP)
+
+        with Exciter(graph, lockstep=True, on_segment=halt) as exciter:
+            exciter._node.create_subscription(DiagnosticArray, "diagnostics", hear, qos.RECORDER)
+            exciter.wait_until_ready({node.name for node in nodes})
+            try:
+                assert exciter.run(SHORT) == SHORT
+            finally:
+                os.kill(graph.pid("recorder"), signal.SIGCONT)
+            result = exciter.stop_recording()
+    assert len(waited) >= 3 and len(set(waited[:3])) == 1
+    assert result["lost"] == 0
+    with Recording(recorded[1]["bag"]) as before, Recording(result["bag"]) as recording:
+        assert recording.digest() == before.digest()
 
 
 def test_the_gains_of_an_experiment_hold_from_its_first_state_on(tmp_path):

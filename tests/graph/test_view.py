@@ -16,6 +16,7 @@ import yaml
 from bags import GOAL, object_pose, record_episode
 from geometry_msgs.msg import TransformStamped
 from graph_tools import ROOT, TIMEOUT, command
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -31,6 +32,7 @@ from np_description.robot_description import urdf
 from np_description.rotations import matrix_from_quaternion
 from np_description.scene_data import SceneData
 from np_record.bag import Recording
+from np_record.nodes.recorder_node import message_class
 from np_record.topics import BY_NAME
 from np_ros import qos
 
@@ -136,7 +138,7 @@ def test_tf_is_published_where_its_type_is_installed(monkeypatch):
 
 
 def test_transforms_and_markers_are_those_of_the_scene():
-    data = SceneData(CARD)
+    data = SceneData(CARD, meshes=False)
     pose = Pose(np.array([0.5, 0.1, 0.0025]), np.array([1.0, 0, 0, 0]))
     scene, poses = data.scene(), data.poses(READY, pose, GOAL)
     found = {t.child_frame_id: t for t in robot_state_node.transforms(scene, poses, 7)}
@@ -215,6 +217,70 @@ def test_layouts_name_topics_that_there_are():
         return {node} if isinstance(node, str) else panels(node["first"]) | panels(node["second"])
 
     assert panels(layout["layout"]) == set(layout["configById"])
+
+
+RVIZ_TYPES = {
+    "MarkerArray": "visualization_msgs/msg/MarkerArray",
+    "RobotModel": "std_msgs/msg/String",
+    "Pose": "geometry_msgs/msg/PoseStamped",
+    "Image": "sensor_msgs/msg/Image",
+}
+
+
+def test_layouts_fit_a_running_graph(graph, probe):
+    """Each display is given its type with a quality of service that it can have, and each path of a panel is a field."""
+    names = {
+        graph.run("np_sim_bridge", "sim_bridge", {"camera": False}),
+        graph.run("np_policy", "episode"),
+        graph.run("np_policy", "post_contact"),
+        graph.run("np_bringup", "robot_state"),
+    }
+    shown = probe.collect("scene_markers", MarkerArray, qos.REALTIME_SUBSCRIBER)
+    probe.wait_until_ready(names)
+    probe.wait_until(lambda: shown, what="markers")
+    rviz = yaml.safe_load((CONFIG / "episode.rviz").read_text())["Visualization Manager"]
+    assert {marker.header.frame_id for marker in shown[-1].markers} == {rviz["Global Options"]["Fixed Frame"]}
+
+    def published(topic: str):
+        (found,) = probe.node.get_publishers_info_by_topic(topic)
+        return found
+
+    checked = 0
+    for display in rviz["Displays"]:
+        if topic := display.get("Topic") or display.get("Description Topic"):
+            publisher = published(topic["Value"])
+            assert publisher.topic_type == RVIZ_TYPES[display["Class"].partition("/")[2]]
+            offered = publisher.qos_profile.reliability, publisher.qos_profile.durability
+            strictest = ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL
+            asked_for = topic["Reliability Policy"] == "Reliable", topic["Durability Policy"] == "Transient Local"
+            assert all(o == s or not wanted for o, s, wanted in zip(offered, strictest, asked_for)), topic["Value"]
+            checked += 1
+    panels = json.loads((CONFIG / "episode.foxglove.json").read_text())["configById"]
+    for config in panels.values():
+        for topic in config.get("topics", ()):
+            assert published(topic).topic_type in RVIZ_TYPES.values()
+        for path in config.get("paths", ()):
+            topic, *fields = path["value"].split(".")
+            assert isinstance(value_at(published(topic).topic_type, fields), (str, float)), path
+            checked += 1
+    assert published(panels["Image!camera"]["imageMode"]["imageTopic"]).topic_type == RVIZ_TYPES["Image"]
+    assert checked == 9
+    diagnostics = probe.node.get_publishers_info_by_topic(panels["DiagnosticSummary!nodes"]["topicToRender"])
+    assert {info.topic_type for info in diagnostics} == {"diagnostic_msgs/msg/DiagnosticArray"}
+
+
+def value_at(message_type: str, fields: list[str]) -> object:
+    """What a path such as ["status[0]", "message"] leads to in a message of a type with one entry in each of its lists."""
+    kind = message_class(message_type)
+    for field in fields:
+        name, indexed, _ = field.partition("[")
+        declared = kind.get_fields_and_field_types()[name]
+        assert declared.startswith("sequence<") == bool(indexed), field
+        inner = declared.removeprefix("sequence<").removesuffix(">")
+        if "/" not in inner:
+            return {"string": "", "double": 0.0}[inner]
+        kind = message_class(inner.replace("/", "/msg/"))
+    raise AssertionError(f"{fields} is no number and no text")
 
 
 def test_every_setting_of_the_layout_is_one_that_foxglove_has():

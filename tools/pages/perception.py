@@ -17,9 +17,9 @@ def _rows(sets: Mapping) -> Iterator[tuple]:
 
 def detector(data: Mapping) -> tuple[str, str]:
     """Headline and body of a detector on held-out images."""
-    shifted = data["sets"]["shifted"]
-    headline = "shifted images, medians: " + ", ".join(
-        f"{kind} {shifted[kind]['median']:.2f} px" for kind in ("visible", "hidden")
+    name = "shifted" if "shifted" in data["sets"] else list(data["sets"])[-1]
+    headline = f"{name} images, medians: " + ", ".join(
+        f"{kind} {data['sets'][name][kind]['median']:.2f} px" for kind in ("visible", "hidden")
     )
     body = table((*HEADER, "calibration error"), _rows(data["sets"]))
     if timing := data.get("detection"):

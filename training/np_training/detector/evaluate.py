@@ -4,7 +4,8 @@
 
 Three sets: `nominal`, the scene as the bridge draws it, by OpenGL; `shifted`, by OpenGL, with table patterns
 never used in training, other lights and colours, and the camera within 2 cm and 2 degrees of its place;
-`ray_caster`, the nominal scene by MuJoCo Warp's ray caster, one ray a pixel. With --episodes, three fifths of the
+`ray_caster`, the nominal scene by MuJoCo Warp's ray caster, one ray a pixel. If asked for, `meshes`: the scenes of `nominal`
+with the arm as it looks (`make meshes`). With --episodes, three fifths of the
 states are ones that the released policies pass through
 (`np_training.evaluate --released DOMAIN --conditions paper --record FILE`). Writes
 docs/results/detector_DOMAIN.json, a picture of the best, median and worst detections beside it, and a plot of
@@ -19,7 +20,8 @@ from pathlib import Path
 
 from np_description.domains import DOMAINS
 
-SETS = ("nominal", "shifted", "ray_caster")
+SETS = ("nominal", "shifted", "ray_caster", "meshes")
+ALWAYS = SETS[:3]
 
 
 def main() -> None:
@@ -28,7 +30,7 @@ def main() -> None:
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--weights", default="", help="folder of weights; default: the released ones")
     parser.add_argument("--images", type=int, default=5000, help="of each set")
-    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS))
+    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(ALWAYS))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--episodes", type=Path, help="recording of np_training.evaluate: most states come from it")
     parser.add_argument("--out", type=Path, default=Path("docs/results"))

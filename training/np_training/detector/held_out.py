@@ -11,6 +11,7 @@ import torch
 
 from np_description.camera import CAMERA
 from np_description.domains import Domain
+from np_description.meshes import drawn_model
 from np_description.scene import build_scene
 from np_sim_bridge.renderer import make_renderer
 from np_training.detector.render import (
@@ -48,15 +49,16 @@ def held_out_images(
     renderer: str,
     patterned: bool,
     visited: torch.Tensor | None = None,
+    meshes: bool = False,
 ) -> Iterator[HeldOut]:
     """So many labelled images from `renderer` (see np_sim_bridge.renderer); visited: states (m, 16) of episodes, from
-    which most are taken."""
+    which most are taken; meshes: the arm as it looks (`make meshes`), not patterned."""
     generator = torch.Generator().manual_seed(seed)
     states = sample_states(domain, count, generator)
     if visited is not None:
         states = mix_visited(states, visited, SampleConfig.visited, generator)
     for part in states.split(-(-count // PATTERNS) if patterned else count):
-        model = patterned_model(domain, generator) if patterned else build_scene(domain).compile()
+        model = patterned_model(domain, generator) if patterned else drawn_model(domain, meshes=meshes)
         looks, camera = Looks(model, look, "cpu"), make_renderer(renderer, model)
         for state in part:
             values = looks.sample(1, generator)

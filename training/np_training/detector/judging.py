@@ -23,11 +23,14 @@ from np_training.detector.render import NOMINAL_LOOK
 from np_training.detector.timing import detector_figures
 from np_training.detector.visited import load_visited
 
-SETS = {  # by the names of `np_training.detector.evaluate`: look, renderer, whether the table is patterned
-    "nominal": (NOMINAL_LOOK, "egl", False),
-    "shifted": (SHIFTED_LOOK, "egl", True),
-    "ray_caster": (NOMINAL_LOOK, "warp", False),
+SETS = {  # by the names of `np_training.detector.evaluate`: look, renderer, whether the table is patterned, the arm of meshes
+    "nominal": (NOMINAL_LOOK, "egl", False, False),
+    "shifted": (SHIFTED_LOOK, "egl", True, False),
+    "ray_caster": (NOMINAL_LOOK, "warp", False, False),
+    "meshes": (NOMINAL_LOOK, "egl", False, True),
 }
+LIKE = {"meshes": "nominal"}
+"""Sets with the states of another."""
 
 
 def judge(detector: KeypointDetector, images: Iterator[HeldOut], total: int, name: str) -> tuple[dict, list]:
@@ -106,13 +109,13 @@ def evaluate(
         "sets": {},
     }
     opengl = egl_works()
-    drawable = [name for name, (_, renderer, _) in SETS.items() if renderer != "egl" or opengl]
+    drawable = [name for name, (_, renderer, *_) in SETS.items() if renderer != "egl" or opengl]
     if missing := [name for name in only if name not in drawable]:
         print(f"OpenGL does not work here: not judged on {', '.join(missing)}", file=sys.stderr)
     for name in (name for name in drawable if name in only):
-        look, renderer, patterned = SETS[name]
-        images_seed = 7919 * (seed + 1) + list(SETS).index(name)
-        samples = held_out_images(domain, images, images_seed, look, renderer, patterned, visited)
+        look, renderer, patterned, meshes = SETS[name]
+        images_seed = 7919 * (seed + 1) + list(SETS).index(LIKE.get(name, name))
+        samples = held_out_images(domain, images, images_seed, look, renderer, patterned, visited, meshes)
         result["sets"][name], shown = judge(detector, samples, images, name)
         if pictures is not None and shown and name == ("shifted" if "shifted" in drawable else "ray_caster"):
             draw(shown, pictures)

@@ -23,6 +23,7 @@ _KINDS = {
     mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
     mujoco.mjtGeom.mjGEOM_BOX: "box",
     mujoco.mjtGeom.mjGEOM_PLANE: "plane",
+    mujoco.mjtGeom.mjGEOM_MESH: "mesh",
 }
 _INVISIBLE = 3  # group of the object's hull, inside its coloured blocks
 
@@ -31,7 +32,8 @@ _INVISIBLE = 3  # group of the object's hull, inside its coloured blocks
 class Shape:
     """What is drawn of a body, in the body's frame: position (3,) m, quaternion wxyz (4,), rgba (4,) 0..1.
 
-    kind and size in m: capsule: radius, half length along z; box: half size (3,); plane: half size x, y.
+    kind and size in m: capsule: radius, half length along z; box: half size (3,); plane: half size x, y; mesh: of a box
+    about it, and vertices (n, 3) m with triangles (m, 3), which number them, outwards.
     """
 
     body: str
@@ -40,6 +42,8 @@ class Shape:
     position: np.ndarray
     quaternion: np.ndarray
     rgba: np.ndarray
+    vertices: np.ndarray | None = None
+    triangles: np.ndarray | None = None
 
 
 def shapes(model: mujoco.MjModel) -> list[Shape]:
@@ -49,10 +53,21 @@ def shapes(model: mujoco.MjModel) -> list[Shape]:
         if model.geom_group[i] == _INVISIBLE:
             continue
         kind = _KINDS[mujoco.mjtGeom(model.geom_type[i])]
-        size = model.geom_size[i][: 3 if kind == "box" else 2]
+        size = model.geom_size[i][: 3 if kind in ("box", "mesh") else 2]
         body = model.body(model.geom_bodyid[i]).name
-        found.append(Shape(body, kind, tuple(size.tolist()), model.geom_pos[i], model.geom_quat[i], model.geom_rgba[i]))
+        mesh = _mesh(model, model.geom_dataid[i]) if kind == "mesh" else ()
+        placed = model.geom_pos[i], model.geom_quat[i], model.geom_rgba[i]
+        found.append(Shape(body, kind, tuple(size.tolist()), *placed, *mesh))
     return found
+
+
+def _mesh(model: mujoco.MjModel, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a mesh."""
+    vertex, triangle = model.mesh_vertadr[number], model.mesh_faceadr[number]
+    return (
+        model.mesh_vert[vertex : vertex + model.mesh_vertnum[number]],
+        model.mesh_face[triangle : triangle + model.mesh_facenum[number]],
+    )
 
 
 def robot_bodies(model: mujoco.MjModel) -> list[str]:

@@ -6,26 +6,31 @@ import mujoco
 import numpy as np
 
 from np_description.domains import Domain, Pose
+from np_description.meshes import CANVAS, drawn_model
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_description.robot_description import WORLD, robot_bodies, shapes
-from np_description.scene import OBJECT, load_model
+from np_description.scene import OBJECT
 
 GOAL = "goal"
 _DIGITS = 4
 
 
 class SceneData:
-    """The shapes of a domain's scene, and where they are for joints and object; needs no renderer."""
+    """The shapes of a domain's scene, and where they are for joints and object; needs no renderer.
 
-    def __init__(self, domain: Domain):
+    meshes: as in `drawn_model`, which raises NoMeshes.
+    """
+
+    def __init__(self, domain: Domain, *, meshes: bool | None = None):
         self.domain = domain
-        self._model = load_model(domain.plain)
+        self._model = drawn_model(domain.plain, meshes=meshes, share=CANVAS)
         self._data = mujoco.MjData(self._model)
         self._joints = [self._model.joint(name).qposadr[0] for name in STATE_NAMES]
         self.bodies = [WORLD, *robot_bodies(self._model), OBJECT, GOAL]
 
     def scene(self) -> dict:
-        """bodies: names in the order of poses; shapes: body, kind, size m, pose in the body's frame, rgba 0..1."""
+        """bodies: names in the order of poses; shapes: body, kind, size m, pose in the body's frame, rgba 0..1; of a mesh
+        vertices, x, y, z m in that pose, and triangles, three numbers of vertices each."""
         drawn = [
             {
                 "body": self.bodies.index(shape.body),
@@ -34,6 +39,11 @@ class SceneData:
                 "pose": _rounded([*shape.position, *shape.quaternion]),
                 "rgba": _rounded(shape.rgba),
             }
+            | (
+                {"vertices": shape.vertices.round(_DIGITS).tolist(), "triangles": shape.triangles.tolist()}
+                if shape.kind == "mesh"
+                else {}
+            )
             for shape in shapes(self._model)
         ]
         goal = {"body": self.bodies.index(GOAL), "kind": "box", "size": list(self.domain.half_size)}

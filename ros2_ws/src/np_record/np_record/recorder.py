@@ -15,8 +15,8 @@ from collections.abc import Callable
 from np_record.cdr import header_stamp, padding_filter
 from np_record.topics import TIMELINE, TOPICS, Topic
 
-HORIZON = 500_000_000
-"""ns of the recorded clock for which a message may be overtaken: five policy ticks."""
+HORIZON = 3_000_000_000
+"""ns of the recorded clock for which a message may be overtaken: a second more than lockstep goes on while one is sent again."""
 
 _TIMELINE_LENGTH = 10_000
 

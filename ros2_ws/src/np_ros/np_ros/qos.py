@@ -19,8 +19,9 @@ def _keep_last(depth: int, reliable: bool = True, latched: bool = False) -> QoSP
     )
 
 
-LOCKSTEP = _keep_last(100)
-"""Streams in lockstep, both sides: reliable, and deep enough that no answer is ever dropped."""
+LOCKSTEP = _keep_last(5000)
+"""Streams in lockstep, both sides: reliable, and kept until whoever listens has them: a writer forgets what has arrived
+everywhere, and the backend lets time go on only while it has (`np_ros.arrivals`)."""
 
 REALTIME_PUBLISHER = _keep_last(1)
 """Streams in real time, sending side: newest only; reliable, so that a recorder may ask for it."""
@@ -38,6 +39,9 @@ LATCHED = _keep_last(1, latched=True)
 RECORDER = _keep_last(5000)
 """The recorder's side of every stream: ten seconds at 500 Hz, for a disk that stalls. More than Fast DDS's
 `max_samples` of 5000 would never be acknowledged."""
+
+RECORDER_LATCHED = _keep_last(100, latched=True)
+"""The recorder's side of what is latched: each of several in a row."""
 
 
 def publisher(lockstep: bool) -> QoSProfile:

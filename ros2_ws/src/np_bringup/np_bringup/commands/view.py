@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import closing
+from functools import partial
 
 from np_description.domains import DOMAINS
 from np_description.objects.choice import DEFAULT, domain_with, recorded_domain
@@ -17,6 +18,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--domain", choices=list(DOMAINS), default="card", help="what a running graph works on; %(default)s")
     p.add_argument("--object", default=DEFAULT, help="and what with: a row of its table, or a .yaml file; %(default)s")
     p.add_argument("--window", action="store_true", help="MuJoCo's viewer on this display instead of a page")
+    p.add_argument(
+        "--shapes", action="store_true", help="the arm as the shapes that collide, also where `make meshes` was here"
+    )
     p.add_argument("--host", default="127.0.0.1", help="address to serve at; 0.0.0.0 lets everybody look; %(default)s")
     p.add_argument("--port", type=int, default=8300, help="0: any that is free; %(default)s")
     return p
@@ -29,7 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     interrupt_on_sigterm()
     try:
-        return _play(options) if options.bag else _watch(options)
+        meshes = False if options.shapes else None
+        return _play(options, meshes) if options.bag else _watch(options, meshes)
     except KeyboardInterrupt:
         return 0
     except (ValueError, OSError) as error:  # a BagError is one
@@ -37,25 +42,25 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
 
 
-def _play(options: argparse.Namespace) -> int:
+def _play(options: argparse.Namespace, meshes: bool | None) -> int:
     import threading
 
     if options.window:
-        from np_bringup.view.window import play
+        from np_bringup.view.window import Window, play
         from np_record.bag import Recording
 
         with Recording(options.bag, required=("joint_states",)) as recording:
-            play(recording, recorded_domain(recording.information))
+            play(recording, recorded_domain(recording.information), partial(Window, meshes=meshes))
         return 0
     from np_bringup.view.recorded import RecordedEpisode
     from np_bringup.view.server import serve
 
-    _tell(serve(RecordedEpisode(options.bag), options.host, options.port))
+    _tell(serve(RecordedEpisode(options.bag, meshes=meshes), options.host, options.port))
     threading.Event().wait()
     return 0
 
 
-def _watch(options: argparse.Namespace) -> int:
+def _watch(options: argparse.Namespace, meshes: bool | None) -> int:
     from np_bringup.view.live import LiveGraph
     from np_bringup.view.server import serve
     from np_ros.domain import ros_domain_id
@@ -67,14 +72,15 @@ def _watch(options: argparse.Namespace) -> int:
             from np_bringup.view.window import Window
 
             domain = domain_with(options.domain, options.object)
-            with closing(Window(domain)) as window:
+            with closing(Window(domain, meshes=meshes)) as window:
                 live = LiveGraph(peer, domain)
                 while window.is_open:
                     peer.idle_for(0.05)
                     if (moment := live.moment()) is not None:
                         window.show(moment)
             return 0
-        _tell(serve(LiveGraph(peer, domain_with(options.domain, options.object)), options.host, options.port))
+        live = LiveGraph(peer, domain_with(options.domain, options.object), meshes=meshes)
+        _tell(serve(live, options.host, options.port))
         while True:
             peer.spin_once(0.2)
 

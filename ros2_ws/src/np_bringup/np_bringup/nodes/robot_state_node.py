@@ -85,7 +85,9 @@ class RobotState(Node):
         super().__init__("robot_state")
         domain = declare_domain(self)
         rate = parameter(self, "rate", 20.0, "Scenes a second of wall time.", 0.5, 100.0)
-        self._data = SceneData(domain)
+        self._data = SceneData(
+            domain, meshes=False
+        )  # a hundred markers are small, meshes twenty times a second are not
         self._scene = self._data.scene()
         self._diagnostics = Diagnostics(self)
         self._state: JointState | None = None

@@ -23,10 +23,13 @@ _SILENT = "no joint_states in this ROS_DOMAIN_ID"
 
 
 class LiveGraph:
-    """Listens with a peer, whose thread calls `spin_once`; the page's threads ask. Nothing is published."""
+    """Listens with a peer, whose thread calls `spin_once`; the page's threads ask. Nothing is published.
 
-    def __init__(self, peer: Peer, domain: Domain):
-        self._scene, self._lock = SceneData(domain), threading.Lock()
+    meshes: as in `drawn_model`.
+    """
+
+    def __init__(self, peer: Peer, domain: Domain, *, meshes: bool | None = None):
+        self._scene, self._lock = SceneData(domain, meshes=meshes), threading.Lock()
         self._state: bytes | None = None  # serialized: of 500 a second the page asks for twenty
         self._pose: Pose | None = None
         self._goal: Pose | None = None

@@ -18,11 +18,14 @@ _SECOND = 1_000_000_000
 
 
 class RecordedEpisode:
-    """A bag, read once; one moment every 50 ms. Raises BagError for a path that is none, or has no joint states."""
+    """A bag, read once; one moment every 50 ms; meshes: as in `drawn_model`.
 
-    def __init__(self, path: str):
+    Raises BagError for a path that is none, or has no joint states.
+    """
+
+    def __init__(self, path: str, *, meshes: bool | None = None):
         recording = Recording(path, required=("joint_states",))
-        self._scene = SceneData(recorded_domain(recording.information))
+        self._scene = SceneData(recorded_domain(recording.information), meshes=meshes)
         self._start = recording.start
         self._moments: list[dict] = []
         self._images: list[tuple[int, bytes]] = []

@@ -12,8 +12,9 @@ import mujoco
 import numpy as np
 
 from np_description.domains import Domain, Pose
+from np_description.meshes import drawn_model
 from np_description.panda import BASE_FRAME, STATE_NAMES
-from np_description.scene import OBJECT, load_model
+from np_description.scene import OBJECT
 from np_record.bag import Recording
 from np_ros.messages import joint_state_arrays, pose_arrays
 
@@ -31,16 +32,19 @@ class Moment:
 
 
 class Window:
-    """A window on the scene of a domain. Raises OSError where there is no display, or no OpenGL on it."""
+    """A window on the scene of a domain; meshes: as in `drawn_model`.
 
-    def __init__(self, domain: Domain):
+    Raises OSError where there is no display, or no OpenGL on it.
+    """
+
+    def __init__(self, domain: Domain, *, meshes: bool | None = None):
         if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             raise OSError(
                 "--window: expected a display (DISPLAY or WAYLAND_DISPLAY), there is none: leave it out for the page"
             )
         from mujoco import viewer
 
-        self._domain, self._model = domain, load_model(domain.plain)
+        self._domain, self._model = domain, drawn_model(domain.plain, meshes=meshes)
         self._data = mujoco.MjData(self._model)
         self._joints = [self._model.joint(name).qposadr[0] for name in STATE_NAMES]
         self._body = self._model.jnt_qposadr[self._model.body(OBJECT).jntadr[0]]

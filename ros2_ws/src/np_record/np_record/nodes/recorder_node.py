@@ -20,7 +20,7 @@ from np_ros.node import Diagnostics, parameter, run
 from np_ros.parameters import check_known
 
 _LOOK = 0.2  # s between looks at the writer
-_QUIET = 0.05  # s without a message sent before a stop after which all of these are taken to be here
+_QUIET = 0.3  # s without a message sent before a stop after which all of these are taken to be here: three heartbeats
 _PATIENCE = 1.0  # s after which a stop waits no longer, whatever another host's clock says of its messages
 
 
@@ -51,7 +51,7 @@ class Recorder(Node):
                 message_class(topic.type),
                 topic.name,
                 self._receiver(topic),
-                qos.LATCHED if topic.latched else qos.RECORDER,
+                qos.RECORDER_LATCHED if topic.latched else qos.RECORDER,
                 raw=True,
             )
             for topic in TOPICS

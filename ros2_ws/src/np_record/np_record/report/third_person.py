@@ -1,8 +1,12 @@
-"""What somebody beside the table sees: arm, object and goal drawn as the shapes that collide, by a painter, without a graphics card."""
+"""What somebody beside the table sees: arm, object and goal, drawn by a painter, without a graphics card.
+
+The arm looks like itself where its meshes are installed (`np_description.meshes`), else like the shapes that collide.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import cv2
 import numpy as np
@@ -31,6 +35,9 @@ class ThirdPerson:
     def __init__(self, domain: Domain, size: int):
         self._data, self._size = SceneData(domain), size
         self._shapes = self._data.scene()["shapes"]
+        for shape in self._shapes:
+            for key in {"vertices", "triangles"} & shape.keys():
+                shape[key] = np.array(shape[key])
         back = (EYE - LOOK) / np.linalg.norm(EYE - LOOK)
         right = np.cross([0.0, 0.0, 1.0], back)
         right /= np.linalg.norm(right)
@@ -55,7 +62,7 @@ class ThirdPerson:
                 turn = matrix_from_quaternion(np.array(outer[3:]))
                 inner = np.array(shape["pose"])
                 place = np.array(outer[:3]) + turn @ inner[:3]
-                draw = self._box if shape["kind"] == "box" else self._capsule
+                draw = {"box": self._box, "capsule": self._capsule, "mesh": self._mesh}[shape["kind"]]
                 paints += draw(shape, place, turn @ matrix_from_quaternion(inner[3:]))
         frame = self._empty.copy()
         for _, paint in sorted(paints, key=lambda one: -one[0]):
@@ -102,6 +109,27 @@ class ThirdPerson:
                 cv2.line(frame, _whole(pixels[0] + shift), _whole(pixels[1] + shift), shade, thick, cv2.LINE_AA)
 
         return [(float(far.mean()) - radius / 2, paint)]
+
+    def _mesh(self, shape: dict, place: np.ndarray, turn: np.ndarray) -> list[Paint]:
+        points = place + shape["vertices"] @ turn.T
+        pixels = np.round(self._project(points)[0]).astype(np.int32)
+        corners = points[shape["triangles"]]
+        middles = corners.mean(axis=1)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        seen = np.einsum("ij,ij->i", normals, EYE - middles) > 0
+        lit = normals[seen] @ _SUN / np.linalg.norm(normals[seen], axis=1)
+        light = 0.5 + 0.5 * np.maximum(0.0, lit)
+        far = np.linalg.norm(middles[seen] - EYE, axis=1)
+        colours = (255 * np.minimum(1.0, np.outer(light, shape["rgba"][:3]))).tolist()
+
+        def paint(frame: np.ndarray, outline: np.ndarray, colour: list[float]) -> None:
+            cv2.fillConvexPoly(frame, outline, colour)
+
+        outlines = pixels[shape["triangles"][seen]]
+        return [
+            (distance, partial(paint, outline=outline, colour=colour))
+            for distance, outline, colour in zip(far.tolist(), outlines, colours)
+        ]
 
 
 def _whole(pixel) -> tuple[int, int]:

@@ -24,12 +24,14 @@ from std_srvs.srv import SetBool, Trigger
 
 from np_control.safety import Applied, Refusal, SafetyFilter, State
 from np_description.calibration import calibrated_camera
+from np_description.meshes import drawn_model
 from np_description.objects import scenarios
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.scene import CAMERA_NAME
 from np_effects.patch import Patch, load_patch
 from np_effects.view_effects import ViewEffects
 from np_ros import qos
+from np_ros.arrivals import Arrivals
 from np_ros.domain import OnlyPublisher
 from np_ros.messages import (
     BadMessage,
@@ -54,8 +56,11 @@ from np_sim_bridge.simulation import Simulation
 from np_sim_bridge.view import View
 
 REPEAT_AFTER = 1.0  # s of wall time without an answer, after which a state is published again
+ARRIVED_WITHIN = 2 * SECOND  # ns that time goes on without a moment at which all that was published had arrived
+LISTENERS = "arrival at who listens"
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
 WARN, ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+SHAPES, MESHES = LOOKS = "shapes", "meshes"
 LEVELS = {State.HOLDING: WARN, State.STOPPED: ERROR, State.FAULT: ERROR}
 
 
@@ -91,6 +96,13 @@ class Bridge(Node):
             choices=RENDERERS,
         )
         shadows = parameter(self, "shadows", True, "Whether the arm casts a shadow in the images.")
+        look = parameter(
+            self,
+            "arm_look",
+            "shapes",
+            "The arm in the images: the shapes that collide, with which detectors are trained, or meshes (`make meshes`).",
+            choices=LOOKS,
+        )
         self._tick_barrier = parameter(
             self, "tick_barrier", True, "Lockstep: whether time waits for ticks and targets too."
         )
@@ -134,9 +146,11 @@ class Bridge(Node):
         self._right = OnlyPublisher(self, "joint_states")
         self._camera = None
         if camera:
-            make = partial(
-                make_renderer if self._lockstep else RendererProcess, renderer, self._simulation.model, shadows=shadows
-            )
+            drawn = self._simulation.model
+            if look == MESHES:  # a second model: what is simulated knows nothing of meshes
+                change = patch.scene_change()
+                drawn = drawn_model(domain, meshes=True, camera=view.camera, panda=patch.panda(), change=change)
+            make = partial(make_renderer if self._lockstep else RendererProcess, renderer, drawn, shadows=shadows)
             self._camera = CameraThread(make, self._publish_image)
         self.diagnostics = Diagnostics(self)
         self.diagnostics.values.update(mode=mode, domain=domain.name, seed=seed, effects=effects or "none")
@@ -162,6 +176,15 @@ class Bridge(Node):
         self._image = self.create_publisher(Image, "camera/image_raw", stream, event_callbacks=joined)
         self._camera_info = self.create_publisher(CameraInfo, "camera/camera_info", stream)
         self._goal_pose = self.create_publisher(PoseStamped, "goal_pose", qos.LATCHED)
+        streams = (
+            self._joint_states,
+            self._applied,
+            self._object_pose,
+            self._clock_topic,
+            self._image,
+            self._camera_info,
+        )
+        self._arrivals = Arrivals(streams, ARRIVED_WITHIN)
 
     def _create_inputs(self) -> None:
         stream = qos.subscriber(self._lockstep)
@@ -179,6 +202,8 @@ class Bridge(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         if self._lockstep:
             self.create_timer(0.25, self._look_for_silence, clock=steady)
+            self._look_for_arrival = self.create_timer(0.001, self._on_arrival, clock=steady)
+            self._look_for_arrival.cancel()
             # Time does not stand still while the arm is being stopped: nobody's answer is needed for that.
             self._coast = self.create_timer(0.001, self._on_coast, clock=steady)
             self._coast.cancel()
@@ -239,9 +264,16 @@ class Bridge(Node):
     # Time
 
     def _advance(self) -> None:
-        """Lockstep: take the next step if every answer is there."""
+        """Lockstep: take the next step if every answer is there, and everybody has what was said until not long ago."""
         if not self._paused and self._filter.watchdog.may_move and self._barrier.missing() is None:
-            self._step()
+            if self._arrivals.are_recent(self._simulation.stamp):
+                self._step()
+            else:  # a recorder that gets no processor: nothing is lost, for time waits
+                self._look_for_arrival.reset()
+
+    def _on_arrival(self) -> None:
+        self._look_for_arrival.cancel()
+        self._advance()
 
     def _on_coast(self) -> None:
         if self._filter.watchdog.may_move or self._filter.at_rest or self._paused:
@@ -271,11 +303,13 @@ class Bridge(Node):
     def _look_for_silence(self) -> None:
         """Lockstep: publish a state again that nobody answers, and stop the arm if that does not help."""
         topic = self._barrier.missing()
+        if topic is None and not self._look_for_arrival.is_canceled():
+            topic = LISTENERS
         now = time.monotonic()
         self.diagnostics.values["waiting_for"] = topic or ""
         if topic is None or self._paused or not self._filter.watchdog.may_move:
             return
-        if now - self._repeated_at > REPEAT_AFTER:
+        if now - self._repeated_at > REPEAT_AFTER and topic != LISTENERS:
             self._repeat()
         if self._armed and now - self._waiting_since > self._timeout:
             self._armed = False
