@@ -15,6 +15,7 @@ import json
 import time
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from np_bringup.evaluation import Result, code_sha256, result_of, summary
@@ -85,8 +86,7 @@ class OneProcess:
         return result_of(number, outcome, time.monotonic() - began)
 
     def _tick(self, arm: Simulation, controller: Controller, episode: Episode, now, goal, said) -> None:
-        seen = project_keypoints(self._domain, arm.object_pose())
-        seen[:, 2] = ((seen[:, :2] > -0.5) & (seen[:, :2] < (CAMERA.width - 0.5, CAMERA.height - 0.5))).all(axis=1)
+        seen = self._seen(arm)
         before = episode.phase
         _note(said, episode.keypoints(now.stamp, seen))
         if episode.phase == PRE and episode.awaits == "joint_trajectory":
@@ -103,6 +103,15 @@ class OneProcess:
                 )
             except (PolicyError, Refusal):
                 pass  # as in the graph: the target before stays
+
+    def _seen(self, arm: Simulation) -> np.ndarray:
+        """The object's true corners (8, 3), usable where they lie in the image; none of an object that was thrown behind the camera."""
+        try:
+            seen = project_keypoints(self._domain, arm.object_pose())
+        except ValueError:
+            return np.zeros((8, 3))
+        seen[:, 2] = ((seen[:, :2] > -0.5) & (seen[:, :2] < (CAMERA.width - 0.5, CAMERA.height - 0.5))).all(axis=1)
+        return seen
 
     def _approach(self, arm: Simulation, controller: Controller, episode: Episode, now, seen, goal) -> list[Event]:
         try:
