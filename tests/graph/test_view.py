@@ -86,8 +86,14 @@ def test_a_recorded_episode_as_the_page_gets_it(page):
 def test_the_page_draws_the_episode_in_a_browser(page):
     """What stands in the document once its script has run."""
     flags = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", "--dump-dom"]
-    done = subprocess.run([BROWSER, *flags, page + "?time=2.9"], capture_output=True, text=True, timeout=2 * TIMEOUT)
-    assert '<div id="phase">succeeded</div>' in done.stdout
+    succeeded = '<div id="phase">succeeded</div>'
+    for _ in range(5):  # the browser's time runs on while a busy machine has not sent the episode yet
+        done = subprocess.run(
+            [BROWSER, *flags, page + "?time=2.9"], capture_output=True, text=True, timeout=2 * TIMEOUT
+        )
+        if succeeded in done.stdout:
+            break
+    assert succeeded in done.stdout
     drawn = int(re.search(r'data-drawn="(\d+)"', done.stdout)[1])
     assert drawn > 15  # capsules, and the faces of object and goal that can be seen
     assert re.search(r'<div id="error">\d+\.\d mm, \d+\.\d degrees from the goal', done.stdout)

@@ -69,7 +69,7 @@ def structure(model: mujoco.MjModel) -> tuple:
 def assert_is(model: mujoco.MjModel, spec: ObjectSpec) -> None:
     mass, centre, inertia = whole(model)
     assert mass == pytest.approx(spec.mass, rel=1e-9)
-    np.testing.assert_allclose(centre, spec.centre_of_mass, atol=1e-9)
+    np.testing.assert_allclose(centre, spec.centre_of_mass, atol=1e-8)  # the compiler takes less for none
     np.testing.assert_allclose(inertia, np.diag(spec.moments), atol=1e-6 * max(spec.moments))
 
 
