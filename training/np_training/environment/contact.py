@@ -21,6 +21,7 @@ from np_description.domains import Domain
 from np_description.hand import BoxShape, CapsuleShape, HandShapes, Shape
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion, matrix_from_vector
+from np_policy.stand_off import CLEARANCE
 from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
 from np_training.tasks.poses import Poses
 
@@ -28,7 +29,6 @@ SIZE = 9
 YAW, TILT = 2.0, 0.5  # rad, at an action of 1, over an upper face
 SIDE_YAW, LEAN, SIDE_TILT = 0.4, (0.2, 1.0), 0.4  # rad, before a side face; LEAN: from the vertical, away from the face
 YAW_CENTRE = pi / 4  # rad, yaw with the last joint in the middle of its range
-CLEARANCE = 0.004  # m
 IK_ITERATIONS = 30
 
 _TCP = NOMINAL.frames["hand_tcp"].position

@@ -25,12 +25,13 @@ class Sight:
 
     def __init__(self, model: mujoco.MjModel, device: str | torch.device) -> None:
         options = dict(dtype=torch.float32, device=device)
-        self.capsules, self.boxes = (
-            [g for g in range(model.ngeom) if model.geom_group[g] == ROBOT_GROUP and model.geom_type[g] == kind]
+        capsules, boxes = (
+            np.flatnonzero((model.geom_group == ROBOT_GROUP) & (model.geom_type == kind))
             for kind in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_BOX)
         )
-        self._radius, self._half_length = torch.tensor(model.geom_size[self.capsules, :2].T, **options)
-        self._half_size = torch.tensor(model.geom_size[self.boxes], **options)
+        self._capsules, self._boxes = (torch.tensor(geoms, device=device) for geoms in (capsules, boxes))
+        self._radius, self._half_length = torch.tensor(model.geom_size[capsules, :2].T, **options)
+        self._half_size = torch.tensor(model.geom_size[boxes], **options)
         self._eye = torch.tensor(CAMERA.position, **options)
         self._signs = torch.tensor(np.asarray(CORNERS), **options)
 
@@ -50,10 +51,10 @@ class Sight:
         covered = _through_capsules(
             self._eye,
             ray,
-            position[:, self.capsules],
-            rotation[:, self.capsules, :, 2] * self._half_length[:, None],
+            position[:, self._capsules],
+            rotation[:, self._capsules, :, 2] * self._half_length[:, None],
             self._radius,
-        ) | _through_boxes(self._eye, ray, position[:, self.boxes], rotation[:, self.boxes], self._half_size)
+        ) | _through_boxes(self._eye, ray, position[:, self._boxes], rotation[:, self._boxes], self._half_size)
         # A corner is turned to the camera if one of the three faces that meet there is.
         normals = matrix_from_quaternion(objects.quaternion)[:, None] * self._signs[None, :, None, :]  # columns
         facing = (-(ray[..., None] * normals).sum(-2) > 0).any(-1)

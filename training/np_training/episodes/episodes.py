@@ -113,7 +113,7 @@ def run_episodes(
 
     alive = torch.ones(worlds, dtype=torch.bool, device=device)
     mode = torch.full((worlds,), MODES.index("timeout"), device=device)
-    length, distance, angle, hidden, played = (torch.zeros(worlds, device=device) for _ in range(5))
+    length, distance, angle, hidden = (torch.zeros(worlds, device=device) for _ in range(4))
     over = torch.zeros(2, worlds, 7, device=device)
     shares, tally = torch.zeros(3, worlds, 7, device=device), Tally()
     lower, upper = (torch.tensor(list(end)).to(over) for end in (NOMINAL.position_lower, NOMINAL.position_upper))
@@ -123,7 +123,6 @@ def run_episodes(
             out = env.step(networks.post(env.observe()[0]))
         over += env.physics.over * alive[:, None]
         hidden += out["hidden"] * alive
-        played += alive
         from_middle = (env.physics.qpos[:, ARM] - (lower + upper) / 2).abs() / ((upper - lower) / 2)
         share = torch.cat([env.physics.peak, from_middle[None]])
         shares = torch.where(alive[:, None] & share.isfinite(), shares.maximum(share), shares)
@@ -143,7 +142,7 @@ def run_episodes(
     return Episodes(
         *(a.cpu().numpy() for a in (mode, length, distance, angle, over, shares)),
         tally,
-        (hidden / played.clamp(min=1)).cpu().numpy(),
+        (hidden / length).cpu().numpy(),
         masks,
         torch.cat([goals.position, goals.quaternion], -1).cpu().numpy(),
         torch.stack(frames).cpu().numpy() if record else None,

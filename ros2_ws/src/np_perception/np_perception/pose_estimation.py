@@ -43,6 +43,11 @@ def usable(keypoints, min_score: float) -> np.ndarray:
     return np.isfinite(keypoints).all(axis=1) & (keypoints[:, 2] >= min_score)
 
 
+def are_enough(keypoints, min_score: float) -> bool:
+    """Whether MIN_POINTS of keypoints (8, 3) or more are usable; None for a message that could not be read."""
+    return keypoints is not None and bool(usable(keypoints, min_score).sum() >= MIN_POINTS)
+
+
 def project_keypoints(domain: Domain, pose: Pose, camera: Camera = CAMERA) -> np.ndarray:
     """Keypoints (8, 3) u px, v px, score 1 of the object at a pose: goals, for instance.
 

@@ -15,7 +15,7 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, is_lost, is_success, pose_error
 from np_description.phases import ACTIVE, APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED, PhaseState
-from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, project_keypoints, usable
+from np_perception.pose_estimation import MIN_POINTS, PoseError, are_enough, estimate_pose, project_keypoints
 
 SECOND = 1_000_000_000
 
@@ -234,7 +234,7 @@ class Episode:
         )
         if stamp < max(self._goal.stamp, self._not_before) or stamp <= self._last_tick or not due:
             return []
-        good = keypoints is not None and usable(keypoints, config.min_score).sum() >= MIN_POINTS
+        good = are_enough(keypoints, config.min_score)
         if self.phase == PRE:
             return self._decide_pre(stamp, good)
         events: list[Event] = []

@@ -18,7 +18,7 @@ from np_description.objects.choice import DEFAULT
 from np_description.rotations import matrix_from_quaternion, quaternion_from_matrix
 from np_description.symmetry import renamed
 from np_description.weights_header import read_metadata
-from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, project_keypoints, usable
+from np_perception.pose_estimation import PoseError, are_enough, estimate_pose, project_keypoints, usable
 from np_policy import action, hand_pose, weights
 from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
@@ -142,8 +142,7 @@ class PostContactController:
         PolicyError.
         """
         position, rotation = forward_kinematics(np.asarray(q, float)[:7])
-        enough = keypoints is not None and usable(np.asarray(keypoints, float), self._min_score).sum() >= MIN_POINTS
-        self._blind = 0 if enough else self._blind + 1
+        self._blind = 0 if are_enough(keypoints, self._min_score) else self._blind + 1
         if self._peek_after and self._blind > self._peek_after:
             self.last_action = _UP if position[2] < PEEK_HEIGHT else np.zeros(action.SIZE)
             return action.decode(self.last_action, position, rotation)

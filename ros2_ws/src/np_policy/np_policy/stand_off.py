@@ -9,9 +9,7 @@ from np_description.hand import BoxShape, Shape
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion, namespace
 
-CLEARANCE = (
-    0.004  # m, of the fingers from the face, where training lets the hand stand (np_training.environment.contact)
-)
+CLEARANCE = 0.004  # m, of the fingers from the face, where training lets the hand stand
 
 _FINGER_BASE = np.subtract(NOMINAL.frames["hand_finger1"].position, NOMINAL.frames["hand_tcp"].position)
 

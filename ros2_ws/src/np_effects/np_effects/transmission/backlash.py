@@ -37,10 +37,8 @@ def _floating(c: Context, j: int, share: float) -> np.ndarray:
     A reference has a reach of its own, and where that is none its load says the side, as of any play that it might have had. By the
     later recordings' reach its column would be nought, and what both "have in common" would be the change itself.
     """
-    t = c.transmission
-    spans = [
-        _reach(c, j) if c.is_later(number) else _span([w[:, j]]) for w, (number, _) in zip(t.wound, c.samples.grids)
-    ]
+    t, later = c.transmission, _reach(c, j)
+    spans = [later if c.is_later(number) else _span([w[:, j]]) for w, (number, _) in zip(t.wound, c.samples.grids)]
     sides = [np.clip((w[:, j] - m) / (share * max(r, LEAST_REACH)), -1.0, 1.0) for w, (m, r) in zip(t.wound, spans)]
     still = {number for (number, _), (_, reach) in zip(c.samples.grids, spans) if reach <= LEAST_REACH}
     return np.where(np.isin(t.trajectory, list(still)), _side(c, j), c.samples.filter(sides))

@@ -12,7 +12,7 @@ from std_msgs.msg import Float64
 
 from np_description.panda import BASE_FRAME
 from np_description.phases import PRE
-from np_perception.pose_estimation import MIN_POINTS, usable
+from np_perception.pose_estimation import are_enough
 from np_policy.action import PolicyError
 from np_policy.contract import PRE_CONTACT, weights_file
 from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, report_weights, subscribe_keypoints
@@ -82,7 +82,7 @@ class PreContactNode(Node):
         self._keypoints, self._answer, self._answered = None, None, -1
 
     def _on_keypoints(self, stamp: int, keypoints: np.ndarray | None) -> None:
-        good = keypoints is not None and usable(keypoints, self._settings.min_score).sum() >= MIN_POINTS
+        good = are_enough(keypoints, self._settings.min_score)
         if not self._settings.is_policy_tick(stamp):
             return
         if self._in_phase and self._settings.lockstep and self._answer and self._answer[0] == stamp:

@@ -99,7 +99,7 @@ class Bridge(Node):
         look = parameter(
             self,
             "arm_look",
-            "shapes",
+            SHAPES,
             "The arm in the images: the shapes that collide, with which detectors are trained, or meshes (`make meshes`).",
             choices=LOOKS,
         )
