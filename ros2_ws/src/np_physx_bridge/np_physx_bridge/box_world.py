@@ -12,6 +12,7 @@ from np_physx_bridge.scene import (
     CONTACT_OFFSET,
     PLANE_BIT,
     POSITION_ITERATIONS,
+    SURFACING,
     VELOCITY_ITERATIONS,
     coefficient,
     scene,
@@ -71,6 +72,7 @@ class PhysxBoxWorld:
         body.set_disable_gravity(True)  # gravity is a force here, so that it can be tilted
         body.set_linear_damping(0.0)
         body.set_angular_damping(0.0)
+        body.set_max_depenetration_velocity(SURFACING)
         body.set_sleep_threshold(0.0)
         body.set_solver_position_iterations(POSITION_ITERATIONS)
         body.set_solver_velocity_iterations(VELOCITY_ITERATIONS)
