@@ -97,7 +97,7 @@ def main(arguments: list[str] | None = None) -> int:
     report = out / "rehearsal.html"
     report.write_text(render(told, patch, out), encoding="utf-8")
     print(sentence(told))
-    print(json.dumps({**told, "report": str(report)}))
+    print(json.dumps({name: value for name, value in told.items() if name != "played"} | {"report": str(report)}))
     return 0
 
 

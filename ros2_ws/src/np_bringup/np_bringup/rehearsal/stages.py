@@ -35,13 +35,21 @@ Turn = Callable[[], AbstractContextManager[int | None]]
 @dataclass(frozen=True)
 class Rehearsal:
     """What is rehearsed. robot: the nominal one in the simulator, with the policies that are there; reality: what it is judged by besides,
-    None where that is the lab; episodes: of every figure; share_episodes: of every subset of effects; out: folder of all results."""
+    None where that is the lab; episodes: of every figure; share_episodes: of every subset of effects; out: folder of all results; name: in front of
+    what progress says; go_on: called before every stage, and raises where none is to be begun."""
 
     robot: Cell
     out: Path
     reality: Cell | None = None
     episodes: int = 100
     share_episodes: int = 50
+    name: str = ""
+    go_on: Callable[[], None] = lambda: None
+
+    def play(self, cells: dict[str, Cell], episodes: int, what: str, pool: Executor) -> dict[str, list[bool]]:
+        """Success of cells, kept in `out`."""
+        self.go_on()
+        return play_all(cells, episodes, self.out / "episodes", pool, self.name + what)
 
     def patched(self, patch: Patch, weights: str | None = None) -> Cell:
         """The simulated robot with a patch, and other weights."""
@@ -89,19 +97,21 @@ def rehearse(what: Rehearsal, patch: Patch, how: Learning, pool: Executor, turn:
     cells = {"nominal": what.robot, "patched": what.patched(patch)}
     if what.reality is not None:
         cells["reality"] = what.reality
-    played = play_all(cells, what.episodes, out / "episodes", pool, "success before")
+    played = what.play(cells, what.episodes, "success before", pool)
     costs = _costs(what, blamed, played, pool) if patch.effects else {}
     trained_with, left_out = carried(patch)
     learned, after = None, {}
     if trained_with.effects:
         with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
+            what.go_on()
             learned = learn(what.robot.domain, trained_with, out, replace(how, gpu=gpu), what.robot.weights)
         new = {"patched_after": what.patched(patch, learned["weights"])}
         if what.reality is not None:
             new["reality_after"] = replace(what.reality, weights=learned["weights"])
-        after = play_all(new, what.episodes, out / "episodes", pool, "success after")
+        after = what.play(new, what.episodes, "success after", pool)
     told = _told(what, patch, played, after, costs, learned, left_out)
     told["wall_s"] = round(time.monotonic() - begun, 1)
+    told["played"] = {name: [int(success) for success in each] for name, each in {**played, **after}.items()}
     (out / "rehearsal.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
     return told
 
@@ -111,7 +121,7 @@ def _costs(what: Rehearsal, blamed: dict[str, Patch], played: dict, pool: Execut
     count, names = min(what.share_episodes, what.episodes), list(blamed)
     asked = {some: f"subset_{sum(1 << names.index(name) for name in some)}" for some in subsets(names)}
     cells = {label: what.patched(joined(blamed, some)) for some, label in asked.items() if 0 < len(some) < len(names)}
-    success = play_all(cells, count, what.out / "episodes", pool, "which effect") if cells else {}
+    success = what.play(cells, count, "which effect", pool) if cells else {}
     success |= {asked[frozenset()]: played["nominal"][:count], asked[frozenset(names)]: played["patched"][:count]}
     return with_intervals(shapley(names, {some: np.array(success[label], float) for some, label in asked.items()}))
 
