@@ -18,6 +18,7 @@ from np_bringup.rehearsal.stages import Rehearsal, Turn, rehearse
 from np_effects.patch import Patch, dump_patch, load_patch
 from np_record.command import Progress
 
+SUITES = 2  # recordings of the task suite, in which the object lies elsewhere
 TASKS = 900  # seed of the tasks by which robots are judged
 
 
@@ -108,13 +109,16 @@ def _settle(row: dict, robot: Robot, judging: Judging, nominal, pool: Executor, 
 
 
 def _diagnosed(robot: Robot, judging: Judging, pool: Executor) -> tuple[Patch, dict]:
-    from np_blind.robot_recording import diagnosis  # slow to import
+    from np_blind.robot_recording import diagnosis, recorded_arm, recorded_task  # slow to import
 
     folder = judging.out / robot.folder
     told, found = folder / "diagnosis.json", folder / "patch.yaml"
     if not told.exists():
         begun = time.monotonic()
-        patch, said = pool.submit(diagnosis, robot.patch, judging.seed * 1000 + robot.number).result()
+        seed = 1000 * judging.seed + 10 * robot.number
+        log = pool.submit(recorded_arm, robot.patch, seed)
+        tasks = [pool.submit(recorded_task, robot.patch, seed + number) for number in range(SUITES)]
+        patch, said = pool.submit(diagnosis, log.result(), [task.result() for task in tasks]).result()
         folder.mkdir(parents=True, exist_ok=True)
         found.write_text(dump_patch(patch), encoding="utf-8")
         told.write_text(json.dumps({**said, "took_s": round(time.monotonic() - begun, 1)}, indent=1), encoding="utf-8")

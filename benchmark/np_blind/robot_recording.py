@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from np_blind.task_reality import TORQUE_NOISE, Reality
@@ -11,6 +13,7 @@ from np_control.safety import LIMITS, SafetyFilter
 from np_description.domains import BUMP, CARD
 from np_description.panda import JOINT_NAMES
 from np_description.phases import EXCITE, PhaseState
+from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.chain.together.whole import Seen
 from np_diagnosis.chain.together.whole import diagnose as diagnose_chain
 from np_diagnosis.chain.together.whole import patch as patch_of_chain
@@ -56,16 +59,28 @@ def record_arm(patch: Patch, seed: int, engine: MakeEngine, only: tuple[str, ...
     return Log("suite", time, q, dq, effort, time - half, False, commands, phases=tuple(phases))
 
 
-def diagnosis(patch: Patch, seed: int) -> tuple[Patch, dict]:
-    """What the doctor finds in both suites of a robot with `patch`, of which it is told nothing; verdicts by doctor. The task suite is played
-    with the bump's cube, for which it is made, whatever the robot's task is: frictions are changed by shares, of every object alike."""
+def recorded_arm(patch: Patch, seed: int) -> Log:
+    """The excitation suite in PhysX."""
     from np_physx_bridge.engine import PhysxEngine  # where SAPIEN is
 
-    arm = diagnose_arm([record_arm(patch, seed, PhysxEngine)])
+    return record_arm(patch, seed, PhysxEngine)
+
+
+def recorded_task(patch: Patch, seed: int) -> TaskRecording:
+    """The task suite in PhysX, with the bump's cube, for which it is made, whatever the robot's task is: frictions are changed by shares, of every
+    object alike."""
+    from np_physx_bridge.engine import PhysxEngine
+
+    return Reality(BUMP, patch, seed, PhysxEngine).run()
+
+
+def diagnosis(log: Log, tasks: Sequence[TaskRecording]) -> tuple[Patch, dict]:
+    """What the doctor finds in recordings of a robot, of which it is told nothing; verdicts by doctor."""
+    arm = diagnose_arm([log])
     found, left_out, _ = tried_patch(arm)
-    task = Reality(BUMP, patch, seed, PhysxEngine).run()
-    rests = tuple(place for place, _ in places(task.track, task.domain))
-    chain = diagnose_chain(Seen((task,), (task.track,), rests), panda=found.panda())
+    rests = tuple(place for task in tasks for place, _ in places(task.track, task.domain))
+    seen = Seen(tuple(tasks), tuple(task.track for task in tasks), rests)
+    chain = diagnose_chain(seen, panda=found.panda())
     told = {
         "arm": arm.verdict,
         "chain": chain.verdict,

@@ -233,14 +233,16 @@ class TestRobots:
         monkeypatch.setattr(playing, "play", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
         asked = []
 
-        def diagnosis(patch, seed):
-            asked.append(seed)
-            return patch, {"arm": "identified"}
+        def diagnosis(log, tasks):
+            asked.append(tasks)
+            return log, {"arm": "identified"}
 
         def learn(domain, patch, out, how, weights=""):
             out.mkdir(parents=True, exist_ok=True)
             return {"weights": str(out / "weights"), "device": "cpu", "train": {"wall_s": 1.0}}
 
+        monkeypatch.setattr("np_blind.robot_recording.recorded_arm", lambda patch, seed: patch)
+        monkeypatch.setattr("np_blind.robot_recording.recorded_task", lambda patch, seed: seed)
         monkeypatch.setattr("np_blind.robot_recording.diagnosis", diagnosis)
         monkeypatch.setattr(stages, "learn", learn)
         monkeypatch.setattr(robot_answering, "learn", learn)
@@ -248,7 +250,7 @@ class TestRobots:
         robots = [Robot(0, "wall", BOTH.effects, 0.3, 32)]
         for _ in range(2):
             (row,) = robot_answering.settle_all(robots, judging, Here(), lambda: nullcontext(None))
-        assert "error" not in row and asked == [1000]
+        assert "error" not in row and asked == [[1000, 1001]]
         assert row["ablation"] == pytest.approx({"coulomb_friction": 0.2, "gripper_friction": 0.1})
         assert sum(row["engine"]["oracle"]) == sum(row["engine"]["adopted"]) == 9
 
@@ -261,3 +263,23 @@ class TestRobots:
         robots = [Robot(0, "wall", BOTH.effects, 0.3, 32)]
         (row,) = robot_answering.settle_all(robots, judging, Here(), lambda: nullcontext(None))
         assert row["error"] == "the time was over"
+
+    def test_a_recording_is_what_the_doctor_reads(self):
+        from np_blind.robot_recording import record_arm
+        from np_diagnosis.arm.model import panda
+        from np_diagnosis.checks.plausibility import check
+        from np_sim_bridge.mujoco_engine import MujocoEngine
+
+        log = record_arm(Patch((FRICTION,)), 3, MujocoEngine, ("sweep_4",))
+        check(log, panda())
+        assert 20 < log.duration < 24 and log.phases[0][1].experiment == "sweep_4" and log.commands.has_law
+        assert np.abs(log.commands.target[:, 3] - log.position[:, 3]).max() > 1e-3
+
+    def test_policies_of_a_matrix_are_ranked_within_a_robot(self):
+        from np_blind.robot_matrix import figures
+
+        rows = [(0, 0.9, 0.5, 0.5), (0, 1.0, 0.3, 0.3), (1, 0.9, 0.8, 0.8), (1, 1.0, 0.9, 0.9)]
+        table = [dict(zip(("robot", "nominal", "patched", "engine"), row)) for row in rows]
+        found = figures(table)
+        assert found["patched"] == pytest.approx({"r": 1.0, "mmrv": 0.0, "mean_absolute_error": 0.0})
+        assert found["nominal"]["mmrv"] == pytest.approx(0.1) and found["cells"] == 4
