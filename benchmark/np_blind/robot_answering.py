@@ -6,20 +6,47 @@ import json
 import shutil
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Condition
 
 from np_blind.robot_cases import Robot
 from np_bringup.rehearsal.learning import Learning, carried, learn
 from np_bringup.rehearsal.playing import Cell, patch_of, play_all, text_of
-from np_bringup.rehearsal.stages import Rehearsal, Turn, rehearse
+from np_bringup.rehearsal.stages import Rehearsal, rehearse
 from np_effects.patch import Patch, dump_patch, load_patch
 from np_record.command import Progress
 
 SUITES = 2  # recordings of the task suite, in which the object lies elsewhere
 TASKS = 900  # seed of the tasks by which robots are judged
+
+
+class Turns:
+    """GPUs of which each, or the CPU where there is none, trains `each` at a time; who may be last waits until nobody else does."""
+
+    def __init__(self, there: Sequence[int | None], each: int = 1):
+        self._free = [gpu for _ in range(each) for gpu in (there or [None])]
+        self._first, self._changed = 0, Condition()
+
+    @contextmanager
+    def __call__(self, last: bool = False) -> Iterator[int | None]:
+        """Wait for a turn; the GPU's number."""
+        with self._changed:
+            self._first += not last
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: self._free and not (last and self._first))
+            self._first -= not last
+            gpu = self._free.pop(0)
+            self._changed.notify_all()
+        try:
+            yield gpu
+        finally:
+            with self._changed:
+                self._free.append(gpu)
+                self._changed.notify_all()
 
 
 class TimeOver(Exception):
@@ -51,7 +78,7 @@ def nominal_success(domains: Sequence[str], judging: Judging, pool: Executor) ->
     return play_all(cells, judging.episodes, judging.out / "nominal", pool, "nominal")
 
 
-def settle_all(robots: Sequence[Robot], judging: Judging, pool: Executor, turn: Turn) -> list[dict]:
+def settle_all(robots: Sequence[Robot], judging: Judging, pool: Executor, turn: Turns) -> list[dict]:
     """A row for each robot, as far as the time went; robots side by side."""
     nominal = nominal_success(sorted({robot.domain for robot in robots}), judging, pool)
     progress, rows = Progress(len(robots), "robots"), []
@@ -63,7 +90,7 @@ def settle_all(robots: Sequence[Robot], judging: Judging, pool: Executor, turn: 
     return rows
 
 
-def settle(robot: Robot, judging: Judging, nominal: dict[str, list[bool]], pool: Executor, turn: Turn) -> dict:
+def settle(robot: Robot, judging: Judging, nominal: dict[str, list[bool]], pool: Executor, turn: Turns) -> dict:
     """The row of a robot: what is known of it when the time is over, or all; what goes wrong is in it too."""
     row = {"robot": robot.number, "domain": robot.domain, "truth": dump_patch(robot.patch)}
     try:
@@ -78,34 +105,36 @@ def settle(robot: Robot, judging: Judging, nominal: dict[str, list[bool]], pool:
     return row
 
 
-def _settle(row: dict, robot: Robot, judging: Judging, nominal, pool: Executor, turn: Turn) -> None:
+def _settle(row: dict, robot: Robot, judging: Judging, nominal, pool: Executor, turn: Turns) -> None:
+    """What asks no doctor is done beside: PhysX with the old policies, and the oracle's training, which lets the others go first."""
     folder = judging.out / robot.folder
     reality = Cell(robot.domain, "physx", text_of(robot.patch), seed=TASKS)
     believed = nominal[f"{robot.domain}_physx"]
     judging.check()
-    patch, row["diagnosis"] = _diagnosed(robot, judging, pool)
-    row["found"] = dump_patch(patch)
-    judging.check()
-    _share_nominal(robot, judging, folder)
-    what = Rehearsal(
-        Cell(robot.domain, seed=TASKS),
-        folder,
-        reality,
-        judging.episodes,
-        judging.share_episodes,
-        name=f"{robot.folder} ",
-        go_on=judging.check,
-    )
-    told = rehearse(what, patch, judging.how, pool, turn)
-    played = {"before": told["played"]["reality"], "after": told["played"].get("reality_after")}
-    adopted = played["after"] if told["adopted"] else played["before"]
-    row |= {name: told[name] for name in ("cause", "costs", "adopted", "not_trained", "success", "lost")}
-    row |= {"engine": {"nominal": believed, **played, "adopted": adopted}, "took_s": told["wall_s"]}
-    judging.check()
-    row["ablation"] = _ablation(robot, judging, reality, played["before"], believed, pool)
-    if judging.oracle:
-        judging.check()
-        row["engine"]["oracle"] = _oracle(robot, judging, reality, pool, turn)
+    with ThreadPoolExecutor(2) as beside:
+        ablated = beside.submit(_before, robot, judging, reality, believed, pool)
+        oracle = beside.submit(_oracle, robot, judging, reality, pool, turn) if judging.oracle else None
+        patch, row["diagnosis"] = _diagnosed(robot, judging, pool)
+        row["found"] = dump_patch(patch)
+        before, row["ablation"] = ablated.result()
+        row["engine"] = {"nominal": believed, "before": before}
+        _share_nominal(robot, judging, folder)
+        what = Rehearsal(
+            Cell(robot.domain, seed=TASKS),
+            folder,
+            reality,
+            judging.episodes,
+            judging.share_episodes,
+            name=f"{robot.folder} ",
+            go_on=judging.check,
+        )
+        told = rehearse(what, patch, judging.how, pool, turn)
+        after = told["played"].get("reality_after")
+        row |= {name: told[name] for name in ("cause", "costs", "adopted", "not_trained", "success", "lost")}
+        row["engine"] |= {"after": after, "adopted": after if told["adopted"] else before}
+        row["took_s"] = told["wall_s"]
+        if oracle is not None:
+            row["engine"]["oracle"] = oracle.result()
 
 
 def _diagnosed(robot: Robot, judging: Judging, pool: Executor) -> tuple[Patch, dict]:
@@ -133,23 +162,26 @@ def _share_nominal(robot: Robot, judging: Judging, folder: Path) -> None:
         shutil.copyfile(judging.out / "nominal" / f"{robot.domain}_mujoco.json", own)
 
 
-def _ablation(robot: Robot, judging: Judging, reality: Cell, before, believed, pool: Executor) -> dict[str, float]:
-    """What each true effect costs in PhysX: success without it, less success with all."""
+def _before(
+    robot: Robot, judging: Judging, reality: Cell, believed, pool: Executor
+) -> tuple[list[bool], dict[str, float]]:
+    """Success of the old policies in PhysX, and what each true effect costs there: success without it, less success with all."""
     effects = robot.patch.effects
     others = {e.effect: Patch(tuple(other for other in effects if other is not e)) for e in effects if len(effects) > 1}
     cells = {f"without_{name}": replace(reality, effects=text_of(patch)) for name, patch in others.items()}
     folder = judging.out / robot.folder / "episodes"
-    played = play_all(cells, judging.episodes, folder, pool, f"{robot.folder} ablation") if cells else {}
+    played = play_all({"reality": reality, **cells}, judging.episodes, folder, pool, f"{robot.folder} before")
+    before = played["reality"]
     without = {name: played[f"without_{name}"] for name in others} or {effects[0].effect: believed}
-    return {name: (sum(each) - sum(before)) / len(before) for name, each in without.items()}
+    return before, {name: (sum(each) - sum(before)) / len(before) for name, each in without.items()}
 
 
-def _oracle(robot: Robot, judging: Judging, reality: Cell, pool: Executor, turn: Turn) -> list[bool] | None:
+def _oracle(robot: Robot, judging: Judging, reality: Cell, pool: Executor, turn: Turns) -> list[bool] | None:
     """Success in PhysX of policies trained on with the true effects."""
     patch, _ = carried(patch_of(text_of(robot.patch)))
     if not patch.effects:
         return None
-    with turn() as gpu:
+    with turn(last=True) as gpu:
         judging.check()
         learned = learn(robot.domain, patch, judging.out / robot.folder / "oracle", replace(judging.how, gpu=gpu))
     cells = {"reality_oracle": replace(reality, weights=learned["weights"])}

@@ -15,7 +15,7 @@ LEAST_LOSS = 0.05  # of success, below which there is nothing to return
 
 def figures(rows: Sequence[Mapping]) -> dict:
     """By name: value, of; None where no robot came so far."""
-    judged = [row for row in rows if row.get("ablation")]
+    judged = [row for row in rows if "ablation" in row and "costs" in row]
     trained = [row for row in judged if row["engine"]["after"] is not None]
     oracle = [row for row in judged if row["engine"].get("oracle")]
     named = [named_top(row) for row in judged]

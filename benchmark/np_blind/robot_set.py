@@ -14,13 +14,10 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from queue import SimpleQueue
 
-from np_blind.robot_answering import Judging, settle_all
+from np_blind.robot_answering import Judging, Turns, settle_all
 from np_blind.robot_cases import SET, make_key, read_key
 from np_blind.robot_figures import figures
 from np_blind.robot_sizes import find_robots
@@ -75,23 +72,6 @@ def seal(options: argparse.Namespace) -> dict:
     return {"key": str(options.key), "sha256": found, "keys": str(KEYS), "robots": len(robots)}
 
 
-def turns(there: Sequence[int | None], each: int):
-    """A turn at one of the GPUs that are there, or at the CPU, `each` at a time."""
-    free: SimpleQueue[int | None] = SimpleQueue()
-    for gpu in [gpu for gpu in (there or [None]) for _ in range(each)]:
-        free.put(gpu)
-
-    @contextmanager
-    def turn() -> Iterator[int | None]:
-        gpu = free.get()
-        try:
-            yield gpu
-        finally:
-            free.put(gpu)
-
-    return turn
-
-
 def judge(options: argparse.Namespace) -> dict:
     """The loop over the robots that the command line names."""
     key = options.key.read_text(encoding="utf-8")
@@ -112,7 +92,7 @@ def judge(options: argparse.Namespace) -> dict:
     )
     begun = time.monotonic()
     with workers(options.jobs, options.cluster) as pool:
-        rows = settle_all(robots, judging, pool, turns(there, options.each_gpu))
+        rows = settle_all(robots, judging, pool, Turns(there, options.each_gpu))
     found = {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "set": SET,

@@ -1,8 +1,7 @@
 """The rehearsal without its episodes: shares, what is kept, what is said, and the loop around withheld robots."""
 
 import json
-from concurrent.futures import Future
-from contextlib import nullcontext
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -249,7 +248,7 @@ class TestRobots:
         judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0))
         robots = [Robot(0, "wall", BOTH.effects, 0.3, 32)]
         for _ in range(2):
-            (row,) = robot_answering.settle_all(robots, judging, Here(), lambda: nullcontext(None))
+            (row,) = robot_answering.settle_all(robots, judging, Here(), robot_answering.Turns([]))
         assert "error" not in row and asked == [[1000, 1001]]
         assert row["ablation"] == pytest.approx({"coulomb_friction": 0.2, "gripper_friction": 0.1})
         assert sum(row["engine"]["oracle"]) == sum(row["engine"]["adopted"]) == 9
@@ -261,7 +260,7 @@ class TestRobots:
         monkeypatch.setattr(playing, "play", losing({}))
         judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), until=0.0)
         robots = [Robot(0, "wall", BOTH.effects, 0.3, 32)]
-        (row,) = robot_answering.settle_all(robots, judging, Here(), lambda: nullcontext(None))
+        (row,) = robot_answering.settle_all(robots, judging, Here(), robot_answering.Turns([]))
         assert row["error"] == "the time was over"
 
     def test_a_recording_is_what_the_doctor_reads(self):
@@ -283,3 +282,22 @@ class TestRobots:
         found = figures(table)
         assert found["patched"] == pytest.approx({"r": 1.0, "mmrv": 0.0, "mean_absolute_error": 0.0})
         assert found["nominal"]["mmrv"] == pytest.approx(0.1) and found["cells"] == 4
+
+    def test_who_may_be_last_lets_others_go_first(self):
+        from np_blind.robot_answering import Turns
+
+        turns, order = Turns([0]), []
+
+        def train(name, last):
+            with turns(last) as gpu:
+                order.append((name, gpu))
+
+        with ThreadPoolExecutor(2) as threads:
+            with turns() as gpu:
+                assert gpu == 0
+                threads.submit(train, "oracle", True)
+                threads.submit(train, "own", False)
+                with turns._changed:
+                    assert turns._changed.wait_for(lambda: turns._first, 10)  # it waits
+                order.append("free")
+        assert order == ["free", ("own", 0), ("oracle", 0)]
