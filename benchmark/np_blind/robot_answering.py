@@ -90,6 +90,12 @@ def settle_all(robots: Sequence[Robot], judging: Judging, pool: Executor, turn: 
     return rows
 
 
+def answered(robots: Sequence[Robot], judging: Judging) -> list[dict]:
+    """The rows that are there."""
+    kept = (judging.out / robot.folder / "row.json" for robot in robots)
+    return [json.loads(path.read_text(encoding="utf-8")) for path in kept if path.exists()]
+
+
 def settle(robot: Robot, judging: Judging, nominal: dict[str, list[bool]], pool: Executor, turn: Turns) -> dict:
     """The row of a robot: what is known of it when the time is over, or all; what goes wrong is in it too."""
     row = {"robot": robot.number, "domain": robot.domain, "truth": dump_patch(robot.patch)}

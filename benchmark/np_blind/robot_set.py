@@ -17,7 +17,7 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from np_blind.robot_answering import Judging, Turns, settle_all
+from np_blind.robot_answering import Judging, Turns, answered, settle_all
 from np_blind.robot_cases import SET, make_key, read_key
 from np_blind.robot_figures import figures
 from np_blind.robot_sizes import find_robots
@@ -47,6 +47,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--minutes", type=float, default=5.0, help="of training")
     parser.add_argument("--each-gpu", type=int, default=1, help="trainings at a time on a GPU")
     parser.add_argument("--no-oracle", dest="oracle", action="store_false", help="no training with the true effects")
+    parser.add_argument("--answered", action="store_true", help="figures of the rows that are there, and do no more")
     parser.add_argument("--within", type=float, default=float("inf"), help="s after which no stage is begun")
     parser.add_argument("--jobs", type=int, default=1, help="processes that play episodes")
     parser.add_argument("--cluster", default="", help=HELP)
@@ -91,8 +92,11 @@ def judge(options: argparse.Namespace) -> dict:
         time.time() + options.within,
     )
     begun = time.monotonic()
-    with workers(options.jobs, options.cluster) as pool:
-        rows = settle_all(robots, judging, pool, Turns(there, options.each_gpu))
+    if options.answered:
+        rows = answered(robots, judging)
+    else:
+        with workers(options.jobs, options.cluster) as pool:
+            rows = settle_all(robots, judging, pool, Turns(there, options.each_gpu))
     found = {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "set": SET,

@@ -252,6 +252,7 @@ class TestRobots:
         assert "error" not in row and asked == [[1000, 1001]]
         assert row["ablation"] == pytest.approx({"coulomb_friction": 0.2, "gripper_friction": 0.1})
         assert sum(row["engine"]["oracle"]) == sum(row["engine"]["adopted"]) == 9
+        assert robot_answering.answered(robots, judging) == [row]
 
     def test_no_stage_is_begun_when_the_time_is_over(self, tmp_path, monkeypatch):
         from np_blind import robot_answering
