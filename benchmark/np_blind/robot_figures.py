@@ -39,7 +39,9 @@ def figures(rows: Sequence[Mapping]) -> dict:
                 if _returned(row, row["engine"]["oracle"]) > LEAST_LOSS
             ]
         ),
-        "the oracle's own return, median": _median([_returned(row, row["engine"]["oracle"]) for row in oracle]),
+        "the oracle's own return, median": _median(
+            [_returned(row, row["engine"]["oracle"]) for row in oracle if _loss(row) > LEAST_LOSS]
+        ),
         "worse than before": {"value": sum(each["value"] < 0 for each in worse), "of": len(worse)},
         "worse beyond doubt": {"value": sum(each["ci95"][1] < 0 for each in worse), "of": len(worse)},
         "new policies adopted": {"value": sum(bool(row["adopted"]) for row in trained), "of": len(trained)},
