@@ -7,15 +7,16 @@ import shutil
 import time
 import traceback
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from threading import Condition
 
 from np_blind.robot_cases import Robot
-from np_bringup.rehearsal.learning import Learning, carried, learn
-from np_bringup.rehearsal.playing import Cell, patch_of, play_all, text_of
+from np_bringup.rehearsal.learning import Learning
+from np_bringup.rehearsal.playing import Cell, play_all, text_of
 from np_bringup.rehearsal.stages import Rehearsal, rehearse
 from np_effects.patch import Patch, dump_patch, load_patch
 from np_record.command import Progress
@@ -113,27 +114,16 @@ def settle(robot: Robot, judging: Judging, nominal: dict[str, list[bool]], pool:
 
 def _settle(row: dict, robot: Robot, judging: Judging, nominal, pool: Executor, turn: Turns) -> None:
     """What asks no doctor is done beside: PhysX with the old policies, and the oracle's training, which lets the others go first."""
-    folder = judging.out / robot.folder
-    reality = Cell(robot.domain, "physx", text_of(robot.patch), seed=TASKS)
     believed = nominal[f"{robot.domain}_physx"]
     judging.check()
     with ThreadPoolExecutor(2) as beside:
-        ablated = beside.submit(_before, robot, judging, reality, believed, pool)
-        oracle = beside.submit(_oracle, robot, judging, reality, pool, turn) if judging.oracle else None
+        ablated = beside.submit(_before, robot, judging, believed, pool)
+        oracle = beside.submit(_oracle, robot, judging, ablated, pool, turn) if judging.oracle else None
         patch, row["diagnosis"] = _diagnosed(robot, judging, pool)
         row["found"] = dump_patch(patch)
         before, row["ablation"] = ablated.result()
         row["engine"] = {"nominal": believed, "before": before}
-        _share_nominal(robot, judging, folder)
-        what = Rehearsal(
-            Cell(robot.domain, seed=TASKS),
-            folder,
-            reality,
-            judging.episodes,
-            judging.share_episodes,
-            name=f"{robot.folder} ",
-            go_on=judging.check,
-        )
+        what = _rehearsal(robot, judging, judging.out / robot.folder)
         told = rehearse(what, patch, judging.how, pool, turn)
         after = told["played"].get("reality_after")
         row |= {name: told[name] for name in ("cause", "costs", "adopted", "not_trained", "success", "lost")}
@@ -160,19 +150,36 @@ def _diagnosed(robot: Robot, judging: Judging, pool: Executor) -> tuple[Patch, d
     return load_patch(found), json.loads(told.read_text(encoding="utf-8"))
 
 
-def _share_nominal(robot: Robot, judging: Judging, folder: Path) -> None:
-    """The nominal robot in the simulator is everybody's: it is played once."""
+def _reality(robot: Robot) -> Cell:
+    return Cell(robot.domain, "physx", text_of(robot.patch), seed=TASKS)
+
+
+def _rehearsal(robot: Robot, judging: Judging, folder: Path, shares: bool = True) -> Rehearsal:
+    """In a folder, in which episodes lie that others have played already: what is believed in is the same for all robots."""
     (folder / "episodes").mkdir(parents=True, exist_ok=True)
-    own = folder / "episodes" / "nominal.json"
-    if not own.exists():
-        shutil.copyfile(judging.out / "nominal" / f"{robot.domain}_mujoco.json", own)
+    known = {
+        "nominal": judging.out / "nominal" / f"{robot.domain}_mujoco.json",
+        "reality": judging.out / robot.folder / "episodes" / "reality.json",
+    }
+    for name, there in known.items():
+        own = folder / "episodes" / f"{name}.json"
+        if not own.exists() and there.exists():
+            shutil.copyfile(there, own)
+    name = robot.folder if shares else f"{robot.folder} oracle"
+    return Rehearsal(
+        Cell(robot.domain, seed=TASKS),
+        folder,
+        _reality(robot),
+        judging.episodes,
+        judging.share_episodes if shares else 0,
+        name=f"{name} ",
+        go_on=judging.check,
+    )
 
 
-def _before(
-    robot: Robot, judging: Judging, reality: Cell, believed, pool: Executor
-) -> tuple[list[bool], dict[str, float]]:
+def _before(robot: Robot, judging: Judging, believed, pool: Executor) -> tuple[list[bool], dict[str, float]]:
     """Success of the old policies in PhysX, and what each true effect costs there: success without it, less success with all."""
-    effects = robot.patch.effects
+    effects, reality = robot.patch.effects, _reality(robot)
     others = {e.effect: Patch(tuple(other for other in effects if other is not e)) for e in effects if len(effects) > 1}
     cells = {f"without_{name}": replace(reality, effects=text_of(patch)) for name, patch in others.items()}
     folder = judging.out / robot.folder / "episodes"
@@ -182,14 +189,9 @@ def _before(
     return before, {name: (sum(each) - sum(before)) / len(before) for name, each in without.items()}
 
 
-def _oracle(robot: Robot, judging: Judging, reality: Cell, pool: Executor, turn: Turns) -> list[bool] | None:
-    """Success in PhysX of policies trained on with the true effects."""
-    patch, _ = carried(patch_of(text_of(robot.patch)))
-    if not patch.effects:
-        return None
-    with turn(last=True) as gpu:
-        judging.check()
-        learned = learn(robot.domain, patch, judging.out / robot.folder / "oracle", replace(judging.how, gpu=gpu))
-    cells = {"reality_oracle": replace(reality, weights=learned["weights"])}
-    folder = judging.out / robot.folder / "episodes"
-    return play_all(cells, judging.episodes, folder, pool, f"{robot.folder} oracle")["reality_oracle"]
+def _oracle(robot: Robot, judging: Judging, ablated: Future, pool: Executor, turn: Turns) -> list[bool]:
+    """Success in PhysX of policies that were trained on with the true effects, and kept by the same rule."""
+    before, _ = ablated.result()
+    what = _rehearsal(robot, judging, judging.out / robot.folder / "oracle", shares=False)
+    told = rehearse(what, robot.patch, judging.how, pool, partial(turn, last=True))
+    return [bool(success) for success in told["played"]["reality_after"]] if told["adopted"] else before

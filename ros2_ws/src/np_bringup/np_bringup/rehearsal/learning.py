@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -15,6 +16,7 @@ from np_description.contact import HARD
 from np_description.domains import find_domain
 from np_description.released import weights_folder
 from np_effects.patch import Patch, dump_patch
+from np_policy.contract import POST_CONTACT, PRE_CONTACT
 from np_record.command import Progress
 from np_ros.parent import end_with_parent
 
@@ -40,7 +42,8 @@ def carried(patch: Patch) -> tuple[Patch, list[str]]:
 
 
 def learn(domain: str, patch: Patch, out: Path, how: Learning, weights: str = "") -> dict:
-    """Train on and distil into out/weights, beside which old weights stay as they are; what the last line of training said.
+    """Train on and distil into out/weights, beside which old weights stay as they are; what the last lines of both said. out/weights_old_student
+    has the new policy behind the old student, whose contacts are those that the planner expects where the camera is off.
 
     Done once out/learned.json is there. Raises OSError, with the last words, where training ends with an error or there is no
     checkpoint to go on from.
@@ -70,14 +73,19 @@ def learn(domain: str, patch: Patch, out: Path, how: Learning, weights: str = ""
     distil = [
         "np_training.distill", "--checkpoint", str(run / "checkpoint.pt"), "--out", str(run), "--effects", str(effects),
         "--minutes", f"{DISTIL_SHARE * how.minutes:g}", "--seed", str(how.seed),
-        "--begin", str(folder / f"pre_contact_{domain}.safetensors"), "--weights", str(out / "weights"),
+        "--begin", str(folder / f"{PRE_CONTACT}_{domain}.safetensors"), "--weights", str(out / "weights"),
         *(("--device", "cpu", "--batch", "512") if how.gpu is None else ()),
     ]  # fmt: skip
     student = _run(distil, out / "distil.log", 60 * DISTIL_SHARE * how.minutes, "distil", how.gpu)
+    mixed = out / "weights_old_student"
+    mixed.mkdir(exist_ok=True)
+    for place, kind in ((folder, PRE_CONTACT), (out / "weights", POST_CONTACT)):
+        shutil.copyfile(place / f"{kind}_{domain}.safetensors", mixed / f"{kind}_{domain}.safetensors")
     found = {
         "train": said,
         "distil": student,
         "weights": str(out / "weights"),
+        "weights_old_student": str(mixed),
         "device": "cpu" if how.gpu is None else f"cuda {how.gpu}",
         "wall_s": round(time.monotonic() - begun, 1),
     }

@@ -35,7 +35,7 @@ Turn = Callable[[], AbstractContextManager[int | None]]
 @dataclass(frozen=True)
 class Rehearsal:
     """What is rehearsed. robot: the nominal one in the simulator, with the policies that are there; reality: what it is judged by besides,
-    None where that is the lab; episodes: of every figure; share_episodes: of every subset of effects; out: folder of all results; name: in front of
+    None where that is the lab; episodes: of every figure; share_episodes: of every subset of effects, 0: nobody is blamed; out: folder of all results; name: in front of
     what progress says; go_on: called before every stage, and raises where none is to be begun."""
 
     robot: Cell
@@ -98,22 +98,34 @@ def rehearse(what: Rehearsal, patch: Patch, how: Learning, pool: Executor, turn:
     if what.reality is not None:
         cells["reality"] = what.reality
     played = what.play(cells, what.episodes, "success before", pool)
-    costs = _costs(what, blamed, played, pool) if patch.effects else {}
+    costs = _costs(what, blamed, played, pool) if patch.effects and what.share_episodes else {}
     trained_with, left_out = carried(patch)
     learned, after = None, {}
     if trained_with.effects:
         with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
             what.go_on()
             learned = learn(what.robot.domain, trained_with, out, replace(how, gpu=gpu), what.robot.weights)
-        new = {"patched_after": what.patched(patch, learned["weights"])}
-        if what.reality is not None:
-            new["reality_after"] = replace(what.reality, weights=learned["weights"])
-        after = what.play(new, what.episodes, "success after", pool)
+        after = _chosen(what, patch, learned, pool)
     told = _told(what, patch, played, after, costs, learned, left_out)
     told["wall_s"] = round(time.monotonic() - begun, 1)
     told["played"] = {name: [int(success) for success in each] for name, each in {**played, **after}.items()}
     (out / "rehearsal.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
     return told
+
+
+def _chosen(what: Rehearsal, patch: Patch, learned: dict, pool: Executor) -> dict[str, list[bool]]:
+    """Success of the new policies, with the new student or with the old one: whichever the patched simulator succeeds more with, which reality is
+    then asked for."""
+    places = {"new": learned["weights"], "old": learned["weights_old_student"]}
+    cells = {f"patched_{student}_student": what.patched(patch, place) for student, place in places.items()}
+    played = what.play(cells, what.episodes, "success after", pool)
+    learned["student"] = max(places, key=lambda student: sum(played[f"patched_{student}_student"]))
+    learned["chosen"] = places[learned["student"]]
+    played["patched_after"] = played[f"patched_{learned['student']}_student"]
+    if what.reality is not None:
+        cell = {f"reality_{learned['student']}_student": replace(what.reality, weights=learned["chosen"])}
+        (played["reality_after"],) = what.play(cell, what.episodes, "success after", pool).values()
+    return played
 
 
 def _costs(what: Rehearsal, blamed: dict[str, Patch], played: dict, pool: Executor) -> dict[str, dict]:
@@ -153,7 +165,7 @@ def _told(what, patch, played, after, costs, learned, left_out) -> dict:
         "domain": what.robot.domain,
         "episodes": what.episodes,
         "reality": None if what.reality is None else what.reality.engine,
-        "weights": learned["weights"] if learned else None,
+        "weights": learned["chosen"] if learned else None,
     }
 
 
