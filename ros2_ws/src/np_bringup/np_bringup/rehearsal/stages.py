@@ -130,7 +130,8 @@ def _chosen(what: Rehearsal, patch: Patch, learned: dict, pool: Executor) -> dic
 
 def _costs(what: Rehearsal, blamed: dict[str, Patch], played: dict, pool: Executor) -> dict[str, dict]:
     """What each part of the patch costs in the patched simulator."""
-    count, names = min(what.share_episodes, what.episodes), list(blamed)
+    names = list(blamed)
+    count = min(what.share_episodes, what.episodes) if len(names) > 1 else what.episodes
     asked = {some: f"subset_{sum(1 << names.index(name) for name in some)}" for some in subsets(names)}
     cells = {label: what.patched(joined(blamed, some)) for some, label in asked.items() if 0 < len(some) < len(names)}
     success = what.play(cells, count, "which effect", pool) if cells else {}
