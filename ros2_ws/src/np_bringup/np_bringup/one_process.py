@@ -29,7 +29,7 @@ from np_policy.contract import POST_CONTACT, PRE_CONTACT, weights_file
 from np_policy.episode import SECOND, Episode, EpisodeConfig, Event
 from np_policy.planning import PlanningError
 from np_policy.policy import PostContactController, PreContactPlanner
-from np_record.recorded_episode import score
+from np_record.outcome import score
 from np_sim_bridge.engine import MakeEngine
 from np_sim_bridge.mujoco_engine import MujocoEngine
 from np_sim_bridge.simulation import Simulation
