@@ -15,6 +15,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 
@@ -135,7 +136,9 @@ def play(options: argparse.Namespace) -> dict:
         for robot in robots
         for place in sorted((options.policies / robot.domain).iterdir())
     ]
-    found = {"episodes": options.episodes, "figures": figures(table), "table": table}
+    command = f"python -m np_blind.robot_matrix --key KEY --set SET --policies POLICIES --episodes {options.episodes}"
+    date = datetime.now(UTC).strftime("%Y-%m-%d")
+    found = {"date": date, "command": command, "episodes": options.episodes, "figures": figures(table), "table": table}
     results = options.out / "matrix" / "matrix.json"
     results.parent.mkdir(parents=True, exist_ok=True)
     results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

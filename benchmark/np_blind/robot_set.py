@@ -99,6 +99,7 @@ def judge(options: argparse.Namespace) -> dict:
             rows = settle_all(robots, judging, pool, Turns(there, options.each_gpu))
     found = {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "command": _command(options),
         "set": SET,
         "seed": options.seed,
         "drawn": options.robots,
@@ -116,6 +117,14 @@ def judge(options: argparse.Namespace) -> dict:
     results = options.out / "robots.json"
     results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return {"robots": len(rows), "figures": found["figures"], "wall_s": found["wall_s"], "results": str(results)}
+
+
+def _command(options: argparse.Namespace) -> str:
+    """What plays the same again."""
+    said = f"python -m np_blind.robot_set --robots {options.robots} --seed {options.seed} --episodes {options.episodes}"
+    said += f" --share-episodes {options.share_episodes} --minutes {options.minutes:g} --each-gpu {options.each_gpu}"
+    said += ("" if options.oracle else " --no-oracle") + f" --jobs {options.jobs}"
+    return said + (f" --train {' '.join(options.train)}" if options.train else "")
 
 
 def main(arguments: list[str] | None = None) -> int:
