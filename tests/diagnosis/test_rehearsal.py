@@ -131,6 +131,7 @@ class TestStages:
         monkeypatch.setattr(stages, "learn", lambda *given: {**WEIGHTS, "device": "cpu", "train": {"wall_s": 1.0}})
         reality = Cell("wall", "physx", text_of(BOTH))
         told = rehearse(Rehearsal(Cell("wall"), tmp_path, reality, 10, 10), BOTH, Learning(1.0), Here())
+        assert told["cause"] == "coulomb_friction at panda_joint4"  # the other one costs nothing
         assert not told["adopted"] and told["success_after"] == told["success_before"] == 0.8
         assert "keep the old ones" in sentence(told)
 

@@ -31,7 +31,7 @@ def sentence(told: Mapping) -> str:
     said = [
         f"The simulator succeeds in {_percent(nominal)} of the episodes of the {told['domain']}, with what was found in {_percent(predicted)}."
     ]
-    if told["cause"] is None:
+    if told["cause"] is None or told["lost"]["ci95"][0] <= 0:
         said.append("That is no loss beyond chance.")
     else:
         cost, lost = told["costs"][told["cause"]]["value"], told["lost"]["value"]

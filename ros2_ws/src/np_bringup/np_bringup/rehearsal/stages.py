@@ -146,7 +146,7 @@ def _told(what, patch, played, after, costs, learned, left_out) -> dict:
     adopted = bool(after) and success["patched_after"]["value"] > success["patched"]["value"]
     lost = _paired(played["nominal"], played["patched"])
     returned = _paired(after["patched_after"], played["patched"]) if after else None
-    cause = next(iter(costs)) if costs and lost["ci95"][0] > 0 else None
+    cause = next((name for name, cost in costs.items() if cost["value"] > 0 or len(costs) == 1), None)
     value = {name: rate["value"] for name, rate in success.items()}
     return {
         "success_nominal": value["nominal"],
