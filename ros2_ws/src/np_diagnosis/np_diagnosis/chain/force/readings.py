@@ -119,7 +119,8 @@ def _push(recording: TaskRecording, name: str, panda: PandaModel) -> list[Readin
     if len(free) < FORCE.rows or len(run) < 4 * FORCE.rows:
         return []
     points = side(ahead, moved.turn, moved.tip)
-    on_hand = forces(moved, moved.free(free), points, panda)
+    ways = moved.turning(free)
+    on_hand = forces(moved, moved.free(free), points, panda, ways)
     along = -on_hand @ ahead
     usual = float(np.median(along[run[-len(run) // 3 :]]))
     on = run[int(np.argmax(along[run] > 0.5 * usual)) + 2 * FORCE.edge : -FORCE.edge]
@@ -132,7 +133,7 @@ def _push(recording: TaskRecording, name: str, panda: PandaModel) -> list[Readin
     aside = float(np.cross(ahead[:2], (points[on[0]] - centre)[:2]))
     # A push that turns the object takes a little less than one that does not, how much its support decides.
     turning = FORCE.turning * usual * (abs(aside) > FORCE.central)
-    covariance = force_covariance(moved, points, panda)[on].mean(axis=0)
+    covariance = force_covariance(moved, points, panda, ways)[on].mean(axis=0)
     # The tip's friction cannot hold the face by more than a share of what presses it: all that is known where joints rest.
     before, seen = (FORCE.face * usual) ** 2, covariance[2, 2]
     normal = before / (before + seen) * float(np.median(on_hand[on, 2]))

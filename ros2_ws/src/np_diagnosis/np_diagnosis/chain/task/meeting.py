@@ -49,8 +49,9 @@ class Meeting:
 
 
 def meet(recording: TaskRecording, camera: Camera = CAMERA, lift: float = 0.0) -> Meeting:
-    """Of the slow pushes of a recording. lift: m, the table's height as it was felt, by which the picture shows things elsewhere."""
-    faces = (_met(recording, name, camera, lift) for name in recording.named("push"))
+    """Of the pushes and shoves of a recording. lift: m, the table's height as it was felt, by which the picture shows things elsewhere."""
+    names = (name for family in ("push", "shove") for name in recording.named(family))
+    faces = (_met(recording, name, camera, lift) for name in names)
     return judge(tuple(face for face in faces if face is not None))
 
 
