@@ -82,6 +82,7 @@ class Forcing:
     )
     central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
     pull: float = threshold(0.1, "N", "that something else pulls the object by, at least", JUDGEMENT)
+    apart: float = threshold(0.05, "m", "over which what pulls the object down may change by its unit", NUMERICS)
     pulled: float = threshold(
         12.0, "nats", "by which forces are more probable with it", "as sure as a verdict is: development cases"
     )

@@ -91,9 +91,7 @@ def judge(every: Sequence[Reading], believed: Believed) -> Forces:
         measured=_sizes(value, covariance, believed),
         least_finger=max(held, default=None),
     )
-    pull, gain = _pull(led, believed)
-    if gain > FORCE.pulled and np.linalg.norm(pull) > FORCE.pull:
-        doubt = f"something pulls the object by {pull[0]:.2f} N and {pull[1]:.2f} N (x, y), whatever the hand does"
+    if doubt := _pulled(led, believed):
         return Forces("unexplained", explained, doubt=doubt, **told)
     if misfit > FORCE.misfit:
         return Forces(
@@ -158,20 +156,33 @@ def _fit(
     return numbers, covariance, misfit
 
 
-def _pull(used: Sequence[Reading], believed: Believed) -> tuple[np.ndarray, float]:
-    """Force (2,) N on the object that would explain what readings in some directions lack and in others have too much; nats by which they are
-    more probable with it."""
+def _pulled(used: Sequence[Reading], believed: Believed) -> str:
+    """What pulls the object beside the hand, if forces are more probable with it; "" for nothing. Along the table, it takes from readings in
+    some directions what it gives to others; downwards, more at one place than at another, it is no mass."""
+    ways, places = np.array([r.way for r in used]), np.array([r.place for r in used])
+    pull, gain = _with_more(used, believed, -ways)
+    if gain > FORCE.pulled and np.linalg.norm(pull) > FORCE.pull:
+        return f"something pulls the object by {pull[0]:.2f} N and {pull[1]:.2f} N (x, y), whatever the hand does"
+    away = places - places.mean(axis=0)
+    down, gain = _with_more(used, believed, believed.table * away / FORCE.apart)
+    differs = float(np.ptp(away / FORCE.apart @ down))
+    if gain > FORCE.pulled and differs > FORCE.pull:
+        return f"the object is pulled down by {differs:.1f} N more at one place than at another"
+    return ""
+
+
+def _with_more(used: Sequence[Reading], believed: Believed, columns: np.ndarray) -> tuple[np.ndarray, float]:
+    """Numbers (2,) by which forces that go with columns (n, 2) are larger, and nats by which readings are more probable with them."""
     force = np.array([r.force for r in used])
     own = np.array([np.hypot(r.deviation, believed.table * r.normal_deviation) for r in used])
-    ways = np.array([r.way for r in used])
 
     def off(x: np.ndarray) -> np.ndarray:
-        left = (force - _predicted(x[:2], used, believed) + ways @ x[2:]) / np.hypot(own, FORCE.common)
+        left = (force - _predicted(x[:2], used, believed) - columns @ x[2:]) / np.hypot(own, FORCE.common)
         return np.concatenate([left, x[:2] / UNKNOWN])
 
-    with_pull = least_squares(off, np.zeros(4), loss="soft_l1", f_scale=TAILS)
+    more = least_squares(off, np.zeros(4), loss="soft_l1", f_scale=TAILS)
     without = least_squares(lambda x: off(np.append(x, [0.0, 0.0])), np.zeros(2), loss="soft_l1", f_scale=TAILS)
-    return with_pull.x[2:], float(without.cost - with_pull.cost)
+    return more.x[2:], float(without.cost - more.cost)
 
 
 def _scattered(used: Sequence[Reading], believed: Believed, covariance: np.ndarray) -> float:

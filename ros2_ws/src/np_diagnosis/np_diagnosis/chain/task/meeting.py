@@ -48,10 +48,10 @@ class Meeting:
     left: float | None = None
 
 
-def meet(recording: TaskRecording, camera: Camera = CAMERA, lift: float = 0.0) -> Meeting:
-    """Of the pushes and shoves of a recording. lift: m, the table's height as it was felt, by which the picture shows things elsewhere."""
+def meet(recording: TaskRecording, camera: Camera = CAMERA) -> Meeting:
+    """Of the pushes and shoves of a recording. camera: over the table as it was felt, see `seen.over`."""
     names = (name for family in ("push", "shove") for name in recording.named(family))
-    faces = (_met(recording, name, camera, lift) for name in names)
+    faces = (_met(recording, name, camera) for name in names)
     return judge(tuple(face for face in faces if face is not None))
 
 
@@ -78,7 +78,7 @@ def judge(faces: tuple[Met, ...]) -> Meeting:
     return Meeting("undetermined" if is_blind else explained.verdict, explained, faces, doubt, left)
 
 
-def _met(recording: TaskRecording, name: str, camera: Camera, lift: float) -> Met | None:
+def _met(recording: TaskRecording, name: str, camera: Camera) -> Met | None:
     """The face on which the tip of a push rests in the end; None where it does not, or is not seen."""
     rest = rested(recording, name, camera)
     if rest is None:
@@ -91,6 +91,4 @@ def _met(recording: TaskRecording, name: str, camera: Camera, lift: float) -> Me
     position, turn = forward_kinematics(recording.log.position[rest.rows])
     tip = position + turn @ np.array([0.0, 0.0, BEYOND])
     point = side(rest.ahead, turn, tip).mean(axis=0)[:2]
-    # Higher things are seen farther from the camera's foot than they are.
-    seen = lain.centre[:2] - lift * (lain.centre[:2] - camera.position[:2]) / (camera.position[2] - lain.centre[2])
-    return Met(name, normal, float((point - seen) @ normal - distance))
+    return Met(name, normal, float((point - lain.centre[:2]) @ normal - distance))

@@ -13,6 +13,7 @@ from np_diagnosis.chain.scatter import Scatter, scatter
 from np_diagnosis.chain.task.lag import Lag, lag
 from np_diagnosis.chain.task.meeting import Meeting, meet
 from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.task.seen import over
 from np_diagnosis.chain.task.untouched import Untouched, untouched
 from np_diagnosis.chain.together import claims as made
 from np_diagnosis.chain.together.claims import Claim
@@ -104,14 +105,15 @@ def diagnose(
     if seen.tasks:
         tell("touch")
         touched = _tried(doubts, "touch", lambda: feel(seen.tasks[0], panda))
+        felt = over(camera, _lift(touched))
         tell("force")
-        every = _tried(doubts, "force", lambda: [r for task in seen.tasks for r in readings(task, panda)])
+        every = _tried(doubts, "force", lambda: [r for task in seen.tasks for r in readings(task, panda, felt)])
         forced = judge(every, Believed.of(seen.tasks[0].domain)) if every is not None else None
         tell("meeting")
-        met = _tried(doubts, "meeting", lambda: meet(seen.tasks[0], camera, _lift(touched)))
+        met = _tried(doubts, "meeting", lambda: meet(seen.tasks[0], felt))
         still = _tried(doubts, "untouched", lambda: untouched(seen.tasks[0]))
         tell("lag")
-        late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], camera))
+        late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], felt))
     else:
         doubts |= dict.fromkeys(
             ("touch", "force", "meeting", "lag"), "no recording is of the task suite (excite --suite task)"
