@@ -117,8 +117,8 @@ class Lagging:
     least: int = threshold(3, "pushes", "that say the same", JUDGEMENT)
     wrong: float = threshold(1.0, "px", "from which on a corner of an image counts less", JUDGEMENT)
     far_off: float = threshold(2.0, "1", "deviations from the others from which on a push counts less", JUDGEMENT)
-    own: float = threshold(0.003, "s", "error of one push, at least: it turns, and comes to rest softly", JUDGEMENT)
-    common: float = threshold(0.0015, "s", "error of all pushes: stamps are of states and images", JUDGEMENT)
+    own: float = threshold(0.001, "s", "error of one push, at least: it turns, and comes to rest softly", JUDGEMENT)
+    common: float = threshold(0.001, "s", "error of all pushes: stamps are of states and images", JUDGEMENT)
     seen: float = threshold(0.003, "s", "delay that is named, if it is surely more", "limit of the effect")
 
 

@@ -55,7 +55,10 @@ class Push:
 
 SLOW = Push("push", 0.0, 0.03, 0.03, 0.025, 0.12, 0.0)
 SHOVE = Push("shove", 0.0, 0.04, 0.02, 0.009, 0.12, 0.0, shove=0.02)
-QUICK = 0.13, 0.13  # m/s of a shove, and s in which it gets there and comes to rest: an object on a smooth table keeps with the tip
+QUICK = (
+    0.13,
+    0.13,
+)  # m/s of a shove, and s in which it gets there and comes to rest: an object on a smooth table keeps with the tip
 TAP = Push("tap", 0.0, 0.35, 0.05, 0.018, 0.04, 0.018)
 
 
@@ -97,9 +100,7 @@ def push(
     width = max(abs(float(corner @ across)) for corner in (lain.corners(np.zeros(2)) - lain.centre)[:, :2])
     place = lain.centre[:2] + normal * distance + across * how.share * width
     low = max(_beside(lain, room, table), table + lain.height - EDGE)
-    begin, end, last = (
-        place - ahead * (RADIUS + back) for back in (how.run_up, -how.travel, -how.travel - how.shove)
-    )
+    begin, end, last = (place - ahead * (RADIUS + back) for back in (how.run_up, -how.travel, -how.travel - how.shove))
     if not (is_reachable(begin) and is_reachable(last)):
         raise OutOfReach(f"{how.name}: the way of the tip is out of reach")
     high, out = table + lain.height + CLEAR, last - ahead * LEAVE

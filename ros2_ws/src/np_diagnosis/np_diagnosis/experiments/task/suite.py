@@ -119,11 +119,11 @@ def _back(room: Room, now: Situation, used: dict[int, int], table: float):
     """Pushes that bring the object to where it can be pushed to more sides than where it lies."""
     for number in range(1, BACK + 1):
         lain = Lain.of(room.domain, now.pose)
-        best, push, normal, distance = len(_sides(room, lain, contacts.SLOW)), None, None, 0.0
+        best, push, normal, distance = len(sides_with_room(room, lain, contacts.SLOW)), None, None, 0.0
         for travel in BACK_BY:
             longer = replace(contacts.SLOW.named(f"push_{10 * number}"), travel=travel)
-            for outward, away in _sides(room, lain, longer):
-                room_after = len(_sides(room, lain.moved(-outward * travel), contacts.SLOW))
+            for outward, away in sides_with_room(room, lain, longer):
+                room_after = len(sides_with_room(room, lain.moved(-outward * travel), contacts.SLOW))
                 if room_after > best:
                     best, push, normal, distance = room_after, longer, outward, away
         if push is None:
@@ -136,7 +136,7 @@ def _back(room: Room, now: Situation, used: dict[int, int], table: float):
     return now, used
 
 
-def _sides(room: Room, lain: Lain, push: contacts.Push) -> list[tuple[np.ndarray, float]]:
+def sides_with_room(room: Room, lain: Lain, push: contacts.Push) -> list[tuple[np.ndarray, float]]:
     """Normals (2,) of faces, with their distances m from the centre, from which a push has room."""
     return [(normal, distance) for normal, distance in lain.sides() if room.holds(lain, -normal * push.moves)]
 
@@ -150,7 +150,7 @@ def _push(room: Room, now: Situation, used: dict[int, int], table: float, push: 
     lain = Lain.of(room.domain, now.pose)
     middle = np.array([np.mean(room.domain.start.x), np.mean(room.domain.start.y)])
     options = []
-    for normal, distance in _sides(room, lain, push):
+    for normal, distance in sides_with_room(room, lain, push):
         away = float(np.linalg.norm(lain.centre[:2] - normal * push.moves - middle))
         options.append((used.get(_heading(normal), 0), away, normal, distance))
     for _, _, normal, distance in sorted(options, key=lambda option: option[:2]):
