@@ -59,7 +59,7 @@ class Forcing:
     face: float = threshold(0.5, "1", "share of a push that the tip's friction holds the face up or down by", JUDGEMENT)
     follows: float = threshold(0.8, "1", "share of a drag that the object is led along, to count", "tips that hop")
     slips: float = threshold(
-        0.12, "1", "the same share, up to which the tip slips over an object that rests", JUDGEMENT
+        0.22, "1", "the same share, up to which the tip slips over an object that rests", "seen in two engines"
     )
     proportion: float = threshold(
         0.15,
@@ -139,6 +139,22 @@ class Meeting:
     out: float = threshold(
         0.006, "m", "by which every face is met farther out than it is seen", "two engines: 0 and 6 mm"
     )
+
+
+@dataclass(frozen=True)
+class Tapping:
+    """Objects that slide after a tap (chain/force/slide.py)."""
+
+    down: float = threshold(0.005, "m", "over its lowest point, within which the tip is down", JUDGEMENT)
+    square: float = threshold(0.94, "1", "cosine of the angle between a tap and its face, at least", "20 degrees")
+    face: float = threshold(
+        0.0008, "m", "error of where a face comes to rest", ".6 mm of one that is met, and it turns a little"
+    )
+    slows: tuple[float, float] = threshold((0.3, 30.0), "m/s^2", "slowest and fastest that are told", NUMERICS)
+    sooner: float = threshold(
+        2.5, "1", "deviations by which every object that was tapped stops sooner than by its weight", JUDGEMENT
+    )
+    least: int = threshold(2, "slides", "that say so", JUDGEMENT)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ same proportion. Else it is at least what it was seen to hold: a tip that hops, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,10 +19,11 @@ from np_description.panda import NOMINAL, PandaModel
 from np_description.scene import contact_of
 from np_diagnosis.chain.explanations import Explained, Measured, explain
 from np_diagnosis.chain.force.readings import Reading, readings
+from np_diagnosis.chain.force.slide import Slide, slows
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.thresholds import THRESHOLDS
 
-FORCE = THRESHOLDS.forcing
+FORCE, SLIDE = THRESHOLDS.forcing, THRESHOLDS.tapping
 GRAVITY = 9.81
 NUMBERS = ("table", "mass", "finger")
 """Logarithms of coefficients and mass over those that are believed in."""
@@ -69,8 +70,8 @@ def weigh(recording: TaskRecording, panda: PandaModel = NOMINAL) -> Forces:
     return judge(readings(recording, panda), Believed.of(recording.domain))
 
 
-def judge(every: Sequence[Reading], believed: Believed) -> Forces:
-    """Of readings: see `weigh`."""
+def judge(every: Sequence[Reading], believed: Believed, slides: Sequence[Slide] = ()) -> Forces:
+    """Of readings: see `weigh`; slides: of objects that were tapped."""
     led = tuple(r for r in every if r.kind != "scrape" and r.follows >= FORCE.follows)
     if len(led) < 3:
         return Forces("undetermined", None, led, f"{len(led)} drags and pushes went as they should; 3 are needed")
@@ -91,7 +92,7 @@ def judge(every: Sequence[Reading], believed: Believed) -> Forces:
         measured=_sizes(value, covariance, believed),
         least_finger=max(held, default=None),
     )
-    if doubt := _pulled(led, believed):
+    if doubt := _pulled(led, believed) or _pressed(told["measured"], slides):
         return Forces("unexplained", explained, doubt=doubt, **told)
     if misfit > FORCE.misfit:
         return Forces(
@@ -169,6 +170,21 @@ def _pulled(used: Sequence[Reading], believed: Believed) -> str:
     if gain > FORCE.pulled and differs > FORCE.pull:
         return f"the object is pulled down by {differs:.1f} N more at one place than at another"
     return ""
+
+
+def _pressed(measured: Mapping[str, tuple[float, float, float]], slides: Sequence[Slide]) -> str:
+    """What presses the object onto the table and is no weight, if all slides end sooner than friction has it; "" for nothing."""
+    if len(slides) < SLIDE.least or not {"table", "mass"} <= set(measured):
+        return ""
+    friction, low, high = (GRAVITY * value for value in measured["table"])
+    deviations = [np.hypot(SLIDE.face, (one.short(low) - one.short(high)) / 3.92) for one in slides]
+    if min(one.short(friction) / own for one, own in zip(slides, deviations)) < SLIDE.sooner:
+        return ""
+    # Pushes and drags tell weight and the rest together; of what slows an object by its own weight, mass is no part.
+    pressed = (1 - friction / slows(slides)) * measured["mass"][0] * GRAVITY
+    return (
+        f"about {pressed:.1f} N of what presses the object onto the table are no weight: it stops sooner when it slides"
+    )
 
 
 def _with_more(used: Sequence[Reading], believed: Believed, columns: np.ndarray) -> tuple[np.ndarray, float]:

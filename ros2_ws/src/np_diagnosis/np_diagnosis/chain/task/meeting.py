@@ -39,13 +39,18 @@ class Met:
 @dataclass(frozen=True, eq=False)
 class Meeting:
     """verdict: as of Explained, or unexplained; doubt: why nothing is said. faces: that were met. left: m, root mean square that no
-    explanation takes off."""
+    explanation takes off; numbers (3,): m, as of NUMBERS, what is most probable of them."""
 
     verdict: str
     explained: Explained | None
     faces: tuple[Met, ...]
     doubt: str = ""
     left: float | None = None
+    numbers: np.ndarray | None = None
+
+    def off(self, normal: np.ndarray) -> float:
+        """m by which a face with an outward normal (2,) is met farther out than it is seen."""
+        return float(np.array([-normal[0], -normal[1], 1.0]) @ self.numbers)
 
 
 def meet(recording: TaskRecording, camera: Camera = CAMERA) -> Meeting:
@@ -75,7 +80,7 @@ def judge(faces: tuple[Met, ...]) -> Meeting:
     explained = explain(measured)
     is_blind = not explained.named and len(explained.unseen) == 2
     doubt = "faces were met from too few sides" if is_blind else ""
-    return Meeting("undetermined" if is_blind else explained.verdict, explained, faces, doubt, left)
+    return Meeting("undetermined" if is_blind else explained.verdict, explained, faces, doubt, left, value)
 
 
 def _met(recording: TaskRecording, name: str, camera: Camera) -> Met | None:

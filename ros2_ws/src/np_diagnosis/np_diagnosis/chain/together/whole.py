@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
 from np_diagnosis.chain.force.readings import readings
+from np_diagnosis.chain.force.slide import slides
 from np_diagnosis.chain.force.stage import Believed, Forces, judge
 from np_diagnosis.chain.scatter import Scatter, scatter
 from np_diagnosis.chain.task.lag import Lag, lag
@@ -106,11 +107,12 @@ def diagnose(
         tell("touch")
         touched = _tried(doubts, "touch", lambda: feel(seen.tasks[0], panda))
         felt = over(camera, _lift(touched))
-        tell("force")
-        every = _tried(doubts, "force", lambda: [r for task in seen.tasks for r in readings(task, panda, felt)])
-        forced = judge(every, Believed.of(seen.tasks[0].domain)) if every is not None else None
         tell("meeting")
         met = _tried(doubts, "meeting", lambda: meet(seen.tasks[0], felt))
+        tell("force")
+        every = _tried(doubts, "force", lambda: [r for task in seen.tasks for r in readings(task, panda, felt)])
+        slid = slides(seen.tasks[0], met, felt) if met is not None else ()
+        forced = judge(every, Believed.of(seen.tasks[0].domain), slid) if every is not None else None
         still = _tried(doubts, "untouched", lambda: untouched(seen.tasks[0]))
         tell("lag")
         late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], felt))
