@@ -14,6 +14,7 @@ from np_description.rotations import yaw_quaternion
 from np_diagnosis.chain.contact_force import Motion, force_covariance, forces
 from np_diagnosis.chain.explanations import Measured, explain
 from np_diagnosis.chain.force.readings import Reading
+from np_diagnosis.chain.force.slide import Slide, slows
 from np_diagnosis.chain.force.stage import Believed, judge
 from np_diagnosis.experiments.task.contacts import DEEPER, SLOW
 from np_diagnosis.experiments.task.path import Leg, OutOfReach, segment, tip_of
@@ -238,6 +239,26 @@ def test_what_pulls_an_object_down_at_one_place_is_no_mass():
     assert all(judge(pulled_down(0.0, seed), BELIEVED).verdict == "no_gap" for seed in range(6))
     found = judge(pulled_down(1.5, 1), BELIEVED)
     assert found.verdict == "unexplained" and "more at one place than at another" in found.doubt
+
+
+def tapped(slowed, seed):
+    """Two taps whose tip stops within 40 ms, and an object that friction slows by `slowed` m/s^2."""
+    rng, time = np.random.default_rng(seed), np.arange(0.0, 0.15, 0.002)
+    speed = 0.35 * np.clip((0.1 - time) / 0.04, 0.0, 1.0)
+    way = np.cumsum(speed) * 0.002
+    reached = -Slide("", way, speed, 0.0).short(slowed)
+    return [Slide(f"tap_{k}", way, speed, -reached + 5e-4 * rng.standard_normal()) for k in (1, 2)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_heavier_object_slides_as_far_and_one_that_is_pulled_down_does_not(seed):
+    by_weight = BELIEVED.table * 9.81
+    heavier = judge(readings(mass=1.7), BELIEVED, tapped(by_weight, seed))
+    assert heavier.verdict == "identified" and [one.effect for one in heavier.explained.named] == ["object_mass"]
+    assert slows(tapped(by_weight, seed)) == pytest.approx(by_weight, rel=0.1)
+    held = judge(readings(mass=1.7), BELIEVED, tapped(1.7 * by_weight, seed))
+    assert held.verdict == "unexplained" and "are no weight" in held.doubt
+    assert judge(readings(mass=1.7), BELIEVED, tapped(1.7 * by_weight, seed)[:1]).verdict == "identified"
 
 
 @pytest.mark.parametrize(

@@ -14,12 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain
 from np_description.panda import NOMINAL, PandaModel
 from np_description.scene import contact_of
 from np_diagnosis.chain.explanations import Explained, Measured, explain
 from np_diagnosis.chain.force.readings import Reading, readings
-from np_diagnosis.chain.force.slide import Slide, slows
+from np_diagnosis.chain.force.slide import Slide, slides, slows
+from np_diagnosis.chain.task.meeting import meet
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.thresholds import THRESHOLDS
 
@@ -65,13 +67,14 @@ class Forces:
     least_finger: float | None = None
 
 
-def weigh(recording: TaskRecording, panda: PandaModel = NOMINAL) -> Forces:
-    """Of a recording of the task suite. panda: the arm as it is."""
-    return judge(readings(recording, panda), Believed.of(recording.domain))
+def weigh(recording: TaskRecording, panda: PandaModel = NOMINAL, camera: Camera = CAMERA) -> Forces:
+    """Of a recording of the task suite. panda: the arm as it is; camera: over the table as it was felt, see `seen.over`."""
+    slid = slides(recording, meet(recording, camera), camera)
+    return judge(readings(recording, panda, camera), Believed.of(recording.domain), slid)
 
 
-def judge(every: Sequence[Reading], believed: Believed, slides: Sequence[Slide] = ()) -> Forces:
-    """Of readings: see `weigh`; slides: of objects that were tapped."""
+def judge(every: Sequence[Reading], believed: Believed, slid: Sequence[Slide] = ()) -> Forces:
+    """Of readings: see `weigh`; slid: of objects that were tapped."""
     led = tuple(r for r in every if r.kind != "scrape" and r.follows >= FORCE.follows)
     if len(led) < 3:
         return Forces("undetermined", None, led, f"{len(led)} drags and pushes went as they should; 3 are needed")
@@ -92,7 +95,7 @@ def judge(every: Sequence[Reading], believed: Believed, slides: Sequence[Slide] 
         measured=_sizes(value, covariance, believed),
         least_finger=max(held, default=None),
     )
-    if doubt := _pulled(led, believed) or _pressed(told["measured"], slides):
+    if doubt := _pulled(led, believed) or _pressed(told["measured"], slid):
         return Forces("unexplained", explained, doubt=doubt, **told)
     if misfit > FORCE.misfit:
         return Forces(
@@ -172,16 +175,16 @@ def _pulled(used: Sequence[Reading], believed: Believed) -> str:
     return ""
 
 
-def _pressed(measured: Mapping[str, tuple[float, float, float]], slides: Sequence[Slide]) -> str:
+def _pressed(measured: Mapping[str, tuple[float, float, float]], slid: Sequence[Slide]) -> str:
     """What presses the object onto the table and is no weight, if all slides end sooner than friction has it; "" for nothing."""
-    if len(slides) < SLIDE.least or not {"table", "mass"} <= set(measured):
+    if len(slid) < SLIDE.least or not {"table", "mass"} <= set(measured):
         return ""
     friction, low, high = (GRAVITY * value for value in measured["table"])
-    deviations = [np.hypot(SLIDE.face, (one.short(low) - one.short(high)) / 3.92) for one in slides]
-    if min(one.short(friction) / own for one, own in zip(slides, deviations)) < SLIDE.sooner:
+    deviations = [np.hypot(SLIDE.face, (one.short(low) - one.short(high)) / 3.92) for one in slid]
+    if min(one.short(friction) / own for one, own in zip(slid, deviations)) < SLIDE.sooner:
         return ""
     # Pushes and drags tell weight and the rest together; of what slows an object by its own weight, mass is no part.
-    pressed = (1 - friction / slows(slides)) * measured["mass"][0] * GRAVITY
+    pressed = (1 - friction / slows(slid)) * measured["mass"][0] * GRAVITY
     return (
         f"about {pressed:.1f} N of what presses the object onto the table are no weight: it stops sooner when it slides"
     )

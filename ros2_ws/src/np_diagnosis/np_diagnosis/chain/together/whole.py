@@ -106,7 +106,7 @@ def diagnose(
     if seen.tasks:
         tell("touch")
         touched = _tried(doubts, "touch", lambda: feel(seen.tasks[0], panda))
-        felt = over(camera, _lift(touched))
+        felt = over(camera, touched.lift) if touched is not None else camera
         tell("meeting")
         met = _tried(doubts, "meeting", lambda: meet(seen.tasks[0], felt))
         tell("force")
@@ -158,12 +158,6 @@ def patch(whole: Whole) -> Patch:
                 entries.setdefault(way.ids[0], {}).update(way.parameters)
     found = (PatchEffect(effect, "", values) for effect, values in entries.items())
     return Patch(tuple(PatchEffect(e.effect, str(e.record.part), _held(e)) for e in found))
-
-
-def _lift(touch: Felt | None) -> float:
-    """m by which the table was felt to be higher than it is believed to be."""
-    named = touch.explained.named if touch is not None and touch.explained is not None else ()
-    return sum(one.sizes["height"].value for one in named if one.effect == "table_height")
 
 
 def _held(entry: PatchEffect) -> dict[str, float]:
