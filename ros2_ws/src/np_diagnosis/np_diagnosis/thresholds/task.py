@@ -18,7 +18,7 @@ class ContactForce:
     torque: float = threshold(0.03, "Nm", "error of a joint's torque beside friction", "torque sensors of the Panda")
     friction: float = threshold(0.05, "1", "share of a moving joint's friction that is not known", JUDGEMENT)
     left: float = threshold(
-        0.3, "1", "of a joint's error that is left where its mean without contact is taken off", JUDGEMENT
+        0.2, "1", "of a joint's error that is left where its mean without contact is taken off", JUDGEMENT
     )
 
 
@@ -54,8 +54,8 @@ class Forcing:
     clear: float = threshold(0.001, "m", "over its lowest point, at which a scraping tip may meet the table", JUDGEMENT)
     slides: float = threshold(0.006, "m/s", "speed down a face from which on the tip slides on it", JUDGEMENT)
     held: float = threshold(2.0, "N", "force on a face from which on a scrape counts", JUDGEMENT)
-    force: float = threshold(0.03, "N", "error of a stroke's or push's mean force beside their scatter", JUDGEMENT)
-    relative: float = threshold(0.02, "1", "error of such a force, of itself", JUDGEMENT)
+    force: float = threshold(0.02, "N", "error of a stroke's or push's mean force beside their scatter", JUDGEMENT)
+    relative: float = threshold(0.012, "1", "error of such a force, of itself", JUDGEMENT)
     face: float = threshold(0.5, "1", "share of a push that the tip's friction holds the face up or down by", JUDGEMENT)
     follows: float = threshold(0.8, "1", "share of a drag that the object is led along, to count", "tips that hop")
     slips: float = threshold(
@@ -67,7 +67,7 @@ class Forcing:
         "within which the log ratios of strokes that slip agree; a tip that hops has others",
         "seen in two engines",
     )
-    common: float = threshold(0.025, "N", "error that drags, or pushes one way, have in common", JUDGEMENT)
+    common: float = threshold(0.018, "N", "error that drags, or pushes one way, have in common", JUDGEMENT)
     law: tuple[float, float] = threshold(
         (-0.035, 0.035),
         "1",
