@@ -58,7 +58,7 @@ def test_every_family_is_planned_and_segments_join():
             assert np.allclose(one.positions[0], q, atol=1e-6)
             assert one.trajectory.duration > 0  # raises Refusal where the controller would refuse it
             q = one.positions[-1]
-    assert sum(one.duration for plan in made for one in plan) < 170
+    assert sum(one.duration for plan in made for one in plan) < 185
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.43, -0.17), (0.54, -0.14), (0.5, 0.1)])

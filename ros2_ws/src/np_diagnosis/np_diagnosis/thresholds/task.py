@@ -59,7 +59,7 @@ class Forcing:
     face: float = threshold(0.5, "1", "share of a push that the tip's friction holds the face up or down by", JUDGEMENT)
     follows: float = threshold(0.8, "1", "share of a drag that the object is led along, to count", "tips that hop")
     slips: float = threshold(
-        0.22, "1", "the same share, up to which the tip slips over an object that rests", "seen in two engines"
+        0.3, "1", "the same share, up to which the tip slips over an object that rests", "seen in two engines"
     )
     proportion: float = threshold(
         0.15,

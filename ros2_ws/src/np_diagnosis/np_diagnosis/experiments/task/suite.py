@@ -16,7 +16,7 @@ from np_diagnosis.experiments.task.room import Lain, Room
 
 FAMILIES = ("view", "touch_table", "touch_object", "drag", "push", "shove", "tap", "scrape")
 """In the order in which they are made: what is felt first is used by what comes after."""
-DRAGS = (0.0, 2.0, 3.5, 9.0)
+DRAGS = (0.0, 1.5, 2.5, 5.0, 9.0)
 """N, by which the object is pressed: none, the same way in the air, for comparison; little, so that a smooth fingertip slips more than once on
 the way back, where it presses half as much; not so little that a rough one hops; much."""
 PUSHES = ((0.0, 0.03), (0.35, 0.03), (0.0, 0.03), (-0.35, 0.03), (0.0, 0.03))
