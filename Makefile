@@ -26,7 +26,7 @@ REAL_TIME := realtime or real_time
 ALONE := tests/unit tests/training tests/diagnosis tests/parity
 GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
-.PHONY: help setup demo test test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak fuzz blind blind-chain evaluate table3 train identify docs format lock clean distclean
+.PHONY: help setup demo test test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak fuzz blind blind-chain evaluate table3 rehearse train identify docs format lock clean distclean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -76,6 +76,10 @@ blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS CLUSTER:
 blind-chain: physx ## CASES=16 SEED=1 JOBS CLUSTER ARGS=--seal: what is beside the arm, in PhysX, against sealed cases, as JSON
 	@$(ACTIVATE) exec python -m np_blind.task_set $(if $(filter-out file,$(origin CASES)),--cases $(CASES)) \
 		$(if $(filter-out file,$(origin SEED)),--seed $(SEED)) --jobs $(JOBS) $(ON) $(ARGS)
+
+rehearse: $(if $(filter physx,$(ENGINE)),physx,setup) ## BAG="runs/suite_000 runs/task_000" DOMAIN EPISODES=100 OBJECT SEED JOBS ARGS="--minutes 5": what a gap costs the task, which effect most, trained on with it, judged again; a page
+	@$(ACTIVATE) exec ros2 run np_bringup rehearse $(BAG) --domain $(DOMAIN) --object $(OBJECT) --seed $(SEED) --jobs $(JOBS) \
+		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
 train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there
 	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)

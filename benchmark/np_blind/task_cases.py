@@ -78,7 +78,7 @@ GAPS: dict[str, Callable[[np.random.Generator], Gap]] = {
     "magnet": lambda rng: {
         "pull": float(rng.uniform(1.0, 2.5)),
         "x": float(rng.uniform(0.45, 0.55)),
-        "y": _either(rng, 0.05, 0.2),
+        "y": -float(rng.uniform(0.1, 0.2)),  # where the object is: on the other side it would pull by .05 N
     },
     "knocked": lambda rng: {"turn": _either(rng, radians(0.5), radians(1.0)), "at": float(rng.uniform(40, 100))},
     "breathing": lambda rng: {"scale": float(rng.uniform(0.01, 0.02))},

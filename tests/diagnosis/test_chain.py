@@ -12,17 +12,20 @@ from np_blind.task_figures import figures
 from np_blind.task_judged import judged
 from np_blind.task_reality import Reality
 from np_description.camera import CAMERA
-from np_description.domains import BUMP
+from np_description.domains import BUMP, Pose
+from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
+from np_description.rotations import yaw_quaternion
 from np_diagnosis.chain.explanations import Explained, Named
 from np_diagnosis.chain.findings import effects
 from np_diagnosis.chain.motion.stage import predict, share
 from np_diagnosis.chain.scatter import Scatter
-from np_diagnosis.chain.task.lag import Led
+from np_diagnosis.chain.task.lag import Led, lag
 from np_diagnosis.chain.task.lag import judge as judge_lag
 from np_diagnosis.chain.task.meeting import Met
 from np_diagnosis.chain.task.meeting import judge as judge_meeting
 from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.task.seen import over, seen_pose
 from np_diagnosis.chain.task.untouched import untouched
 from np_diagnosis.chain.together import claims as made
 from np_diagnosis.chain.together.claims import Claim, Way
@@ -278,6 +281,29 @@ def test_a_patch_that_is_right_predicts_taps_better_and_its_opposite_worse():
     assert right.windows == 2 and right.after < 0.7 * right.before and right.removed.low > 0.3
     assert right.by_effect == {"camera_extrinsics": right.removed.value}
     assert wrong.after > wrong.before and wrong.removed.value < 0
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.04])
+def test_shoves_tell_a_delay_within_three_milliseconds(delay):
+    late = Patch((PatchEffect("camera_latency", "camera", {"delay": delay}),) if delay else ())
+    found = lag(Reality(BUMP, late, 4, MujocoEngine).run(("shove",)))
+    assert [one.name for one in found.pushes if one.name.startswith("shove")] == ["shove_1", "shove_2", "shove_3"]
+    assert found.late.value == pytest.approx(delay, abs=0.003) and found.late.high - found.late.low < 0.008
+
+
+def test_a_table_that_was_felt_lower_is_not_taken_for_a_camera():
+    """An object on it is seen where it is, though 15 mm below where objects are believed to lie."""
+    lain = Pose(np.array([0.5, -0.14, 0.045 - 0.015]), yaw_quaternion(np.asarray(0.3)))
+    pixels = CAMERA.project(box_keypoints(np.asarray(BUMP.half_size), lain.position, lain.quaternion))[0]
+    time = np.arange(30) / 30
+    track = Track("low", time, np.tile(pixels, (30, 1, 1)), np.ones((30, 8), bool))
+    state = np.arange(0, 1, 0.01)
+    joints = np.tile(NOMINAL.ready, (len(state), 1))
+    recording = TaskRecording(
+        Log("low", state, joints, 0 * joints, 0 * joints, state, False), track, 0.0, BUMP, {"push_1": (0.0, 1.0)}
+    )
+    seen = seen_pose(recording, "push_1", over(CAMERA, -0.015))
+    assert seen.position == pytest.approx([0.5, -0.14, 0.045], abs=3e-4)
 
 
 def test_the_interval_of_a_share_knows_of_windows_that_differ():

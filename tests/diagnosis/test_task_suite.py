@@ -11,13 +11,16 @@ from np_description.domains import BUMP, Pose
 from np_description.hand import FLAT_HAND
 from np_description.panda import NOMINAL
 from np_description.rotations import yaw_quaternion
+from np_diagnosis.chain.contact_force import Motion, force_covariance, forces
 from np_diagnosis.chain.explanations import Measured, explain
 from np_diagnosis.chain.force.readings import Reading
+from np_diagnosis.chain.force.slide import Slide, slows
 from np_diagnosis.chain.force.stage import Believed, judge
+from np_diagnosis.experiments.task.contacts import DEEPER, SLOW
 from np_diagnosis.experiments.task.path import Leg, OutOfReach, segment, tip_of
 from np_diagnosis.experiments.task.room import Lain, Room
-from np_diagnosis.experiments.task.suite import FAMILIES, Situation, task_suite
-from np_diagnosis.experiments.task.tip import CORNERS, leading_yaw, upright
+from np_diagnosis.experiments.task.suite import FAMILIES, Situation, sides_with_room, task_suite
+from np_diagnosis.experiments.task.tip import BEYOND, CORNERS, EDGE, RADIUS, leading_yaw, upright
 from np_diagnosis.experiments.task.witness import OutOfPicture, Witness
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects import SCENE_RECORDS
@@ -55,7 +58,7 @@ def test_every_family_is_planned_and_segments_join():
             assert np.allclose(one.positions[0], q, atol=1e-6)
             assert one.trajectory.duration > 0  # raises Refusal where the controller would refuse it
             q = one.positions[-1]
-    assert sum(one.duration for plan in made for one in plan) < 170
+    assert sum(one.duration for plan in made for one in plan) < 185
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.43, -0.17), (0.54, -0.14), (0.5, 0.1)])
@@ -117,6 +120,77 @@ def test_scene_effects_are_read_back_and_carried(tmp_path):
     assert change.contact(BUMP.contact).table == pytest.approx(0.6)
 
 
+def touched(height, families):
+    """Plans of a suite over a table at `height` m, on which the tip stops."""
+    generator, lowest = task_suite(BUMP, Situation(NOMINAL.ready, LAIN), families), None
+    plan = next(generator)
+    while plan:
+        yield plan
+        lowest = max(min(tip_of(q)[2] for q in plan[-1].positions), height)
+        try:
+            plan = generator.send(Situation(plan[-1].positions[-1], LAIN, lowest))
+        except StopIteration:
+            return
+
+
+@pytest.mark.parametrize(("height", "plans"), [(0.0, 4), (0.015, 4), (-0.0079, 5), (-0.015, 6), (-0.05, 12)])
+def test_a_table_is_felt_for_deeper_until_the_tip_is_stopped(height, plans):
+    made = [plan[-1] for plan in touched(height, ["touch_table"])]
+    assert len(made) == plans
+    depths = [min(tip_of(q)[2] for q in one.positions) for one in made]
+    if height > -0.03:  # what was felt first tells the other places
+        assert depths[-1] == pytest.approx(height - DEEPER, abs=1e-3) and len({one.name for one in made}) == 4
+    assert min(depths) > -0.026
+
+
+@pytest.mark.parametrize("angle", np.linspace(-3, 3, 7))
+def test_a_pushed_face_is_met_by_the_pads_edge_alone(angle):
+    """Down to `EDGE` below the object's top, no part of a finger is ahead of the edge that leads."""
+    ahead, turn = (
+        np.array([np.cos(angle), np.sin(angle), 0.0]),
+        upright(leading_yaw(np.array([np.cos(angle), np.sin(angle)]))),
+    )
+    shaft, slide = FLAT_HAND.shaft, BEYOND - FLAT_HAND.tip.centre[2] - FLAT_HAND.tip.half_size[2]
+    for side in (-1.0, 1.0):
+        along = np.linspace(-1, 1, 200)[:, None]
+        axis = (np.array(shaft.centre) + along * np.array(shaft.half_axis)) * [1.0, side, 1.0] + [0.0, 0.0, slide]
+        above = axis @ turn.T - turn @ [0.0, 0.0, BEYOND]
+        wide = (
+            shaft.radius**2 - np.maximum(above[:, 2] - EDGE, 0.0) ** 2
+        )  # of each sphere, at the object's top or below
+        reaches = (above @ ahead + np.sqrt(np.maximum(wide, 0.0)))[wide > 0]
+        assert len(reaches) and reaches.max() < RADIUS
+
+
+def test_an_object_at_the_edge_of_its_room_is_first_pushed_to_where_more_sides_have_some():
+    edge = Pose(np.array([0.5, -0.195, 0.045]), yaw_quaternion(np.asarray(0.2)))
+    lain, room = Lain.of(BUMP, edge), Room(BUMP, CAMERA)
+    before = len(sides_with_room(room, lain, SLOW))
+    plan = next(task_suite(BUMP, Situation(NOMINAL.ready, edge), ["push"]))[-1]
+    tips = np.array([tip_of(q) for q in plan.positions])
+    low = tips[tips[:, 2] < tips[:, 2].min() + 1e-3]
+    way = low[np.linalg.norm(low - low[0], axis=1).argmax()] - low[0]
+    travel = way[:2] * (1 - SLOW.run_up / np.linalg.norm(way[:2]))
+    assert plan.name == "push_10" and len(sides_with_room(room, lain.moved(travel), SLOW)) > before
+
+
+def test_a_joint_that_rested_in_the_run_up_does_not_feign_a_force():
+    """Its friction pushed one way at rest and pushes the other way once it turns."""
+    rows, q = 40, np.tile(NOMINAL.ready, (40, 1))
+    speed = np.tile([0.05, -0.05, 0.03, 0.05, 0.0, 0.0, 0.05], (rows, 1))
+    speed[20:, 4:6] = 0.006
+    excess = np.zeros((rows, 7))
+    excess[:20, 4:6], excess[20:, 4:6] = -0.1, 0.1
+    tip = forward_kinematics(q)[0]
+    moved = Motion(np.arange(rows) / 50, q, speed, excess, tip, forward_kinematics(q)[1], 0 * tip)
+    free = np.arange(20)
+    told = forces(moved, moved.free(free), tip, NOMINAL, moved.turning(free))[20:]
+    naive = forces(moved, moved.free(free), tip)[20:]
+    assert np.abs(told).max() < 0.4 * np.abs(naive).max()
+    wide, narrow = (force_covariance(moved, tip, NOMINAL, known)[20:] for known in (moved.turning(free), None))
+    assert np.trace(wide[0]) > 1.5 * np.trace(narrow[0])
+
+
 def readings(table=1.0, mass=1.0, finger=1.0, kinds=("drag", "push", "scrape"), seed=0):
     rng = np.random.default_rng(seed)
     mu, weight = table * BELIEVED.table, mass * WEIGHT
@@ -149,6 +223,42 @@ def test_an_object_that_something_pulls_is_unexplained_and_the_pull_is_told():
     assert all(judge(pulled((0.0, 0.0), seed), BELIEVED).verdict == "no_gap" for seed in range(6))
     found = judge(pulled((-0.3, 0.2)), BELIEVED)
     assert found.verdict == "unexplained" and "pulls the object by -0.3" in found.doubt
+
+
+def test_what_pulls_an_object_down_at_one_place_is_no_mass():
+    """A magnet under the table: of readings in a row of places, those over it weigh more."""
+    places = [(0.45 + 0.012 * k, -0.15) for k in range(9)]
+
+    def pulled_down(most, seed):
+        made = readings(kinds=("drag", "push"), seed=seed)
+        return [
+            replace(one, place=place, force=one.force + BELIEVED.table * most * k / 8)
+            for k, (one, place) in enumerate(zip(made, places))
+        ]
+
+    assert all(judge(pulled_down(0.0, seed), BELIEVED).verdict == "no_gap" for seed in range(6))
+    found = judge(pulled_down(1.5, 1), BELIEVED)
+    assert found.verdict == "unexplained" and "more at one place than at another" in found.doubt
+
+
+def tapped(slowed, seed):
+    """Two taps whose tip stops within 40 ms, and an object that friction slows by `slowed` m/s^2."""
+    rng, time = np.random.default_rng(seed), np.arange(0.0, 0.15, 0.002)
+    speed = 0.35 * np.clip((0.1 - time) / 0.04, 0.0, 1.0)
+    way = np.cumsum(speed) * 0.002
+    reached = -Slide("", way, speed, 0.0).short(slowed)
+    return [Slide(f"tap_{k}", way, speed, -reached + 5e-4 * rng.standard_normal()) for k in (1, 2)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_heavier_object_slides_as_far_and_one_that_is_pulled_down_does_not(seed):
+    by_weight = BELIEVED.table * 9.81
+    heavier = judge(readings(mass=1.7), BELIEVED, tapped(by_weight, seed))
+    assert heavier.verdict == "identified" and [one.effect for one in heavier.explained.named] == ["object_mass"]
+    assert slows(tapped(by_weight, seed)) == pytest.approx(by_weight, rel=0.1)
+    held = judge(readings(mass=1.7), BELIEVED, tapped(1.7 * by_weight, seed))
+    assert held.verdict == "unexplained" and "are no weight" in held.doubt
+    assert judge(readings(mass=1.7), BELIEVED, tapped(1.7 * by_weight, seed)[:1]).verdict == "identified"
 
 
 @pytest.mark.parametrize(

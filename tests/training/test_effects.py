@@ -8,16 +8,20 @@ import numpy as np
 import pytest
 import torch
 
-from np_description.domains import CARD
+from np_description.camera import CAMERA
+from np_description.domains import CARD, WALL
+from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_effects import RECORDS
 from np_effects.arm_effects import ArmEffects
 from np_effects.patch import Patch, PatchEffect, dump_patch
 from np_effects.record import Place
+from np_effects.view_effects import ViewEffects
 from np_effects.weight import Hold
 from np_training import evaluate, train
-from np_training.environment.environment import EnvironmentConfig
-from np_training.physics.batched import ARM, HOLD_STIFFNESS, BatchedPhysics
+from np_training.environment.environment import Environment, EnvironmentConfig
+from np_training.environment.view import BatchedView, Past
+from np_training.physics.batched import ARM, HOLD_STIFFNESS, OBJECT_POSITION, BatchedPhysics
 from np_training.physics.batched_effects import batched_effects
 from np_training.physics.batched_gravity import BatchedHold
 from np_training.physics.carried_effects import CARRIED, check_carried, load_effects
@@ -93,7 +97,7 @@ def _a_tenth(quantity) -> float:
     return quantity.lower + 0.55 * (quantity.upper - quantity.lower) if quantity.lower < 0 else 0.1 * quantity.upper
 
 
-@pytest.mark.parametrize("effect", CARRIED)
+@pytest.mark.parametrize("effect", [name for name in CARRIED if name in RECORDS])
 def test_an_effect_does_in_all_worlds_what_it_does_in_one_arm(effect):
     patch, rng = Patch((one_of(effect),)), np.random.default_rng(3)
     batched = batched_effects(patch, 0.002, "cpu")
@@ -220,3 +224,73 @@ def test_training_with_a_patch_runs(tmp_path, monkeypatch, capsys):
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["steps"] > 0
     effects = json.loads((tmp_path / "run" / "config.json").read_text())["environment"]["physics"]["effects"]
     assert [e["effect"] for e in effects["effects"]] == [e.effect for e in PATCH.effects]
+
+
+class TestViewAndScene:
+    """Effects beside the arm, which every world has."""
+
+    def test_corners_are_found_where_the_bridge_finds_them(self):
+        effects = (
+            PatchEffect("camera_extrinsics", "camera", {"y": 0.01, "turn_z": 0.01}),
+            PatchEffect("camera_intrinsics", "camera", {"focal": 0.02, "centre_u": 3.0}),
+            PatchEffect("lens_distortion", "camera", {"k1": 0.1}),
+            PatchEffect("keypoint_bias", "keypoints", {"u": 2.0}),
+        )
+        patch = Patch(effects)
+        corners = box_keypoints(WALL.half_size, np.array([0.5, 0.1, 0.05]), np.array([1.0, 0.0, 0.0, 0.0]))
+        theirs = ViewEffects(patch).keypoints(lambda times: np.repeat(corners[None], len(times), axis=0), 0)
+        ours = BatchedView(patch).keypoints(torch.tensor(corners)[None].float())
+        assert np.allclose(ours[0], CAMERA.normalise(theirs), atol=1e-5)
+        assert np.abs(theirs - CAMERA.project(corners)[0]).max() > 3
+
+    def test_noise_scatters_as_the_patch_says_and_is_remembered(self):
+        view = BatchedView(Patch((PatchEffect("keypoint_noise", "keypoints", {"spread": 3.0, "memory": 0.9}),)))
+        points = torch.tensor(box_keypoints(WALL.half_size, np.array([0.5, 0, 0.05]), np.array([1.0, 0, 0, 0])))
+        points = points.float().expand(2000, 8, 3)
+        torch.manual_seed(0)
+        true = BatchedView().keypoints(points)
+        first, later = ((view.keypoints(points) - true) * CAMERA.width / 2 for _ in range(2))
+        assert first.std() == pytest.approx(3.0, rel=0.05) and later.std() == pytest.approx(3.0, rel=0.05)
+        assert (first * later).mean() / 9.0 == pytest.approx(0.9**3, abs=0.05)
+
+    def test_the_past_is_in_proportion_between_periods(self):
+        past = Past(2, 2.3, torch.device("cpu"))
+        at = [torch.full((2, 8, 3), float(k)) for k in range(5)]
+        past.begin(at[0], torch.arange(2))
+        for points in at[1:4]:
+            past.remember(points)
+        age = torch.tensor([0.25, 2.3]).view(2, 1, 1)
+        found = past.at(at[4], age)
+        assert found[0].eq(3.75).all() and torch.allclose(found[1], torch.tensor(1.7))
+
+    def test_an_observation_is_as_late_as_the_patch_says(self):
+        def seen(delay):
+            patch = Patch((PatchEffect("camera_latency", "camera", {"delay": delay}),) if delay else ())
+            environment = Environment(WALL, "cpu", EnvironmentConfig(worlds=2, physics=PhysicsConfig(effects=patch)))
+            steps = []
+            for number in range(4):
+                environment.physics.qpos[:, OBJECT_POSITION] = torch.tensor([0.5, 0.02 * number, 0.05])
+                environment.image_age[:] = environment.view.age / 0.1
+                if number == 0:
+                    environment._past.begin(environment._corners_now(), torch.arange(2))
+                steps.append(environment._seen_corners(environment.objects).mean((0, 1))[1].item())
+                environment._past.remember(environment._corners_now())
+            return steps
+
+        assert np.allclose(np.subtract(seen(0.0), seen(0.15)), [0, 0.02, 0.03, 0.03], atol=1e-5)
+
+    def test_the_scene_has_another_friction_and_mass(self):
+        patch = Patch(
+            (
+                PatchEffect("gripper_friction", "contact", {"relative": -0.4}),
+                PatchEffect("object_mass", "object", {"relative": 0.5}),
+            )
+        )
+        nominal, heavy = (BatchedPhysics(WALL, 2, "cpu", PhysicsConfig(effects=p)) for p in (Patch(), patch))
+        assert torch.allclose(heavy.mass[:, heavy.object_body], 1.5 * nominal.mass[:, nominal.object_body])
+        rubbing = [p._rubbing[1][1].unique() for p in (heavy, nominal)]
+        assert torch.allclose(rubbing[0], 0.6 * rubbing[1])
+
+    def test_a_table_at_another_height_is_refused(self):
+        with pytest.raises(ValueError, match="table_height at environment"):
+            check_carried(Patch((PatchEffect("table_height", "environment", {"height": 0.01}),)))

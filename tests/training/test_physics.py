@@ -212,7 +212,7 @@ def test_keypoints_are_as_old_as_the_image():
     env._draw_conditions(torch.arange(2), env.physics.qpos[:, ARM])
     env.goals.quaternion[:, 0] = 1.0
     env.physics.qpos[:, 9:12] = torch.tensor([0.5, 0.0, 0.0025])
-    env._remember_corners()
+    env._past.remember(env._corners_now())
     env.physics.qpos[:, 10] += 0.02
     seen = env._seen_corners(env.objects)
     middle = seen.mean(1)

@@ -19,7 +19,7 @@ from np_bringup.task_graph import task_graph
 from np_description.domains import CARD
 from np_description.objects.choice import portable, recorded_domain
 from np_record.intervals import wilson_interval
-from np_record.recorded_episode import Outcome
+from np_record.outcome import Outcome
 
 SETTINGS = {
     "domain": "card",

@@ -1,12 +1,15 @@
 """Episodes without a graph: what the nodes call, in one process."""
 
 import numpy as np
-from one_process import OneProcess
 
+from np_bringup.one_process import Eyes, OneProcess
 from np_description.domains import WALL, Pose
+from np_effects.patch import Patch, PatchEffect
 from np_policy.action import PolicyError
 from np_policy.planning import PlanningError
 from np_sim_bridge.simulation import Simulation
+
+LATE = Patch((PatchEffect("camera_latency", "camera", {"delay": 0.3}),))
 
 
 def test_an_episode_succeeds_and_is_the_same_again():
@@ -15,13 +18,19 @@ def test_an_episode_succeeds_and_is_the_same_again():
     assert (first.distance, first.angle, first.duration) == (again.distance, again.angle, again.duration)
 
 
+def test_a_patch_changes_an_episode():
+    weak = Patch((PatchEffect("gripper_friction", "contact", {"relative": -0.85}),))
+    first, weaker = (OneProcess(WALL, "mujoco", seed=3, patch=patch).play(0) for patch in (Patch(), weak))
+    assert first.success and not weaker.success
+
+
 def test_a_plan_that_is_refused_ends_the_episode_in_words(monkeypatch):
     played = OneProcess(WALL, "mujoco")
 
     def refuse(*arguments, **options):
         raise PlanningError("no path found")
 
-    monkeypatch.setattr("one_process.plan_approach", refuse)
+    monkeypatch.setattr("np_bringup.one_process.plan_approach", refuse)
     refused = played.play(0)
     assert (refused.success, refused.failed_in, refused.reason) == (False, "approach", "approach: no path found")
 
@@ -39,8 +48,31 @@ def test_without_targets_the_arm_stays_until_the_time_is_over(monkeypatch):
 
 
 def test_an_object_that_was_thrown_behind_the_camera_is_not_seen(monkeypatch):
-    arm, played = Simulation(WALL, seed=0), OneProcess(WALL, "mujoco")
-    assert played._seen(arm)[:, 2].all()
+    arm, eyes = Simulation(WALL, seed=0), Eyes(WALL, Patch(), 0)
+    eyes.look(arm)
+    assert eyes.seen(0)[:, 2].all()
     thrown = Pose(np.array([1.85, -0.3, 0.05]), np.array([1.0, 0.0, 0.0, 0.0]))
     monkeypatch.setattr(arm, "object_pose", lambda: thrown)
-    assert not played._seen(arm)[:, 2].any()
+    eyes.look(arm)
+    assert not eyes.seen(0)[:, 2].any()
+
+
+class Slides:
+    """An object at 0.1 m/s, of a robot that does nothing else."""
+
+    stamp = 0
+
+    def object_pose(self) -> Pose:
+        return Pose(np.array([0.5, 1e-10 * self.stamp, 0.05]), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+def test_eyes_that_are_late_see_what_was():
+    def at(stamp, patch):
+        arm, eyes = Slides(), Eyes(WALL, patch, 0)
+        for arm.stamp in range(0, stamp + 1, 2_000_000):
+            eyes.look(arm)
+        return eyes.seen(stamp)
+
+    then, now, late = at(500_000_000, Patch()), at(800_000_000, Patch()), at(800_000_000, LATE)
+    assert np.abs(now - then).max() > 3
+    assert np.abs(late - then).max() < 0.05

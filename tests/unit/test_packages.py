@@ -93,9 +93,11 @@ def test_packages_import_only_from_lower_floors():
     assert upwards == DOWN_THE_STAIRS
 
 
-def test_nobody_imports_bringup():
+def test_nobody_imports_bringup_but_the_benchmark_that_judges_it():
     assert not [
-        m for m, path in MODULES.items() if not m.startswith("np_bringup") and "np_bringup" in packages_of(path)
+        m
+        for m, path in MODULES.items()
+        if not m.startswith(("np_bringup", "np_blind")) and "np_bringup" in packages_of(path)
     ]
 
 

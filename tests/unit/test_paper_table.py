@@ -13,7 +13,7 @@ from np_bringup.paper_table import FIXED, OSC, OURS, Cell, Played, Setting, cell
 from np_bringup.paper_table_plot import table_plot
 from np_bringup.results import Results
 from np_description.domains import DOMAINS
-from np_record.recorded_episode import Outcome
+from np_record.outcome import Outcome
 
 
 def test_the_whole_table_has_21_objects_in_three_scenarios_and_baselines_have_the_default_one():

@@ -21,7 +21,8 @@ from np_record.bag_writer import INCOMPLETE
 from np_record.cdr import TYPESTORE
 from np_record.commands import report as command
 from np_record.intervals import wilson_interval
-from np_record.recorded_episode import images, load_episode, score
+from np_record.outcome import score
+from np_record.recorded_episode import images, load_episode
 from np_record.report.episodes import make_section, write_report
 from np_record.report.third_person import ThirdPerson
 from np_record.report.video import write_video

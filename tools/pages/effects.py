@@ -15,10 +15,10 @@ component (a joint's name, or `arm`) and the parameters below, in SI units, as c
 is where reports say that an effect sits."""
 VIEW = """What the view of a simulated robot may have: its component is `camera` or `keypoints`, changes are against the camera that is
 believed in (as trained, or the calibration file's). Visible is the limit from which on the task suite is meant to show it. Carried by:
-the images of a backend; the keypoints of `keypoint_oracle`, in the detector's place. Nothing shows what is still to come: an image
+the images of a backend; the keypoints of `keypoint_oracle`, in the detector's place; training. Nothing shows what is still to come: an image
 that would be of a later moment than its stamp is of its stamp."""
 SCENE = """What contact, object and table of a simulated scene may have: its component is the module, changes are against the domain (a share,
-where there is no unit). Frictions are of the object; obstacles rise with the table. Carried by: the simulated robot of the bridge, in both engines."""
+where there is no unit). Frictions are of the object; obstacles rise with the table. Carried by: the simulated robot of the bridge, in both engines; training."""
 RECORDED = """Ranges are what is physical. Visible is the magnitude from which on the excitation suite can show an
 effect at all, base to wrist. Carried by: the simulated arm of the bridge, the doctor's forward model, training."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from pages import chain, contact, doctor, driver, endurance, episodes, paper_table, perception, sizes, speed
+from pages import chain, contact, doctor, driver, endurance, episodes, paper_table, perception, robots, sizes, speed
 from pages.markdown import head, paragraph, table
 
 SETS = "sets.yaml"
@@ -36,6 +36,8 @@ KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = 
     ("chain_clock", "", "doctor", chain.clock),
     ("chain_pushes", "", "doctor", contact.pushes),
     ("task_locked_", "", "blind set", chain.task),
+    ("robots_matrix", "", "blind set", robots.matrix),
+    ("robots_", "", "blind set", robots.robots),
     ("identification_z1_delays", "", "identification", doctor.delays),
     ("identification_", "", "identification", doctor.identified),
     ("static_bench", "", "contact", contact.static_bench),

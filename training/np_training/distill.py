@@ -14,6 +14,7 @@ from pathlib import Path
 
 from np_description.domains import DOMAINS
 from np_training.device import DEVICE_HELP, usable
+from np_training.physics.carried_effects import load_effects
 from np_training.setting import OBJECT_HELP
 
 
@@ -34,8 +35,20 @@ def main() -> None:
     )
     parser.add_argument("--batch", type=int, default=8192)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--effects", type=Path, help="patch.yaml: through whose camera the student sees")
+    parser.add_argument("--begin", type=Path, metavar="FILE", help="weights of a student that is taught on")
+    parser.add_argument(
+        "--weights",
+        type=Path,
+        metavar="FOLDER",
+        help="also write both policies there, as the nodes load them, unreleased",
+    )
     parser.add_argument("--device", help=DEVICE_HELP)
     arguments = parser.parse_args()
+    try:
+        arguments.effects = load_effects(arguments.effects)
+    except ValueError as error:
+        parser.error(str(error))
     from np_training.ppo.distillation import distil_checkpoint  # slow: no --help should wait for PyTorch
 
     arguments.device = usable(arguments.device)

@@ -34,6 +34,7 @@ setup(
             "goal = np_bringup.nodes.goal_node:main",
             "joint_names = np_bringup.nodes.joint_names_node:main",
             "robot_state = np_bringup.nodes.robot_state_node:main",
+            "rehearse = np_bringup.commands.rehearse:main",
             "round_trip = np_bringup.nodes.round_trip_node:main",
             "table3 = np_bringup.commands.table3:main",
             "soak = np_bringup.commands.soak:main",

@@ -23,6 +23,7 @@ from np_policy.observation import normalised_keypoints, post_contact_observation
 from np_training.environment import contact
 from np_training.environment.sight import Sight
 from np_training.environment.starts import Starts
+from np_training.environment.view import BatchedView, Past
 from np_training.physics.batched import ARM, OBJECT_POSITION, OBJECT_QUATERNION, BatchedPhysics
 from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
 from np_training.physics.config import PhysicsConfig
@@ -93,6 +94,7 @@ class Environment:
         self.physics = BatchedPhysics(domain, config.worlds, device, config.physics)
         self.hand = config.physics.contact.hand
         self.sight = Sight(self.physics.host_model, device)
+        self.view = BatchedView(config.physics.effects)
         self.generator = torch.Generator(device=device).manual_seed(config.seed)
         self.limits = actions.LOOSE
         n = config.worlds
@@ -111,8 +113,8 @@ class Environment:
         self.pre_action = torch.zeros(n, contact.SIZE, device=device)
         self.pre_log_probability = torch.zeros(n, device=device)
         self.keypoint_bias = torch.zeros(n, 1, 2, device=device)
-        self.image_age = torch.zeros(n, 1, 1, device=device)  # share of a policy period
-        self._corners_before = torch.zeros(n, 8, 3, device=device)
+        self.image_age = torch.zeros(n, 1, 1, device=device)  # policy periods
+        self._past = Past(n, self.view.age / PERIOD, self.device)
         # How the camera sees the base frame turned and shifted about its own place.
         self.camera_turn = torch.eye(3, device=device).repeat(n, 1, 1)
         self.camera_shift = torch.zeros(n, 1, 3, device=device)
@@ -151,7 +153,7 @@ class Environment:
         dq = self.physics.seen_dq + c.velocity_noise * self._normal(self.config.worlds, 9)
         position, rotation = forward_kinematics(q[:, ARM])
         objects, goals = as_seen(self.domain, self.objects, self.goals)
-        pixels = normalised_keypoints(self._seen_corners(objects)) + self.keypoint_bias
+        pixels = self.view.keypoints(self._seen_corners(objects)) + self.keypoint_bias
         goal_corners = corners(self.domain, goals)
         goal_pixels = normalised_keypoints(self._by_camera(goal_corners) if c.goal_in_image else goal_corners)
         pixels = pixels + c.keypoint_noise * self._normal(self.config.worlds, 16).reshape(-1, 8, 2)
@@ -167,10 +169,11 @@ class Environment:
         """Corners (n, 8, 3) m where the camera shows them, for objects as they are seen: as old as the image, and off by as much
         as the camera is off from where it is said to be."""
         points = corners(self.domain, objects)
-        c = self.config.conditions
-        if c.image_latency != (0.0, 0.0):
-            points = points + self.image_age * (self._corners_before - points)
-        return self._by_camera(points)
+        return self._by_camera(self._past.at(points, self.image_age) if self._is_late else points)
+
+    @property
+    def _is_late(self) -> bool:
+        return self.view.age > 0 or self.config.conditions.image_latency != (0.0, 0.0)
 
     def _by_camera(self, points: torch.Tensor) -> torch.Tensor:
         """Points (n, k, 3) m where a camera that is off shows them to who takes it to be where it is said to be."""
@@ -180,9 +183,9 @@ class Environment:
             points = (points - place) @ self.camera_turn.transpose(1, 2) + place + self.camera_shift
         return points
 
-    def _remember_corners(self, where: torch.Tensor | slice = slice(None)) -> None:
+    def _corners_now(self) -> torch.Tensor:
         objects, _ = as_seen(self.domain, self.objects, self.goals)
-        self._corners_before[where] = corners(self.domain, objects)[where]
+        return corners(self.domain, objects)
 
     def _normal(self, rows: int, columns: int) -> torch.Tensor:
         return torch.randn(rows, columns, generator=self.generator, device=self.device)
@@ -253,8 +256,8 @@ class Environment:
         self.pre_state[where], self.pre_action[where] = starts.state[row], starts.action[row]
         self.pre_log_probability[where] = starts.log_probability[row]
         self._draw_conditions(where, q)
-        if self.config.conditions.image_latency != (0.0, 0.0):
-            self._remember_corners(where)
+        if self._is_late:
+            self._past.begin(self._corners_now(), where)
 
     def _draw_conditions(self, where: torch.Tensor, q: torch.Tensor) -> None:
         c, n = self.config.conditions, len(where)
@@ -274,7 +277,7 @@ class Environment:
         if c.camera_position or c.camera_rotation:
             self.camera_turn[where] = matrix_from_vector(c.camera_rotation * self._normal(n, 3))
             self.camera_shift[where] = c.camera_position * self._normal(n, 3)[:, None]
-        self.image_age[where] = self._uniform(n, *c.image_latency)[:, None, None] / PERIOD
+        self.image_age[where] = (self.view.age + self._uniform(n, *c.image_latency)[:, None, None]) / PERIOD
         self._draw_limits(where, q, self._uniform(n, *c.limit_margin))
 
     def _draw_limits(self, where: torch.Tensor, q: torch.Tensor, margin: torch.Tensor) -> None:
@@ -299,8 +302,8 @@ class Environment:
         """
         physics, config = self.physics, self.config
         before = self.measure()
-        if config.conditions.image_latency != (0.0, 0.0):
-            self._remember_corners()
+        if self._is_late:
+            self._past.remember(self._corners_now())
         q = physics.seen_q[:, ARM].clone()
         position, rotation = forward_kinematics(q)
         target = actions.decode(action, position, rotation, self.limits)

@@ -179,7 +179,7 @@ def _start(
         else:
             noise = env.config.conditions.keypoint_noise
             contacts = contact.reach(
-                env.domain, *student.hand_poses(env.domain, objects, goals, noise), objects, hand=env.hand
+                env.domain, *student.hand_poses(env.domain, objects, goals, noise, env.view), objects, hand=env.hand
             )
     everyone = dataclasses.replace(contacts, feasible=torch.ones_like(contacts.feasible))
     none = torch.zeros(len(state), device=env.device)

@@ -109,6 +109,7 @@ class BatchedPhysics:
             panda=panda,
             contact=config.contact,
             supports=config.supports,
+            change=config.effects.scene_change(),
         )
         model.opt.iterations, model.opt.ls_iterations = config.iterations, config.ls_iterations
         # Boxes then meet by their faces and edges, as in MuJoCo itself, not by the general convex algorithm, which takes

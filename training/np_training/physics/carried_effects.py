@@ -1,16 +1,22 @@
-"""Which effects of a patch.yaml the training carries (np_training.physics.batched_effects).
+"""Which effects of a patch.yaml the training carries: of the arm np_training.physics.batched_effects, of the view np_training.environment.view.
 
-What no simulated arm carries (the motor's side of a gear, errors of the controller) is refused by name.
+What no simulated arm carries (the motor's side of a gear, errors of the controller) is refused by name, and so is a table at another height, on which
+tasks are drawn, and what becomes of an image in the time that it takes.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from np_effects import RECORDS
+from np_effects import RECORDS, SCENE_RECORDS, VIEW_RECORDS
 from np_effects.patch import Patch, load_patch
 
-CARRIED = tuple(record.id for record in RECORDS.values() if record.is_simulated)
+CARRIED = tuple(
+    record.id
+    for records in (RECORDS, VIEW_RECORDS, SCENE_RECORDS)
+    for record in records.values()
+    if "training" in record.carriers
+)
 
 
 def check_carried(patch: Patch) -> None:

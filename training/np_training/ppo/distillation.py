@@ -6,6 +6,7 @@ import argparse
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NoReturn
 
 import torch
@@ -14,14 +15,15 @@ from np_description.domains import Domain
 from np_description.hand import HandShapes
 from np_description.objects.choice import DEFAULT, choice_of
 from np_policy import hand_pose
-from np_policy.contract import PRE_CONTACT
-from np_policy.networks import PreContactStudent
+from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
+from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import normalised_keypoints, student_observation
 from np_policy.other_size import carried_over, known_domain, known_in_place
-from np_policy.weights import save
+from np_policy.weights import load, save
 from np_training.contracts import trained_contract
 from np_training.environment import contact
 from np_training.environment.environment import as_seen, corners, pre_contact_state
+from np_training.environment.view import BatchedView
 from np_training.physics.config import physics_for
 from np_training.ppo.networks import PreContactPolicy
 from np_training.setting import chosen, domain_of, setting_of
@@ -33,10 +35,15 @@ KEYPOINT_NOISE = 0.02  # largest standard deviation, normalised image units; 1.0
 POOL, REUSE = 32, 8  # batches of tasks kept, and updates from them for each that is new: the teacher is the slow part
 
 
-def student_input(domain: Domain, objects: Poses, goals: Poses, noise: torch.Tensor | float = 0.0) -> torch.Tensor:
-    """The student's input (n, 32) for tasks, keypoints disturbed by Gaussian noise of a standard deviation
-    (n, 1, 1)."""
-    return disturbed(*_keypoints(domain, objects, goals), noise)
+def student_input(
+    domain: Domain,
+    objects: Poses,
+    goals: Poses,
+    noise: torch.Tensor | float = 0.0,
+    view: BatchedView = BatchedView(),
+) -> torch.Tensor:
+    """The student's input (n, 32) for tasks seen by `view`, keypoints disturbed by Gaussian noise of a standard deviation (n, 1, 1)."""
+    return disturbed(*_keypoints(domain, objects, goals, view), noise)
 
 
 @dataclass(frozen=True)
@@ -47,18 +54,23 @@ class Student:
     object: str = DEFAULT
 
     def hand_poses(
-        self, domain: Domain, objects: Poses, goals: Poses, noise: torch.Tensor | float = 0.0
+        self,
+        domain: Domain,
+        objects: Poses,
+        goals: Poses,
+        noise: torch.Tensor | float = 0.0,
+        view: BatchedView = BatchedView(),
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """T_E position (n, 3) m, rotation (n, 3, 3) and opening (n,) m that it chooses for tasks, as the node does: for an object of
-        another size than it knows, see np_policy.other_size. noise: of keypoints, a standard deviation (n, 1, 1)."""
+        another size than it knows, see np_policy.other_size. noise: of keypoints, a standard deviation (n, 1, 1); view: by which objects are seen."""
         known = known_domain(domain, self.object)
         if known is None:
-            return hand_pose.decode(self.network(student_input(domain, objects, goals, noise)))
+            return hand_pose.decode(self.network(student_input(domain, objects, goals, noise, view)))
         shown = (
             Poses(known_in_place(domain, known, poses.position, poses.quaternion), poses.quaternion)
             for poses in (objects, goals)
         )
-        hand, rotation, opening = hand_pose.decode(self.network(student_input(known, *shown, noise)))
+        hand, rotation, opening = hand_pose.decode(self.network(student_input(known, *shown, noise, view)))
         there = carried_over(domain, known, objects.position, objects.quaternion, hand, rotation, opening)
         return there, rotation, opening
 
@@ -78,8 +90,9 @@ def shares_with(domain: Domain, practice: float) -> tuple[float, ...]:
     return (1 - practice, *(practice * w / max(sum(whole), 1) for w in whole[1:]))
 
 
-def _keypoints(domain: Domain, objects: Poses, goals: Poses) -> tuple[torch.Tensor, torch.Tensor]:
-    return tuple(normalised_keypoints(corners(domain, poses)) for poses in as_seen(domain, objects, goals))
+def _keypoints(domain: Domain, objects: Poses, goals: Poses, view: BatchedView) -> tuple[torch.Tensor, torch.Tensor]:
+    seen, wanted = (corners(domain, poses) for poses in as_seen(domain, objects, goals))
+    return view.keypoints(seen, is_first=True), normalised_keypoints(wanted)
 
 
 def distil(
@@ -92,13 +105,19 @@ def distil(
     steps: int | None = None,
     hand: HandShapes | None = None,
     practice: float = 0.0,
+    view: BatchedView = BatchedView(),
+    begin_with: Path | None = None,
 ) -> tuple[PreContactStudent, dict[str, float]]:
     """Train a student for some minutes, or for so many steps, of a teacher that has `hand`; returns it with its errors on fresh
     noiseless tasks of the domain's own: means (mm, rad, mm) and the angle's median, which a teacher that decides between two faces leaves
-    far below the mean. practice: share of tasks that are practice's (`shares_with`)."""
+    far below the mean. practice: share of tasks that are practice's (`shares_with`); view: by which objects are seen; begin_with: weights of a
+    student that is taught on."""
     generator = torch.Generator(device=device).manual_seed(seed)
     torch.manual_seed(seed)
-    student = PreContactStudent().to(device)
+    student = PreContactStudent()
+    if begin_with is not None:
+        load(student, begin_with, PolicyContract.of(PRE_CONTACT, domain))
+    student = student.to(device)
     optimiser = torch.optim.Adam(student.parameters(), lr=1e-3)
 
     def sample(shares: tuple[float, ...]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -108,7 +127,7 @@ def distil(
         with torch.no_grad():
             chosen = teacher(pre_contact_state(*as_seen(domain, objects, goals)))
             target = hand_pose.encode(*contact.contact_pose(domain, chosen, objects, hand))
-        return *_keypoints(domain, objects, goals), target
+        return *_keypoints(domain, objects, goals, view), target
 
     begin, step, share = time.monotonic(), 0, 0.0
     learned, own = shares_with(domain, practice), shares_with(domain, 0.0)
@@ -166,9 +185,18 @@ def distil_checkpoint(arguments: argparse.Namespace, refuse: Callable[[str], NoR
         arguments.steps,
         physics_for(setting["contact"]).contact.hand,
         arguments.practice,
+        BatchedView(arguments.effects),
+        arguments.begin,
     )
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / f"pre_contact_student_{domain.name}.safetensors"
     played = {"domain": domain.name, "object": choice_of(domain)}
     save(student, path, trained_contract(PRE_CONTACT, domain, setting["controller"]), played)
+    if arguments.weights is not None:
+        post = PostContactPolicy()
+        post.load_state_dict({name[5:]: t for name, t in state["networks"].items() if name.startswith("post.")})
+        arguments.weights.mkdir(parents=True, exist_ok=True)
+        for kind, network in ((PRE_CONTACT, student), (POST_CONTACT, post)):
+            file = arguments.weights / f"{kind}_{domain.name}.safetensors"
+            save(network, file, trained_contract(kind, domain, setting["controller"]), played)
     return {"file": str(path), **played, "reward": setting["reward"], "practice": arguments.practice, **figures}

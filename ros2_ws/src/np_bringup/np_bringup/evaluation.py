@@ -21,7 +21,7 @@ from np_description.released import sha256
 from np_record.intervals import wilson_interval
 
 if TYPE_CHECKING:  # it is slow to import
-    from np_record.recorded_episode import Outcome
+    from np_record.outcome import Outcome
 
 CODE = (
     "np_description",

@@ -21,7 +21,8 @@ class Whose(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class SceneRecord(Catalogued):
-    """An effect of the scene. change: the scene with it, given the scene without it and the quantities."""
+    """An effect of the scene. change: the scene with it, given the scene without it and the quantities; in_training: whether the training,
+    whose tasks are drawn where the domain says, has it too."""
 
     id: str
     part: Whose
@@ -29,8 +30,9 @@ class SceneRecord(Catalogued):
     seen: Seen
     said: str
     change: Callable[[SceneChange, Given], SceneChange]
+    in_training: bool = True
 
     @property
     def carriers(self) -> tuple[str, ...]:
         """Who carries it."""
-        return ("bridge",)
+        return ("bridge", "training") if self.in_training else ("bridge",)

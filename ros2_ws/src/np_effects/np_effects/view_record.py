@@ -39,7 +39,7 @@ class Disturbance:
     """What is random about keypoints, once an image.
 
     given: the quantities; rng: of this image alone, so that the same recording has the same draws; last (8, 2) px: the
-    disturbance of the image before.
+    disturbance of the image before. In training all of it is of many images: what is drawn and `last` are tensors (n, ...).
     """
 
     given: Given
@@ -90,6 +90,8 @@ class ViewRecord(Catalogued):
 
     @property
     def carriers(self) -> tuple[str, ...]:
-        """Who carries it: images, those of a simulated camera; keypoints, those of `keypoint_oracle`."""
-        in_images = any((self.pose, self.age, self.lens, self.repeats))
-        return ("images", "keypoints") if in_images else ("keypoints",)
+        """Who carries it: images, those of a simulated camera; keypoints, those of `keypoint_oracle`; training, which draws none of what
+        happens within an image, or to whole images."""
+        images = ("images",) if any((self.pose, self.age, self.lens, self.repeats)) else ()
+        learned = ("training",) if any((self.pose, self.age, self.lens, self.move)) else ()
+        return (*images, "keypoints", *learned)

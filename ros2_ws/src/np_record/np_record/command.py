@@ -71,6 +71,7 @@ class Progress:
         if self._bar is None:
             is_live = sys.stderr.isatty()
             self._bar = _Bar(
+                position=0,  # where several are shown at once, none moves the cursor for the others
                 total=self._total,
                 initial=done,
                 desc=self._what,

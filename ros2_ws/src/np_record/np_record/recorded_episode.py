@@ -1,78 +1,27 @@
-"""One recorded episode as arrays, and how it is scored against the truth."""
+"""One recorded episode as arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from np_description.camera import CAMERA
 from np_description.depths import PAIRS
-from np_description.domains import Domain, Pose, is_success, pose_error
+from np_description.domains import Domain, Pose, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.objects.choice import recorded_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.penetration import Penetration
-from np_description.phases import ACTIVE, FAILED, POST, PRE, SUCCEEDED, PhaseState, first_end, split_reason
+from np_description.phases import PRE, PhaseState
 from np_record.bag import BagError, Message, Recording
 from np_record.bag_writer import INCOMPLETE
+from np_record.outcome import Outcome, score
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
 from np_ros.messages import image_array, joint_state_arrays, keypoints_array, pose_arrays
 
 SECOND = 1e9
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How an episode ended.
-
-    declared: the phase the graph ended in, reason: what it said about it; distance m, angle rad: true
-    object pose to goal at the end; success: whether that is within the domain's tolerance; duration: s of
-    simulated time; contacts: how many were chosen.
-    """
-
-    declared: str
-    reason: str
-    distance: float
-    angle: float
-    success: bool
-    duration: float
-    contacts: int = 1
-
-    @property
-    def failed_in(self) -> str:
-        """The phase an episode failed in by the truth: pre, approach, post, fault, or "" for a success.
-
-        An episode the graph took for a success, while the object is not at its goal, failed in post.
-        """
-        if self.success:
-            return ""
-        where, _ = split_reason(self.reason)
-        if self.declared == FAILED and where in ACTIVE:
-            return where
-        return POST if self.declared == SUCCEEDED else self.declared
-
-
-def position_only(domain: Domain) -> str:
-    """What stands beside an angle that does not count towards the domain's success, "" where it does."""
-    return " (position only)" if domain.tolerance_angle is None else ""
-
-
-def score(
-    domain: Domain, said: Sequence[PhaseState], pose: Pose, goal: Pose, duration: float, early: str = ""
-) -> Outcome:
-    """The outcome of an episode of which `said` was said up to its end or beyond, for an object that ended at `pose` (truth).
-
-    early: why there is no end, where that is known.
-    """
-    distance, angle = pose_error(pose.position, pose.quaternion, goal.position, goal.quaternion)
-    end = first_end(said)
-    until = said.index(end) if end else len(said)
-    contacts = max(1, sum(state.phase == PRE for state in said[:until]))
-    declared, reason = (end.phase, end.reason) if end else ("unfinished", early)
-    success = bool(is_success(domain, distance, angle))
-    return Outcome(declared, reason, float(distance), float(angle), success, duration, contacts)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from np_ros.supervisor import NodeDied
 
 if TYPE_CHECKING:  # what is slow to import comes after the options are read
     from np_description.phases import PhaseState
-    from np_record.recorded_episode import Outcome
+    from np_record.outcome import Outcome
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -47,7 +47,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def run_episodes(options: argparse.Namespace, out: Path, bags: list[str], outcomes: list[Outcome]) -> None:
     """Run the episodes; bags and outcomes are appended to as they come, and so survive an interruption."""
     from np_bringup.commands.common import running_graph
-    from np_record.recorded_episode import position_only
+    from np_record.outcome import position_only
 
     domain = find_domain(options.domain)
     arguments = {

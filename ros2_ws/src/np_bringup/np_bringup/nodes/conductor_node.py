@@ -22,7 +22,7 @@ from np_description.penetration import Penetration
 from np_description.phases import PhaseState, first_end
 from np_record.bulk import joint_state_rows
 from np_record.cdr import header_stamp
-from np_record.recorded_episode import Outcome, score
+from np_record.outcome import Outcome, score
 from np_ros import qos
 from np_ros.graph import NodeSpec
 from np_ros.messages import joint_state_arrays, pose_arrays, stamp_nanoseconds

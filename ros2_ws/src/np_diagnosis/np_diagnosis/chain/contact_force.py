@@ -37,6 +37,11 @@ class Motion:
         """Mean excess (7,) Nm of rows in which nothing is touched: what the arm's model lacks at this posture and speed."""
         return self.excess[rows].mean(axis=0)
 
+    def turning(self, rows: np.ndarray) -> np.ndarray:
+        """Way (7,) in which each joint turns in rows, 1 or -1; 0 where it does not turn all the time."""
+        ways = np.where(np.abs(self.velocity[rows]) > FORCE.turned, np.sign(self.velocity[rows]), 0.0)
+        return np.where((ways == ways[:1]).all(axis=0), ways[0], 0.0)
+
 
 def motion(log: Log, rows: slice, panda: PandaModel = NOMINAL) -> Motion:
     """The stretch in some rows of a log; panda: the arm as it is, its own gap included."""
@@ -61,32 +66,46 @@ def motion(log: Log, rows: slice, panda: PandaModel = NOMINAL) -> Motion:
 
 
 def forces(
-    moved: Motion, free: np.ndarray, points: np.ndarray | None = None, panda: PandaModel = NOMINAL
+    moved: Motion,
+    free: np.ndarray,
+    points: np.ndarray | None = None,
+    panda: PandaModel = NOMINAL,
+    turning: np.ndarray | None = None,
 ) -> np.ndarray:
     """Force (n, 3) N on the hand in the base frame, by weighted least squares over the joints.
 
     points (n, 3) m: where the hand is touched, and no moment acts; None: anywhere, with a moment. free (7,) or (n, 7) Nm: excess without
-    contact. A joint that hardly moves counts little: nobody knows which way its friction acts.
+    contact; turning (7,): of its rows, see `Motion.turning`. A joint that hardly moves counts little, and so does one that did not turn the same
+    way where nothing was touched: nobody knows which way its friction acts, or acted.
     """
-    inverse, deviation = _weighed(moved, points, panda)
+    inverse, deviation = _weighed(moved, points, panda, turning)
     return np.einsum("nij,nj->ni", inverse, -(moved.excess - free) / deviation)[:, :3]
 
 
-def force_covariance(moved: Motion, points: np.ndarray | None = None, panda: PandaModel = NOMINAL) -> np.ndarray:
+def force_covariance(
+    moved: Motion,
+    points: np.ndarray | None = None,
+    panda: PandaModel = NOMINAL,
+    turning: np.ndarray | None = None,
+) -> np.ndarray:
     """Covariance (n, 3, 3) N^2 of `forces`, all rows alike: of the joints' errors, of which a stretch without contact at the same speed,
     taken off, leaves `FORCE.left`."""
-    inverse, _ = _weighed(moved, points, panda)
+    inverse, _ = _weighed(moved, points, panda, turning)
     return FORCE.left**2 * (inverse @ np.swapaxes(inverse, 1, 2))[:, :3, :3]
 
 
-def _weighed(moved: Motion, points: np.ndarray | None, panda: PandaModel) -> tuple[np.ndarray, np.ndarray]:
+def _weighed(
+    moved: Motion, points: np.ndarray | None, panda: PandaModel, turning: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Inverse (n, 3 or 6, 7) that makes forces of joint torques over their deviations (n, 7) Nm."""
     jac = jacobian(moved.position, panda)
     if points is not None:
         arm = points - forward_kinematics(moved.position, panda)[0]
         jac = jac[:, :3] + np.cross(jac[:, 3:], arm[:, :, None], axis=1)
-    still = np.abs(moved.velocity) < FORCE.turned
-    deviation = FORCE.torque + np.where(still, panda.frictionloss, FORCE.friction * panda.frictionloss)
+    unknown = np.abs(moved.velocity) < FORCE.turned
+    if turning is not None:
+        unknown |= np.sign(moved.velocity) != turning
+    deviation = FORCE.torque + np.where(unknown, panda.frictionloss, FORCE.friction * panda.frictionloss)
     return np.linalg.pinv(np.swapaxes(jac, 1, 2) / deviation[..., None]), deviation
 
 

@@ -30,8 +30,10 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     # Slow to import, and not wanted by --help.
     from np_diagnosis import lean  # noqa: F401, I001  before NumPy
+    from np_description.camera import CAMERA
     from np_diagnosis.chain.force.stage import weigh
     from np_diagnosis.chain.task.recording import read_task
+    from np_diagnosis.chain.task.seen import over
     from np_diagnosis.chain.touch.stage import feel
     from np_diagnosis.recordings.reading import ContractViolation
     from np_diagnosis.report.felt_words import document, patch
@@ -40,7 +42,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         panda = (load_patch(options.patch) if options.patch else Patch()).panda()
         recording = read_task(options.bag)
-        touched, forced = feel(recording, panda), weigh(recording, panda)
+        touched = feel(recording, panda)
+        forced = weigh(recording, panda, over(CAMERA, touched.lift))
     except (ContractViolation, ValueError) as violation:
         return refuse(violation)
     told = document(touched, forced)

@@ -61,6 +61,7 @@ class Thresholds:
     forcing: task.Forcing = task.Forcing()
     lag: task.Lagging = task.Lagging()
     meeting: task.Meeting = task.Meeting()
+    tapping: task.Tapping = task.Tapping()
     motion: task.Moving = task.Moving()
     untouched: task.Untouching = task.Untouching()
     felt: task.Felt = task.Felt()

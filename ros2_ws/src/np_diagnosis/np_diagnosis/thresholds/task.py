@@ -18,7 +18,7 @@ class ContactForce:
     torque: float = threshold(0.03, "Nm", "error of a joint's torque beside friction", "torque sensors of the Panda")
     friction: float = threshold(0.05, "1", "share of a moving joint's friction that is not known", JUDGEMENT)
     left: float = threshold(
-        0.3, "1", "of a joint's error that is left where its mean without contact is taken off", JUDGEMENT
+        0.2, "1", "of a joint's error that is left where its mean without contact is taken off", JUDGEMENT
     )
 
 
@@ -54,12 +54,12 @@ class Forcing:
     clear: float = threshold(0.001, "m", "over its lowest point, at which a scraping tip may meet the table", JUDGEMENT)
     slides: float = threshold(0.006, "m/s", "speed down a face from which on the tip slides on it", JUDGEMENT)
     held: float = threshold(2.0, "N", "force on a face from which on a scrape counts", JUDGEMENT)
-    force: float = threshold(0.03, "N", "error of a stroke's or push's mean force beside their scatter", JUDGEMENT)
-    relative: float = threshold(0.02, "1", "error of such a force, of itself", JUDGEMENT)
+    force: float = threshold(0.02, "N", "error of a stroke's or push's mean force beside their scatter", JUDGEMENT)
+    relative: float = threshold(0.012, "1", "error of such a force, of itself", JUDGEMENT)
     face: float = threshold(0.5, "1", "share of a push that the tip's friction holds the face up or down by", JUDGEMENT)
     follows: float = threshold(0.8, "1", "share of a drag that the object is led along, to count", "tips that hop")
     slips: float = threshold(
-        0.12, "1", "the same share, up to which the tip slips over an object that rests", JUDGEMENT
+        0.3, "1", "the same share, up to which the tip slips over an object that rests", "seen in two engines"
     )
     proportion: float = threshold(
         0.15,
@@ -67,7 +67,7 @@ class Forcing:
         "within which the log ratios of strokes that slip agree; a tip that hops has others",
         "seen in two engines",
     )
-    common: float = threshold(0.025, "N", "error that drags, or pushes one way, have in common", JUDGEMENT)
+    common: float = threshold(0.018, "N", "error that drags, or pushes one way, have in common", JUDGEMENT)
     law: tuple[float, float] = threshold(
         (-0.035, 0.035),
         "1",
@@ -82,6 +82,7 @@ class Forcing:
     )
     central: float = threshold(0.005, "m", "from the object's centre, up to which a push does not turn it", JUDGEMENT)
     pull: float = threshold(0.1, "N", "that something else pulls the object by, at least", JUDGEMENT)
+    apart: float = threshold(0.05, "m", "over which what pulls the object down may change by its unit", NUMERICS)
     pulled: float = threshold(
         12.0, "nats", "by which forces are more probable with it", "as sure as a verdict is: development cases"
     )
@@ -116,8 +117,8 @@ class Lagging:
     least: int = threshold(3, "pushes", "that say the same", JUDGEMENT)
     wrong: float = threshold(1.0, "px", "from which on a corner of an image counts less", JUDGEMENT)
     far_off: float = threshold(2.0, "1", "deviations from the others from which on a push counts less", JUDGEMENT)
-    own: float = threshold(0.003, "s", "error of one push, at least: it turns, and comes to rest softly", JUDGEMENT)
-    common: float = threshold(0.0015, "s", "error of all pushes: stamps are of states and images", JUDGEMENT)
+    own: float = threshold(0.001, "s", "error of one push, at least: it turns, and comes to rest softly", JUDGEMENT)
+    common: float = threshold(0.001, "s", "error of all pushes: stamps are of states and images", JUDGEMENT)
     seen: float = threshold(0.003, "s", "delay that is named, if it is surely more", "limit of the effect")
 
 
@@ -138,6 +139,22 @@ class Meeting:
     out: float = threshold(
         0.006, "m", "by which every face is met farther out than it is seen", "two engines: 0 and 6 mm"
     )
+
+
+@dataclass(frozen=True)
+class Tapping:
+    """Objects that slide after a tap (chain/force/slide.py)."""
+
+    down: float = threshold(0.005, "m", "over its lowest point, within which the tip is down", JUDGEMENT)
+    square: float = threshold(0.94, "1", "cosine of the angle between a tap and its face, at least", "20 degrees")
+    face: float = threshold(
+        0.0008, "m", "error of where a face comes to rest", ".6 mm of one that is met, and it turns a little"
+    )
+    slows: tuple[float, float] = threshold((0.3, 30.0), "m/s^2", "slowest and fastest that are told", NUMERICS)
+    sooner: float = threshold(
+        2.5, "1", "deviations by which every object that was tapped stops sooner than by its weight", JUDGEMENT
+    )
+    least: int = threshold(2, "slides", "that say so", JUDGEMENT)
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from np_description.camera import Camera
+from np_description.rotations import namespace
 from np_effects.record import Quantity
 from np_effects.view_record import Given, Part, Seen, ViewRecord
 
 
 def _lens(pixels: np.ndarray, camera: Camera, given: Given) -> np.ndarray:
-    centre = np.array([camera.cx, camera.cy])
-    return centre + (1.0 + given["focal"]) * (pixels - centre) + [given["centre_u"], given["centre_v"]]
+    scale = 1.0 + given["focal"]
+    u = camera.cx + scale * (pixels[..., 0] - camera.cx) + given["centre_u"]
+    v = camera.cy + scale * (pixels[..., 1] - camera.cy) + given["centre_v"]
+    return namespace(pixels).stack([u, v], axis=-1)
 
 
 RECORD = ViewRecord(

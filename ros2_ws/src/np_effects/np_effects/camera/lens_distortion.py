@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from np_description.camera import Camera
+from np_description.rotations import namespace
 from np_effects.record import Quantity
 from np_effects.view_record import Given, Part, Seen, ViewRecord
 
@@ -17,7 +18,7 @@ def _lens(pixels: np.ndarray, camera: Camera, given: Given) -> np.ndarray:
     p1, p2 = given["p1"], given["p2"]
     u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
     v = y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
-    return np.stack([camera.fx * u + camera.cx, camera.fy * v + camera.cy], axis=-1)
+    return namespace(pixels).stack([camera.fx * u + camera.cx, camera.fy * v + camera.cy], axis=-1)
 
 
 RECORD = ViewRecord(

@@ -15,4 +15,5 @@ RECORD = SceneRecord(
     Seen("m", 0.001),
     "the table is {height:mm higher/lower}",
     lambda scene, given: replace(scene, lift=scene.lift + given["height"]),
+    in_training=False,
 )

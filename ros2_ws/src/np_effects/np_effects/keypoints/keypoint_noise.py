@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 
 from np_description.keypoints import COUNT
@@ -13,7 +15,7 @@ def _move(d: Disturbance) -> np.ndarray:
     """Autoregressive of first order, with `spread` for its own standard deviation from the first image on."""
     memory, spread = d.given["memory"], d.given["spread"]
     fresh = spread * d.rng.standard_normal((COUNT, 2))
-    return memory * d.last + np.sqrt(1.0 - memory**2) * fresh if d.last.any() else fresh
+    return memory * d.last + sqrt(1.0 - memory**2) * fresh if d.last.any() else fresh
 
 
 RECORD = ViewRecord(

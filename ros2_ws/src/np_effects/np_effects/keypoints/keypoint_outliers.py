@@ -11,7 +11,7 @@ from np_effects.view_record import Disturbance, Part, Seen, ViewRecord
 
 def _move(d: Disturbance) -> np.ndarray:
     is_gross = d.rng.random(COUNT) < d.given["share"]
-    return is_gross[:, None] * d.given["size"] * d.rng.standard_normal((COUNT, 2))
+    return is_gross[..., None] * d.given["size"] * d.rng.standard_normal((COUNT, 2))
 
 
 RECORD = ViewRecord(

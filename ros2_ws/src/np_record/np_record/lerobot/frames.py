@@ -13,7 +13,7 @@ from np_description.phases import ACTIVE, PRE, SUCCEEDED, first_end
 from np_record.bag import BagError, Message, Recording
 from np_record.bulk import BulkError, joint_states
 from np_record.lerobot.layout import ACTION, DONE, GOAL, KEYPOINTS, OBJECT, PHASE, STATE, SUCCESS, TARGET, TORQUE
-from np_record.recorded_episode import score
+from np_record.outcome import score
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
 from np_ros.messages import gains_array, image_array, keypoints_array, pose_arrays
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
 from np_diagnosis.chain.contact_force import Motion, force_covariance, forces, motion, side
 from np_diagnosis.chain.task.recording import TaskRecording
@@ -31,7 +32,7 @@ class Reading:
     """kind: drag, push or scrape. group: readings of the same arm's errors: strokes of drags, or pushes one way. force N: along the table
     against the motion (drag, push), or up the face (scrape). normal N: what presses the surfaces together besides weight. aside m: of a
     push, from the object's centre. deviation, normal_deviation N: of force and normal, by their scatter and by friction of the joints.
-    follows: of a drag, by which share of the tip's way the object is seen to be led. way: of a drag or push, its direction in the base frame."""
+    follows: of a drag, by which share of the tip's way the object is seen to be led. way: of a drag or push, its direction in the base frame; place m: of the object, halfway."""
 
     experiment: str
     kind: str
@@ -43,19 +44,20 @@ class Reading:
     normal_deviation: float = 0.0
     follows: float = 1.0
     way: tuple[float, float] = (0.0, 0.0)
+    place: tuple[float, float] = (0.0, 0.0)
 
 
-def readings(recording: TaskRecording, panda: PandaModel = NOMINAL) -> list[Reading]:
-    """Of all experiments of a recording; panda: the arm as it is."""
-    found = list(_drags(recording, panda))
+def readings(recording: TaskRecording, panda: PandaModel = NOMINAL, camera: Camera = CAMERA) -> list[Reading]:
+    """Of all experiments of a recording; panda: the arm as it is; camera: over the table as it was felt, see `seen.over`."""
+    found = list(_drags(recording, panda, camera))
     for name in recording.named("push"):
-        found += _push(recording, name, panda)
+        found += _push(recording, name, panda, camera)
     for name in recording.named("scrape"):
         found += _scrape(recording, name, panda)
     return found
 
 
-def _drags(recording: TaskRecording, panda: PandaModel) -> Iterator[Reading]:
+def _drags(recording: TaskRecording, panda: PandaModel, camera: Camera) -> Iterator[Reading]:
     """Each stroke of each drag; what the arm's model lacks on such a stroke was measured in the air."""
     names = recording.named("drag")
     if AIR not in names:
@@ -77,23 +79,26 @@ def _drags(recording: TaskRecording, panda: PandaModel) -> Iterator[Reading]:
                 # An object that is led askew is held askew: what holds it is the whole of the force.
                 along, across = -sign * on_hand[rows, axis], on_hand[rows, 1 - axis]
                 force = float(np.hypot(along.mean(), across.mean()))
-                follows = _follows(recording, moved, stroke)
+                follows, place = _follows(recording, moved, stroke, camera)
                 error = _error(along)
                 ahead = tuple(sign * float(n == axis) for n in range(2))
-                yield Reading(name, "drag", force, pressed, 0.0, error, "drags", FORCE.force, follows, ahead)
+                yield Reading(name, "drag", force, pressed, 0.0, error, "drags", FORCE.force, follows, ahead, place)
 
 
-def _follows(recording: TaskRecording, moved: Motion, stroke: np.ndarray) -> float:
-    """Share of the tip's way in a stroke that the object is led along; 0 where it is not seen."""
+def _follows(
+    recording: TaskRecording, moved: Motion, stroke: np.ndarray, camera: Camera
+) -> tuple[float, tuple[float, float]]:
+    """Share of the tip's way in a stroke that the object is led along, and its place (2,) m halfway; 0 where it is not seen."""
     first, last = moved.time[stroke[0]], moved.time[stroke[-1]]
     try:
-        begin = pose_between(recording, first - AROUND[1], first - AROUND[0]).position
-        end = pose_between(recording, last + AROUND[0], last + AROUND[1]).position
+        begin = pose_between(recording, first - AROUND[1], first - AROUND[0], camera).position
+        end = pose_between(recording, last + AROUND[0], last + AROUND[1], camera).position
     except ContractViolation:
-        return 0.0
+        return 0.0, (0.0, 0.0)
     moments = np.array([first, last]) + np.array([-1, 1]) * np.mean(AROUND)
     tip = np.diff([np.interp(moments, moved.time, column) for column in moved.tip[:, :2].T])[:, 0]
-    return float((np.asarray(end) - begin)[:2] @ tip / (tip @ tip))
+    middle = (np.asarray(end) + begin)[:2] / 2
+    return float((np.asarray(end) - begin)[:2] @ tip / (tip @ tip)), (float(middle[0]), float(middle[1]))
 
 
 def _strokes(moved: Motion) -> dict[tuple[int, int], list[np.ndarray]]:
@@ -110,7 +115,7 @@ def _strokes(moved: Motion) -> dict[tuple[int, int], list[np.ndarray]]:
     return found
 
 
-def _push(recording: TaskRecording, name: str, panda: PandaModel) -> list[Reading]:
+def _push(recording: TaskRecording, name: str, panda: PandaModel, camera: Camera = CAMERA) -> list[Reading]:
     """The steady part of a push; what the arm's model lacks is measured on the run-up, at the same speed."""
     moved = motion(recording.log, recording.rows(name), panda)
     run, ahead = _forward(moved)
@@ -119,20 +124,21 @@ def _push(recording: TaskRecording, name: str, panda: PandaModel) -> list[Readin
     if len(free) < FORCE.rows or len(run) < 4 * FORCE.rows:
         return []
     points = side(ahead, moved.turn, moved.tip)
-    on_hand = forces(moved, moved.free(free), points, panda)
+    ways = moved.turning(free)
+    on_hand = forces(moved, moved.free(free), points, panda, ways)
     along = -on_hand @ ahead
     usual = float(np.median(along[run[-len(run) // 3 :]]))
     on = run[int(np.argmax(along[run] > 0.5 * usual)) + 2 * FORCE.edge : -FORCE.edge]
     if len(on) < FORCE.rows or usual <= 0 or np.median(along[on]) < 0.5 * usual:
         return []
     try:
-        centre = np.asarray(seen_pose(recording, name).position)
+        centre = np.asarray(seen_pose(recording, name, camera).position)
     except ContractViolation:
         return []
     aside = float(np.cross(ahead[:2], (points[on[0]] - centre)[:2]))
     # A push that turns the object takes a little less than one that does not, how much its support decides.
     turning = FORCE.turning * usual * (abs(aside) > FORCE.central)
-    covariance = force_covariance(moved, points, panda)[on].mean(axis=0)
+    covariance = force_covariance(moved, points, panda, ways)[on].mean(axis=0)
     # The tip's friction cannot hold the face by more than a share of what presses it: all that is known where joints rest.
     before, seen = (FORCE.face * usual) ** 2, covariance[2, 2]
     normal = before / (before + seen) * float(np.median(on_hand[on, 2]))
@@ -140,7 +146,11 @@ def _push(recording: TaskRecording, name: str, panda: PandaModel) -> list[Readin
     group = f"push {round(float(np.arctan2(ahead[1], ahead[0])) / (np.pi / 2)) % 4}"
     force, normal_deviation = float(np.median(along[on])), float(np.sqrt(before * seen / (before + seen)))
     way = float(ahead[0]), float(ahead[1])
-    return [Reading(name, "push", force, normal, aside, float(deviation), group, normal_deviation, way=way)]
+    halfway = centre[:2] + ahead[:2] * SLOW.travel / 2
+    place = float(halfway[0]), float(halfway[1])
+    return [
+        Reading(name, "push", force, normal, aside, float(deviation), group, normal_deviation, way=way, place=place)
+    ]
 
 
 def _forward(moved: Motion) -> tuple[np.ndarray, np.ndarray]:

@@ -8,21 +8,24 @@ same proportion. Else it is at least what it was seen to hold: a tip that hops, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain
 from np_description.panda import NOMINAL, PandaModel
 from np_description.scene import contact_of
 from np_diagnosis.chain.explanations import Explained, Measured, explain
 from np_diagnosis.chain.force.readings import Reading, readings
+from np_diagnosis.chain.force.slide import Slide, slides, slows
+from np_diagnosis.chain.task.meeting import meet
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.thresholds import THRESHOLDS
 
-FORCE = THRESHOLDS.forcing
+FORCE, SLIDE = THRESHOLDS.forcing, THRESHOLDS.tapping
 GRAVITY = 9.81
 NUMBERS = ("table", "mass", "finger")
 """Logarithms of coefficients and mass over those that are believed in."""
@@ -64,13 +67,14 @@ class Forces:
     least_finger: float | None = None
 
 
-def weigh(recording: TaskRecording, panda: PandaModel = NOMINAL) -> Forces:
-    """Of a recording of the task suite. panda: the arm as it is."""
-    return judge(readings(recording, panda), Believed.of(recording.domain))
+def weigh(recording: TaskRecording, panda: PandaModel = NOMINAL, camera: Camera = CAMERA) -> Forces:
+    """Of a recording of the task suite. panda: the arm as it is; camera: over the table as it was felt, see `seen.over`."""
+    slid = slides(recording, meet(recording, camera), camera)
+    return judge(readings(recording, panda, camera), Believed.of(recording.domain), slid)
 
 
-def judge(every: Sequence[Reading], believed: Believed) -> Forces:
-    """Of readings: see `weigh`."""
+def judge(every: Sequence[Reading], believed: Believed, slid: Sequence[Slide] = ()) -> Forces:
+    """Of readings: see `weigh`; slid: of objects that were tapped."""
     led = tuple(r for r in every if r.kind != "scrape" and r.follows >= FORCE.follows)
     if len(led) < 3:
         return Forces("undetermined", None, led, f"{len(led)} drags and pushes went as they should; 3 are needed")
@@ -91,9 +95,7 @@ def judge(every: Sequence[Reading], believed: Believed) -> Forces:
         measured=_sizes(value, covariance, believed),
         least_finger=max(held, default=None),
     )
-    pull, gain = _pull(led, believed)
-    if gain > FORCE.pulled and np.linalg.norm(pull) > FORCE.pull:
-        doubt = f"something pulls the object by {pull[0]:.2f} N and {pull[1]:.2f} N (x, y), whatever the hand does"
+    if doubt := _pulled(led, believed) or _pressed(told["measured"], slid):
         return Forces("unexplained", explained, doubt=doubt, **told)
     if misfit > FORCE.misfit:
         return Forces(
@@ -158,20 +160,48 @@ def _fit(
     return numbers, covariance, misfit
 
 
-def _pull(used: Sequence[Reading], believed: Believed) -> tuple[np.ndarray, float]:
-    """Force (2,) N on the object that would explain what readings in some directions lack and in others have too much; nats by which they are
-    more probable with it."""
+def _pulled(used: Sequence[Reading], believed: Believed) -> str:
+    """What pulls the object beside the hand, if forces are more probable with it; "" for nothing. Along the table, it takes from readings in
+    some directions what it gives to others; downwards, more at one place than at another, it is no mass."""
+    ways, places = np.array([r.way for r in used]), np.array([r.place for r in used])
+    pull, gain = _with_more(used, believed, -ways)
+    if gain > FORCE.pulled and np.linalg.norm(pull) > FORCE.pull:
+        return f"something pulls the object by {pull[0]:.2f} N and {pull[1]:.2f} N (x, y), whatever the hand does"
+    away = places - places.mean(axis=0)
+    down, gain = _with_more(used, believed, believed.table * away / FORCE.apart)
+    differs = float(np.ptp(away / FORCE.apart @ down))
+    if gain > FORCE.pulled and differs > FORCE.pull:
+        return f"the object is pulled down by {differs:.1f} N more at one place than at another"
+    return ""
+
+
+def _pressed(measured: Mapping[str, tuple[float, float, float]], slid: Sequence[Slide]) -> str:
+    """What presses the object onto the table and is no weight, if all slides end sooner than friction has it; "" for nothing."""
+    if len(slid) < SLIDE.least or not {"table", "mass"} <= set(measured):
+        return ""
+    friction, low, high = (GRAVITY * value for value in measured["table"])
+    deviations = [np.hypot(SLIDE.face, (one.short(low) - one.short(high)) / 3.92) for one in slid]
+    if min(one.short(friction) / own for one, own in zip(slid, deviations)) < SLIDE.sooner:
+        return ""
+    # Pushes and drags tell weight and the rest together; of what slows an object by its own weight, mass is no part.
+    pressed = (1 - friction / slows(slid)) * measured["mass"][0] * GRAVITY
+    return (
+        f"about {pressed:.1f} N of what presses the object onto the table are no weight: it stops sooner when it slides"
+    )
+
+
+def _with_more(used: Sequence[Reading], believed: Believed, columns: np.ndarray) -> tuple[np.ndarray, float]:
+    """Numbers (2,) by which forces that go with columns (n, 2) are larger, and nats by which readings are more probable with them."""
     force = np.array([r.force for r in used])
     own = np.array([np.hypot(r.deviation, believed.table * r.normal_deviation) for r in used])
-    ways = np.array([r.way for r in used])
 
     def off(x: np.ndarray) -> np.ndarray:
-        left = (force - _predicted(x[:2], used, believed) + ways @ x[2:]) / np.hypot(own, FORCE.common)
+        left = (force - _predicted(x[:2], used, believed) - columns @ x[2:]) / np.hypot(own, FORCE.common)
         return np.concatenate([left, x[:2] / UNKNOWN])
 
-    with_pull = least_squares(off, np.zeros(4), loss="soft_l1", f_scale=TAILS)
+    more = least_squares(off, np.zeros(4), loss="soft_l1", f_scale=TAILS)
     without = least_squares(lambda x: off(np.append(x, [0.0, 0.0])), np.zeros(2), loss="soft_l1", f_scale=TAILS)
-    return with_pull.x[2:], float(without.cost - with_pull.cost)
+    return more.x[2:], float(without.cost - more.cost)
 
 
 def _scattered(used: Sequence[Reading], believed: Believed, covariance: np.ndarray) -> float:

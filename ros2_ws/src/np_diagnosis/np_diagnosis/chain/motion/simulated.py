@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from np_control.dynamics import Dynamics
@@ -12,7 +10,7 @@ from np_description.domains import Domain, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL, PandaModel
 from np_diagnosis.chain.motion.windows import Window
-from np_diagnosis.chain.task.seen import pose_between
+from np_diagnosis.chain.task.seen import over, pose_between
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.patch import Patch
@@ -60,8 +58,7 @@ class Simulated:
 
     def _seen_from(self) -> Camera:
         """A table that is higher is one from which the camera is less high."""
-        x, y, z = self._view.camera.position
-        return replace(self._view.camera, position=(x, y, z - self._change.lift))
+        return over(self._view.camera, self._change.lift)
 
     def _off(self, track, image: int, pose: Pose) -> float | None:
         """px^2, of the median corner of an image; None where too few are usable."""

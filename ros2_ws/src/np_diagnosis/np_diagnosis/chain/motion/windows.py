@@ -12,7 +12,7 @@ from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.thresholds import THRESHOLDS
 
 MOTION = THRESHOLDS.motion
-FAMILIES = ("drag", "push", "tap")
+FAMILIES = ("drag", "push", "shove", "tap")
 """Experiments that move the object."""
 
 

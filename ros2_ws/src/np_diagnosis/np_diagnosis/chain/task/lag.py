@@ -52,8 +52,9 @@ class Lag:
 
 
 def lag(recording: TaskRecording, camera: Camera = CAMERA) -> Lag:
-    """Of the slow pushes of a recording."""
-    pushes = tuple(one for name in recording.named("push") if (one := _led(recording, name, camera)))
+    """Of the slow pushes and shoves of a recording."""
+    names = [name for family in ("push", "shove") for name in recording.named(family)]
+    pushes = tuple(one for name in names if (one := _led(recording, name, camera)))
     return judge(pushes)
 
 

@@ -39,18 +39,24 @@ class Met:
 @dataclass(frozen=True, eq=False)
 class Meeting:
     """verdict: as of Explained, or unexplained; doubt: why nothing is said. faces: that were met. left: m, root mean square that no
-    explanation takes off."""
+    explanation takes off; numbers (3,): m, as of NUMBERS, what is most probable of them."""
 
     verdict: str
     explained: Explained | None
     faces: tuple[Met, ...]
     doubt: str = ""
     left: float | None = None
+    numbers: np.ndarray | None = None
+
+    def off(self, normal: np.ndarray) -> float:
+        """m by which a face with an outward normal (2,) is met farther out than it is seen."""
+        return float(np.array([-normal[0], -normal[1], 1.0]) @ self.numbers)
 
 
-def meet(recording: TaskRecording, camera: Camera = CAMERA, lift: float = 0.0) -> Meeting:
-    """Of the slow pushes of a recording. lift: m, the table's height as it was felt, by which the picture shows things elsewhere."""
-    faces = (_met(recording, name, camera, lift) for name in recording.named("push"))
+def meet(recording: TaskRecording, camera: Camera = CAMERA) -> Meeting:
+    """Of the pushes and shoves of a recording. camera: over the table as it was felt, see `seen.over`."""
+    names = (name for family in ("push", "shove") for name in recording.named(family))
+    faces = (_met(recording, name, camera) for name in names)
     return judge(tuple(face for face in faces if face is not None))
 
 
@@ -74,10 +80,10 @@ def judge(faces: tuple[Met, ...]) -> Meeting:
     explained = explain(measured)
     is_blind = not explained.named and len(explained.unseen) == 2
     doubt = "faces were met from too few sides" if is_blind else ""
-    return Meeting("undetermined" if is_blind else explained.verdict, explained, faces, doubt, left)
+    return Meeting("undetermined" if is_blind else explained.verdict, explained, faces, doubt, left, value)
 
 
-def _met(recording: TaskRecording, name: str, camera: Camera, lift: float) -> Met | None:
+def _met(recording: TaskRecording, name: str, camera: Camera) -> Met | None:
     """The face on which the tip of a push rests in the end; None where it does not, or is not seen."""
     rest = rested(recording, name, camera)
     if rest is None:
@@ -90,6 +96,4 @@ def _met(recording: TaskRecording, name: str, camera: Camera, lift: float) -> Me
     position, turn = forward_kinematics(recording.log.position[rest.rows])
     tip = position + turn @ np.array([0.0, 0.0, BEYOND])
     point = side(rest.ahead, turn, tip).mean(axis=0)[:2]
-    # Higher things are seen farther from the camera's foot than they are.
-    seen = lain.centre[:2] - lift * (lain.centre[:2] - camera.position[:2]) / (camera.position[2] - lain.centre[2])
-    return Met(name, normal, float((point - seen) @ normal - distance))
+    return Met(name, normal, float((point - lain.centre[:2]) @ normal - distance))

@@ -17,7 +17,7 @@ from np_diagnosis.thresholds import THRESHOLDS
 UNTOUCHED = THRESHOLDS.untouched
 TOUCHING = (*FAMILIES, "touch_object")
 """Experiments in which the hand touches the object while it is down."""
-FAST = "tap"
+FAST = "shove", "tap"
 ALL_ALONG = "scrape"
 """One in which it may touch it at any height."""
 
@@ -84,7 +84,7 @@ def _step(recording: TaskRecording) -> tuple[float, float, float]:
     which; px by which they usually do."""
     track = recording.track
     taken = track.time + recording.seen_from
-    fast = [recording.spans[name] for family in (FAST, ALL_ALONG) for name in recording.named(family)]
+    fast = [recording.spans[name] for family in (*FAST, ALL_ALONG) for name in recording.named(family)]
     slow = (
         np.all([(taken < begin) | (taken > end) for begin, end in fast], axis=0) if fast else np.ones(len(taken), bool)
     )

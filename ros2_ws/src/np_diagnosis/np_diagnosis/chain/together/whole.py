@@ -8,11 +8,13 @@ from dataclasses import dataclass, field, replace
 from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
 from np_diagnosis.chain.force.readings import readings
+from np_diagnosis.chain.force.slide import slides
 from np_diagnosis.chain.force.stage import Believed, Forces, judge
 from np_diagnosis.chain.scatter import Scatter, scatter
 from np_diagnosis.chain.task.lag import Lag, lag
 from np_diagnosis.chain.task.meeting import Meeting, meet
 from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.task.seen import over
 from np_diagnosis.chain.task.untouched import Untouched, untouched
 from np_diagnosis.chain.together import claims as made
 from np_diagnosis.chain.together.claims import Claim
@@ -104,14 +106,16 @@ def diagnose(
     if seen.tasks:
         tell("touch")
         touched = _tried(doubts, "touch", lambda: feel(seen.tasks[0], panda))
-        tell("force")
-        every = _tried(doubts, "force", lambda: [r for task in seen.tasks for r in readings(task, panda)])
-        forced = judge(every, Believed.of(seen.tasks[0].domain)) if every is not None else None
+        felt = over(camera, touched.lift) if touched is not None else camera
         tell("meeting")
-        met = _tried(doubts, "meeting", lambda: meet(seen.tasks[0], camera, _lift(touched)))
+        met = _tried(doubts, "meeting", lambda: meet(seen.tasks[0], felt))
+        tell("force")
+        every = _tried(doubts, "force", lambda: [r for task in seen.tasks for r in readings(task, panda, felt)])
+        slid = slides(seen.tasks[0], met, felt) if met is not None else ()
+        forced = judge(every, Believed.of(seen.tasks[0].domain), slid) if every is not None else None
         still = _tried(doubts, "untouched", lambda: untouched(seen.tasks[0]))
         tell("lag")
-        late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], camera))
+        late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], felt))
     else:
         doubts |= dict.fromkeys(
             ("touch", "force", "meeting", "lag"), "no recording is of the task suite (excite --suite task)"
@@ -154,12 +158,6 @@ def patch(whole: Whole) -> Patch:
                 entries.setdefault(way.ids[0], {}).update(way.parameters)
     found = (PatchEffect(effect, "", values) for effect, values in entries.items())
     return Patch(tuple(PatchEffect(e.effect, str(e.record.part), _held(e)) for e in found))
-
-
-def _lift(touch: Felt | None) -> float:
-    """m by which the table was felt to be higher than it is believed to be."""
-    named = touch.explained.named if touch is not None and touch.explained is not None else ()
-    return sum(one.sizes["height"].value for one in named if one.effect == "table_height")
 
 
 def _held(entry: PatchEffect) -> dict[str, float]:

@@ -34,6 +34,12 @@ class Felt:
     before: float | None = None
     after: float | None = None
 
+    @property
+    def lift(self) -> float:
+        """m by which the table is higher than believed, where that is named."""
+        named = self.explained.named if self.explained else ()
+        return sum(one.sizes["height"].value for one in named if one.effect == "table_height")
+
 
 def feel(recording: TaskRecording, panda: PandaModel = NOMINAL) -> Felt:
     """Of all touches of a recording. panda: the arm as it is."""

@@ -1,4 +1,4 @@
-"""What the tip does to table and object: touch, drag from above, push, tap, scrape. Each is one segment that begins and ends high up."""
+"""What the tip does to table and object: touch, drag from above, push, shove, tap, scrape. Each is one segment that begins and ends high up."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 from np_diagnosis.experiments.excitation import Segment
 from np_diagnosis.experiments.task.path import Leg, OutOfReach, segment, sinking
 from np_diagnosis.experiments.task.room import Lain, Room, is_reachable
-from np_diagnosis.experiments.task.tip import GRIP, RADIUS, leading_yaw
+from np_diagnosis.experiments.task.tip import EDGE, GRIP, RADIUS, leading_yaw
 
 CLEAR = 0.03  # m over whatever is there, at which the hand travels
 FAST = 0.12  # m/s on the way
 BEFORE = 0.025  # m over a surface from which on the tip comes slowly: tables are up to 2 cm higher than believed
 SLOW_TOUCH = 0.02  # m/s
 DEEPER = 0.008  # m below a surface, as it is believed to be, down to which the tip is sent
+HELD_UP = 0.003  # m over there, at which a tip was stopped: one that is free is less far off
 STROKE, STROKE_SPEED = 0.028, 0.03  # m and m/s of a drag
 BEHIND = 0.02  # m behind the middle, where a drag presses: a tall object would tip over its leading edge
 HEADINGS = (np.array([1.0, 0.0]), np.array([-1.0, 0.0]), np.array([0.0, 1.0]), np.array([0.0, -1.0]))
@@ -30,7 +31,8 @@ TALL = 0.03  # m: of an obstacle that holds an object
 @dataclass(frozen=True)
 class Push:
     """From the side. share: place on the face from its middle, of half its width; speed m/s; run_up, travel m: free, and with the object
-    (as far as it is where it is seen); stop s: in which the tip comes to rest; slides m: what the object may go on by itself."""
+    (as far as it is where it is seen); stop s: in which the tip comes to rest; slides m: what the object may go on by itself. shove m: what the
+    tip then goes on with the object, quickly, from rest to rest."""
 
     name: str
     share: float
@@ -39,11 +41,12 @@ class Push:
     travel: float
     stop: float
     slides: float
+    shove: float = 0.0
 
     @property
     def moves(self) -> float:
         """m by which the object is moved."""
-        return self.travel + self.slides
+        return self.travel + self.slides + self.shove
 
     def named(self, name: str) -> Push:
         """The same, called so."""
@@ -51,6 +54,11 @@ class Push:
 
 
 SLOW = Push("push", 0.0, 0.03, 0.03, 0.025, 0.12, 0.0)
+SHOVE = Push("shove", 0.0, 0.04, 0.02, 0.009, 0.12, 0.0, shove=0.02)
+QUICK = (
+    0.13,
+    0.13,
+)  # m/s of a shove, and s in which it gets there and comes to rest: an object on a smooth table keeps with the tip
 TAP = Push("tap", 0.0, 0.35, 0.05, 0.018, 0.04, 0.018)
 
 
@@ -91,15 +99,15 @@ def push(
     ahead, across = -normal, np.array([-normal[1], normal[0]])
     width = max(abs(float(corner @ across)) for corner in (lain.corners(np.zeros(2)) - lain.centre)[:, :2])
     place = lain.centre[:2] + normal * distance + across * how.share * width
-    level = _beside(lain, room, table)
-    begin, end = (place - ahead * (RADIUS + back) for back in (how.run_up, -how.travel))
-    if not (is_reachable(begin) and is_reachable(end)):
+    low = max(_beside(lain, room, table), table + lain.height - EDGE)
+    begin, end, last = (place - ahead * (RADIUS + back) for back in (how.run_up, -how.travel, -how.travel - how.shove))
+    if not (is_reachable(begin) and is_reachable(last)):
         raise OutOfReach(f"{how.name}: the way of the tip is out of reach")
-    high, low = table + lain.height + CLEAR, level
-    out = end - ahead * LEAVE
+    high, out = table + lain.height + CLEAR, last - ahead * LEAVE
     legs = [
         Leg(np.array([*begin, low]), FAST, rest=0.3),
         Leg(np.array([*end, low]), how.speed, rest=0.6, stop=how.stop),
+        *([Leg(np.array([*last, low]), QUICK[0], rest=0.6, ramp=QUICK[1], stop=QUICK[1])] if how.shove else []),
         Leg(np.array([*out, low]), how.speed if how.slides == 0 else 0.05),
         Leg(np.array([*out, high]), FAST, rest=1.0),
     ]

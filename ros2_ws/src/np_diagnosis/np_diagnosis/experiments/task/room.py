@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +49,10 @@ class Lain:
     def corners(self, shift: np.ndarray) -> np.ndarray:
         """Corners (8, 3) m, moved by (2,) m."""
         return self.centre + [*shift, 0.0] + (CORNERS * self.half) @ self.rotation.T
+
+    def moved(self, shift: np.ndarray) -> Lain:
+        """The same, by (2,) m elsewhere."""
+        return replace(self, centre=self.centre + [*shift, 0.0])
 
     @property
     def reach(self) -> float:

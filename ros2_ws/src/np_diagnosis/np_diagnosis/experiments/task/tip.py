@@ -21,6 +21,9 @@ CORNERS = np.array([[x, y, BEYOND] for x in (-HALF[0], HALF[0]) for y in (-HALF[
 """Corners (4, 3) m of the block's end, in the frame of T_E."""
 GRIP = 0.042
 """m below the top of an object, down to which the tip reaches beside it: the hand's housing is 46 mm behind the tip."""
+EDGE = 0.016
+"""m below the top of an object, down to which nothing but the pads' edge touches a face that is pushed: from 21 mm behind the end on, the
+finger's shaft stands out further, and a force that acts up there is another one by the joints."""
 HOUSING = np.max([box.half_size[:2] for box in FLAT_HAND.housing], axis=0)
 """m: half the housing's sides along x and y of the hand."""
 RADIUS = float(np.hypot(*HALF))

@@ -1,0 +1,166 @@
+"""Does simulation predict reality? Policies of other days on withheld robots: nominal simulator, patched simulator, and PhysX.
+
+    python -m np_blind.robot_matrix --prepare --policies runs/policies
+    python -m np_blind.robot_matrix --key runs/blind/robots_12_31.json --set runs/blind/robots_12_31 --policies runs/policies --jobs 32
+
+--prepare takes the weights of `data/policies.yaml` out of the history; where there is no history, its folder is enough. --set: the folder of
+`robot_set`, whose diagnoses are the patches. A cell is a file, and is not played again. The last line printed is one JSON object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from np_blind.robot_answering import TASKS
+from np_blind.robot_cases import Robot, read_key
+from np_blind.robot_figures import mmrv, pearson
+from np_bringup.rehearsal.playing import SINGLE_THREAD, Cell, play_all, text_of
+from np_description.released import WeightsError
+from np_description.weights_header import read_metadata
+from np_effects.patch import load_patch
+from np_policy.contract import KINDS
+from np_record.command import INTERRUPTED, interrupt_on_sigterm
+from np_record.workers import HELP, workers
+
+POLICIES = Path(str(files("np_blind") / "data" / "policies.yaml"))
+SIDES = ("nominal", "patched", "engine")
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m np_blind.robot_matrix",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--policies", type=Path, default=Path("runs/policies"), help="folder of weights, DOMAIN/NAME")
+    parser.add_argument("--prepare", action="store_true", help="fill that folder from the history, and do no more")
+    parser.add_argument("--key", type=Path, help="of the robots")
+    parser.add_argument("--set", type=Path, help="folder of robot_set")
+    parser.add_argument("--episodes", type=int, default=50, help="of every cell (default: %(default)s)")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--cluster", default="", help=HELP)
+    parser.add_argument("--out", type=Path, default=Path("runs/blind/matrix"))
+    options = parser.parse_args(arguments)
+    if not options.prepare and not (options.key and options.set):
+        parser.error("expected --key and --set, or --prepare")
+    return options
+
+
+def prepare(folder: Path) -> list[str]:
+    """Weights of every policy of the list, with a contract where theirs had none yet; their folders. Raises OSError without the history."""
+    from np_training.contracts import add_contract  # slow
+
+    made = []
+    for domain, policies in yaml.safe_load(POLICIES.read_text(encoding="utf-8")).items():
+        for policy in policies:
+            place = folder / domain / policy["name"]
+            place.mkdir(parents=True, exist_ok=True)
+            for kind in KINDS:
+                name = f"{kind}_{domain}.safetensors"
+                command = ["git", "-C", str(POLICIES.parent), "show", f"{policy['revision']}:weights/{name}"]
+                done = subprocess.run(command, capture_output=True)
+                if done.returncode:
+                    raise OSError(f"{policy['revision']}:weights/{name}: {done.stderr.decode().strip()}")
+                (place / name).write_bytes(done.stdout)
+                if "contract" not in read_metadata(place / name):
+                    add_contract(place / name, "impedance")
+            made.append(str(place))
+    return made
+
+
+def cells_of(robots: Sequence[Robot], diagnoses: Path, policies: Path) -> dict[str, Cell]:
+    """Cells by name: `nominal_DOMAIN_POLICY`, and of each robot `patched_NUMBER_POLICY` and `engine_NUMBER_POLICY`."""
+    cells = {}
+    for robot in robots:
+        patch = text_of(load_patch(diagnoses / robot.folder / "patch.yaml"))
+        for place in sorted((policies / robot.domain).iterdir()):
+            weights = str(place.resolve())
+            cells[f"nominal_{robot.domain}_{place.name}"] = Cell(robot.domain, weights=weights, seed=TASKS)
+            cells[f"patched_{robot.number}_{place.name}"] = Cell(
+                robot.domain, effects=patch, weights=weights, seed=TASKS
+            )
+            cells[f"engine_{robot.number}_{place.name}"] = Cell(
+                robot.domain, "physx", text_of(robot.patch), weights, seed=TASKS
+            )
+    return cells
+
+
+def figures(table: Sequence[Mapping]) -> dict:
+    """r over all cells, MMRV of the policies of a robot in the mean over robots, and the mean error, of both simulators.
+
+    table: rows with robot, policy, and success by side.
+    """
+    found = {}
+    for side in SIDES[:2]:
+        robots = sorted({row["robot"] for row in table})
+        own = [[(r[side], r["engine"]) for r in table if r["robot"] == robot] for robot in robots]
+        predicted, real = (np.array([row[name] for row in table], float) for name in (side, "engine"))
+        found[side] = {
+            "r": pearson(predicted, real),
+            "mmrv": float(np.mean([mmrv(*zip(*pairs)) for pairs in own])),
+            "mean_absolute_error": float(np.abs(predicted - real).mean()),
+        }
+    return {**found, "cells": len(table), "robots": len(robots)}
+
+
+def play(options: argparse.Namespace) -> dict:
+    """Every cell, and what they say."""
+    robots = [r for r in read_key(options.key) if (options.set / r.folder / "patch.yaml").exists()]
+    if not robots:
+        raise OSError(f"{options.set}: expected robots with a patch.yaml, there are none")
+    cells = cells_of(robots, options.set, options.policies)
+    with workers(options.jobs, options.cluster) as pool:
+        played = play_all(cells, options.episodes, options.out, pool, "matrix")
+    rate = {name: float(np.mean(success)) for name, success in played.items()}
+    table = [
+        {
+            "robot": robot.number,
+            "domain": robot.domain,
+            "policy": place.name,
+            "nominal": rate[f"nominal_{robot.domain}_{place.name}"],
+            "patched": rate[f"patched_{robot.number}_{place.name}"],
+            "engine": rate[f"engine_{robot.number}_{place.name}"],
+        }
+        for robot in robots
+        for place in sorted((options.policies / robot.domain).iterdir())
+    ]
+    command = f"python -m np_blind.robot_matrix --key KEY --set SET --policies POLICIES --episodes {options.episodes}"
+    date = datetime.now(UTC).strftime("%Y-%m-%d")
+    found = {"date": date, "command": command, "episodes": options.episodes, "figures": figures(table), "table": table}
+    results = options.out / "matrix" / "matrix.json"
+    results.parent.mkdir(parents=True, exist_ok=True)
+    results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    return {**found["figures"], "results": str(results)}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point."""
+    options = parse(arguments)
+    interrupt_on_sigterm()
+    os.environ.update(SINGLE_THREAD)
+    try:
+        told = {"policies": prepare(options.policies)} if options.prepare else play(options)
+    except KeyboardInterrupt:
+        print("interrupted; cells that are finished are kept", file=sys.stderr)
+        return INTERRUPTED
+    except (OSError, ValueError, WeightsError) as error:
+        print(f"robot_matrix: {error}", file=sys.stderr)
+        return 1
+    print(json.dumps(told))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

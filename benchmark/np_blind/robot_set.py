@@ -1,0 +1,148 @@
+"""Withheld robots in PhysX: what the doctor finds of each, what the rehearsal predicts, and how much lost success training on brings back.
+
+    python -m np_blind.robot_set --seal --robots 12 --seed 31 --jobs 32       finds them, writes robots_12_31.json, puts its hash down
+    python -m np_blind.robot_set --robots 12 --seed 31 --jobs 32 --minutes 1  the loop
+
+A robot is a folder; a call does what is not there, and --within ends it in time. --from, --to: some of them. Needs SAPIEN (`make physx`). The
+last line printed is one JSON object; robots.json lies in the folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+from np_blind.robot_answering import Judging, Turns, answered, settle_all
+from np_blind.robot_cases import SET, make_key, read_key
+from np_blind.robot_figures import figures
+from np_blind.robot_sizes import find_robots
+from np_blind.sealed import KEYS, SealError, check, check_doctor, digest, put_down
+from np_bringup.rehearsal.learning import Learning, gpus
+from np_bringup.rehearsal.playing import SINGLE_THREAD
+from np_physx_bridge.library import missing
+from np_record.command import INTERRUPTED, interrupt_on_sigterm, origin
+from np_record.workers import HELP, workers
+
+LOCKED_FROM = 30  # seed from which on a set is sealed
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m np_blind.robot_set", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--robots", type=int, default=12, help="of the set (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="of the set (default: %(default)s)")
+    parser.add_argument("--seal", action="store_true", help="find the robots, write the key and put down its hash")
+    parser.add_argument("--pairs", type=int, default=32, help="--seal: episodes by which a loss is measured")
+    parser.add_argument("--from", dest="first", type=int, default=0, help="the first robot of this call")
+    parser.add_argument("--to", dest="last", type=int, help="the one after the last")
+    parser.add_argument("--episodes", type=int, default=200, help="of every figure (default: %(default)s)")
+    parser.add_argument("--share-episodes", type=int, default=50, help="of every subset of the effects found")
+    parser.add_argument("--minutes", type=float, default=5.0, help="of training")
+    parser.add_argument("--each-gpu", type=int, default=1, help="trainings at a time on a GPU")
+    parser.add_argument("--no-oracle", dest="oracle", action="store_false", help="no training with the true effects")
+    parser.add_argument("--answered", action="store_true", help="figures of the rows that are there, and do no more")
+    parser.add_argument("--within", type=float, default=float("inf"), help="s after which no stage is begun")
+    parser.add_argument("--jobs", type=int, default=1, help="processes that play episodes")
+    parser.add_argument("--cluster", default="", help=HELP)
+    parser.add_argument("--key", type=Path, help="default: OUT/../robots_ROBOTS_SEED.json")
+    parser.add_argument("--out", type=Path, help="default: runs/blind/robots_ROBOTS_SEED")
+    parser.add_argument("--train", nargs=argparse.REMAINDER, default=[], help="further options of np_training.train")
+    options = parser.parse_args(arguments)
+    options.out = (options.out or Path("runs/blind") / f"{SET}_{options.robots}_{options.seed}").resolve()
+    options.key = options.key or options.out.parent / f"{SET}_{options.robots}_{options.seed}.json"
+    if problem := missing():
+        parser.error(problem)
+    return options
+
+
+def seal(options: argparse.Namespace) -> dict:
+    """Find the robots and put down the hash of their key, of a development set nowhere."""
+    with workers(options.jobs, options.cluster) as pool:
+        robots = find_robots(options.robots, options.seed, pool, options.pairs)
+    key = make_key(robots, options.seed)
+    options.key.parent.mkdir(parents=True, exist_ok=True)
+    options.key.write_text(key, encoding="utf-8")
+    found = put_down(key) if options.seed >= LOCKED_FROM else digest(key)
+    return {"key": str(options.key), "sha256": found, "keys": str(KEYS), "robots": len(robots)}
+
+
+def judge(options: argparse.Namespace) -> dict:
+    """The loop over the robots that the command line names."""
+    key = options.key.read_text(encoding="utf-8")
+    is_locked = options.seed >= LOCKED_FROM
+    sealed = check(key) if is_locked else digest(key)
+    options.out.mkdir(parents=True, exist_ok=True)
+    doctor = check_doctor(options.out, is_locked)
+    robots = read_key(options.key)[options.first : options.last]
+    there = gpus()
+    judging = Judging(
+        options.out,
+        options.seed,
+        options.episodes,
+        options.share_episodes,
+        Learning(options.minutes, there[0] if there else None, options=tuple(options.train)),
+        options.oracle,
+        time.time() + options.within,
+    )
+    begun = time.monotonic()
+    if options.answered:
+        rows = answered(robots, judging)
+    else:
+        with workers(options.jobs, options.cluster) as pool:
+            rows = settle_all(robots, judging, pool, Turns(there, options.each_gpu))
+    found = {
+        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "command": _command(options),
+        "set": SET,
+        "seed": options.seed,
+        "drawn": options.robots,
+        "key_sha256": sealed,
+        "doctor_sha256": doctor,
+        **origin(),
+        "episodes": options.episodes,
+        "share_episodes": options.share_episodes,
+        "minutes": options.minutes,
+        "gpus": len(there),
+        "figures": figures(rows),
+        "rows": rows,
+        "wall_s": round(time.monotonic() - begun, 1),
+    }
+    results = options.out / "robots.json"
+    results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    return {"robots": len(rows), "figures": found["figures"], "wall_s": found["wall_s"], "results": str(results)}
+
+
+def _command(options: argparse.Namespace) -> str:
+    """What plays the same again."""
+    said = f"python -m np_blind.robot_set --robots {options.robots} --seed {options.seed} --episodes {options.episodes}"
+    said += f" --share-episodes {options.share_episodes} --minutes {options.minutes:g} --each-gpu {options.each_gpu}"
+    said += ("" if options.oracle else " --no-oracle") + f" --jobs {options.jobs}"
+    return said + (f" --train {' '.join(options.train)}" if options.train else "")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point. Status 2: a key that is not the one whose hash was put down."""
+    options = parse(arguments)
+    interrupt_on_sigterm()
+    os.environ.update(SINGLE_THREAD)  # of the processes that are started: an episode has a core
+    try:
+        told = seal(options) if options.seal else judge(options)
+    except KeyboardInterrupt:
+        print("interrupted; what is finished is kept, the same command goes on with the rest", file=sys.stderr)
+        return INTERRUPTED
+    except (SealError, OSError, ValueError) as error:
+        print(f"robot_set: {error}", file=sys.stderr)
+        return 2 if isinstance(error, SealError) else 1
+    print(json.dumps(told))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

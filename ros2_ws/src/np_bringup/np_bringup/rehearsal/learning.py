@@ -1,0 +1,135 @@
+"""Policies trained on with a patch: `np_training.train` from the released checkpoint, then `np_training.distill`, each a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from np_description.contact import HARD
+from np_description.domains import find_domain
+from np_description.released import weights_folder
+from np_effects.patch import Patch, dump_patch
+from np_policy.contract import POST_CONTACT, PRE_CONTACT
+from np_record.command import Progress
+from np_ros.parent import end_with_parent
+
+ON_CPU = ("--device", "cpu", "--worlds", "128")
+DISTIL_SHARE = 0.25  # of the time for training; the student is taught on from the one that is there
+
+
+@dataclass(frozen=True)
+class Learning:
+    """minutes: of training; gpu: its number, None for the CPU; seed; options: further ones of np_training.train."""
+
+    minutes: float
+    gpu: int | None = None
+    seed: int = 0
+    options: tuple[str, ...] = ()
+
+
+def carried(patch: Patch) -> tuple[Patch, list[str]]:
+    """The part of a patch that training has in its simulator, and what is left out, in words."""
+    kept = [e for e in patch.effects if "training" in e.record.carriers]
+    left = [f"{e.effect} at {e.component}" for e in patch.effects if "training" not in e.record.carriers]
+    return Patch(tuple(kept)), left
+
+
+def learn(domain: str, patch: Patch, out: Path, how: Learning, weights: str = "") -> dict:
+    """Train on and distil into out/weights, beside which old weights stay as they are; what the last lines of both said. out/weights_old_student
+    has the new policy behind the old student, whose contacts are those that the planner expects where the camera is off.
+
+    Done once out/learned.json is there. Raises OSError, with the last words, where training ends with an error or there is no
+    checkpoint to go on from.
+    """
+    done = out / "learned.json"
+    if done.exists():
+        return json.loads(done.read_text(encoding="utf-8"))
+    begun = time.monotonic()
+    folder = weights_folder(weights)
+    checkpoint = folder / f"training_{domain}.pt"
+    if not checkpoint.exists():
+        raise OSError(f"{checkpoint}: expected a checkpoint to go on from, there is none")
+    out.mkdir(parents=True, exist_ok=True)
+    effects = out / "patch.yaml"
+    effects.write_text(dump_patch(patch), encoding="utf-8")
+    hard = find_domain(domain).contact.name == HARD.name
+    where = ON_CPU if how.gpu is None else ()
+    run = out / "training"
+    train = [
+        "np_training.train", "--domain", domain, "--out", str(run), "--effects", str(effects),
+        "--minutes", f"{how.minutes:g}", "--seed", str(how.seed), "--show-every", "10",
+        *(("--conditions", "robust") if hard else ()), *where, *how.options,
+    ]  # fmt: skip
+    if not (run / "checkpoint.pt").exists():  # else it goes on with what was begun
+        train += ["--resume", str(checkpoint)]
+    said = _run(train, out / "train.log", 60 * how.minutes, "train", how.gpu)
+    distil = [
+        "np_training.distill", "--checkpoint", str(run / "checkpoint.pt"), "--out", str(run), "--effects", str(effects),
+        "--minutes", f"{DISTIL_SHARE * how.minutes:g}", "--seed", str(how.seed),
+        "--begin", str(folder / f"{PRE_CONTACT}_{domain}.safetensors"), "--weights", str(out / "weights"),
+        *(("--device", "cpu", "--batch", "512") if how.gpu is None else ()),
+    ]  # fmt: skip
+    student = _run(distil, out / "distil.log", 60 * DISTIL_SHARE * how.minutes, "distil", how.gpu)
+    mixed = out / "weights_old_student"
+    mixed.mkdir(exist_ok=True)
+    for place, kind in ((folder, PRE_CONTACT), (out / "weights", POST_CONTACT)):
+        shutil.copyfile(place / f"{kind}_{domain}.safetensors", mixed / f"{kind}_{domain}.safetensors")
+    found = {
+        "train": said,
+        "distil": student,
+        "weights": str(out / "weights"),
+        "weights_old_student": str(mixed),
+        "device": "cpu" if how.gpu is None else f"cuda {how.gpu}",
+        "wall_s": round(time.monotonic() - begun, 1),
+    }
+    done.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    return found
+
+
+def _run(arguments: Sequence[str], log: Path, seconds: float, what: str, gpu: int | None) -> dict:
+    """Run a module until it ends, about `seconds`; its last line, which is JSON. Raises OSError with its last words."""
+    environment = dict(os.environ)
+    if gpu is not None:
+        environment["CUDA_VISIBLE_DEVICES"] = str(gpu)
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+            environment[name] = "2"
+    progress, begun = Progress(max(1, round(seconds)), what), time.monotonic()
+    with log.open("w", encoding="utf-8") as lines:
+        with subprocess.Popen(
+            [sys.executable, "-u", "-m", *arguments],
+            stdout=lines,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            preexec_fn=end_with_parent,
+        ) as process:
+            try:
+                while process.poll() is None:
+                    progress.show(min(round(time.monotonic() - begun), round(seconds) - 1))
+                    try:
+                        process.wait(1.0)
+                    except subprocess.TimeoutExpired:
+                        continue
+            except BaseException:
+                process.terminate()
+                raise
+    words = log.read_text(encoding="utf-8").strip().splitlines()
+    if process.returncode:
+        raise OSError(
+            f"{' '.join(arguments[:1])} ended with status {process.returncode}: {words[-1] if words else ''} ({log})"
+        )
+    progress.show(max(1, round(seconds)), "done")
+    return json.loads(words[-1])
+
+
+def gpus() -> list[int]:
+    """Numbers of the GPUs that are there."""
+    import torch  # slow
+
+    return list(range(torch.cuda.device_count()))

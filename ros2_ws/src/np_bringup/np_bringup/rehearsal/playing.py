@@ -1,0 +1,140 @@
+"""Success of policies on robots, episode by episode: the same tasks for all of them, on many processes, kept as they come."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor, as_completed
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import yaml
+
+from np_description.objects.choice import DEFAULT
+from np_effects.patch import Patch, PatchEffect, dump_patch
+from np_record.command import Progress
+
+CHUNK = 5  # episodes that a process plays at a time: 5 to 20 s
+SINGLE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Of processes of which each has a core."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One policy on one robot. effects: text of a patch.yaml, what the robot has besides the nominal one; weights: folder, "" for the
+    project's own; engine: mujoco or physx; seed: of the tasks and all that is random, with the episode's number."""
+
+    domain: str
+    engine: str = "mujoco"
+    effects: str = ""
+    weights: str = ""
+    object: str = DEFAULT
+    seed: int = 0
+    contacts: int = 1
+
+
+def patch_of(text: str) -> Patch:
+    """A patch from the text of its file, which `dump_patch` wrote."""
+    entries = yaml.safe_load(text)["effects"] if text else []
+    return Patch(tuple(PatchEffect(e["effect"], e["component"], e["parameters"]) for e in entries))
+
+
+def text_of(patch: Patch) -> str:
+    """The text of a patch, "" for the nominal robot."""
+    return dump_patch(patch) if patch.effects else ""
+
+
+def play(cell: Cell, numbers: Sequence[int]) -> list[bool]:
+    """Whether each of these episodes ends in success, by the truth. A physics that diverges is a failure."""
+    played = _played(cell)
+    return [_succeeds(played, number) for number in numbers]
+
+
+@lru_cache(maxsize=1)
+def _played(cell: Cell):
+    import torch  # slow, as what follows
+
+    from np_bringup.one_process import OneProcess
+    from np_description.objects.choice import domain_with
+
+    torch.set_num_threads(1)
+    return OneProcess(
+        domain_with(cell.domain, cell.object),
+        cell.engine,
+        seed=cell.seed,
+        contacts=cell.contacts,
+        patch=patch_of(cell.effects),
+        weights=cell.weights,
+    )
+
+
+def _succeeds(played, number: int) -> bool:
+    try:
+        return bool(played.play(number).success)
+    except FloatingPointError:
+        return False
+
+
+class Kept:
+    """Successes of named cells in a folder, a file each: what is there is not played again.
+
+    Raises ValueError for a file that is of another cell.
+    """
+
+    def __init__(self, folder: Path, cells: Mapping[str, Cell]):
+        self._folder, self._cells = folder, dict(cells)
+        folder.mkdir(parents=True, exist_ok=True)
+        self._found = {name: self._read(name) for name in cells}
+
+    def _path(self, name: str) -> Path:
+        return self._folder / f"{name}.json"
+
+    def _read(self, name: str) -> dict[int, bool]:
+        if not self._path(name).exists():
+            return {}
+        kept = json.loads(self._path(name).read_text(encoding="utf-8"))
+        if kept["cell"] != asdict(self._cells[name]):
+            raise ValueError(
+                f"{self._path(name)}: expected successes of {self._cells[name]}, got those of {kept['cell']}"
+            )
+        return {int(number): bool(success) for number, success in kept["success"].items()}
+
+    def missing(self, name: str, episodes: int) -> list[int]:
+        """Numbers below `episodes` that were not played."""
+        return [number for number in range(episodes) if number not in self._found[name]]
+
+    def add(self, name: str, numbers: Sequence[int], success: Sequence[bool]) -> None:
+        """Keep what came of some episodes."""
+        self._found[name] |= dict(zip(numbers, success))
+        told = {str(n): int(s) for n, s in sorted(self._found[name].items())}
+        new = self._path(name).with_suffix(".new")
+        new.write_text(json.dumps({"cell": asdict(self._cells[name]), "success": told}) + "\n", encoding="utf-8")
+        os.replace(new, self._path(name))
+
+    def of(self, name: str, episodes: int) -> list[bool]:
+        """In the order of the episodes."""
+        return [self._found[name][number] for number in range(episodes)]
+
+
+def play_all(
+    cells: Mapping[str, Cell], episodes: int, folder: Path, pool: Executor, what: str = "episodes"
+) -> dict[str, list[bool]]:
+    """Success of episodes 0 to `episodes` of each cell by its name, those of `folder` among them."""
+    kept = Kept(folder, cells)
+    missing = {name: kept.missing(name, episodes) for name in cells}
+    total = len(cells) * episodes
+    progress, done = Progress(total, what), total - sum(map(len, missing.values()))
+    progress.show(done)
+    asked = {}
+    for name, numbers in missing.items():
+        for begin in range(0, len(numbers), CHUNK):
+            chunk = numbers[begin : begin + CHUNK]
+            asked[pool.submit(play, cells[name], chunk)] = name, chunk
+    for future in as_completed(asked):
+        name, chunk = asked[future]
+        kept.add(name, chunk, future.result())
+        done += len(chunk)
+        progress.show(done, name)
+    return {name: kept.of(name, episodes) for name in cells}

@@ -1,0 +1,179 @@
+"""The stages of a rehearsal, each with a file for its result: what is there is not done again.
+
+patch.yaml        what the doctor found                                  (`diagnosed`)
+episodes/*.json   success, episode by episode, by cell
+learned.json      training and distillation; weights/ has both policies  (learning.learn)
+rehearsal.json    all of it                                              (`rehearse`)
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from np_bringup.rehearsal.learning import Learning, carried, learn
+from np_bringup.rehearsal.playing import Cell, play_all, text_of
+from np_bringup.rehearsal.shares import joined, mean_and_interval, parts, shapley, subsets, with_intervals
+from np_effects.patch import Patch, dump_patch, load_patch
+from np_record.bag import Recording
+from np_record.intervals import wilson_interval
+from np_ros.parent import end_with_parent
+
+Turn = Callable[[], AbstractContextManager[int | None]]
+"""Waits for a GPU and gives its number, None for the CPU, until its context is left."""
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """What is rehearsed. robot: the nominal one in the simulator, with the policies that are there; reality: what it is judged by besides,
+    None where that is the lab; episodes: of every figure; share_episodes: of every subset of effects, 0: nobody is blamed; out: folder of all results; name: in front of
+    what progress says; go_on: called before every stage, and raises where none is to be begun."""
+
+    robot: Cell
+    out: Path
+    reality: Cell | None = None
+    episodes: int = 100
+    share_episodes: int = 50
+    name: str = ""
+    go_on: Callable[[], None] = lambda: None
+
+    def play(self, cells: dict[str, Cell], episodes: int, what: str, pool: Executor) -> dict[str, list[bool]]:
+        """Success of cells, kept in `out`."""
+        self.go_on()
+        return play_all(cells, episodes, self.out / "episodes", pool, self.name + what)
+
+    def patched(self, patch: Patch, weights: str | None = None) -> Cell:
+        """The simulated robot with a patch, and other weights."""
+        return replace(self.robot, effects=text_of(patch), weights=self.robot.weights if weights is None else weights)
+
+
+def diagnosed(bags: Sequence[Path], out: Path) -> Patch:
+    """What the doctor finds in recordings of the suites: `diagnose` of those of the arm, `chain` of those with keypoints, and out/patch.yaml of
+    both. Raises OSError where a doctor refuses, with its words."""
+    whole = out / "patch.yaml"
+    if not whole.exists():
+        seen = {bag: _has_keypoints(bag) for bag in bags}
+        arm, task = ([str(bag) for bag in bags if seen[bag] == has] for has in (False, True))
+        effects = ()
+        if arm:
+            effects += _asked("np_diagnosis.commands.diagnose", arm, out / "arm")
+        if task:
+            effects += _asked(
+                "np_diagnosis.commands.chain", task, out / "chain", ("--arm", str(out / "arm")) if arm else ()
+            )
+        out.mkdir(parents=True, exist_ok=True)
+        whole.write_text(dump_patch(Patch(effects)), encoding="utf-8")
+    return load_patch(whole)
+
+
+def _has_keypoints(bag: Path) -> bool:
+    with Recording(bag) as recording:
+        return bool(recording.rows("keypoints").get("keypoints"))
+
+
+def _asked(doctor: str, bags: Sequence[str], out: Path, options: Sequence[str] = ()) -> tuple:
+    """Effects of the patch that a doctor writes into `out`; what is there is not asked again."""
+    if not (out / "patch.yaml").exists():
+        command = [sys.executable, "-m", doctor, *bags, "--out", str(out), *options]
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, preexec_fn=end_with_parent)
+        if done.returncode:
+            raise OSError(f"{doctor.rpartition('.')[2]} refuses: {done.stdout.strip().splitlines()[-1:]}")
+    return load_patch(out / "patch.yaml").effects
+
+
+def rehearse(what: Rehearsal, patch: Patch, how: Learning, pool: Executor, turn: Turn | None = None) -> dict:
+    """From a patch to recovered success; what is told, which out/rehearsal.json keeps. turn: who trains when; None: at once, where `how` says."""
+    begun, out = time.monotonic(), what.out
+    blamed = parts(patch)
+    cells = {"nominal": what.robot, "patched": what.patched(patch)}
+    if what.reality is not None:
+        cells["reality"] = what.reality
+    played = what.play(cells, what.episodes, "success before", pool)
+    costs = _costs(what, blamed, played, pool) if patch.effects and what.share_episodes else {}
+    trained_with, left_out = carried(patch)
+    learned, after = None, {}
+    if trained_with.effects:
+        with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
+            what.go_on()
+            learned = learn(what.robot.domain, trained_with, out, replace(how, gpu=gpu), what.robot.weights)
+        after = _chosen(what, patch, learned, pool)
+    told = _told(what, patch, played, after, costs, learned, left_out)
+    told["wall_s"] = round(time.monotonic() - begun, 1)
+    told["played"] = {name: [int(success) for success in each] for name, each in {**played, **after}.items()}
+    (out / "rehearsal.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    return told
+
+
+def _chosen(what: Rehearsal, patch: Patch, learned: dict, pool: Executor) -> dict[str, list[bool]]:
+    """Success of the new policies, with the new student or with the old one: whichever the patched simulator succeeds more with, which reality is
+    then asked for."""
+    places = {"new": learned["weights"], "old": learned["weights_old_student"]}
+    cells = {f"patched_{student}_student": what.patched(patch, place) for student, place in places.items()}
+    played = what.play(cells, what.episodes, "success after", pool)
+    learned["student"] = max(places, key=lambda student: sum(played[f"patched_{student}_student"]))
+    learned["chosen"] = places[learned["student"]]
+    played["patched_after"] = played[f"patched_{learned['student']}_student"]
+    if what.reality is not None:
+        cell = {f"reality_{learned['student']}_student": replace(what.reality, weights=learned["chosen"])}
+        (played["reality_after"],) = what.play(cell, what.episodes, "success after", pool).values()
+    return played
+
+
+def _costs(what: Rehearsal, blamed: dict[str, Patch], played: dict, pool: Executor) -> dict[str, dict]:
+    """What each part of the patch costs in the patched simulator."""
+    names = list(blamed)
+    count = min(what.share_episodes, what.episodes) if len(names) > 1 else what.episodes
+    asked = {some: f"subset_{sum(1 << names.index(name) for name in some)}" for some in subsets(names)}
+    cells = {label: what.patched(joined(blamed, some)) for some, label in asked.items() if 0 < len(some) < len(names)}
+    success = what.play(cells, count, "which effect", pool) if cells else {}
+    success |= {asked[frozenset()]: played["nominal"][:count], asked[frozenset(names)]: played["patched"][:count]}
+    return with_intervals(shapley(names, {some: np.array(success[label], float) for some, label in asked.items()}))
+
+
+def _told(what, patch, played, after, costs, learned, left_out) -> dict:
+    """The whole rehearsal as JSON has it."""
+    success = {name: _rate(each) for name, each in {**played, **after}.items()}
+    # New policies are worth it where the simulator that knows the gap says so: reality is asked once, not to choose.
+    adopted = bool(after) and success["patched_after"]["value"] > success["patched"]["value"]
+    lost = _paired(played["nominal"], played["patched"])
+    returned = _paired(after["patched_after"], played["patched"]) if after else None
+    cause = next((name for name, cost in costs.items() if cost["value"] > 0 or len(costs) == 1), None)
+    value = {name: rate["value"] for name, rate in success.items()}
+    return {
+        "success_nominal": value["nominal"],
+        "success_predicted": value["patched"],
+        "success_before": value.get("reality"),
+        "success_after": value.get("reality_after" if adopted else "reality"),
+        "success_after_predicted": value.get("patched_after"),
+        "cause": cause,
+        "costs": costs,
+        "lost": lost,
+        "returned": returned,
+        "adopted": adopted,
+        "effects": [f"{e.effect} at {e.component}" for e in patch.effects],
+        "not_trained": left_out,
+        "success": success,
+        "learned": learned,
+        "domain": what.robot.domain,
+        "episodes": what.episodes,
+        "reality": None if what.reality is None else what.reality.engine,
+        "weights": learned["chosen"] if learned else None,
+    }
+
+
+def _rate(each: Sequence[bool]) -> dict:
+    return {"value": sum(each) / len(each), "ci95": list(wilson_interval(sum(each), len(each))), "of": len(each)}
+
+
+def _paired(more: Sequence[bool], less: Sequence[bool]) -> dict:
+    """Difference of two successes on the same episodes."""
+    return mean_and_interval(np.array(more, float) - np.array(less, float))
