@@ -294,9 +294,7 @@ def test_what_comes_at_a_box_from_anywhere_pushes_it_and_does_not_enter_it(shape
             for body, entity in enumerate(entities):
                 data.qpos[7 * body : 7 * body + 7] = [*entity.pose.p, *entity.pose.q / np.linalg.norm(entity.pose.q)]
             mujoco.mj_kinematics(model, data)
-            assert (
-                mujoco.mj_geomDistance(model, data, 0, 1, 0.02, None) > -2e-3
-            )  # seen from .2 mm on, where a step takes it .5
+            assert mujoco.mj_geomDistance(model, data, 0, 1, 0.02, None) > -3e-4
             fastest = max(fastest, np.linalg.norm(box.get_linear_velocity()))
         assert fastest < 1.5 * (0.25 + 0.1 * spin)
 

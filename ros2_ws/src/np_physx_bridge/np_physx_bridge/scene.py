@@ -18,6 +18,8 @@ from np_description.scene import OBJECT
 # m, from which on contacts are looked for. Without PCM a face holds what lies beside its edges by up to twice that: with the library's own,
 # 10 mm, a cube stays on the bump with its centre 16 mm off it (docs/decisions/policies.md).
 CONTACT_OFFSET = 2e-4
+# The robot comes at .25 m/s and more, .5 mm and more in a step, and has to be seen a step before it touches.
+ROBOT_CONTACT_OFFSET = 3e-3
 SURFACING = 0.1  # m/s, at which what is in each other comes apart at most; without a limit it is thrown
 SAGITTA = 1e-4  # m
 CORNER_RADIUS = 2.5e-4  # m
@@ -161,7 +163,7 @@ class Translator:
             if is_object and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
                 shapes += stand_on_corners(self._physx, shapes[0], material, self._sapien.Pose)
             for shape in shapes:
-                shape.set_contact_offset(CONTACT_OFFSET)
+                shape.set_contact_offset(ROBOT_CONTACT_OFFSET if body and not is_object else CONTACT_OFFSET)
                 shape.set_rest_offset(0.0)
                 component.attach(shape)
 
