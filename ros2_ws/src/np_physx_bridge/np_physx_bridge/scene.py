@@ -20,6 +20,7 @@ from np_description.scene import OBJECT
 CONTACT_OFFSET = 2e-4
 # The robot comes at .25 m/s and more, .5 mm and more in a step, and has to be seen a step before it touches.
 ROBOT_CONTACT_OFFSET = 3e-3
+PARTS_CONTACT_OFFSET = 1e-2  # of objects of several bodies, the library's own: with less, a soft card's plates sink into the table
 SURFACING = 0.1  # m/s, at which what is in each other comes apart at most; without a limit it is thrown
 SAGITTA = 1e-4  # m
 CORNER_RADIUS = 2.5e-4  # m
@@ -56,7 +57,7 @@ class Translator:
     def surroundings(self):
         """What does not move, as one entity."""
         component = self._physx.PhysxRigidStaticComponent()
-        self._attach(component, 0)
+        self._attach(component, 0, CONTACT_OFFSET)
         entity = self._sapien.Entity()
         entity.add_component(component)
         return entity
@@ -65,7 +66,7 @@ class Translator:
         """A body with a free joint: its entity and component."""
         body = self._model.body(name).id
         component = self._physx.PhysxRigidDynamicComponent()
-        self._attach(component, body)
+        self._attach(component, body, CONTACT_OFFSET if name.startswith(OBJECT) else ROBOT_CONTACT_OFFSET)
         self._weigh(component, body)
         component.set_linear_damping(0.0)
         component.set_angular_damping(0.0)
@@ -87,12 +88,13 @@ class Translator:
             if body != first and parent not in links:
                 continue
             link = self._physx.PhysxArticulationLinkComponent(links.get(parent))
-            self._attach(link, body)
+            self._attach(link, body, PARTS_CONTACT_OFFSET if is_free else ROBOT_CONTACT_OFFSET)
             self._weigh(link, body)
             link.set_disable_gravity(not is_free)
             link.set_linear_damping(0.0)
             link.set_angular_damping(0.0)
-            link.set_max_depenetration_velocity(SURFACING)
+            if not is_free:
+                link.set_max_depenetration_velocity(SURFACING)
             if body == first:
                 link.joint.type = "free" if is_free else "fixed"
             elif name := self._join(link.joint, body):
@@ -146,8 +148,8 @@ class Translator:
         component.set_cmass_local_pose(self._sapien.Pose(model.body_ipos[body], model.body_iquat[body]))
         component.set_inertia(model.body_inertia[body])
 
-    def _attach(self, component, body: int) -> None:
-        """The colliding shapes of a body."""
+    def _attach(self, component, body: int, offset: float) -> None:
+        """The colliding shapes of a body, for which contacts are looked for from `offset` m on."""
         model = self._model
         for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
             kind, affinity = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
@@ -163,7 +165,7 @@ class Translator:
             if is_object and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
                 shapes += stand_on_corners(self._physx, shapes[0], material, self._sapien.Pose)
             for shape in shapes:
-                shape.set_contact_offset(ROBOT_CONTACT_OFFSET if body and not is_object else CONTACT_OFFSET)
+                shape.set_contact_offset(offset)
                 shape.set_rest_offset(0.0)
                 component.attach(shape)
 
