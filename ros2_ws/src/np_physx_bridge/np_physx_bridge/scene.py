@@ -20,7 +20,8 @@ from np_description.scene import OBJECT
 CONTACT_OFFSET = 2e-4
 # The robot comes at .25 m/s and more, .5 mm and more in a step, and has to be seen a step before it touches.
 ROBOT_CONTACT_OFFSET = 3e-3
-PARTS_CONTACT_OFFSET = 1e-2  # of objects of several bodies, the library's own: with less, a soft card's plates sink into the table
+# Objects of several bodies keep the library's own: with less, the plates of a soft card sink into the table.
+PARTS_CONTACT_OFFSET = 1e-2
 SURFACING = 0.1  # m/s, at which what is in each other comes apart at most; without a limit it is thrown
 SAGITTA = 1e-4  # m
 CORNER_RADIUS = 2.5e-4  # m
