@@ -22,10 +22,8 @@ from np_blind.cases import Case
 from np_blind.followup import follow_up
 from np_blind.generate import bag_path, batches, make_bags, reference_path, shown
 from np_record.command import Progress
-from np_record.workers import Workers
+from np_record.workers import SINGLE_THREAD, Workers
 from np_ros.parent import end_with_parent
-
-SINGLE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 @dataclass(frozen=True)

@@ -25,13 +25,13 @@ import yaml
 from np_blind.robot_answering import TASKS
 from np_blind.robot_cases import Robot, read_key
 from np_blind.robot_figures import mmrv, pearson
-from np_bringup.rehearsal.playing import SINGLE_THREAD, Cell, play_all, text_of
+from np_bringup.rehearsal.playing import Cell, play_all, text_of
 from np_description.released import WeightsError
 from np_description.weights_header import read_metadata
 from np_effects.patch import load_patch
 from np_policy.contract import KINDS
 from np_record.command import INTERRUPTED, interrupt_on_sigterm
-from np_record.workers import HELP, workers
+from np_record.workers import HELP, SINGLE_THREAD, workers
 
 POLICIES = Path(str(files("np_blind") / "data" / "policies.yaml"))
 SIDES = ("nominal", "patched", "engine")

@@ -23,10 +23,9 @@ from np_blind.robot_figures import figures
 from np_blind.robot_sizes import find_robots
 from np_blind.sealed import KEYS, SealError, check, check_doctor, digest, put_down
 from np_bringup.rehearsal.learning import Learning, gpus
-from np_bringup.rehearsal.playing import SINGLE_THREAD
 from np_physx_bridge.library import missing
 from np_record.command import INTERRUPTED, interrupt_on_sigterm, origin
-from np_record.workers import HELP, workers
+from np_record.workers import HELP, SINGLE_THREAD, workers
 
 LOCKED_FROM = 30  # seed from which on a set is sealed
 

@@ -14,14 +14,13 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from np_blind.answering import SINGLE_THREAD
 from np_blind.sealed import SealError, check, check_doctor, digest, put_down
 from np_blind.task_answering import answered, settle_all
 from np_blind.task_cases import SET, draw, make_key
 from np_blind.task_figures import figures
 from np_physx_bridge.library import missing
 from np_record.command import INTERRUPTED, interrupt_on_sigterm
-from np_record.workers import HELP, workers
+from np_record.workers import HELP, SINGLE_THREAD, workers
 from np_record.workers import missing as missing_cluster
 
 LOCKED_FROM = 900  # seed from which on a set is sealed

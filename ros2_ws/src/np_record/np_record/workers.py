@@ -21,6 +21,8 @@ from np_ros.parent import end_with_parent
 Workers = Callable[[int], AbstractContextManager[Executor]]
 """So many processes, as long as the context lasts."""
 LOCAL = "local"
+SINGLE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Environment of processes of which each has a core."""
 HELP = (
     "address of a Dask scheduler, as tcp://host:8786; local: one on this machine, with its dashboard; "
     "default: processes of this machine without Dask"

@@ -15,14 +15,14 @@ import time
 from pathlib import Path
 
 from np_bringup.rehearsal.learning import Learning, gpus
-from np_bringup.rehearsal.playing import SINGLE_THREAD, Cell, text_of
+from np_bringup.rehearsal.playing import Cell, text_of
 from np_bringup.rehearsal.stages import Rehearsal, diagnosed, rehearse
 from np_description.domains import DOMAINS
 from np_description.objects.choice import DEFAULT, portable
 from np_effects.patch import Patch, load_patch
 from np_physx_bridge.library import missing
 from np_record.command import INTERRUPTED, interrupt_on_sigterm
-from np_record.workers import workers
+from np_record.workers import SINGLE_THREAD, workers
 
 MOST_MINUTES = 5.0
 

@@ -18,6 +18,7 @@ from np_description.released import weights_folder
 from np_effects.patch import Patch, dump_patch
 from np_policy.contract import POST_CONTACT, PRE_CONTACT
 from np_record.command import Progress
+from np_record.workers import SINGLE_THREAD
 from np_ros.parent import end_with_parent
 
 ON_CPU = ("--device", "cpu", "--worlds", "128")
@@ -98,8 +99,7 @@ def _run(arguments: Sequence[str], log: Path, seconds: float, what: str, gpu: in
     environment = dict(os.environ)
     if gpu is not None:
         environment["CUDA_VISIBLE_DEVICES"] = str(gpu)
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-            environment[name] = "2"
+        environment |= dict.fromkeys(SINGLE_THREAD, "2")
     progress, begun = Progress(max(1, round(seconds)), what), time.monotonic()
     with log.open("w", encoding="utf-8") as lines:
         with subprocess.Popen(

@@ -17,7 +17,6 @@ from np_effects.patch import Patch, PatchEffect, dump_patch
 from np_record.command import Progress
 
 CHUNK = 5  # episodes that a process plays at a time: 5 to 20 s
-SINGLE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Of processes of which each has a core."""
 
 
