@@ -418,3 +418,19 @@ def test_evaluation_counts_every_episode(environment):
         + figures["timeout"]
         == WORLDS
     )
+
+
+def test_a_settled_run_searches_again_where_it_is_widened(environment):
+    settled = Trainer(environment, TrainConfig(rollout=1))
+    with torch.no_grad():
+        settled.networks.pre.log_std.fill_(-4.0)
+        settled.networks.post.log_std.fill_(-2.5)
+    again = Trainer(environment, TrainConfig(rollout=1, deviation=0.12))
+    again.load_state_dict(settled.state_dict())
+    # At the edge of what is drawn, not beyond it, a contact's deviation has a gradient.
+    log_probability = sample(again.networks.pre, torch.randn(8, PRE_STATE_SIZE))[1].sum()
+    (gradient,) = torch.autograd.grad(log_probability, again.networks.pre.log_std)
+    assert (gradient != 0).all()
+    again.widen(0.3)
+    assert again.networks.pre.log_std.exp().min() >= 0.3 - 1e-6
+    assert torch.allclose(again.networks.post.log_std.exp(), torch.tensor(0.12), atol=1e-6)

@@ -128,6 +128,11 @@ def parse() -> argparse.Namespace:
         help="largest standard deviation of the actions drawn, for a run's end; default: none",
     )
     parser.add_argument(
+        "--widen",
+        type=float,
+        help="with --resume: smallest standard deviation of both policies' actions to begin with, so that a settled policy searches again",
+    )
+    parser.add_argument(
         "--tolerance",
         type=float,
         help="share of the domain's tolerance that counts as success once randomised; default: what the domain aims at",
@@ -159,6 +164,8 @@ def parse() -> argparse.Namespace:
         help=f"weight of the angle's potential; default: {RewardConfig.turn:g}; not with --reward paper",
     )
     arguments = parser.parse_args()
+    if arguments.widen is not None and not (arguments.resume and arguments.widen > 0):
+        parser.error(f"--widen: expected a deviation above 0, and --resume, got {arguments.widen:g}")
     from np_training.tasks.registry import find_task  # slow: no --help should wait for PyTorch
 
     task, arguments.device = find_task(arguments.domain), usable(arguments.device)

@@ -11,6 +11,8 @@ from np_policy.observation import POST_SIZE
 from np_training.environment import contact
 from np_training.environment.environment import PRE_STATE_SIZE, PRIVILEGED_SIZE
 
+LOG_STD = -3.0, 0.5  # between which actions are drawn
+
 
 class PreContactPolicy(nn.Module):
     """Object and goal pose (n, 18) to the mean contact action (n, 9) in [-1, 1]."""
@@ -53,7 +55,7 @@ class ActorCritic(nn.Module):
 
 def distribution(policy: nn.Module, state: torch.Tensor) -> Normal:
     """The policy's diagonal Gaussian."""
-    return Normal(policy(state), policy.log_std.clamp(-3.0, 0.5).exp(), validate_args=False)
+    return Normal(policy(state), policy.log_std.clamp(*LOG_STD).exp(), validate_args=False)
 
 
 def sample(policy: nn.Module, state: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

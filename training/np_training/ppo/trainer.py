@@ -17,7 +17,7 @@ from np_training.ppo import distributed
 from np_training.ppo.config import PPOConfig, TrainConfig
 from np_training.ppo.curriculum import Curriculum, stage_limits
 from np_training.ppo.learner import Batch, Learner, advantages
-from np_training.ppo.networks import ActorCritic, sample
+from np_training.ppo.networks import LOG_STD, ActorCritic, sample
 from np_training.tasks.breakdown import groups
 from np_training.tasks.joint_range import JointRange
 from np_training.tasks.randomisation import CONDITIONS, NOMINAL_CONDITIONS
@@ -146,10 +146,21 @@ class Trainer:
         state, privileged = self.environment.observe()
         return state, torch.cat([state, privileged if self.config.privileged else torch.zeros_like(privileged)], -1)
 
+    @torch.no_grad()
     def _narrow(self) -> None:
+        """Deviations into their range: beyond it `distribution` cuts them, so that no gradient would ever bring them back."""
+        for policy in (self.networks.post, self.networks.pre):
+            policy.log_std.clamp_(*LOG_STD)
         if self.config.deviation:
-            with torch.no_grad():
-                self.networks.post.log_std.clamp_(max=math.log(self.config.deviation))
+            self.networks.post.log_std.clamp_(max=math.log(self.config.deviation))
+
+    @torch.no_grad()
+    def widen(self, deviation: float) -> None:
+        """Draw actions of both policies with at least this standard deviation again, of their range: one that has settled finds no other
+        posture by small steps. What `TrainConfig.deviation` allows at most holds all the same."""
+        for policy in (self.networks.post, self.networks.pre):
+            policy.log_std.clamp_(min=math.log(deviation))
+        self._narrow()
 
     def _count(self, out: dict) -> dict[str, torch.Tensor]:
         """Sums over the worlds of what a step gave; those of ended episodes leave practice out."""

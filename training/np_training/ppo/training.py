@@ -80,6 +80,8 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         trainer.load_state_dict(state)
         if arguments.stage is not None:
             trainer.go_back(arguments.stage)
+        if arguments.widen is not None:
+            trainer.widen(arguments.widen)
         if distributed.rank() == 0:
             print(
                 f"resumed from {source} at {trainer.steps / 1e6:.1f} M steps, stage {trainer.curriculum.stage}",
