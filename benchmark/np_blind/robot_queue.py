@@ -17,6 +17,8 @@ from threading import RLock
 DOCTOR, REHEARSAL, ENGINE = range(3)
 """Ranks: recordings and what is made of them; what the simulator predicts and what came of training; all that is only judged by."""
 
+AT_ONCE = 1024  # cases that a cluster is handed
+
 
 class TimeOver(Exception):
     """Nothing more is begun."""

@@ -21,7 +21,7 @@ from pathlib import Path
 from np_blind.robot_answering import Judging, Turns, answered, settle_all
 from np_blind.robot_cases import SET, make_key, read_key
 from np_blind.robot_figures import figures
-from np_blind.robot_queue import Queue, TimeOver
+from np_blind.robot_queue import AT_ONCE, Queue, TimeOver
 from np_blind.robot_sizes import find_robots
 from np_blind.sealed import KEYS, SealError, check, check_doctor, digest, put_down
 from np_bringup.rehearsal.learning import Learning, gpus
@@ -30,7 +30,6 @@ from np_record.command import INTERRUPTED, interrupt_on_sigterm, origin
 from np_record.workers import HELP, SINGLE_THREAD, workers
 
 LOCKED_FROM = 30  # seed from which on a set is sealed
-CLUSTER = 1024  # cases that a cluster is given at a time
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -107,7 +106,7 @@ def judge(options: argparse.Namespace) -> dict:
     else:
         rows = []
         with suppress(TimeOver), workers(options.jobs, options.cluster) as pool:
-            queue = Queue(pool, CLUSTER if options.cluster else options.jobs, until)
+            queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, until)
             rows = settle_all(robots, judging, queue, Turns(there, options.each_gpu))
             queue.check()  # ends what is under way
     found = {
