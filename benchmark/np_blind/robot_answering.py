@@ -16,9 +16,9 @@ from threading import Condition, Event
 
 import numpy as np
 
-from np_blind.robot_cases import Robot
+from np_blind.robot_cases import DOMAINS, Robot
 from np_blind.robot_queue import DOCTOR, ENGINE, REHEARSAL, Queue, TimeOver
-from np_bringup.rehearsal.learning import Learning
+from np_bringup.rehearsal.learning import Learning, warm
 from np_bringup.rehearsal.playing import Cell, play_all, text_of
 from np_bringup.rehearsal.stages import Rehearsal, rehearse
 from np_effects.patch import Patch, dump_patch, load_patch
@@ -76,10 +76,13 @@ def nominal_success(domains: Sequence[str], judging: Judging, pool: Executor) ->
 
 def settle_all(robots: Sequence[Robot], judging: Judging, queue: Queue, turn: Turns) -> list[dict]:
     """A row for each robot, as far as the time of `queue` went; robots side by side."""
-    progress, threads = Progress(len(robots), "robots"), ThreadPoolExecutor(len(robots) + 1)
+    progress, threads = Progress(len(robots), "robots"), ThreadPoolExecutor(len(robots) + len(DOMAINS) + 1)
     progress.show(0)
     try:
         domains = sorted({robot.domain for robot in robots})
+        if judging.how.gpu is not None:  # nobody trains before the first diagnosis
+            for domain in domains:
+                threads.submit(warm, domain, judging.out / "warm" / domain, judging.how, lambda: queue.is_over)
         nominal = threads.submit(nominal_success, domains, judging, queue.ranked(REHEARSAL))
         asked = [threads.submit(settle, robot, judging, nominal, queue, turn) for robot in robots]
         for number, _ in enumerate(as_completed(asked, queue.left(GRACE)), 1):

@@ -21,7 +21,7 @@ from pathlib import Path
 from np_blind.robot_answering import Judging, Turns, answered, settle_all
 from np_blind.robot_cases import SET, make_key, read_key
 from np_blind.robot_figures import figures
-from np_blind.robot_queue import AT_ONCE, Queue, TimeOver
+from np_blind.robot_queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_blind.robot_sizes import find_robots
 from np_blind.sealed import KEYS, SealError, check, check_doctor, digest, put_down
 from np_bringup.rehearsal.learning import Learning, gpus
@@ -71,8 +71,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 def seal(options: argparse.Namespace) -> dict:
     """Find the robots and put down the hash of their key, of a development set nowhere."""
     played = options.out.with_name(f"{options.out.name}_sizes")
+    until = time.time() + options.within
     with workers(options.jobs, options.cluster) as pool:
-        robots, not_found = find_robots(options.robots, options.seed, pool, options.pairs, played)
+        queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, until)
+        robots, not_found = find_robots(options.robots, options.seed, queue.ranked(ENGINE), options.pairs, played)
     if not robots:
         raise ValueError("; ".join(not_found))
     key = make_key(robots, options.seed)

@@ -72,4 +72,4 @@ def find_robots(count: int, seed: int, pool: Executor, episodes: int, folder: Pa
         threads.shutdown(wait=False, cancel_futures=True)
     errors = [future.exception() for future in asked]
     found = [future.result() for future, error in zip(asked, errors) if error is None]
-    return found, [str(error) for error in errors if error is not None]
+    return found, [str(error) or f"robot {n}: the time was over" for n, error in enumerate(errors) if error is not None]

@@ -160,6 +160,13 @@ class TestStages:
             sentence(told) in text and "Most of it goes to coulomb friction at panda joint4: 25 of 40 points." in text
         )
 
+    def test_last_words_of_libraries_cost_no_training(self, tmp_path):
+        from np_bringup.rehearsal.learning import _last_told
+
+        assert _last_told(['{"steps": 3}', "{0} devices left", "leaked semaphores"], tmp_path) == {"steps": 3}
+        with pytest.raises(OSError, match="expected a line of JSON"):
+            _last_told(["Killed"], tmp_path)
+
     def test_recordings_or_a_patch_but_not_both(self, capsys):
         for given in ([], ["bag", "--patch", "patch.yaml"], ["bag", "--minutes", "6"]):
             with pytest.raises(SystemExit):

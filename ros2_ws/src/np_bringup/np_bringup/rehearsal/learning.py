@@ -78,13 +78,10 @@ def learn(
     out.mkdir(parents=True, exist_ok=True)
     effects = out / "patch.yaml"
     effects.write_text(dump_patch(patch), encoding="utf-8")
-    hard = find_domain(domain).contact.name == HARD.name
-    where = ON_CPU if how.gpu is None else ()
     run = out / "training"
     train = [
-        "np_training.train", "--domain", domain, "--out", str(run), "--effects", str(effects),
-        "--minutes", f"{how.minutes:g}", "--from-first", "--seed", str(how.seed), "--show-every", "10", "--save-every", SAVE_EVERY,
-        *(("--conditions", "robust") if hard else ()), *where, *how.options,
+        *_training(domain, how), "--out", str(run), "--effects", str(effects),
+        "--minutes", f"{how.minutes:g}", "--from-first", "--show-every", "10", "--save-every", SAVE_EVERY,
     ]  # fmt: skip
     if not (run / "checkpoint.pt").exists():  # else it goes on with what was begun
         train += ["--resume", str(checkpoint)]
@@ -110,6 +107,25 @@ def learn(
     }
     done.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return found
+
+
+def _training(domain: str, how: Learning) -> list[str]:
+    """What trains in the domain's contacts, with all that is randomised for those."""
+    hard = find_domain(domain).contact.name == HARD.name
+    where = ON_CPU if how.gpu is None else ()
+    robust = ("--conditions", "robust") if hard else ()
+    return ["np_training.train", "--domain", domain, "--seed", str(how.seed), *robust, *where, *how.options]
+
+
+def warm(domain: str, out: Path, how: Learning, is_over: Callable[[], bool] = lambda: False) -> None:
+    """Have the kernels of a domain's training compiled, by one iteration of it in `out`: those that begin together later find them kept. What
+    goes wrong is said, and costs no more than the time."""
+    out.mkdir(parents=True, exist_ok=True)
+    train = [*_training(domain, how), "--out", str(out), "--iterations", "1"]
+    try:
+        _run(train, out / "train.log", START, f"kernels, {domain}", how.gpu, is_over)
+    except OSError as error:
+        print(error, file=sys.stderr)
 
 
 def _run(
@@ -152,7 +168,18 @@ def _run(
             f"{' '.join(arguments[:1])} ended with status {process.returncode}: {words[-1] if words else ''} ({log})"
         )
     progress.show(max(1, round(seconds)), "done")
-    return json.loads(words[-1])
+    return _last_told(words, log)
+
+
+def _last_told(words: Sequence[str], log: Path) -> dict:
+    """The last line that is a JSON object: libraries have their last words after it. Raises OSError where there is none."""
+    for line in reversed(words):
+        if line.startswith("{"):
+            try:
+                return json.loads(line)
+            except ValueError:
+                continue
+    raise OSError(f"{log}: expected a line of JSON, there is none")
 
 
 def gpus() -> list[int]:
