@@ -151,15 +151,16 @@ def _settle(row: dict, keep: Callable[[], None], robot: Robot, judging: Judging,
 
             what = _rehearsal(robot, judging, judging.out / robot.folder, queue, tell)
             told = rehearse(what, patch, judging.how, queue.ranked(REHEARSAL), turn)
+            before, after = row["engine"]["before"], told["played"].get("reality_after")
+            row["engine"] |= {"after": after, "adopted": after if told["adopted"] else before}
+            keep()
         finally:
             begun.set()
-        before, after = row["engine"]["before"], told["played"].get("reality_after")
-        row["engine"] |= {"after": after, "adopted": after if told["adopted"] else before}
-        keep()
-        row["ablation"] = _ablation(robot, believed, before, without.result())
-        keep()
+            if "engine" in row:  # also where training died
+                row["ablation"] = _ablation(robot, row["engine"], without.result())
+                keep()
         if oracle is not None:
-            row["engine"]["oracle"] = oracle.result() or before
+            row["engine"]["oracle"] = oracle.result() or row["engine"]["before"]
 
 
 def _diagnosed(robot: Robot, judging: Judging, pool: Executor) -> tuple[Patch, dict]:
@@ -229,10 +230,10 @@ def _without(robot: Robot, judging: Judging, pool: Executor) -> dict[str, list[b
     return {name: played[f"without_{name}"] for name in others}
 
 
-def _ablation(robot: Robot, believed, before, without: dict[str, list[bool]]) -> dict[str, float]:
+def _ablation(robot: Robot, engine: dict, without: dict[str, list[bool]]) -> dict[str, float]:
     """What each true effect costs in PhysX: success without it, less success with all."""
-    without = without or {robot.effects[0].effect: believed}
-    return {name: float(np.mean(each) - np.mean(before)) for name, each in without.items()}
+    without = without or {robot.effects[0].effect: engine["nominal"]}
+    return {name: float(np.mean(each) - np.mean(engine["before"])) for name, each in without.items()}
 
 
 def _oracle(robot: Robot, judging: Judging, begun: Event, queue: Queue, turn: Turns) -> list[bool] | None:

@@ -261,7 +261,9 @@ def test_where_training_dies_the_row_has_what_is_known(tmp_path, monkeypatch):
     (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
     assert "out of memory" in row["error"] and row["cause"] == "coulomb_friction at panda_joint4"
     assert row["success"]["patched"]["value"] == 0.6 and sum(row["engine"]["before"]) == 6
-    assert figures([row])["lost success that returns, median"]["of"] == 0
+    assert row["ablation"] == pytest.approx({"coulomb_friction": 0.2, "gripper_friction": 0.1})
+    found = figures([row])
+    assert found["top cause named"]["value"] == 1 and found["lost success that returns, median"]["of"] == 0
     stand_ins(monkeypatch, lambda *given: {**WEIGHTS, "device": "cpu", "train": {"wall_s": 1.0}})
     (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
     assert "error" not in row and sum(row["engine"]["adopted"]) == 9  # the same again goes on
