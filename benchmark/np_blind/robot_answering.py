@@ -6,16 +6,19 @@ import json
 import shutil
 import time
 import traceback
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from threading import Condition
+from threading import Condition, Event
 
-from np_blind.robot_cases import Robot
-from np_bringup.rehearsal.learning import Learning
+import numpy as np
+
+from np_blind.robot_cases import DOMAINS, Robot
+from np_blind.robot_queue import DOCTOR, ENGINE, REHEARSAL, Queue, TimeOver
+from np_bringup.rehearsal.learning import Learning, warm
 from np_bringup.rehearsal.playing import Cell, play_all, text_of
 from np_bringup.rehearsal.stages import Rehearsal, rehearse
 from np_effects.patch import Patch, dump_patch, load_patch
@@ -23,6 +26,8 @@ from np_record.command import Progress
 
 SUITES = 2  # recordings of the task suite, in which the object lies elsewhere
 TASKS = 900  # seed of the tasks by which robots are judged
+GRACE = 20.0  # s after the end of the time for episodes that are being played
+TOLD = ("cause", "costs", "adopted", "not_trained", "success", "lost")  # of a rehearsal, that a row has
 
 
 class Turns:
@@ -50,14 +55,10 @@ class Turns:
                 self._changed.notify_all()
 
 
-class TimeOver(Exception):
-    """No further stage is begun."""
-
-
 @dataclass(frozen=True)
 class Judging:
     """How robots are judged. seed: of the set; episodes, share_episodes: of every figure, and of every subset of the effects found; how:
-    training; oracle: whether the same is done with the true effects; until: Unix s from which no stage is begun; out: folder."""
+    training; oracle: whether the same is done with the true effects; out: folder."""
 
     out: Path
     seed: int
@@ -65,12 +66,6 @@ class Judging:
     share_episodes: int
     how: Learning
     oracle: bool = True
-    until: float = float("inf")
-
-    def check(self) -> None:
-        """Raises TimeOver."""
-        if time.time() > self.until:
-            raise TimeOver
 
 
 def nominal_success(domains: Sequence[str], judging: Judging, pool: Executor) -> dict[str, list[bool]]:
@@ -79,16 +74,27 @@ def nominal_success(domains: Sequence[str], judging: Judging, pool: Executor) ->
     return play_all(cells, judging.episodes, judging.out / "nominal", pool, "nominal")
 
 
-def settle_all(robots: Sequence[Robot], judging: Judging, pool: Executor, turn: Turns) -> list[dict]:
-    """A row for each robot, as far as the time went; robots side by side."""
-    nominal = nominal_success(sorted({robot.domain for robot in robots}), judging, pool)
-    progress, rows = Progress(len(robots), "robots"), []
+def settle_all(robots: Sequence[Robot], judging: Judging, queue: Queue, turn: Turns) -> list[dict]:
+    """A row for each robot, as far as the time of `queue` went; robots side by side."""
+    progress, threads = Progress(len(robots), "robots"), ThreadPoolExecutor(len(robots) + len(DOMAINS) + 1)
     progress.show(0)
-    with ThreadPoolExecutor(len(robots)) as threads:
-        for future in [threads.submit(settle, robot, judging, nominal, pool, turn) for robot in robots]:
-            rows.append(future.result())
-            progress.show(len(rows))
-    return rows
+    try:
+        domains = sorted({robot.domain for robot in robots})
+        if judging.how.gpu is not None:  # nobody trains before the first diagnosis
+            for domain in domains:
+                threads.submit(warm, domain, judging.out / "warm" / domain, judging.how, lambda: queue.is_over)
+        nominal = threads.submit(nominal_success, domains, judging, queue.ranked(REHEARSAL))
+        asked = [threads.submit(settle, robot, judging, nominal, queue, turn) for robot in robots]
+        for number, _ in enumerate(as_completed(asked, queue.left(GRACE)), 1):
+            progress.show(number)
+    except TimeoutError:  # of what is under way the rows have what was known before
+        pass
+    except BaseException:
+        queue.end()
+        raise
+    finally:
+        threads.shutdown(wait=False, cancel_futures=True)
+    return answered(robots, judging)
 
 
 def answered(robots: Sequence[Robot], judging: Judging) -> list[dict]:
@@ -97,40 +103,64 @@ def answered(robots: Sequence[Robot], judging: Judging) -> list[dict]:
     return [json.loads(path.read_text(encoding="utf-8")) for path in kept if path.exists()]
 
 
-def settle(robot: Robot, judging: Judging, nominal: dict[str, list[bool]], pool: Executor, turn: Turns) -> dict:
-    """The row of a robot: what is known of it when the time is over, or all; what goes wrong is in it too."""
-    row = {"robot": robot.number, "domain": robot.domain, "truth": dump_patch(robot.patch)}
+def settle(robot: Robot, judging: Judging, nominal: Future, queue: Queue, turn: Turns) -> dict:
+    """The row of a robot: what is known of it when the time is over, or all; what goes wrong is in it too. Kept after every stage."""
+    file = judging.out / robot.folder / "row.json"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    row = known if known.get("episodes") == judging.episodes else {}
+    row |= {"robot": robot.number, "domain": robot.domain, "truth": dump_patch(robot.patch)}
+    row |= {"episodes": judging.episodes, "error": "the time was over"}
+
+    def keep() -> None:
+        new = file.with_suffix(".new")
+        new.write_text(json.dumps(row, indent=1) + "\n", encoding="utf-8")
+        new.replace(file)
+
     try:
-        _settle(row, robot, judging, nominal, pool, turn)
+        _settle(row, keep, robot, judging, nominal, queue, turn)
+        del row["error"]
     except TimeOver:
-        row["error"] = "the time was over"
+        pass
     except Exception:
-        row["error"] = traceback.format_exc(limit=3)
-    folder = judging.out / robot.folder
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "row.json").write_text(json.dumps(row, indent=1) + "\n", encoding="utf-8")
+        if not queue.is_over:
+            row["error"] = traceback.format_exc(limit=3)
+    keep()
     return row
 
 
-def _settle(row: dict, robot: Robot, judging: Judging, nominal, pool: Executor, turn: Turns) -> None:
-    """What asks no doctor is done beside: PhysX with the old policies, and the oracle's training, which lets the others go first."""
-    believed = nominal[f"{robot.domain}_physx"]
-    judging.check()
+def _settle(row: dict, keep: Callable[[], None], robot: Robot, judging: Judging, nominal, queue: Queue, turn) -> None:
+    """What asks no doctor is done beside: PhysX without each true effect, and the oracle's training, which lets the others go first."""
+    queue.check()
+    begun = Event()  # from here on the oracle finds what both play
     with ThreadPoolExecutor(2) as beside:
-        ablated = beside.submit(_before, robot, judging, believed, pool)
-        oracle = beside.submit(_oracle, robot, judging, ablated, pool, turn) if judging.oracle else None
-        patch, row["diagnosis"] = _diagnosed(robot, judging, pool)
-        row["found"] = dump_patch(patch)
-        before, row["ablation"] = ablated.result()
-        row["engine"] = {"nominal": believed, "before": before}
-        what = _rehearsal(robot, judging, judging.out / robot.folder)
-        told = rehearse(what, patch, judging.how, pool, turn)
-        after = told["played"].get("reality_after")
-        row |= {name: told[name] for name in ("cause", "costs", "adopted", "not_trained", "success", "lost")}
-        row["engine"] |= {"after": after, "adopted": after if told["adopted"] else before}
-        row["took_s"] = told["wall_s"]
+        without = beside.submit(_without, robot, judging, queue.ranked(ENGINE))
+        oracle = beside.submit(_oracle, robot, judging, begun, queue, turn) if judging.oracle else None
+        try:
+            patch, row["diagnosis"] = _diagnosed(robot, judging, queue.ranked(DOCTOR))
+            row["found"] = dump_patch(patch)
+            keep()
+            believed = nominal.result()[f"{robot.domain}_physx"]
+
+            def tell(told: dict) -> None:
+                row.update({name: told[name] for name in TOLD})
+                row["engine"] = {**row.get("engine", {}), "nominal": believed, "before": told["played"]["reality"]}
+                row["took_s"] = told["wall_s"]
+                keep()
+                begun.set()
+
+            what = _rehearsal(robot, judging, judging.out / robot.folder, queue, tell)
+            told = rehearse(what, patch, judging.how, queue.ranked(REHEARSAL), turn)
+            before, after = row["engine"]["before"], told["played"].get("reality_after")
+            row["engine"] |= {"after": after, "adopted": after if told["adopted"] else before}
+            keep()
+        finally:
+            begun.set()
+            if "engine" in row:  # also where training died
+                row["ablation"] = _ablation(robot, row["engine"], without.result())
+                keep()
         if oracle is not None:
-            row["engine"]["oracle"] = oracle.result()
+            row["engine"]["oracle"] = oracle.result() or row["engine"]["before"]
 
 
 def _diagnosed(robot: Robot, judging: Judging, pool: Executor) -> tuple[Patch, dict]:
@@ -141,12 +171,22 @@ def _diagnosed(robot: Robot, judging: Judging, pool: Executor) -> tuple[Patch, d
     if not told.exists():
         begun = time.monotonic()
         seed = 1000 * judging.seed + 10 * robot.number
-        log = pool.submit(recorded_arm, robot.patch, seed)
-        tasks = [pool.submit(recorded_task, robot.patch, seed + number) for number in range(SUITES)]
-        patch, said = pool.submit(diagnosis, log.result(), [task.result() for task in tasks]).result()
-        folder.mkdir(parents=True, exist_ok=True)
+        asked = [pool.submit(recorded_arm, robot.patch, seed)]
+        asked += [pool.submit(recorded_task, robot.patch, seed + number) for number in range(SUITES)]
+        recorded, refused = [], []
+        for future in asked:
+            try:
+                recorded.append(future.result())
+            except BrokenExecutor:
+                raise
+            except RuntimeError as error:  # the suite's guard ends it, as it would a lab's
+                recorded.append(None)
+                refused.append(str(error))
+        log, *tasks = recorded
+        patch, said = pool.submit(diagnosis, log, [task for task in tasks if task is not None]).result()
+        said |= {"not_recorded": refused, "took_s": round(time.monotonic() - begun, 1)}
         found.write_text(dump_patch(patch), encoding="utf-8")
-        told.write_text(json.dumps({**said, "took_s": round(time.monotonic() - begun, 1)}, indent=1), encoding="utf-8")
+        told.write_text(json.dumps(said, indent=1), encoding="utf-8")
     return load_patch(found), json.loads(told.read_text(encoding="utf-8"))
 
 
@@ -154,8 +194,9 @@ def _reality(robot: Robot) -> Cell:
     return Cell(robot.domain, "physx", text_of(robot.patch), seed=TASKS)
 
 
-def _rehearsal(robot: Robot, judging: Judging, folder: Path, shares: bool = True) -> Rehearsal:
-    """In a folder, in which episodes lie that others have played already: what is believed in is the same for all robots."""
+def _rehearsal(robot: Robot, judging: Judging, folder: Path, queue: Queue, tell=None) -> Rehearsal:
+    """In a folder, in which episodes lie that others have played already: what is believed in is the same for all robots. tell: None for the
+    oracle, which blames nobody."""
     (folder / "episodes").mkdir(parents=True, exist_ok=True)
     known = {
         "nominal": judging.out / "nominal" / f"{robot.domain}_mujoco.json",
@@ -165,33 +206,39 @@ def _rehearsal(robot: Robot, judging: Judging, folder: Path, shares: bool = True
         own = folder / "episodes" / f"{name}.json"
         if not own.exists() and there.exists():
             shutil.copyfile(there, own)
-    name = robot.folder if shares else f"{robot.folder} oracle"
     return Rehearsal(
         Cell(robot.domain, seed=TASKS),
         folder,
         _reality(robot),
         judging.episodes,
-        judging.share_episodes if shares else 0,
-        name=f"{name} ",
-        go_on=judging.check,
+        judging.share_episodes if tell else 0,
+        name=f"{robot.folder} " if tell else f"{robot.folder} oracle ",
+        beside=True,
+        tell=tell or (lambda told: None),
+        go_on=queue.check,
+        is_over=lambda: queue.is_over,
     )
 
 
-def _before(robot: Robot, judging: Judging, believed, pool: Executor) -> tuple[list[bool], dict[str, float]]:
-    """Success of the old policies in PhysX, and what each true effect costs there: success without it, less success with all."""
+def _without(robot: Robot, judging: Judging, pool: Executor) -> dict[str, list[bool]]:
+    """Success of the old policies in PhysX without each of the true effects, where there are several."""
     effects, reality = robot.patch.effects, _reality(robot)
     others = {e.effect: Patch(tuple(other for other in effects if other is not e)) for e in effects if len(effects) > 1}
     cells = {f"without_{name}": replace(reality, effects=text_of(patch)) for name, patch in others.items()}
     folder = judging.out / robot.folder / "episodes"
-    played = play_all({"reality": reality, **cells}, judging.episodes, folder, pool, f"{robot.folder} before")
-    before = played["reality"]
-    without = {name: played[f"without_{name}"] for name in others} or {effects[0].effect: believed}
-    return before, {name: (sum(each) - sum(before)) / len(before) for name, each in without.items()}
+    played = play_all(cells, judging.episodes, folder, pool, f"{robot.folder} without" if cells else "")
+    return {name: played[f"without_{name}"] for name in others}
 
 
-def _oracle(robot: Robot, judging: Judging, ablated: Future, pool: Executor, turn: Turns) -> list[bool]:
-    """Success in PhysX of policies that were trained on with the true effects, and kept by the same rule."""
-    before, _ = ablated.result()
-    what = _rehearsal(robot, judging, judging.out / robot.folder / "oracle", shares=False)
-    told = rehearse(what, robot.patch, judging.how, pool, partial(turn, last=True))
-    return [bool(success) for success in told["played"]["reality_after"]] if told["adopted"] else before
+def _ablation(robot: Robot, engine: dict, without: dict[str, list[bool]]) -> dict[str, float]:
+    """What each true effect costs in PhysX: success without it, less success with all."""
+    without = without or {robot.effects[0].effect: engine["nominal"]}
+    return {name: float(np.mean(each) - np.mean(engine["before"])) for name, each in without.items()}
+
+
+def _oracle(robot: Robot, judging: Judging, begun: Event, queue: Queue, turn: Turns) -> list[bool] | None:
+    """Success in PhysX of policies that were trained on with the true effects, and kept by the same rule; None where the old ones are."""
+    begun.wait()
+    what = _rehearsal(robot, judging, judging.out / robot.folder / "oracle", queue)
+    told = rehearse(what, robot.patch, judging.how, queue.ranked(REHEARSAL), partial(turn, last=True))
+    return [bool(success) for success in told["played"]["reality_after"]] if told["adopted"] else None

@@ -16,11 +16,12 @@ LEAST_LOSS = 0.05  # of success, below which there is nothing to return
 def figures(rows: Sequence[Mapping]) -> dict:
     """By name: value, of; None where no robot came so far."""
     judged = [row for row in rows if "ablation" in row and "costs" in row]
-    trained = [row for row in judged if row["engine"]["after"] is not None]
-    oracle = [row for row in judged if row["engine"].get("oracle")]
+    done = [row for row in judged if "adopted" in row["engine"]]  # others were not trained yet
+    trained = [row for row in done if row["engine"]["after"] is not None]
+    oracle = [row for row in done if row["engine"].get("oracle")]
     named = [named_top(row) for row in judged]
     pairs = [pair for row in judged for pair in cost_pairs(row)]
-    worse = [_gained(row["engine"]["adopted"], row) for row in judged]
+    worse = [_gained(row["engine"]["adopted"], row) for row in done]
     return {
         "top cause named": {
             "value": _mean(named),
@@ -29,7 +30,7 @@ def figures(rows: Sequence[Mapping]) -> dict:
         },
         "rank correlation of costs with ablation": _rank(pairs),
         "lost success that returns, median": _median(
-            [_returned(row, row["engine"]["adopted"]) for row in judged if _loss(row) > LEAST_LOSS]
+            [_returned(row, row["engine"]["adopted"]) for row in done if _loss(row) > LEAST_LOSS]
         ),
         "of the oracle's, median": _median(
             [

@@ -4,7 +4,8 @@
     python -m np_blind.robot_matrix --key runs/blind/robots_12_31.json --set runs/blind/robots_12_31 --policies runs/policies --jobs 32
 
 --prepare takes the weights of `data/policies.yaml` out of the history; where there is no history, its folder is enough. --set: the folder of
-`robot_set`, whose diagnoses are the patches. A cell is a file, and is not played again. The last line printed is one JSON object.
+`robot_set`, whose diagnoses are the patches. A cell is a file, and is not played again; --within ends a call in time, with the robots that are
+finished. The last line printed is one JSON object.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
@@ -25,7 +28,8 @@ import yaml
 from np_blind.robot_answering import TASKS
 from np_blind.robot_cases import Robot, read_key
 from np_blind.robot_figures import mmrv, pearson
-from np_bringup.rehearsal.playing import Cell, play_all, text_of
+from np_blind.robot_queue import AT_ONCE, ENGINE, Queue, TimeOver
+from np_bringup.rehearsal.playing import Cell, Kept, play_all, text_of
 from np_description.released import WeightsError
 from np_description.weights_header import read_metadata
 from np_effects.patch import load_patch
@@ -49,6 +53,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--key", type=Path, help="of the robots")
     parser.add_argument("--set", type=Path, help="folder of robot_set")
     parser.add_argument("--episodes", type=int, default=50, help="of every cell (default: %(default)s)")
+    parser.add_argument("--within", type=float, default=float("inf"), help="s after which no episode is begun")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--cluster", default="", help=HELP)
     parser.add_argument("--out", type=Path, default=Path("runs/blind/matrix"))
@@ -116,26 +121,25 @@ def figures(table: Sequence[Mapping]) -> dict:
 
 
 def play(options: argparse.Namespace) -> dict:
-    """Every cell, and what they say."""
+    """Every cell, and what they say of the robots that are finished. Raises OSError where none is."""
     robots = [r for r in read_key(options.key) if (options.set / r.folder / "patch.yaml").exists()]
-    if not robots:
-        raise OSError(f"{options.set}: expected robots with a patch.yaml, there are none")
     cells = cells_of(robots, options.set, options.policies)
-    with workers(options.jobs, options.cluster) as pool:
-        played = play_all(cells, options.episodes, options.out, pool, "matrix")
-    rate = {name: float(np.mean(success)) for name, success in played.items()}
-    table = [
-        {
-            "robot": robot.number,
-            "domain": robot.domain,
-            "policy": place.name,
-            "nominal": rate[f"nominal_{robot.domain}_{place.name}"],
-            "patched": rate[f"patched_{robot.number}_{place.name}"],
-            "engine": rate[f"engine_{robot.number}_{place.name}"],
-        }
-        for robot in robots
-        for place in sorted((options.policies / robot.domain).iterdir())
-    ]
+    until = time.time() + options.within
+    with suppress(TimeOver), workers(options.jobs, options.cluster) as pool:
+        queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, until)
+        play_all(cells, options.episodes, options.out, queue.ranked(ENGINE), "matrix")
+    kept = Kept(options.out, cells)
+    rate = {
+        name: float(np.mean(kept.of(name, options.episodes)))
+        for name in cells
+        if not kept.missing(name, options.episodes)
+    }
+    table = []
+    for robot in robots:
+        rows = [_row(robot, place, rate) for place in sorted((options.policies / robot.domain).iterdir())]
+        table += rows if all(rows) else []
+    if not table:
+        raise OSError(f"{options.set}: expected robots with a patch.yaml, and time to play them, got {len(robots)}")
     command = f"python -m np_blind.robot_matrix --key KEY --set SET --policies POLICIES --episodes {options.episodes}"
     date = datetime.now(UTC).strftime("%Y-%m-%d")
     found = {"date": date, "command": command, "episodes": options.episodes, "figures": figures(table), "table": table}
@@ -143,6 +147,19 @@ def play(options: argparse.Namespace) -> dict:
     results.parent.mkdir(parents=True, exist_ok=True)
     results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return {**found["figures"], "results": str(results)}
+
+
+def _row(robot: Robot, place: Path, rate: Mapping[str, float]) -> dict | None:
+    """Success of a policy on a robot by side; None where one is not known."""
+    names = {
+        "nominal": f"nominal_{robot.domain}_{place.name}",
+        "patched": f"patched_{robot.number}_{place.name}",
+        "engine": f"engine_{robot.number}_{place.name}",
+    }
+    if any(name not in rate for name in names.values()):
+        return None
+    about = {"robot": robot.number, "domain": robot.domain, "policy": place.name}
+    return about | {side: rate[name] for side, name in names.items()}
 
 
 def main(arguments: list[str] | None = None) -> int:

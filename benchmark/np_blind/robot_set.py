@@ -14,12 +14,14 @@ import json
 import os
 import sys
 import time
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
 from np_blind.robot_answering import Judging, Turns, answered, settle_all
 from np_blind.robot_cases import SET, make_key, read_key
 from np_blind.robot_figures import figures
+from np_blind.robot_queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_blind.robot_sizes import find_robots
 from np_blind.sealed import KEYS, SealError, check, check_doctor, digest, put_down
 from np_bringup.rehearsal.learning import Learning, gpus
@@ -47,7 +49,12 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--each-gpu", type=int, default=1, help="trainings at a time on a GPU")
     parser.add_argument("--no-oracle", dest="oracle", action="store_false", help="no training with the true effects")
     parser.add_argument("--answered", action="store_true", help="figures of the rows that are there, and do no more")
-    parser.add_argument("--within", type=float, default=float("inf"), help="s after which no stage is begun")
+    parser.add_argument(
+        "--within",
+        type=float,
+        default=float("inf"),
+        help="s after which nothing is begun and no training goes on: the same command does the rest",
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes that play episodes")
     parser.add_argument("--cluster", default="", help=HELP)
     parser.add_argument("--key", type=Path, help="default: OUT/../robots_ROBOTS_SEED.json")
@@ -63,13 +70,18 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 def seal(options: argparse.Namespace) -> dict:
     """Find the robots and put down the hash of their key, of a development set nowhere."""
+    played = options.out.with_name(f"{options.out.name}_sizes")
+    until = time.time() + options.within
     with workers(options.jobs, options.cluster) as pool:
-        robots = find_robots(options.robots, options.seed, pool, options.pairs)
+        queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, until)
+        robots, not_found = find_robots(options.robots, options.seed, queue.ranked(ENGINE), options.pairs, played)
+    if not robots:
+        raise ValueError("; ".join(not_found))
     key = make_key(robots, options.seed)
     options.key.parent.mkdir(parents=True, exist_ok=True)
     options.key.write_text(key, encoding="utf-8")
     found = put_down(key) if options.seed >= LOCKED_FROM else digest(key)
-    return {"key": str(options.key), "sha256": found, "keys": str(KEYS), "robots": len(robots)}
+    return {"key": str(options.key), "sha256": found, "keys": str(KEYS), "robots": len(robots), "not_found": not_found}
 
 
 def judge(options: argparse.Namespace) -> dict:
@@ -88,14 +100,17 @@ def judge(options: argparse.Namespace) -> dict:
         options.share_episodes,
         Learning(options.minutes, there[0] if there else None, options=tuple(options.train)),
         options.oracle,
-        time.time() + options.within,
     )
+    until = time.time() + options.within
     begun = time.monotonic()
     if options.answered:
         rows = answered(robots, judging)
     else:
-        with workers(options.jobs, options.cluster) as pool:
-            rows = settle_all(robots, judging, pool, Turns(there, options.each_gpu))
+        rows = []
+        with suppress(TimeOver), workers(options.jobs, options.cluster) as pool:
+            queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, until)
+            rows = settle_all(robots, judging, queue, Turns(there, options.each_gpu))
+            queue.check()  # ends what is under way
     found = {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "command": _command(options),

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
 
 from np_blind.robot_cases import DOMAINS, LOSS, Robot, drawn
-from np_bringup.rehearsal.playing import CHUNK, Cell, play, text_of
+from np_bringup.rehearsal.playing import Cell, play_all, text_of
 from np_effects.patch import Patch
 from np_record.command import Progress
 
@@ -19,22 +21,21 @@ ATTEMPTS = 10
 
 
 class Measured:
-    """Success in PhysX, of `episodes` tasks, by domain and patch; what was played is not played again."""
+    """Success in PhysX, of `episodes` tasks, by domain and patch; what was played is kept in `folder`, and not played again."""
 
-    def __init__(self, pool: Executor, episodes: int):
-        self._pool, self.episodes = pool, episodes
-        self._nominal = {domain: self._ask(domain, Patch()) for domain in DOMAINS}
+    def __init__(self, pool: Executor, episodes: int, folder: Path):
+        self._pool, self._folder, self.episodes = pool, folder, episodes
+        self._nominal = self._success({domain: Cell(domain, "physx", seed=TASKS) for domain in DOMAINS})
 
-    def _ask(self, domain: str, patch: Patch):
-        cell = Cell(domain, "physx", text_of(patch), seed=TASKS)
-        numbers = range(self.episodes)
-        return [self._pool.submit(play, cell, numbers[k : k + CHUNK]) for k in range(0, self.episodes, CHUNK)]
+    def _success(self, cells: dict[str, Cell]) -> dict[str, list[bool]]:
+        return play_all(cells, self.episodes, self._folder, self._pool, "")
 
     def loss(self, domain: str, patch: Patch) -> float:
         """Of success, episode by episode."""
-        asked = self._ask(domain, patch)
-        nominal, own = ([s for part in parts for s in part.result()] for parts in (self._nominal[domain], asked))
-        return float(np.mean(nominal) - np.mean(own))
+        text = text_of(patch)
+        name = f"{domain}_{sha256(text.encode()).hexdigest()[:16]}"
+        (own,) = self._success({name: Cell(domain, "physx", text, seed=TASKS)}).values()
+        return float(np.mean(self._nominal[domain]) - np.mean(own))
 
 
 def find_robot(number: int, seed: int, loss: Callable[[str, Patch], float], episodes: int) -> Robot:
@@ -58,14 +59,17 @@ def find_robot(number: int, seed: int, loss: Callable[[str, Patch], float], epis
     )
 
 
-def find_robots(count: int, seed: int, pool: Executor, episodes: int) -> list[Robot]:
-    """The robots of a set, all of them searched for at once."""
-    measured, progress = Measured(pool, episodes), Progress(count, "robots")
+def find_robots(count: int, seed: int, pool: Executor, episodes: int, folder: Path) -> tuple[list[Robot], list[str]]:
+    """The robots of a set, all of them searched for at once, and why others were not found. folder: of what is played."""
+    measured, progress = Measured(pool, episodes, folder), Progress(count, "robots")
     progress.show(0)
-    with ThreadPoolExecutor(count) as threads:
+    threads = ThreadPoolExecutor(count)
+    try:
         asked = [threads.submit(find_robot, n, seed, measured.loss, episodes) for n in range(count)]
-        found = []
-        for future in asked:
-            found.append(future.result())
-            progress.show(len(found))
-    return found
+        for number, _ in enumerate(as_completed(asked), 1):
+            progress.show(number)
+    finally:
+        threads.shutdown(wait=False, cancel_futures=True)
+    errors = [future.exception() for future in asked]
+    found = [future.result() for future, error in zip(asked, errors) if error is None]
+    return found, [str(error) or f"robot {n}: the time was over" for n, error in enumerate(errors) if error is not None]

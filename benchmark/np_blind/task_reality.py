@@ -66,12 +66,18 @@ class Reality:
         self._witness = Witness(domain)
         self._note()
 
-    def run(self, only: tuple[str, ...] = ()) -> TaskRecording:
-        """The suite, or some of its families, and what was recorded of it: up to where the object has left the picture."""
+    def run(self, only: tuple[str, ...] = (), is_cut: bool = False) -> TaskRecording:
+        """The suite, or some of its families, and what was recorded of it: up to where the object has left the picture. is_cut: up to where the
+        suite's guard ends it, too, which raises RuntimeError else."""
         plans = task_suite(self.domain, self._situation(), only)
         plan = next(plans)
         while plan is not None:
-            self._lead(plan)
+            try:
+                self._lead(plan)
+            except RuntimeError:
+                if not is_cut:
+                    raise
+                break
             try:
                 plan = plans.send(self._situation())
             except (StopIteration, OutOfPicture):

@@ -32,6 +32,9 @@ def parse() -> argparse.Namespace:
         "--stage", type=int, help=f"of the curriculum, at which what is resumed begins again (0 to {STAGES})"
     )
     parser.add_argument("--minutes", type=float, default=20.0)
+    parser.add_argument(
+        "--from-first", action="store_true", help="count minutes from the end of the first iteration, which compiles"
+    )
     parser.add_argument("--iterations", type=int, default=10**9)
     parser.add_argument("--save-every", type=float, default=120.0, help="seconds between checkpoints")
     parser.add_argument(

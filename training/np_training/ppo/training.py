@@ -133,6 +133,7 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
     torch.backends.cuda.matmul.allow_tf32 = True
     trainer = make_trainer(arguments, device)
     distributed.check_same(trainer.networks)
+    counted = begin
     first, checkpoint, row = distributed.rank() == 0, arguments.out / CHECKPOINT, {}
     if first:
         arguments.out.mkdir(parents=True, exist_ok=True)
@@ -147,7 +148,9 @@ def run(arguments: argparse.Namespace, device: str) -> dict:
         row = trainer.iterate()
         now = time.monotonic()
         trainer.seconds += now - started
-        left = min(arguments.minutes * 60 - (now - begin), (arguments.iterations - number) * (now - started))
+        if number == 1 and arguments.from_first:
+            counted = now
+        left = min(arguments.minutes * 60 - (now - counted), (arguments.iterations - number) * (now - started))
         if first:
             row |= {
                 "steps_per_second": (trainer.steps - before) / (now - started),

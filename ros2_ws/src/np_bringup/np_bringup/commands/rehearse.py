@@ -77,9 +77,16 @@ def main(arguments: list[str] | None = None) -> int:
             seed=options.seed,
             contacts=options.contacts,
         )
-        what = Rehearsal(robot, out, _reality(robot, options.reality), options.episodes, options.share_episodes)
         patch = load_patch(options.patch) if options.patch else diagnosed(options.bags, out)
         there = gpus()
+        what = Rehearsal(
+            robot,
+            out,
+            _reality(robot, options.reality),
+            options.episodes,
+            options.share_episodes,
+            beside=bool(there),  # where there is no GPU the cores play first
+        )
         how = Learning(options.minutes, there[0] if there else None, options.seed, tuple(options.train))
         os.environ.update(SINGLE_THREAD)  # of the processes that are started: each has a core
         with workers(options.jobs) as pool:

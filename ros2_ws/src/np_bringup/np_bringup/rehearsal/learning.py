@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,16 +23,27 @@ from np_ros.parent import end_with_parent
 
 ON_CPU = ("--device", "cpu", "--worlds", "128")
 DISTIL_SHARE = 0.25  # of the time for training; the student is taught on from the one that is there
+START = 45.0  # s that both take besides; where no kernels are kept yet a minute more
+SAVE_EVERY = "30"  # s between checkpoints, with which a training that is killed goes on
+
+
+class Ended(OSError):
+    """Training was ended from outside; what it has saved is gone on from."""
 
 
 @dataclass(frozen=True)
 class Learning:
-    """minutes: of training; gpu: its number, None for the CPU; seed; options: further ones of np_training.train."""
+    """minutes: of training, from its first update on; gpu: its number, None for the CPU; seed; options: further ones of np_training.train."""
 
     minutes: float
     gpu: int | None = None
     seed: int = 0
     options: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """How long training and distillation take."""
+        return START + 60 * self.minutes * (1 + DISTIL_SHARE)
 
 
 def carried(patch: Patch) -> tuple[Patch, list[str]]:
@@ -42,12 +53,19 @@ def carried(patch: Patch) -> tuple[Patch, list[str]]:
     return Patch(tuple(kept)), left
 
 
-def learn(domain: str, patch: Patch, out: Path, how: Learning, weights: str = "") -> dict:
+def learn(
+    domain: str,
+    patch: Patch,
+    out: Path,
+    how: Learning,
+    weights: str = "",
+    is_over: Callable[[], bool] = lambda: False,
+) -> dict:
     """Train on and distil into out/weights, beside which old weights stay as they are; what the last lines of both said. out/weights_old_student
     has the new policy behind the old student, whose contacts are those that the planner expects where the camera is off.
 
-    Done once out/learned.json is there. Raises OSError, with the last words, where training ends with an error or there is no
-    checkpoint to go on from.
+    Done once out/learned.json is there. is_over: asked every second whether it shall end at once. Raises OSError, with the last words, where
+    training ends with an error or there is no checkpoint to go on from, and Ended.
     """
     done = out / "learned.json"
     if done.exists():
@@ -60,24 +78,21 @@ def learn(domain: str, patch: Patch, out: Path, how: Learning, weights: str = ""
     out.mkdir(parents=True, exist_ok=True)
     effects = out / "patch.yaml"
     effects.write_text(dump_patch(patch), encoding="utf-8")
-    hard = find_domain(domain).contact.name == HARD.name
-    where = ON_CPU if how.gpu is None else ()
     run = out / "training"
     train = [
-        "np_training.train", "--domain", domain, "--out", str(run), "--effects", str(effects),
-        "--minutes", f"{how.minutes:g}", "--seed", str(how.seed), "--show-every", "10",
-        *(("--conditions", "robust") if hard else ()), *where, *how.options,
+        *_training(domain, how), "--out", str(run), "--effects", str(effects),
+        "--minutes", f"{how.minutes:g}", "--from-first", "--show-every", "10", "--save-every", SAVE_EVERY,
     ]  # fmt: skip
     if not (run / "checkpoint.pt").exists():  # else it goes on with what was begun
         train += ["--resume", str(checkpoint)]
-    said = _run(train, out / "train.log", 60 * how.minutes, "train", how.gpu)
+    said = _run(train, out / "train.log", 60 * how.minutes, "train", how.gpu, is_over)
     distil = [
         "np_training.distill", "--checkpoint", str(run / "checkpoint.pt"), "--out", str(run), "--effects", str(effects),
         "--minutes", f"{DISTIL_SHARE * how.minutes:g}", "--seed", str(how.seed),
         "--begin", str(folder / f"{PRE_CONTACT}_{domain}.safetensors"), "--weights", str(out / "weights"),
         *(("--device", "cpu", "--batch", "512") if how.gpu is None else ()),
     ]  # fmt: skip
-    student = _run(distil, out / "distil.log", 60 * DISTIL_SHARE * how.minutes, "distil", how.gpu)
+    student = _run(distil, out / "distil.log", 60 * DISTIL_SHARE * how.minutes, "distil", how.gpu, is_over)
     mixed = out / "weights_old_student"
     mixed.mkdir(exist_ok=True)
     for place, kind in ((folder, PRE_CONTACT), (out / "weights", POST_CONTACT)):
@@ -94,8 +109,34 @@ def learn(domain: str, patch: Patch, out: Path, how: Learning, weights: str = ""
     return found
 
 
-def _run(arguments: Sequence[str], log: Path, seconds: float, what: str, gpu: int | None) -> dict:
-    """Run a module until it ends, about `seconds`; its last line, which is JSON. Raises OSError with its last words."""
+def _training(domain: str, how: Learning) -> list[str]:
+    """What trains in the domain's contacts, with all that is randomised for those."""
+    hard = find_domain(domain).contact.name == HARD.name
+    where = ON_CPU if how.gpu is None else ()
+    robust = ("--conditions", "robust") if hard else ()
+    return ["np_training.train", "--domain", domain, "--seed", str(how.seed), *robust, *where, *how.options]
+
+
+def warm(domain: str, out: Path, how: Learning, is_over: Callable[[], bool] = lambda: False) -> None:
+    """Have the kernels of a domain's training compiled, by one iteration of it in `out`: those that begin together later find them kept. What
+    goes wrong is said, and costs no more than the time."""
+    out.mkdir(parents=True, exist_ok=True)
+    train = [*_training(domain, how), "--out", str(out), "--iterations", "1"]
+    try:
+        _run(train, out / "train.log", START, f"kernels, {domain}", how.gpu, is_over)
+    except OSError as error:
+        print(error, file=sys.stderr)
+
+
+def _run(
+    arguments: Sequence[str],
+    log: Path,
+    seconds: float,
+    what: str,
+    gpu: int | None,
+    is_over: Callable[[], bool] = lambda: False,
+) -> dict:
+    """Run a module until it ends, about `seconds`; its last line, which is JSON. Raises OSError with its last words, and Ended."""
     environment = dict(os.environ)
     if gpu is not None:
         environment["CUDA_VISIBLE_DEVICES"] = str(gpu)
@@ -111,6 +152,8 @@ def _run(arguments: Sequence[str], log: Path, seconds: float, what: str, gpu: in
         ) as process:
             try:
                 while process.poll() is None:
+                    if is_over():
+                        raise Ended(f"{arguments[0]} was ended ({log})")
                     progress.show(min(round(time.monotonic() - begun), round(seconds) - 1))
                     try:
                         process.wait(1.0)
@@ -125,7 +168,18 @@ def _run(arguments: Sequence[str], log: Path, seconds: float, what: str, gpu: in
             f"{' '.join(arguments[:1])} ended with status {process.returncode}: {words[-1] if words else ''} ({log})"
         )
     progress.show(max(1, round(seconds)), "done")
-    return json.loads(words[-1])
+    return _last_told(words, log)
+
+
+def _last_told(words: Sequence[str], log: Path) -> dict:
+    """The last line that is a JSON object: libraries have their last words after it. Raises OSError where there is none."""
+    for line in reversed(words):
+        if line.startswith("{"):
+            try:
+                return json.loads(line)
+            except ValueError:
+                continue
+    raise OSError(f"{log}: expected a line of JSON, there is none")
 
 
 def gpus() -> list[int]:

@@ -16,7 +16,7 @@ from np_description.objects.choice import DEFAULT
 from np_effects.patch import Patch, PatchEffect, dump_patch
 from np_record.command import Progress
 
-CHUNK = 5  # episodes that a process plays at a time: 5 to 20 s
+CHUNK = 2  # episodes that a process plays at a time, 1 to 10 s: another robot costs it .01 s, and the last ones wait for few
 """Of processes of which each has a core."""
 
 
@@ -120,20 +120,28 @@ class Kept:
 def play_all(
     cells: Mapping[str, Cell], episodes: int, folder: Path, pool: Executor, what: str = "episodes"
 ) -> dict[str, list[bool]]:
-    """Success of episodes 0 to `episodes` of each cell by its name, those of `folder` among them."""
+    """Success of episodes 0 to `episodes` of each cell by its name, those of `folder` among them. what: of the progress shown, "" for none.
+    Where one raises, the others are played and kept before that is raised."""
     kept = Kept(folder, cells)
     missing = {name: kept.missing(name, episodes) for name in cells}
     total = len(cells) * episodes
     progress, done = Progress(total, what), total - sum(map(len, missing.values()))
-    progress.show(done)
-    asked = {}
+    show = progress.show if what else lambda done, text="": None
+    show(done)
+    asked, failed = {}, None
     for name, numbers in missing.items():
         for begin in range(0, len(numbers), CHUNK):
             chunk = numbers[begin : begin + CHUNK]
             asked[pool.submit(play, cells[name], chunk)] = name, chunk
     for future in as_completed(asked):
         name, chunk = asked[future]
-        kept.add(name, chunk, future.result())
+        try:
+            kept.add(name, chunk, future.result())
+        except Exception as error:
+            failed = failed or error
+            continue
         done += len(chunk)
-        progress.show(done, name)
+        show(done, name)
+    if failed is not None:
+        raise failed
     return {name: kept.of(name, episodes) for name in cells}

@@ -3,7 +3,7 @@
 patch.yaml        what the doctor found                                  (`diagnosed`)
 episodes/*.json   success, episode by episode, by cell
 learned.json      training and distillation; weights/ has both policies  (learning.learn)
-rehearsal.json    all of it                                              (`rehearse`)
+rehearsal.json    all of it, of what is known so far                     (`rehearse`)
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 
@@ -34,9 +35,14 @@ Turn = Callable[[], AbstractContextManager[int | None]]
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """What is rehearsed. robot: the nominal one in the simulator, with the policies that are there; reality: what it is judged by besides,
-    None where that is the lab; episodes: of every figure; share_episodes: of every subset of effects, 0: nobody is blamed; out: folder of all results; name: in front of
-    what progress says; go_on: called before every stage, and raises where none is to be begun."""
+    """What is rehearsed.
+
+    robot: the nominal one in the simulator, with the policies that are there; reality: what it is judged by besides, None where that is the
+    lab; episodes: of every figure; share_episodes: of every subset of effects, 0: nobody is blamed; out: folder of all results; name: in front
+    of what progress says; beside: training begins at once, while episodes are played; tell: hears what is known after every stage; go_on:
+    called before every stage with the seconds that it takes at least, and raises where it is not to be begun; is_over: asked while
+    training whether it shall end.
+    """
 
     robot: Cell
     out: Path
@@ -44,11 +50,14 @@ class Rehearsal:
     episodes: int = 100
     share_episodes: int = 50
     name: str = ""
-    go_on: Callable[[], None] = lambda: None
+    beside: bool = False
+    tell: Callable[[dict], None] = lambda told: None
+    go_on: Callable[[float], None] = lambda seconds: None
+    is_over: Callable[[], bool] = lambda: False
 
     def play(self, cells: dict[str, Cell], episodes: int, what: str, pool: Executor) -> dict[str, list[bool]]:
         """Success of cells, kept in `out`."""
-        self.go_on()
+        self.go_on(0.0)
         return play_all(cells, episodes, self.out / "episodes", pool, self.name + what)
 
     def patched(self, patch: Patch, weights: str | None = None) -> Cell:
@@ -91,26 +100,56 @@ def _asked(doctor: str, bags: Sequence[str], out: Path, options: Sequence[str] =
 
 
 def rehearse(what: Rehearsal, patch: Patch, how: Learning, pool: Executor, turn: Turn | None = None) -> dict:
-    """From a patch to recovered success; what is told, which out/rehearsal.json keeps. turn: who trains when; None: at once, where `how` says."""
-    begun, out = time.monotonic(), what.out
-    blamed = parts(patch)
-    cells = {"nominal": what.robot, "patched": what.patched(patch)}
-    if what.reality is not None:
-        cells["reality"] = what.reality
-    played = what.play(cells, what.episodes, "success before", pool)
-    costs = _costs(what, blamed, played, pool) if patch.effects and what.share_episodes else {}
+    """From a patch to recovered success; what is told, which out/rehearsal.json keeps, also where it ends early. turn: who trains when; None: at
+    once, where `how` says."""
+    begun = time.monotonic()
     trained_with, left_out = carried(patch)
-    learned, after = None, {}
-    if trained_with.effects:
-        with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
-            what.go_on()
-            learned = learn(what.robot.domain, trained_with, out, replace(how, gpu=gpu), what.robot.weights)
-        after = _chosen(what, patch, learned, pool)
-    told = _told(what, patch, played, after, costs, learned, left_out)
-    told["wall_s"] = round(time.monotonic() - begun, 1)
-    told["played"] = {name: [int(success) for success in each] for name, each in {**played, **after}.items()}
-    (out / "rehearsal.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+
+    def say(played: dict, costs: dict, learned: dict | None, after: dict) -> dict:
+        told = _told(what, patch, played, after, costs, learned, left_out)
+        told["wall_s"] = round(time.monotonic() - begun, 1)
+        told["played"] = {name: [int(success) for success in each] for name, each in {**played, **after}.items()}
+        (what.out / "rehearsal.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        what.tell(told)
+        return told
+
+    with _begun(what, trained_with, how, turn) as learning:
+        cells = {"nominal": what.robot, "patched": what.patched(patch)}
+        if what.reality is not None:
+            cells["reality"] = what.reality
+        played = what.play(cells, what.episodes, "success before", pool)
+        costs = _costs(what, parts(patch), played, pool) if patch.effects and what.share_episodes else {}
+        told = say(played, costs, None, {})
+        if trained_with.effects:
+            learned = learning()
+            told = say(played, costs, learned, _chosen(what, patch, learned, pool))
     return told
+
+
+@contextmanager
+def _begun(what: Rehearsal, patch: Patch, how: Learning, turn: Turn | None) -> Iterator[Callable[[], dict]]:
+    """Waits for what training comes to, which is begun at once or then. Where this is interrupted training is too; where anything else is raised
+    it is done to its end, and kept."""
+    interrupted = Event()
+
+    def train() -> dict:
+        with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
+            what.go_on(how.seconds)
+            weights, is_over = what.robot.weights, lambda: interrupted.is_set() or what.is_over()
+            return learn(what.robot.domain, patch, what.out, replace(how, gpu=gpu), weights, is_over)
+
+    if not (what.beside and patch.effects):
+        yield train
+        return
+    with ThreadPoolExecutor(1) as thread:
+        learning = thread.submit(train)
+        try:
+            yield learning.result
+        except Exception:
+            raise
+        except BaseException:
+            interrupted.set()
+            raise
 
 
 def _chosen(what: Rehearsal, patch: Patch, learned: dict, pool: Executor) -> dict[str, list[bool]]:

@@ -1,0 +1,325 @@
+"""The loop around withheld robots, with stand-ins for PhysX, for what is recorded and for training."""
+
+import threading
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import yaml
+from rehearsing import BOTH, FRICTION, WEIGHTS, Here, losing
+
+from np_blind.robot_queue import DOCTOR, ENGINE, Queue, TimeOver
+from np_bringup.rehearsal import playing, stages
+from np_bringup.rehearsal.learning import Learning
+from np_bringup.rehearsal.playing import text_of
+from np_effects.patch import Patch
+
+
+def test_what_is_drawn_is_of_the_seed_and_grows_with_its_size():
+    from np_blind.robot_cases import ORDER, drawn
+
+    for number in range(len(ORDER)):
+        domain, of_size = drawn(number, 5, 0)
+        assert domain == ("bump" if "object" in ORDER[number] else ("wall", "bump")[number % 2])
+        assert of_size(0.5) == drawn(number, 5, 0)[1](0.5)
+        small, large = (of_size(size).effects for size in (0.2, 0.9))
+        assert len(small) == len(ORDER[number].split())
+        for one, other in zip(small, large):
+            reach = [max(map(abs, e.parameters.values())) for e in (one, other)]
+            assert 0 < reach[0] < reach[1]
+        text_of(of_size(1.0)) and yaml.safe_load(text_of(of_size(1.0)))
+
+
+def test_all_that_is_drawn_is_physical(tmp_path):
+    from np_blind.robot_cases import drawn
+    from np_effects.patch import load_patch
+
+    for seed in range(6):
+        for number in range(12):
+            file = tmp_path / "patch.yaml"
+            file.write_text(text_of(drawn(number, seed, 0)[1](1.0)))
+            assert load_patch(file).effects
+
+
+def test_a_size_is_found_that_loses_enough():
+    from np_blind.robot_cases import drawn
+    from np_blind.robot_sizes import MIDDLE, find_robot
+
+    def loss(domain, patch):
+        values = [abs(v) for e in patch.effects for v in e.parameters.values()]
+        return 0.0 if patch.effects[0].effect == first else min(1.0, sum(values) / whole)
+
+    first = drawn(3, 5, 0)[1](1.0).effects[0].effect
+    whole = 0.5
+    robot = find_robot(3, 5, loss, 32)
+    assert MIDDLE[0] <= robot.loss <= MIDDLE[1] and robot.effects[0].effect != first
+
+
+def test_figures_of_robots():
+    from np_blind.robot_figures import figures, mmrv, pearson
+
+    def row(before, adopted, oracle, cause, costs, ablation):
+        engine = {
+            "nominal": [1] * 10,
+            "before": [1] * before + [0] * (10 - before),
+            "after": [1] * adopted + [0] * (10 - adopted),
+            "adopted": [1] * adopted + [0] * (10 - adopted),
+            "oracle": [1] * oracle + [0] * (10 - oracle),
+        }
+        costs = {name: {"value": value} for name, value in costs.items()}
+        return {"engine": engine, "cause": cause, "costs": costs, "ablation": ablation, "adopted": True}
+
+    rows = [
+        row(6, 9, 10, "a at x", {"a at x": 0.3, "b": 0.1}, {"a": 0.3, "b": 0.2}),
+        row(7, 6, 9, "b", {"b": 0.2}, {"c": 0.25}),
+        {"error": "the time was over"},
+    ]
+    found = figures(rows)
+    assert found["top cause named"]["value"] == 0.5 and found["worse than before"] == {"value": 1, "of": 2}
+    assert found["lost success that returns, median"]["each"] == [0.75, -0.333]
+    assert found["of the oracle's, median"]["each"] == [0.75, -0.5]
+    assert found["rank correlation of costs with ablation"]["of"] == 3 and found["not finished"]["value"] == 1
+    assert pearson([0.1, 0.5, 0.9], [0.2, 0.4, 0.6]) == pytest.approx(1.0)
+    assert mmrv([0.1, 0.5, 0.9], [0.2, 0.4, 0.6]) == 0.0
+    assert mmrv([0.5, 0.1, 0.9], [0.2, 0.4, 0.6]) == pytest.approx((0.2 + 0.2) / 3)
+
+
+def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
+    from np_blind import robot_answering
+    from np_blind.robot_cases import Robot
+
+    monkeypatch.setattr(playing, "play", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
+    asked = []
+
+    def diagnosis(log, tasks):
+        asked.append(tasks)
+        return log, {"arm": "identified"}
+
+    def learn(domain, patch, out, how, *rest):
+        out.mkdir(parents=True, exist_ok=True)
+        return {**WEIGHTS, "device": "cpu", "train": {"wall_s": 1.0}}
+
+    monkeypatch.setattr("np_blind.robot_recording.recorded_arm", lambda patch, seed: patch)
+    monkeypatch.setattr("np_blind.robot_recording.recorded_task", lambda patch, seed: seed)
+    monkeypatch.setattr("np_blind.robot_recording.diagnosis", diagnosis)
+    monkeypatch.setattr(stages, "learn", learn)
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0))
+    robots = [Robot(0, "wall", BOTH.effects, 0.3, 32)]
+    for _ in range(2):
+        (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+    assert "error" not in row, row["error"]
+    assert asked == [[1000, 1001]]
+    assert row["ablation"] == pytest.approx({"coulomb_friction": 0.2, "gripper_friction": 0.1})
+    assert sum(row["engine"]["oracle"]) == sum(row["engine"]["adopted"]) == 9
+    assert robot_answering.answered(robots, judging) == [row]
+
+
+def test_no_stage_is_begun_when_the_time_is_over(tmp_path, monkeypatch):
+    from np_blind import robot_answering
+    from np_blind.robot_cases import Robot
+
+    monkeypatch.setattr(playing, "play", losing({}))
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0))
+    robots = [Robot(0, "wall", BOTH.effects, 0.3, 32)]
+    (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1, until=0.0), robot_answering.Turns([]))
+    assert row["error"] == "the time was over"
+
+
+def test_a_recording_is_what_the_doctor_reads():
+    from np_blind.robot_recording import record_arm
+    from np_diagnosis.arm.model import panda
+    from np_diagnosis.checks.plausibility import check
+    from np_sim_bridge.mujoco_engine import MujocoEngine
+
+    log = record_arm(Patch((FRICTION,)), 3, MujocoEngine, ("sweep_4",))
+    check(log, panda())
+    assert 20 < log.duration < 24 and log.phases[0][1].experiment == "sweep_4" and log.commands.has_law
+    assert np.abs(log.commands.target[:, 3] - log.position[:, 3]).max() > 1e-3
+
+
+def test_policies_of_a_matrix_are_ranked_within_a_robot():
+    from np_blind.robot_matrix import figures
+
+    rows = [(0, 0.9, 0.5, 0.5), (0, 1.0, 0.3, 0.3), (1, 0.9, 0.8, 0.8), (1, 1.0, 0.9, 0.9)]
+    table = [dict(zip(("robot", "nominal", "patched", "engine"), row)) for row in rows]
+    found = figures(table)
+    assert found["patched"] == pytest.approx({"r": 1.0, "mmrv": 0.0, "mean_absolute_error": 0.0})
+    assert found["nominal"]["mmrv"] == pytest.approx(0.1) and found["cells"] == 4
+
+
+def test_who_may_be_last_lets_others_go_first():
+    from np_blind.robot_answering import Turns
+
+    turns, order = Turns([0]), []
+
+    def train(name, last):
+        with turns(last) as gpu:
+            order.append((name, gpu))
+
+    with ThreadPoolExecutor(2) as threads:
+        with turns() as gpu:
+            assert gpu == 0
+            threads.submit(train, "oracle", True)
+            threads.submit(train, "own", False)
+            with turns._changed:
+                assert turns._changed.wait_for(lambda: turns._first, 10)  # it waits
+            order.append("free")
+    assert order == ["free", ("own", 0), ("oracle", 0)]
+
+
+def test_pages_of_results_say_what_came_of_every_robot():
+    from pages.robots import matrix, robots
+
+    engine = {"nominal": [1] * 10, "before": [1, 0] * 5, "after": [1] * 9 + [0], "adopted": [1] * 9 + [0]}
+    done = {
+        "robot": 0,
+        "domain": "wall",
+        "truth": text_of(BOTH),
+        "found": text_of(Patch((FRICTION,))),
+        "cause": "coulomb_friction at panda_joint4",
+        "costs": {"coulomb_friction at panda_joint4": {"value": 0.3}},
+        "ablation": {"coulomb_friction": 0.4, "gripper_friction": 0.1},
+        "adopted": True,
+        "success": {name: {"value": value} for name, value in (("nominal", 1.0), ("patched", 0.6))},
+        "engine": engine,
+    }
+    rows = [done, {"robot": 1, "domain": "bump", "truth": text_of(BOTH), "error": "the time was over"}]
+    from np_blind.robot_figures import figures
+
+    about = {"drawn": 12, "episodes": 10, "minutes": 2.0, "gpus": 2, "wall_s": 60.0}
+    sealed = {"key_sha256": "a" * 64, "doctor_sha256": "b" * 64}
+    headline, body = robots({**about, **sealed, "figures": figures(rows), "rows": rows})
+    assert headline.startswith("2 of 12 robots: top cause named 1.00 of 1")
+    assert "| 0.50 (0.60) | 0.90 |" in body and "the time was over" in body
+    sides = {"r": 0.9, "mmrv": 0.02, "mean_absolute_error": 0.1}
+    cell = {"robot": 0, "domain": "wall", "policy": "soft_on", "nominal": 1.0, "patched": 0.5, "engine": 0.4}
+    table = {"figures": {"nominal": sides, "patched": sides, "cells": 1}, "episodes": 10, "table": [cell]}
+    assert "| 0 wall | soft on | 1 | 0.5 | 0.4 |" in matrix(table)[1]
+
+
+class Held:
+    """An executor whose cases are done when they are told to be, in the order in which they came."""
+
+    def __init__(self):
+        self.begun = []
+
+    def submit(self, case, /, *arguments) -> Future:
+        self.begun.append((case, arguments, Future()))
+        return self.begun[-1][-1]
+
+    def do(self, number: int) -> None:
+        case, arguments, future = self.begun[number]
+        future.set_result(case(*arguments))
+
+
+def test_what_others_wait_for_is_begun_first():
+    held, said = Held(), []
+    queue = Queue(held, 1)
+    asked = [queue.ranked(ENGINE).submit(said.append, f"episode {k}") for k in range(3)]
+    asked.append(queue.ranked(DOCTOR).submit(said.append, "recording"))
+    for number in range(4):
+        assert len(held.begun) == number + 1
+        held.do(number)
+    assert said == ["episode 0", "recording", "episode 1", "episode 2"] and all(future.done() for future in asked)
+
+
+def test_when_the_time_is_over_what_waits_is_not_begun_and_what_is_begun_is_kept():
+    held = Held()
+    queue = Queue(held, 1)
+    begun, waits = (queue.ranked(ENGINE).submit(str, number) for number in range(2))
+    queue.end()
+    held.do(0)
+    assert begun.result() == "0" and len(held.begun) == 1
+    with pytest.raises(TimeOver):
+        waits.result(0)
+    with pytest.raises(TimeOver):
+        queue.check()
+    Queue(held, 1, until=float("inf")).check(1e6)
+
+
+def stand_ins(monkeypatch, learn, lost=None):
+    """In place of recordings, doctor and training; a robot with two effects, both of which the doctor finds."""
+    from np_blind.robot_cases import Robot
+
+    monkeypatch.setattr(playing, "play", losing(lost or {"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
+    monkeypatch.setattr("np_blind.robot_recording.recorded_arm", lambda patch, seed: patch)
+    monkeypatch.setattr("np_blind.robot_recording.recorded_task", lambda patch, seed: seed)
+    monkeypatch.setattr("np_blind.robot_recording.diagnosis", lambda log, tasks: (log, {"arm": "identified"}))
+    monkeypatch.setattr(stages, "learn", learn)
+    return [Robot(0, "wall", BOTH.effects, 0.3, 32)]
+
+
+def test_where_training_dies_the_row_has_what_is_known(tmp_path, monkeypatch):
+    from np_blind import robot_answering
+    from np_blind.robot_figures import figures
+
+    def learn(*given):
+        raise OSError("np_training.train ended with status 1: out of memory")
+
+    robots = stand_ins(monkeypatch, learn)
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle=False)
+    (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+    assert "out of memory" in row["error"] and row["cause"] == "coulomb_friction at panda_joint4"
+    assert row["success"]["patched"]["value"] == 0.6 and sum(row["engine"]["before"]) == 6
+    assert row["ablation"] == pytest.approx({"coulomb_friction": 0.2, "gripper_friction": 0.1})
+    found = figures([row])
+    assert found["top cause named"]["value"] == 1 and found["lost success that returns, median"]["of"] == 0
+    stand_ins(monkeypatch, lambda *given: {**WEIGHTS, "device": "cpu", "train": {"wall_s": 1.0}})
+    (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+    assert "error" not in row and sum(row["engine"]["adopted"]) == 9  # the same again goes on
+
+
+def test_a_training_that_would_not_end_in_time_is_not_begun(tmp_path, monkeypatch):
+    import time
+
+    from np_blind import robot_answering
+
+    robots = stand_ins(monkeypatch, None)  # would raise
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle=False)
+    queue = Queue(Here(), 1, until=time.time() + 60)
+    (row,) = robot_answering.settle_all(robots, judging, queue, robot_answering.Turns([]))
+    assert row["error"] == "the time was over" and row["cause"] and row["engine"]["before"]
+
+
+def test_an_interrupted_loop_ends_what_is_under_way(tmp_path, monkeypatch):
+    from np_blind import robot_answering
+
+    training, ended = threading.Event(), []
+
+    def learn(domain, patch, out, how, weights, is_over):
+        training.set()
+        while not is_over():
+            threading.Event().wait(0.01)
+        ended.append(True)
+        raise OSError("ended")
+
+    robots = stand_ins(monkeypatch, learn)
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle=False)
+
+    def interrupted(futures, timeout):
+        training.wait(10)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(robot_answering, "as_completed", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+    for thread in threading.enumerate():
+        if thread is not threading.current_thread() and not thread.daemon:
+            thread.join(10)
+    assert ended and robot_answering.answered(robots, judging)[0]["error"] == "the time was over"
+
+
+def test_a_robot_that_is_not_found_costs_the_others_nothing(tmp_path, monkeypatch):
+    from np_blind import robot_sizes
+
+    def find(number, seed, loss, episodes):
+        if number:
+            raise ValueError(f"robot {number}: none")
+        return loss("wall", BOTH)
+
+    monkeypatch.setattr(playing, "play", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
+    monkeypatch.setattr(robot_sizes, "find_robot", find)
+    found, why = robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)
+    assert found == pytest.approx([0.4]) and why == ["robot 1: none"]
+    monkeypatch.setattr(playing, "play", None)  # all of it is kept
+    assert robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)[0] == found
