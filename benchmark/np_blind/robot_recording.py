@@ -13,6 +13,7 @@ from np_control.safety import LIMITS, SafetyFilter
 from np_description.domains import BUMP, CARD
 from np_description.panda import JOINT_NAMES
 from np_description.phases import EXCITE, PhaseState
+from np_diagnosis.chain.motion.given import given
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.chain.together.whole import Seen
 from np_diagnosis.chain.together.whole import diagnose as diagnose_chain
@@ -86,11 +87,12 @@ def diagnosis(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Patch, d
     rests = tuple(place for task in tasks for place, _ in places(task.track, task.domain))
     seen = Seen(tuple(tasks), tuple(task.track for task in tasks), rests)
     chain = diagnose_chain(seen, panda=found.panda())
+    kept = given(tasks, patch_of_chain(chain), panda=found.panda())
     told = {
         "arm": verdict,
         "chain": chain.verdict,
         "rows": {row.module: row.verdict for row in chain.rows},
         "doubts": chain.doubts,
-        "not_patched": list(left_out),
+        "not_patched": [*left_out, *kept.withheld],
     }
-    return Patch((*found.effects, *patch_of_chain(chain).effects)), told
+    return Patch((*found.effects, *kept.patch.effects)), told

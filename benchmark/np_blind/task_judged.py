@@ -12,6 +12,7 @@ from np_blind.task_cases import Case, Detector
 from np_blind.task_reality import Reality
 from np_description.domains import BUMP
 from np_diagnosis.chain.force.stage import Believed
+from np_diagnosis.chain.motion.given import Given, given
 from np_diagnosis.chain.motion.stage import errors, share
 from np_diagnosis.chain.motion.windows import FAMILIES
 from np_diagnosis.chain.task.recording import TaskRecording
@@ -33,10 +34,11 @@ def answer(case: Case, seed: int) -> dict:
     rests = tuple(place for place, _ in places(recording.track, recording.domain))
     found = diagnose(Seen((recording,), (recording.track,), rests))
     asked = time.perf_counter()
-    moved = motion(case, found, [fresh])
+    kept = given([recording], patch(found))
+    moved = motion(case, found, kept, [fresh])
     done = time.perf_counter()
     took = {"made_s": made - begun, "asked_s": asked - made, "moved_s": done - asked}
-    return {**judged(case, found), "motion": moved, **took}
+    return {**judged(case, found), "withheld": list(kept.withheld), "motion": moved, **took}
 
 
 def recorded(case: Case, seed: int, only: tuple[str, ...] = ()) -> TaskRecording:
@@ -104,10 +106,10 @@ def judged(case: Case, found: Whole) -> dict:
     }
 
 
-def motion(case: Case, found: Whole, fresh: Sequence[TaskRecording]) -> dict:
+def motion(case: Case, found: Whole, kept: Given, fresh: Sequence[TaskRecording]) -> dict:
     """px by which corners are seen off their prediction, mean over the windows of recordings that no stage has heard: as believed, with the
-    answer's patch, with all that is true, and with everything that was measured, named or not."""
-    tried = {"believed": Patch(), "patch": patch(found), "truth": case.patch, "at_once": at_once(found).patch}
+    patch that is given, with all that is true, and with everything that was measured, named or not."""
+    tried = {"believed": Patch(), "patch": kept.patch, "truth": case.patch, "at_once": at_once(found).patch}
     off = {name: errors(fresh, one) for name, one in tried.items()}
     known = np.all([np.isfinite(values) for values in off.values()], axis=0)
     removed = share(off["believed"][known], off["patch"][known])

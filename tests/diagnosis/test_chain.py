@@ -26,7 +26,6 @@ from np_diagnosis.chain.task.meeting import Met
 from np_diagnosis.chain.task.meeting import judge as judge_meeting
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.chain.task.seen import over, seen_pose
-from np_diagnosis.chain.task.untouched import untouched
 from np_diagnosis.chain.together import claims as made
 from np_diagnosis.chain.together.claims import Claim, Way
 from np_diagnosis.chain.together.elsewhere import of_clock, of_pushes
@@ -210,49 +209,6 @@ def test_a_knocked_camera_and_a_detector_of_the_blind_set():
     off = np.array([noisy(0.0, corners) - corners for _ in range(4000)]).reshape(4000, -1)
     assert off.std() == pytest.approx(0.5, rel=0.05)
     assert np.corrcoef(off[1:].ravel(), off[:-1].ravel())[0, 1] == pytest.approx(0.8, abs=0.03)
-
-
-def held_up(moved=None):
-    """A recording of one drag: the hand is down from 6 to 8 s; corners rest, but for what `moved` does with (time, pixels)."""
-    rng, time, state = np.random.default_rng(1), np.arange(450) / 30, np.arange(0, 15, 0.01)
-    corners = np.array([[60, 60], [90, 60], [60, 90], [90, 90], [70, 50], [100, 50], [70, 80], [100, 80]], float)
-    pixels = corners + 0.3 * rng.standard_normal((450, 8, 2))
-    if moved:
-        pixels = np.array([moved(t, one) for t, one in zip(time, pixels)])
-    track = Track("held up", time, pixels, np.ones((450, 8), bool))
-    down = (state > 6) & (state < 8)
-    joints = np.tile(NOMINAL.ready, (len(state), 1))
-    joints[down, 3] -= 0.05
-    log = Log("held up", state, joints, 0 * joints, 0 * joints, state, False)
-    return TaskRecording(log, track, 0.0, BUMP, {"drag_1": (5.0, 10.0)})
-
-
-def test_a_picture_that_keeps_still_is_well_whatever_the_hand_does():
-    led = held_up(lambda t, one: one + [np.clip(t - 6.5, 0, 1) * 8, 0])
-    assert untouched(held_up()).verdict == untouched(led).verdict == "no_gap"
-
-
-@pytest.mark.parametrize(
-    "moved",
-    [
-        lambda t, one: one + [4.0 * (t > 3.0), 0],  # knocked, the hand up
-        lambda t, one: one + [4.0 * (t > 7.0), 0],  # while it leads the object
-        lambda t, one: one + 0.03 * np.sin(2 * np.pi * t / 7) * (one - 112),  # a lens that hunts
-    ],
-)
-def test_a_picture_that_moves_by_itself_is_unexplained(moved):
-    found = untouched(held_up(moved))
-    assert found.verdict == "unexplained" and "the picture" in found.doubt
-
-
-def test_a_noisy_detector_is_no_picture_that_moves():
-    rng, left = np.random.default_rng(5), np.zeros((8, 2))
-
-    def noisy(t, one):
-        left[:] = 0.8 * left + 1.5 * rng.standard_normal((8, 2))
-        return one + left
-
-    assert untouched(held_up(noisy)).verdict == "no_gap"
 
 
 def test_a_false_alarm_and_a_miss_are_judged_as_such():

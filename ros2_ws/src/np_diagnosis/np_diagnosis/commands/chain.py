@@ -72,6 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
     # Slow to import, and not wanted by --help.
     from np_description.calibration import CalibrationError, calibrated_camera
     from np_diagnosis import lean  # noqa: F401, I001  before NumPy
+    from np_diagnosis.chain.motion.given import given
     from np_diagnosis.chain.motion.stage import predict
     from np_diagnosis.chain.together.elsewhere import of_arm, of_clock, of_pushes
     from np_diagnosis.chain.together.reading import read_held_out, read_seen
@@ -101,10 +102,11 @@ def main(arguments: list[str] | None = None) -> int:
     except (CalibrationError, ContractViolation, ValueError) as violation:
         return refuse(violation)
     tell("motion")
-    mended = patch(found)
+    kept = given(seen.tasks, patch(found), camera, panda)
+    mended = kept.patch
     moved = fresh or seen.tasks
     predicted = predict(moved, mended, camera, panda, bool(fresh)) if moved and mended.effects else None
-    told = document(found, [str(bag) for bag in options.bags], predicted)
+    told = document(found, [str(bag) for bag in options.bags], kept, predicted)
     check(told)
     if options.out:
         from np_diagnosis.report.chain_page import render  # drawing is slow to import

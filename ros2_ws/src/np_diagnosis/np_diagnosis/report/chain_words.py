@@ -8,6 +8,7 @@ from importlib.resources import files
 
 from np_diagnosis.chain import findings
 from np_diagnosis.chain.force.stage import Believed
+from np_diagnosis.chain.motion.given import Given
 from np_diagnosis.chain.motion.stage import Predicted
 from np_diagnosis.chain.together.claims import Claim, Way, module_of
 from np_diagnosis.chain.together.whole import NOT_SEEN, Row, Whole, patch
@@ -104,24 +105,33 @@ def numbers(module: str, whole: Whole) -> str:
     return "; ".join(said).replace(" 1 (", " (")
 
 
-def document(whole: Whole, bags: list[str], predicted: Predicted | None = None) -> dict:
-    """The answer as chain.json has it, after data/chain_report.schema.json: SI units, px in images, intervals of 95 %. predicted: the object's
-    motion, without the patch and with it."""
+def document(whole: Whole, bags: list[str], kept: Given | None = None, predicted: Predicted | None = None) -> dict:
+    """The answer as chain.json has it, after data/chain_report.schema.json: SI units, px in images, intervals of 95 %. kept: what of the
+    patch is given (all of it); predicted: the object's motion, without the patch and with it."""
+    kept = kept or Given(patch(whole), {})
     return {
         "schema_version": 1,
         "verdict": whole.verdict,
-        "sentence": sentence(whole),
+        "sentence": " ".join([sentence(whole), *_left_out(kept)]),
         "rows": [_row(row, whole, predicted) for row in whole.rows],
         "effects": [
-            {"effect": e.effect, "component": e.component, "parameters": dict(e.parameters)}
-            for e in patch(whole).effects
+            {"effect": e.effect, "component": e.component, "parameters": dict(e.parameters)} for e in kept.patch.effects
         ],
+        "withheld": [{"effect": effect, "removed": _value(removed)} for effect, removed in kept.withheld.items()],
         "motion": None if predicted is None else {**asdict(predicted), "removed": _value(predicted.removed)},
         "next": next_steps(whole),
         "measured": _measured(whole),
         "stages": _stages(whole),
         "data": {"bags": bags, "suites": len(whole.seen.tasks), "places": len(whole.seen.places)},
     }
+
+
+def _left_out(kept: Given) -> list[str]:
+    """In words, what makes the object's motion worse."""
+    if not kept.withheld:
+        return []
+    names = ", ".join(kept.withheld)
+    return [f"Not in the patch, for the simulated object moves worse with it in this very recording: {names}."]
 
 
 def next_steps(whole: Whole) -> list[str]:

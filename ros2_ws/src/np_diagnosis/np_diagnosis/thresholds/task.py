@@ -186,6 +186,18 @@ class Untouching:
     )
     surely: float = threshold(6.0, "1", "times the noise of such a way or step, that it is at least", JUDGEMENT)
     least: float = threshold(1.0, "s", "of a stretch without a hand", JUDGEMENT)
+    above: float = threshold(
+        0.015, "m", "over the object's top, below which a tip may touch it: half of what it keeps on its way", JUDGEMENT
+    )
+    beside: float = threshold(
+        0.015,
+        "m",
+        "between the circles about tip and object, within which they may touch: half of what a touch of the table keeps",
+        JUDGEMENT,
+    )
+    slow: float = threshold(
+        0.06, "m/s", "of a tip whose object goes no faster than a step tells", "drags and pushes: .03"
+    )
     window: int = threshold(9, "images", "of which a median is taken", NUMERICS)
     corners: int = threshold(4, "corners", "that are seen in all images of a stretch", JUDGEMENT)
 

@@ -9,17 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter
 
-from np_diagnosis.chain.motion.windows import FAMILIES, strokes
+from np_description.camera import CAMERA, Camera
+from np_diagnosis.chain.task.near import Hand, hand
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.thresholds import THRESHOLDS
 
 UNTOUCHED = THRESHOLDS.untouched
-TOUCHING = (*FAMILIES, "touch_object")
-"""Experiments in which the hand touches the object while it is down."""
-FAST = "shove", "tap"
-ALL_ALONG = "scrape"
-"""One in which it may touch it at any height."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +29,10 @@ class Untouched:
     doubt: str = ""
 
 
-def untouched(recording: TaskRecording) -> Untouched:
-    """Of a recording of the task suite. Raises ContractViolation where the hand is at the object all the time."""
-    ways = [way for begin, end in _between(recording) if (way := _way(recording, begin, end))]
+def untouched(recording: TaskRecording, camera: Camera = CAMERA, lift: float = 0.0) -> Untouched:
+    """Of a recording of the task suite. camera, lift: as of `near.hand`. Raises ContractViolation where the hand is at the object all the time."""
+    own = hand(recording, camera, lift)
+    ways = [way for begin, end in _between(recording, own) if (way := _way(recording, begin, end))]
     if not ways:
         raise ContractViolation("the hand was at the object, or hid it, all the time")
     moved, at, _ = max(ways)
@@ -43,20 +40,17 @@ def untouched(recording: TaskRecording) -> Untouched:
     if moved > max(UNTOUCHED.moved, UNTOUCHED.surely * noise):
         doubt = f"the picture moves by {moved:.1f} px at {at:.0f} s, while nothing touches the object"
         return Untouched("unexplained", moved, at, doubt)
-    step, when, usual = _step(recording)
+    step, when, usual = _step(recording, own)
     if step > max(UNTOUCHED.step, UNTOUCHED.surely * usual):
         doubt = f"the picture jumps by {step:.1f} px at {when:.0f} s, faster than the hand moves the object"
         return Untouched("unexplained", step, when, doubt)
     return Untouched("no_gap", moved, at)
 
 
-def _between(recording: TaskRecording) -> Iterator[tuple[float, float]]:
-    """(begin, end) s between which the hand is up."""
-    names = [name for family in TOUCHING for name in recording.named(family)]
-    touching = [stroke for name in names for stroke in strokes(recording, name)]
-    touching = sorted(touching + [recording.spans[name] for name in recording.named(ALL_ALONG)])
+def _between(recording: TaskRecording, own: Hand) -> Iterator[tuple[float, float]]:
+    """(begin, end) s between which the hand is not at the object."""
     begin = recording.seen_from
-    for first, last in [*touching, (float(recording.log.time[-1]), np.inf)]:
+    for first, last in [*own.touching, (float(recording.log.time[-1]), np.inf)]:
         if first - begin > UNTOUCHED.least:
             yield begin, first
         begin = max(begin, last)
@@ -79,15 +73,14 @@ def _way(recording: TaskRecording, begin: float, end: float) -> tuple[float, flo
     return float(way.max()), float(taken[images[way.argmax()]]), float(noise)
 
 
-def _step(recording: TaskRecording) -> tuple[float, float, float]:
+def _step(recording: TaskRecording, own: Hand) -> tuple[float, float, float]:
     """px by which the corners together go farther from one image to the next than in those about them, at most, where the hand is slow; s at
     which; px by which they usually do."""
     track = recording.track
     taken = track.time + recording.seen_from
-    fast = [recording.spans[name] for family in (*FAST, ALL_ALONG) for name in recording.named(family)]
-    slow = (
-        np.all([(taken < begin) | (taken > end) for begin, end in fast], axis=0) if fast else np.ones(len(taken), bool)
-    )
+    slow = np.ones(len(taken), bool)
+    for begin, end in own.quick:
+        slow &= (taken < begin) | (taken > end)
     both = (track.usable[1:] & track.usable[:-1])[..., None]
     steps = np.where(both, np.diff(track.pixels, axis=0), np.nan)
     known = slow[1:] & slow[:-1] & (both[..., 0].sum(axis=1) >= UNTOUCHED.corners)

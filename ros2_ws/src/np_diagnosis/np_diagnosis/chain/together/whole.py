@@ -106,14 +106,15 @@ def diagnose(
     if seen.tasks:
         tell("touch")
         touched = _tried(doubts, "touch", lambda: feel(seen.tasks[0], panda))
-        felt = over(camera, touched.lift) if touched is not None else camera
+        lift = touched.lift if touched is not None else 0.0
+        felt = over(camera, lift)
         tell("meeting")
         met = _tried(doubts, "meeting", lambda: meet(seen.tasks[0], felt))
         tell("force")
         every = _tried(doubts, "force", lambda: [r for task in seen.tasks for r in readings(task, panda, felt)])
         slid = slides(seen.tasks[0], met, felt) if met is not None else ()
         forced = judge(every, Believed.of(seen.tasks[0].domain), slid) if every is not None else None
-        still = _tried(doubts, "untouched", lambda: untouched(seen.tasks[0]))
+        still = _tried(doubts, "untouched", lambda: untouched(seen.tasks[0], felt, lift))
         tell("lag")
         late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], felt))
     else:

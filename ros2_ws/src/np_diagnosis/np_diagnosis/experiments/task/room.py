@@ -15,6 +15,9 @@ from np_diagnosis.experiments.task.tip import GRIP, HOUSING, RADIUS
 CLEAR = 0.008  # m between an object and an obstacle
 BESIDE = 0.03  # m between a place of the table that is touched and anything else
 EDGE = 1.0  # px from the image's border within which a corner may not be seen any more
+FLAT = np.radians(
+    10.0
+)  # by which an object that lies flat may be seen tilted: a camera that is turned, or one corner found wrongly, does that
 SEEN = 6  # corners of the object that have to be in the picture, as a pose takes
 REACH = 0.32, 0.72  # m from the arm's first axis, for a hand that points down
 
@@ -34,8 +37,10 @@ class Lain:
 
     @property
     def height(self) -> float:
-        """m from its lowest to its highest point."""
-        return float(2 * np.abs(self.rotation[2]) @ self.half)
+        """m from its lowest to its highest point; of an object that is hardly tilted, its upright edge: it lies flat, and is seen tilted."""
+        upright = np.abs(self.rotation[2])
+        axis = int(upright.argmax())
+        return float(2 * (self.half[axis] if upright[axis] > np.cos(FLAT) else upright @ self.half))
 
     def sides(self) -> list[tuple[np.ndarray, float]]:
         """Outward normals (2,) of its four upright faces, each with its distance m from the centre."""

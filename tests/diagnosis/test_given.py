@@ -1,0 +1,48 @@
+"""What makes the object's motion worse in the very recordings that named it is not given, and is said."""
+
+import numpy as np
+import pytest
+
+from np_blind.task_reality import Reality
+from np_description.domains import BUMP
+from np_diagnosis.chain.motion.given import Given, given
+from np_diagnosis.chain.motion.stage import errors
+from np_diagnosis.chain.together.whole import Seen, diagnose
+from np_diagnosis.report.chain_words import check, document
+from np_effects.patch import Patch, PatchEffect
+from np_effects.saying import Value
+from np_sim_bridge.mujoco_engine import MujocoEngine
+
+ASIDE, OTHER = (PatchEffect("camera_extrinsics", "camera", {"x": x, "y": x}) for x in (0.01, -0.01))
+ROUGH = PatchEffect("table_friction", "contact", {"relative": 0.9})
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    return [Reality(BUMP, Patch((ASIDE,)), 3, MujocoEngine).run(("tap",))]
+
+
+def test_what_is_right_is_given_and_what_is_wrong_is_withheld(recordings):
+    assert given(recordings, Patch((ASIDE,))) == Given(Patch((ASIDE,)), {})
+    alone = given(recordings, Patch((OTHER,)))
+    assert not alone.patch.effects and alone.withheld["camera_extrinsics"].high < 0
+
+
+def test_of_two_the_wrong_one_goes_and_what_is_given_is_better(recordings):
+    both = Patch((ASIDE, ROUGH))
+    kept = given(recordings, both)
+    assert kept.patch == Patch((ASIDE,)) and list(kept.withheld) == ["table_friction"]
+    assert np.mean(errors(recordings, kept.patch)) < np.mean(errors(recordings, both))
+
+
+def test_without_a_suite_nothing_is_withheld():
+    assert given([], Patch((ROUGH,))) == Given(Patch((ROUGH,)), {})
+
+
+def test_what_is_withheld_is_said_and_is_no_effect_of_the_answer():
+    kept = Given(Patch((ASIDE,)), {"gripper_friction": Value(-0.5, -0.9, -0.1)})
+    told = document(diagnose(Seen((), (), ())), [], kept)
+    check(told)
+    assert [one["effect"] for one in told["effects"]] == ["camera_extrinsics"]
+    assert told["withheld"] == [{"effect": "gripper_friction", "removed": {"value": -0.5, "ci95": [-0.9, -0.1]}}]
+    assert "Not in the patch" in told["sentence"] and "gripper_friction" in told["sentence"]

@@ -1,0 +1,136 @@
+"""Does the picture keep still while nothing touches the object? Recordings made of the suite's own plans, whatever their experiments are called."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from np_description.camera import CAMERA
+from np_description.domains import BUMP, Pose
+from np_description.keypoints import box_keypoints
+from np_description.panda import NOMINAL
+from np_description.phases import EXCITE, PhaseState
+from np_description.rotations import matrix_from_vector, quaternion_from_matrix, yaw_quaternion
+from np_diagnosis.chain.task.near import hand
+from np_diagnosis.chain.task.recording import TaskRecording, spans_of
+from np_diagnosis.chain.task.untouched import untouched
+from np_diagnosis.chain.track import Track
+from np_diagnosis.experiments.task import contacts
+from np_diagnosis.experiments.task.path import joined, still
+from np_diagnosis.experiments.task.room import Lain
+from np_diagnosis.recordings.signals import Log
+
+LAIN = Pose(np.array([0.5, -0.14, 0.045]), yaw_quaternion(np.asarray(0.2)))
+TOP, ELSEWHERE = 0.09, np.array([0.5, 0.1])
+TWICE, BESIDE = ("touch_object", "touch_object"), ("touch_table_1", "touch_object")
+
+
+@cache
+def way(names):
+    """The hand rests, and goes down at each name: on the object, or on the table for `touch_table`. Its log, and the span of each name."""
+    q, segments = NOMINAL.ready, [still("view", NOMINAL.ready, 3.0)]
+    for name in names:
+        place, surface = (ELSEWHERE, 0.0) if name.startswith("touch_table") else (LAIN.position[:2], TOP)
+        segments += joined(q, [contacts.touch(name, q, place, surface, 0.0)])
+        q = segments[-1].positions[-1]
+        segments.append(still("transfer", q, 2.5))
+    begins = np.cumsum([0.0, *(one.duration for one in segments)]).tolist()
+    phases = tuple((at, PhaseState(EXCITE, experiment=one.name)) for at, one in zip(begins, segments))
+    state = np.arange(0.0, begins[-1], 0.01)
+    knots = np.concatenate([at + one.times for at, one in zip(begins, segments)])
+    ways = np.concatenate([one.positions for one in segments])
+    joints = np.column_stack([np.interp(state, knots, joint) for joint in ways.T])
+    spans = [(begin, end) for begin, end, one in zip(begins, begins[1:], segments) if one.name in names]
+    return Log("made", state, joints, 0 * joints, 0 * joints, state, False, phases=phases), spans
+
+
+def recorded(names=TWICE, moved=None, led=0.0):
+    """What is seen meanwhile. moved: what (s, pixels) becomes of pixels; led m: by which the object goes along x while the hand is down for the
+    first time."""
+    log, spans = way(names)
+    rng, time, low = np.random.default_rng(1), np.arange(0.0, log.time[-1], 1 / 30), float(np.mean(spans[0]))
+    pixels = np.zeros((len(time), 8, 2))
+    for k, at in enumerate(time):
+        place = LAIN.position + [led * np.clip((at - low) / 0.3, 0.0, 1.0), 0.0, 0.0]
+        pixels[k] = CAMERA.project(box_keypoints(np.asarray(BUMP.half_size), place, LAIN.quaternion))[0]
+        pixels[k] += 0.3 * rng.standard_normal((8, 2))
+        pixels[k] = moved(at, pixels[k]) if moved else pixels[k]
+    track = Track("made", time, pixels, np.ones((len(time), 8), bool))
+    return TaskRecording(log, track, 0.0, BUMP, spans_of(log))
+
+
+def test_a_touch_that_is_made_again_under_the_same_name_is_a_touch():
+    """The first of them led the object by 8 mm; of a name that comes twice, spans have the last."""
+    made = recorded(led=0.008)
+    (begin, end), (again, _) = way(TWICE)[1]
+    assert made.spans["touch_object"][0] == again > end
+    assert any(begin < first < last < end + 1.0 for first, last in hand(made).touching)
+    assert untouched(made).verdict == "no_gap"
+
+
+def test_an_experiment_that_nobody_knows_is_a_touch_by_where_the_hand_is():
+    assert untouched(recorded(("poke",), led=0.008)).verdict == "no_gap"
+
+
+def test_the_hand_is_at_the_object_where_it_is_low_and_there():
+    (begin, end), (low, high) = way(BESIDE)[1]
+    (only,) = hand(recorded(BESIDE)).touching
+    assert low < only[0] < only[1] < high + 0.5 and not begin < only[0] < end
+    assert not hand(recorded(BESIDE[:1])).touching
+
+
+@pytest.mark.parametrize("lift", [-0.015, 0.015])
+def test_a_table_that_was_felt_elsewhere_is_where_the_object_stands(lift):
+    made = recorded()
+    known = hand(made, lift=lift).touching
+    assert len(known) == 2 and all((b - a > 1.5) == (lift > 0) for a, b in known)  # at a higher one the tip is sooner
+
+
+def test_a_picture_that_keeps_still_is_well_whatever_scatters():
+    rng, left = np.random.default_rng(5), np.zeros((8, 2))
+
+    def noisy(t, one):
+        left[:] = 0.8 * left + 1.5 * rng.standard_normal((8, 2))
+        return one + left
+
+    assert untouched(recorded()).verdict == untouched(recorded(moved=noisy)).verdict == "no_gap"
+
+
+def knocked(at):
+    return lambda t, one: one + [4.0 * (t > at), 0]
+
+
+def hunts(t, one):
+    return one + 0.03 * np.sin(2 * np.pi * t / 7) * (one - 112)
+
+
+def shoved(t, one):  # somebody's, slowly, while the hand is up
+    return one + [4.0 * np.clip((t - 1.0) / 1.0, 0, 1), 0]
+
+
+@pytest.mark.parametrize("moved", [knocked(1.5), hunts, shoved])
+@pytest.mark.parametrize("names", [TWICE, BESIDE])
+def test_a_picture_that_moves_by_itself_is_unexplained(moved, names):
+    found = untouched(recorded(names, moved))
+    assert found.verdict == "unexplained" and "the picture moves" in found.doubt
+
+
+def test_a_camera_that_is_knocked_while_the_hand_is_down_jumps():
+    begin, end = way(TWICE)[1][1]
+    found = untouched(recorded(moved=knocked((begin + end) / 2)))
+    assert found.verdict == "unexplained" and "the picture jumps" in found.doubt
+
+
+def test_an_object_that_goes_while_the_hand_touches_the_table_is_not_left_alone():
+    begin, end = way(BESIDE)[1][0]
+    found = untouched(recorded(BESIDE, lambda t, one: one + [4.0 * np.clip((t - begin) / (end - begin), 0, 1), 0]))
+    assert found.verdict == "unexplained" and begin < found.at < end + 3.0
+
+
+@pytest.mark.parametrize("seen", [0.0, 3.0, 8.0])
+def test_an_object_that_lies_flat_is_as_high_as_its_edge_however_it_is_seen(seen):
+    """A camera that is turned, or a corner found wrongly, tilts it: by 3 degrees 5 mm, after which a touch that met it had met nothing."""
+    tilted = quaternion_from_matrix(matrix_from_vector(np.array([np.radians(seen), 0.0, 0.0])))
+    assert Lain.of(BUMP, Pose(LAIN.position, tilted)).height == pytest.approx(TOP)
+    fallen = quaternion_from_matrix(matrix_from_vector(np.array([np.radians(30.0), 0.0, 0.0])))
+    assert Lain.of(BUMP, Pose(LAIN.position, fallen)).height > 0.12
