@@ -14,7 +14,7 @@ from safetensors.torch import load_file, save_file
 
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
 from np_description.camera import CAMERA
-from np_description.contact import OBJECT_FRICTION, SOFT
+from np_description.contact import HARD, OBJECT_FRICTION, SOFT
 from np_description.contact_definition import contact_definition
 from np_description.contract import KEY
 from np_description.domains import BUMP, CARD, DOMAINS, find_domain
@@ -92,7 +92,7 @@ def test_all_that_differs_is_named_at_once_and_of_a_table_only_what_differs(file
 
 def test_other_contacts_are_a_warning_in_words_and_notes_are_none(file):
     contact = json.loads(json.dumps(EXPECTED.contact))
-    contact["fingers"]["solref"], contact["cone"] = [[0.004, 1.0]], "elliptic"
+    contact["fingers"]["solref"], contact["cone"] = [[0.004, 1.0]], "pyramidal"
     path = file(replace(EXPECTED, contact=contact, control_rate=1000.0))
     (warning,) = PostContactController(path, CARD).warnings
     for part in (
@@ -101,7 +101,7 @@ def test_other_contacts_are_a_warning_in_words_and_notes_are_none(file):
         "contact.fingers.solref",
     ):
         assert part in warning
-    assert "elliptic" in warning and "surroundings" not in warning and "control_rate" not in warning
+    assert "pyramidal" in warning and "surroundings" not in warning and "control_rate" not in warning
 
 
 def test_a_graph_is_told_of_both_policies_at_once(tmp_path):
@@ -109,11 +109,11 @@ def test_a_graph_is_told_of_both_policies_at_once(tmp_path):
     assert check_weights(CARD, "impedance", tmp_path) == []
     for kind in KINDS:
         path, contract = weights_file(kind, CARD, tmp_path), PolicyContract.of(kind, CARD)
-        text = replace(contract, contact=contract.contact | {"impratio": 10.0}).text()
+        text = replace(contract, contact=contract.contact | {"impratio": 1.0}).text()
         path.write_bytes(with_metadata(path.read_bytes(), {KEY: text}))
     warnings = check_weights(CARD, "impedance", tmp_path)
     assert [line.split("_card")[0] for line in warnings] == list(KINDS)
-    assert all(line.endswith("contact.impratio: expected 1.0, got 10.0") for line in warnings)
+    assert all(line.endswith("contact.impratio: expected 10.0, got 1.0") for line in warnings)
 
 
 def test_weights_without_a_contract_are_refused_with_the_command_that_adds_one(tmp_path):
@@ -153,7 +153,7 @@ def test_metadata_are_replaced_without_touching_a_tensor(tmp_path):
 
 def test_the_contact_definition_is_that_of_the_scene():
     before = contact_definition(BUMP, SOFT)
-    assert contact_definition(CARD) == contact_definition(CARD, SOFT) and contact_definition(BUMP) != before
+    assert contact_definition(BUMP) == contact_definition(BUMP, HARD) != before
     for partner, friction in (
         ("surroundings", SOFT.table),
         ("fingers", SOFT.finger),

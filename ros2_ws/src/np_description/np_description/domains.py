@@ -12,7 +12,7 @@ from math import pi
 
 import numpy as np
 
-from np_description.contact import HARD, SOFT, ContactModel
+from np_description.contact import HARD, ContactModel
 from np_description.objects.spec import ObjectSpec
 from np_description.rotations import (
     matrix_from_quaternion,
@@ -111,7 +111,6 @@ CARD = Domain(
     goal_yaw=(-pi / 2, pi / 2),
     workspace_x=(0.34, 0.66),
     workspace_y=(-0.21, 0.21),
-    contact=SOFT,  # until it is learned in hard ones, at any turn of the goal (docs/decisions/policies.md)
 )
 
 BUMP = Domain(
