@@ -48,11 +48,11 @@ def test_an_evaluation_refuses_weights_of_another_controller_before_it_starts_a_
 @pytest.mark.parametrize("name", ["pre_contact", "post_contact"])
 def test_a_node_says_in_its_diagnostics_that_its_weights_know_other_contacts(name, weights, graph, probe):
     file, contract = weights_file(name, CARD, weights), PolicyContract.of(name, CARD)
-    contact = json.loads(json.dumps(contract.contact)) | {"cone": "elliptic"}
+    contact = json.loads(json.dumps(contract.contact)) | {"cone": "pyramidal"}
     file.write_bytes(with_metadata(file.read_bytes(), {KEY: replace(contract, contact=contact).text()}))
     probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
     graph.run("np_policy", name, {"weights": str(weights)})
-    said = f"{file.name}: was trained under other contacts than those of this scene: contact.cone: expected pyramidal"
+    said = f"{file.name}: was trained under other contacts than those of this scene: contact.cone: expected elliptic"
 
     def told() -> bool:
         statuses = [status for array in probe.messages["diagnostics"] for status in array.status]
