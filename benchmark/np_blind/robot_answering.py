@@ -23,6 +23,7 @@ from np_bringup.rehearsal.playing import Cell, play_all, text_of
 from np_bringup.rehearsal.stages import Rehearsal, rehearse
 from np_effects.patch import Patch, dump_patch, load_patch
 from np_record.command import Progress
+from np_record.whole_file import write_whole
 
 SUITES = 2  # recordings of the task suite, in which the object lies elsewhere
 TASKS = 900  # seed of the tasks by which robots are judged
@@ -113,9 +114,7 @@ def settle(robot: Robot, judging: Judging, nominal: Future, queue: Queue, turn: 
     row |= {"episodes": judging.episodes, "error": "the time was over"}
 
     def keep() -> None:
-        new = file.with_suffix(".new")
-        new.write_text(json.dumps(row, indent=1) + "\n", encoding="utf-8")
-        new.replace(file)
+        write_whole(file, json.dumps(row, indent=1) + "\n")
 
     try:
         _settle(row, keep, robot, judging, nominal, queue, turn)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from np_blind.task_cases import Case
 from np_record.command import Progress
+from np_record.whole_file import write_whole
 
 Answer = Callable[[Case, int], dict]
 """What a case of a set with such a seed is answered, and what is right about it."""
@@ -30,9 +31,7 @@ def settle(case: Case, seed: int, out: Path, answer: Answer = answer) -> None:
         row = _error(case, traceback.format_exc(limit=3))
     kept = _kept(out, case)
     kept.parent.mkdir(exist_ok=True)
-    new = kept.with_suffix(".new")
-    new.write_text(json.dumps(row, indent=1) + "\n", encoding="utf-8")
-    new.replace(kept)
+    write_whole(kept, json.dumps(row, indent=1) + "\n")
 
 
 def settle_all(cases: Sequence[Case], seed: int, out: Path, pool: Executor, answer: Answer = answer) -> list[dict]:

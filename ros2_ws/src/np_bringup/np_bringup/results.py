@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
 from np_bringup.evaluation import Result
+from np_record.whole_file import write_whole
 
 
 class Results:
@@ -82,9 +82,7 @@ class Results:
                 self._by_number[number] = result
         complete = "".join([self._header + "\n", *map(_line, self.results)])
         if not self.path.exists() or self.path.read_text() != complete:
-            partial = self.path.with_suffix(".partial")
-            partial.write_text(complete)
-            os.replace(partial, self.path)
+            write_whole(self.path, complete)
         for path in parts:
             path.unlink()
 

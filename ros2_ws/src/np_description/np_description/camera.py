@@ -57,6 +57,16 @@ class Camera(Pinhole):
         v = self.fy * optical[..., 1] / depth + self.cy
         return xp.stack([u, v], axis=-1), depth
 
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """Directions (n, 3) in the base frame, 1 long along the optical axis, in which pixels (n, 2) look."""
+        optical = np.column_stack([(pixels - (self.cx, self.cy)) / (self.fx, self.fy), np.ones(len(pixels))])
+        return optical @ np.asarray(self.rotation).T
+
+    def at_height(self, rays: np.ndarray, height: float | np.ndarray) -> np.ndarray:
+        """Points (n, 2) m of the base frame at which `rays` (n, 3) come to a height m, or to one each (n,)."""
+        eye = np.asarray(self.position)
+        return eye[:2] + rays[:, :2] * ((height - eye[2]) / rays[:, 2])[:, None]
+
     def normalise(self, pixels):
         """Image coordinates (..., 2) in [-1, 1] across the image, the unit in which policies see keypoints."""
         xp = namespace(pixels)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import asdict, dataclass
@@ -15,6 +14,7 @@ import yaml
 from np_description.objects.choice import DEFAULT
 from np_effects.patch import Patch, PatchEffect, dump_patch
 from np_record.command import Progress
+from np_record.whole_file import write_whole
 
 CHUNK = 2  # episodes that a process plays at a time, 1 to 10 s: another robot costs it .01 s, and the last ones wait for few
 """Of processes of which each has a core."""
@@ -108,9 +108,7 @@ class Kept:
         """Keep what came of some episodes."""
         self._found[name] |= dict(zip(numbers, success))
         told = {str(n): int(s) for n, s in sorted(self._found[name].items())}
-        new = self._path(name).with_suffix(".new")
-        new.write_text(json.dumps({"cell": asdict(self._cells[name]), "success": told}) + "\n", encoding="utf-8")
-        os.replace(new, self._path(name))
+        write_whole(self._path(name), json.dumps({"cell": asdict(self._cells[name]), "success": told}) + "\n")
 
     def of(self, name: str, episodes: int) -> list[bool]:
         """In the order of the episodes."""

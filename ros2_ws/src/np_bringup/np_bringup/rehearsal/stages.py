@@ -145,10 +145,9 @@ def _begun(what: Rehearsal, patch: Patch, how: Learning, turn: Turn | None) -> I
         learning = thread.submit(train)
         try:
             yield learning.result
-        except Exception:
-            raise
-        except BaseException:
-            interrupted.set()
+        except BaseException as error:
+            if not isinstance(error, Exception):
+                interrupted.set()
             raise
 
 

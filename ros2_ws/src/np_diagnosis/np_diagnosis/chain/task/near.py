@@ -80,8 +80,4 @@ def _middles(recording: TaskRecording, camera: Camera, height: float) -> tuple[n
     usable = track.usable[known][..., None]
     pixels = (track.pixels[known] * usable).sum(axis=1) / usable.sum(axis=1)
     pixels = median_filter(pixels, size=(UNTOUCHED.window, 1), mode="nearest")  # a corner that is found wrongly
-    rays = np.column_stack([(pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy), np.ones(len(pixels))])
-    rays = rays @ np.asarray(camera.rotation).T
-    eye = np.asarray(camera.position)
-    places = eye[:2] + rays[:, :2] * ((height - eye[2]) / rays[:, 2])[:, None]
-    return track.time[known] + recording.seen_from, places
+    return track.time[known] + recording.seen_from, camera.at_height(camera.rays(pixels), height)

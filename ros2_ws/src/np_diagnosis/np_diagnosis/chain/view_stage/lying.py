@@ -70,16 +70,14 @@ def _ways(place: Place, camera: Camera) -> Iterator[tuple[np.ndarray, float, np.
     A pixel and a height make a point; the turn that brings the box nearest to its points is that of a product of complex numbers.
     """
     usable, half = place.usable, np.asarray(place.domain.half_size)
-    pixels = (place.pixels[usable] - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
-    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.asarray(camera.rotation).T
-    eye = np.asarray(camera.position)
+    rays = camera.rays(place.pixels[usable])
     if not (rays[:, 2] < 0).all():
         return  # above the horizon
     for surface in (0.0, *_tops(place.domain)):
         for face in FACES:
             corners = (CORNERS[usable] * half) @ face.T
             height = surface + np.abs(face[2]) @ half + corners[:, 2]
-            seen = eye[:2] + rays[:, :2] * ((height - eye[2]) / rays[:, 2])[:, None]
+            seen = camera.at_height(rays, height)
             there, own = (v[:, 0] + 1j * v[:, 1] for v in (seen, corners))
             turn = np.vdot(own - own.mean(), there - there.mean())
             yaw = np.angle(turn)

@@ -15,9 +15,8 @@ from np_diagnosis.experiments.task.tip import GRIP, HOUSING, RADIUS
 CLEAR = 0.008  # m between an object and an obstacle
 BESIDE = 0.03  # m between a place of the table that is touched and anything else
 EDGE = 1.0  # px from the image's border within which a corner may not be seen any more
-FLAT = np.radians(
-    10.0
-)  # by which an object that lies flat may be seen tilted: a camera that is turned, or one corner found wrongly, does that
+FLAT = np.radians(10.0)
+"""By which an object that lies flat may be seen tilted: a camera that is turned, or one corner found wrongly, does that."""
 SEEN = 6  # corners of the object that have to be in the picture, as a pose takes
 REACH = 0.32, 0.72  # m from the arm's first axis, for a hand that points down
 
