@@ -1,8 +1,8 @@
 """The scene in PhysX: a translation of the compiled MuJoCo scene, so that masses, frames, shapes and limits have one source.
 
 What is translated: bodies with mass, centre of mass and inertia; hinges and slides with range and armature; boxes, capsules,
-spheres and planes with the same collision bits. What is not: how contacts give way. PhysX's do not. A box of the object stands on
-its corners (`stand_on_corners`).
+spheres and planes with the same collision bits. What is not: how contacts give way. PhysX's do not, but for the rubber of fingertips. A box
+of the object stands on its corners (`stand_on_corners`), a flat fingertip presses with its own (`press_with_corners`).
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from types import ModuleType
 import mujoco
 import numpy as np
 
-from np_description.contact import ContactModel
-from np_description.scene import OBJECT
+from np_description.contact import RUBBER_STIFFNESS, ContactModel
+from np_description.scene import OBJECT, TIP
 
 # m, from which on contacts are looked for. Without PCM a face holds what lies beside its edges by up to twice that: with the library's own,
 # 10 mm, a cube stays on the bump with its centre 16 mm off it (docs/decisions/policies.md).
@@ -25,6 +25,8 @@ PARTS_CONTACT_OFFSET = 1e-2
 SURFACING = 0.1  # m/s, at which what is in each other comes apart at most; without a limit it is thrown
 SAGITTA = 1e-4  # m
 CORNER_RADIUS = 2.5e-4  # m
+# m. A box's corner reaches (1 - 1 / sqrt(3)) of the radius beyond a sphere that touches its faces from within: less proud, and it would touch first.
+TIP_CORNER_RADIUS, TIP_CORNER_PROUD = 1e-4, 4.5e-5
 PLANE_BIT = 1 << 10  # of what only a plane touches
 POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1  # with fewer, a box that is pulled at .9 of its friction creeps
 STICTION = 1e4  # N s/m, Nm s/rad: slope of Coulomb friction about standstill, until its limit is reached
@@ -159,12 +161,16 @@ class Translator:
             is_object = model.geom(geom).name.startswith(OBJECT)
             friction = coefficient(self._contact, float(model.geom_friction[geom, 0]), is_object=is_object)
             is_plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
-            material = self._physx.PhysxMaterial(friction, friction, 0.0)
+            is_tip = model.geom(geom).name.endswith(f"_{TIP}")
+            # A negative restitution is a spring, N/m, of every point of contact.
+            material = self._physx.PhysxMaterial(friction, friction, -RUBBER_STIFFNESS if is_tip else 0.0)
             shapes = self._shapes(geom, material)
             for shape in shapes:
                 shape.set_collision_groups([kind | (PLANE_BIT if is_plane else 0), affinity, int(is_plane), 0])
             if is_object and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
                 shapes += stand_on_corners(self._physx, shapes[0], material, self._sapien.Pose)
+            if is_tip and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+                shapes += press_with_corners(self._physx, shapes[0], material, self._sapien.Pose)
             for shape in shapes:
                 shape.set_contact_offset(offset)
                 shape.set_rest_offset(0.0)
@@ -197,13 +203,31 @@ def stand_on_corners(physx: ModuleType, box, material, pose) -> list:
     """
     groups = box.get_collision_groups()
     box.set_collision_groups([groups[0], groups[1], groups[2] | 1, groups[3]])  # of those that pass planes by
-    place, inner = box.get_local_pose(), np.asarray(box.half_size) - CORNER_RADIUS
-    corners = []
-    for signs in np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3):
-        sphere = _placed(physx.PhysxCollisionShapeSphere(CORNER_RADIUS, material), place * pose(signs * inner))
-        sphere.set_collision_groups([0, PLANE_BIT, 0, 0])
-        corners.append(sphere)
+    corners = _corners(physx, box, material, pose, CORNER_RADIUS, 0.0)
+    for corner in corners:
+        corner.set_collision_groups([0, PLANE_BIT, 0, 0])
     return corners
+
+
+def press_with_corners(physx: ModuleType, box, material, pose) -> list:
+    """Spheres in the corners of a flat fingertip, proud of it, so that on a face they touch in its place; what lies within its own faces touches
+    the box.
+
+    PhysX holds a patch by its two outermost points, with half of its load each, and counts to it what is within the contact offset: leaned by 3
+    to 10 degrees, a pad turned a card by edges that were in the air, by 17 degrees where it slips by the law of Coulomb. Each sphere has friction
+    of its own, by its own load (`tests/unit/test_physx.py`). pose: the library's Pose.
+    """
+    corners = _corners(physx, box, material, pose, TIP_CORNER_RADIUS, TIP_CORNER_PROUD)
+    for corner in corners:
+        corner.set_collision_groups(box.get_collision_groups())
+    return corners
+
+
+def _corners(physx: ModuleType, box, material, pose, radius: float, proud: float) -> list:
+    """Spheres in the corners of a box, `proud` m of its faces."""
+    place, inner = box.get_local_pose(), np.asarray(box.half_size) - radius + proud
+    signs = np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3)
+    return [_placed(physx.PhysxCollisionShapeSphere(radius, material), place * pose(s * inner)) for s in signs]
 
 
 def along(radius: float, half_length: float) -> np.ndarray:
