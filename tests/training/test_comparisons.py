@@ -113,6 +113,7 @@ def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypat
         "contact": "hard",
         "reward": "potentials",
         "max_opening": BUMP.max_opening,
+        "largest_turn": None,
     }
     rows = read_log(tmp_path / "log.csv")
     assert len(rows) == 2 and rows[-1]["joint_range"] == 1.0 and "pre_kl" not in rows[-1]

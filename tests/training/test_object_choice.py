@@ -64,7 +64,8 @@ def test_a_file_is_told_by_its_content(tmp_path):
 def test_a_checkpoint_that_says_nothing_was_trained_with_the_cards_own_object():
     setting = setting_of({})
     assert domain_of(setting) == DOMAINS["card"] and setting["reward"] == "potentials"
-    assert setting_of({"setting": {"domain": "bump"}}) == {**UNSAID, "domain": "bump", "max_opening": BUMP.max_opening}
+    own = {"max_opening": BUMP.max_opening, "largest_turn": None}
+    assert setting_of({"setting": {"domain": "bump"}}) == {**UNSAID, "domain": "bump", **own}
     assert chosen(setting, object=None, limit=7) == {**setting, "limit": 7}
     with pytest.raises(ValueError, match="object: expected one of default, .*, got 'dense'"):
         chosen(setting, object="dense")

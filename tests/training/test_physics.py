@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+import warp as wp
 
 from np_description.camera import CAMERA
 from np_description.contact import HARD
@@ -20,7 +21,7 @@ from np_training.environment.environment import Environment, EnvironmentConfig, 
 from np_training.physics.batched import ARM, BatchedPhysics
 from np_training.physics.batched_kinematics import forward_kinematics
 from np_training.physics.config import CONTROLLERS, PhysicsConfig, physics_for
-from np_training.tasks.randomisation import NOMINAL_CONDITIONS, ROBUST
+from np_training.tasks.randomisation import NOMINAL_CONDITIONS, ROBUST, STRANGE
 
 WORLDS, SUBSTEPS = 4, 3
 
@@ -112,6 +113,66 @@ def test_stiffness_and_damping_of_contacts_differ_between_worlds():
     assert torch.equal(physics._solimp[:, :, 2:], nominal[0][:, :, 2:])  # width and the transition's shape stay
     physics.stiffen(where, one, one)
     assert torch.allclose(physics._solimp, nominal[0]) and torch.allclose(physics._solref, nominal[1])
+
+
+def test_time_constant_and_creep_of_contacts_differ_between_worlds():
+    physics = BatchedPhysics(CARD, 3, "cpu", physics_for("hard", substeps=1))
+    solref, creep = physics._solref.clone(), physics.model.opt.impratio_invsqrt.numpy().copy()
+    np.testing.assert_allclose(creep, HARD.impratio**-0.5, rtol=1e-6)
+    where, one = torch.tensor([0, 2]), torch.ones(2)
+    physics.stiffen(where, one, one, torch.tensor([1.0, 2.0]), torch.tensor([0.25, 1.0]))
+    assert torch.allclose(physics._solref[:, 0, 0] / solref[:, 0, 0], torch.tensor([1.0, 1.0, 2.0]))
+    assert torch.equal(physics._solref[:, :, 1], solref[:, :, 1])
+    np.testing.assert_allclose(physics.model.opt.impratio_invsqrt.numpy() / creep, [2.0, 1.0, 1.0], rtol=1e-6)
+    physics.stiffen(where, one, one)
+    assert torch.equal(physics._solref, solref)
+    np.testing.assert_allclose(physics.model.opt.impratio_invsqrt.numpy(), creep, rtol=1e-6)
+
+
+def test_a_card_creeps_the_further_under_its_load_the_weaker_friction_is_against_the_normal_direction():
+    physics = BatchedPhysics(CARD, 2, "cpu", physics_for("hard"))
+    everyone = torch.arange(2)
+    physics.stiffen(everyone, torch.ones(2), torch.ones(2), 1.0, torch.tensor([1.0, 0.1]))
+    qpos = physics.qpos.clone()
+    qpos[:, 9:16] = torch.tensor([0.5, 0.0, CARD.half_size[2], 1.0, 0.0, 0.0, 0.0])
+    physics.place(everyone, qpos)
+    physics.advance()  # settles
+    applied = wp.to_torch(physics.data.xfrc_applied)
+    applied[:, physics.object_body, 0] = 0.8 * HARD.table * CARD.mass * 9.81
+    physics.advance()
+    moved = physics.qpos[:, 9] - 0.5
+    assert moved[0].abs() < 1e-6 and 4e-6 < moved[1] < 1e-4
+
+
+def test_fingertips_reach_further_and_turn_in_the_worlds_where_they_are_bent():
+    physics = BatchedPhysics(CARD, 2, "cpu", physics_for("hard", substeps=1))
+    qpos = physics.qpos.clone()
+    physics.advance()  # geoms are where they were at a step's beginning
+    (where, turned), tips = (array.clone() for array in physics.geoms), physics._tips
+    bent, straight = torch.tensor([1]), torch.zeros(1, 2, 3)
+    turn = straight.clone()
+    turn[0, 1, 0] = 0.02
+    physics.bend(bent, torch.tensor([[3e-4, 0.0]]), turn)
+    physics.qpos.copy_(qpos)
+    physics.qvel.zero_()
+    physics.advance()
+    moved = physics.geoms[0] - where
+    assert moved[0].abs().max() < 1e-5 and moved[1, tips[1]].norm() < 1e-5
+    assert moved[1, tips[0]].norm() == pytest.approx(3e-4, abs=1e-5)
+    between = turned[1, tips[1]].T @ physics.geoms[1][1, tips[1]]
+    assert torch.arccos((between.trace() - 1) / 2) == pytest.approx(0.02, abs=1e-3)
+
+
+def test_strange_conditions_reach_the_physics():
+    config = EnvironmentConfig(worlds=64, conditions=STRANGE, physics=physics_for("swift", substeps=1, supports=True))
+    env = Environment(CARD, "cpu", config)
+    env._draw_conditions(torch.arange(64), env.physics.qpos[:, ARM])
+    times = env.physics._solref[:, 0, 0] / env.physics._reference[0, 0]
+    assert 1 <= times.min() < 1.2 and 2 < times.max() <= 2.5
+    impratio = torch.tensor(env.physics.model.opt.impratio_invsqrt.numpy()) ** -2
+    assert 1 <= impratio.min() < 2 and 15 < impratio.max() <= 30.01
+    length = env.physics._place[0][:, env.physics._tips, 2] - env.physics._tip_place[0][:, 2]
+    assert length.abs().max() <= 3e-4 and length.min() < -2e-4 and length.max() > 2e-4
 
 
 def test_a_margin_of_speed_counts_before_the_data_sheet_does():

@@ -41,6 +41,8 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=1000, help="of each seed")
     parser.add_argument("--conditions", nargs="+", choices=list(CONDITIONS), default=["nominal"])
     parser.add_argument("--seeds", "--seed", nargs="+", type=int, default=[1000])
+    parser.add_argument("--largest-turn", type=float, help="rad, from start to goal; default: the checkpoint's")
+    parser.add_argument("--tolerance", type=float, default=1.0, help="share of the domain's that counts as success")
     parser.add_argument("--hold", type=int, default=3, help="steps at the goal that count as success")
     parser.add_argument(
         "--reflex",

@@ -31,9 +31,15 @@ OBJECT_HELP = "a rigid row of the domain's table of objects, or a .yaml file"
 
 
 def setting_of(state: Mapping[str, object]) -> dict:
-    """The whole setting of a checkpoint, by name. max_opening: of one finger, m, at a pre-contact action of 1."""
+    """The whole setting of a checkpoint, by name. max_opening: of one finger, m, at a pre-contact action of 1; largest_turn: from start to goal, rad."""
     setting = UNSAID | state.get("setting", {})
-    return {**setting, "max_opening": setting.get("max_opening", find_domain(setting["domain"]).max_opening)}
+    domain = find_domain(setting["domain"])
+    return {"max_opening": domain.max_opening, "largest_turn": largest_turn(domain), **setting}
+
+
+def largest_turn(domain: Domain) -> float | None:
+    """The largest turn rad from start to goal that a domain draws; None where the goal does not go by the start."""
+    return None if domain.goal_yaw is None else domain.goal_yaw[1]
 
 
 def chosen(setting: Mapping[str, object], **given: object) -> dict:
@@ -46,10 +52,16 @@ def chosen(setting: Mapping[str, object], **given: object) -> dict:
 
 
 def domain_of(setting: Mapping[str, object]) -> Domain:
-    """The domain of a setting, with its object and opening.
+    """The domain of a setting, with its object, opening and turns.
 
-    Raises ValueError, one line, for an object that the domain has not, or that training cannot move.
+    Raises ValueError, one line, for an object that the domain has not, or that training cannot move, and for turns of a
+    domain whose goals do not go by the start.
     """
     domain = domain_with(setting["domain"], setting["object"])
     check_trainable(domain)
-    return replace(domain, max_opening=setting["max_opening"])
+    turn = setting.get("largest_turn", largest_turn(domain))
+    if domain.goal_yaw is None:
+        if turn is not None:
+            raise ValueError(f"largest_turn: expected none for {domain.name}, got {turn:g}")
+        return replace(domain, max_opening=setting["max_opening"])
+    return replace(domain, max_opening=setting["max_opening"], goal_yaw=(-turn, turn))

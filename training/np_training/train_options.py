@@ -72,10 +72,10 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--contact", choices=list(STEPPING), help="see np_description.contact; default: the domain's")
     parser.add_argument(
         "--conditions",
-        choices=("paper", "robust", "servoed", "shoved"),
+        choices=("paper", "robust", "servoed", "shoved", "strange"),
         default=TrainConfig.conditions,
         help="what is randomised at the end: paper; robust: also stiffness of contacts, housing, limits of speed, place of the camera; "
-        "servoed: with the goal seen by that camera; shoved: and objects that slip",
+        "servoed: with the goal seen by that camera; shoved: and objects that slip; strange: servoed, and contacts and fingertips of other engines",
     )
     parser.add_argument("--adaptive-joint-range", action="store_true", help="see np_training.tasks.joint_range")
     parser.add_argument(
@@ -135,6 +135,10 @@ def parse() -> argparse.Namespace:
         type=float,
         help="with --resume: smallest standard deviation of both policies' actions to begin with, so that a settled policy searches again",
     )
+    parser.add_argument("--largest-turn", type=float, help="rad, from start to goal; default: the domain's")
+    parser.add_argument(
+        "--hold", type=int, default=TrainConfig.hold, help="steps at the goal that count as success once randomised"
+    )
     parser.add_argument(
         "--tolerance",
         type=float,
@@ -174,7 +178,9 @@ def parse() -> argparse.Namespace:
     task, arguments.device = find_task(arguments.domain), usable(arguments.device)
     try:
         arguments.effects = load_effects(arguments.effects)
-        arguments.played = played_domain(arguments.domain, arguments.object, arguments.max_opening)
+        arguments.played = played_domain(
+            arguments.domain, arguments.object, arguments.max_opening, arguments.largest_turn
+        )
         arguments.reward = reward_for(
             arguments.reward,
             task.far,
@@ -196,15 +202,18 @@ def parse() -> argparse.Namespace:
     return arguments
 
 
-def played_domain(name: str, choice: str = DEFAULT, max_opening: float | None = None) -> Domain:
-    """The domain with the object chosen, and fingers that open up to max_opening m each (None: as far as the domain lets them).
+def played_domain(
+    name: str, choice: str = DEFAULT, max_opening: float | None = None, turn: float | None = None
+) -> Domain:
+    """The domain with the object chosen, fingers that open up to max_opening m each and turns of up to `turn` rad (None: the domain's own).
 
-    Raises ValueError, one line, for an object that the domain has not or that cannot be trained with, and for another opening.
+    Raises ValueError, one line, for an object that the domain has not or that cannot be trained with, and for another opening or turn.
     """
     opening = find_domain(name).max_opening if max_opening is None else max_opening
     if not 0 <= opening <= FINGER_MAX:
         raise ValueError(f"max_opening: expected 0 to {FINGER_MAX} m, got {opening:g}")
-    return domain_of({"domain": name, "object": choice, "max_opening": opening})
+    turned = {} if turn is None else {"largest_turn": turn}
+    return domain_of({"domain": name, "object": choice, "max_opening": opening, **turned})
 
 
 def reward_for(name: str, task_far: float, **weights: float | None) -> RewardConfig | PaperReward:

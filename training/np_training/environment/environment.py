@@ -270,8 +270,12 @@ class Environment:
             is_same = c.housing_friction == (1.0, 1.0)
             self.physics.randomise(where, *factors, None if is_same else self._uniform(n, *c.housing_friction))
         if c.randomises_contact:
-            harder, calmer = (torch.exp(self._uniform(n, *np.log(ends))) for ends in (c.stiffness, c.damping))
-            self.physics.stiffen(where, harder, calmer)
+            ranges = (c.stiffness, c.damping, c.time_constant, c.friction_stiffness)
+            self.physics.stiffen(where, *(torch.exp(self._uniform(n, *np.log(ends))) for ends in ranges))
+        if c.finger_length or c.finger_tilt:
+            length, turn = (self._uniform(k * n, -1.0, 1.0).reshape(n, 2, -1) for k in (2, 6))
+            turn[..., 2] = 0  # about its sides, not about the finger
+            self.physics.bend(where, c.finger_length * length[..., 0], c.finger_tilt * turn)
         if c.support is not None:
             self.physics.support(where, self._uniform(3 * n, *c.support).reshape(n, 3))
         if c.camera_position or c.camera_rotation:

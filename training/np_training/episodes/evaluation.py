@@ -169,6 +169,7 @@ def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable
         EnvironmentConfig(
             worlds=arguments.episodes,
             hold=arguments.hold,
+            tolerance=arguments.tolerance,
             reflex=arguments.reflex,
             limit=setting["limit"],
             physics=physics_for(

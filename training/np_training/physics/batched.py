@@ -16,8 +16,8 @@ import warp as wp
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
 from np_description.penetration import kind_of
-from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
-from np_description.scene import OBJECT, SUPPORT, load_model
+from np_description.rotations import quaternion_from_matrix, quaternion_multiply, xyzw_from_wxyz
+from np_description.scene import OBJECT, SUPPORT, TIP, load_model
 from np_policy.action import Target
 from np_training.physics.batched_contacts import BatchedContacts
 from np_training.physics.batched_effects import batched_effects
@@ -35,6 +35,8 @@ RANDOMISED = (
     "geom_solimp",
     "geom_solref",
     "geom_size",
+    "geom_pos",
+    "geom_quat",
 )
 CAPACITY = (
     mjw.OverflowType.NEFC
@@ -127,6 +129,8 @@ class BatchedPhysics:
             mujoco.mj_forward(model, data)
             # Counted by take_overflowed, not printed. Steps short of convergence are the normal case.
             self.model.opt.warn_overflow = 0
+            # Of a world's own too, beside the fields of the model.
+            self.model.opt.impratio_invsqrt = wp.full(worlds, float(model.opt.impratio) ** -0.5, dtype=float)
             self.data = mjw.put_data(model, data, nworld=worlds, nconmax=config.contacts, njmax=config.constraints)
             self._command = wp.zeros((6, worlds, 7), dtype=float)
             self._delay = wp.zeros(worlds, dtype=int)
@@ -154,11 +158,15 @@ class BatchedPhysics:
             self._extra = wp.to_torch(d.qfrc_applied)
             self._since = torch.zeros(worlds, dtype=torch.long, device=self.device)  # steps since a world was placed
         self.hold(torch.arange(worlds, device=self.device), self.qpos[:, ARM])
-        self.friction, self.mass, self.subtree_mass, self.inertia, self._solimp, self._solref, self._size = (
+        self.friction, self.mass, self.subtree_mass, self.inertia, self._solimp, self._solref, self._size, *place = (
             wp.to_torch(getattr(self.model, name)) for name in RANDOMISED
         )
+        self._creep = wp.to_torch(self.model.opt.impratio_invsqrt)
+        self._tips = [geom for geom in range(model.ngeom) if model.geom(geom).name.endswith(f"_{TIP}")]
+        self._place, self._tip_place = place, [array[0, self._tips].clone() for array in place]
         self._impedance = torch.tensor(model.geom_solimp[:, :2], dtype=torch.float32, device=self.device)
-        self._damping_ratio = torch.tensor(model.geom_solref[:, 1], dtype=torch.float32, device=self.device)
+        self._reference = torch.tensor(model.geom_solref, dtype=torch.float32, device=self.device)
+        self._nominal_creep = float(model.opt.impratio) ** -0.5
         self.object_body = model.body(OBJECT).id
         self._object_mass, self._whole_mass = float(model.body_mass[self.object_body]), float(model.body_mass.sum())
         self._object_inertia = torch.tensor(
@@ -320,15 +328,33 @@ class BatchedPhysics:
         self.subtree_mass[where, 0] = self._whole_mass + self._object_mass * (mass - 1)
         self.inertia[where, self.object_body] = self._object_inertia * mass[:, None]
 
-    def stiffen(self, where: torch.Tensor, stiffness: torch.Tensor, damping: torch.Tensor) -> None:
-        """Scale stiffness and damping ratio of every contact by factors (n,).
+    def stiffen(
+        self,
+        where: torch.Tensor,
+        stiffness: torch.Tensor,
+        damping: torch.Tensor,
+        time_constant: torch.Tensor | float = 1.0,
+        friction: torch.Tensor | float = 1.0,
+    ) -> None:
+        """Scale stiffness, damping ratio and time constant of every contact, and impratio, how much stiffer friction is, by factors (n,).
 
         At rest a contact gives way by (1 - d) / d of what it would without its spring's share d of the impedance, so that
-        stiffness is scaled by scaling d / (1 - d); the time constant, which sets the step, stays.
+        stiffness is scaled by scaling d / (1 - d); the time constant, which sets the step, is a factor of its own.
         """
         odds = self._impedance / (1 - self._impedance) * stiffness[:, None, None]
         self._solimp[where, :, :2] = odds / (1 + odds)
-        self._solref[where, :, 1] = self._damping_ratio * damping[:, None]
+        factors = torch.stack([time_constant * torch.ones_like(damping), damping], -1)
+        self._solref[where] = self._reference * factors[:, None]
+        self._creep[where] = self._nominal_creep * (friction * torch.ones_like(damping)) ** -0.5
+
+    def bend(self, where: torch.Tensor, length: torch.Tensor, turn: torch.Tensor) -> None:
+        """Let fingertips reach length (n, 2) m further than the hand's drawing says, and turn them by vectors (n, 2, 3) rad, in the fingers' frames."""
+        (position, rotation), (old, before) = self._place, self._tip_place
+        position[where[:, None], self._tips, 2] = old[:, 2] + length
+        half = torch.cat([torch.ones_like(turn[..., :1]), turn / 2], -1)
+        rotation[where[:, None], self._tips] = quaternion_multiply(
+            half / half.norm(dim=-1, keepdim=True), before.expand_as(half)
+        )
 
     def support(self, where: torch.Tensor, shares: torch.Tensor) -> None:
         """Let the object stand on the table on patches whose sides are shares (n, 3) of its own."""

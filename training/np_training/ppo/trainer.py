@@ -18,6 +18,7 @@ from np_training.ppo.config import PPOConfig, TrainConfig
 from np_training.ppo.curriculum import Curriculum, stage_limits
 from np_training.ppo.learner import Batch, Learner, advantages
 from np_training.ppo.networks import LOG_STD, ActorCritic, sample
+from np_training.setting import largest_turn
 from np_training.tasks.breakdown import groups
 from np_training.tasks.joint_range import JointRange
 from np_training.tasks.randomisation import CONDITIONS, NOMINAL_CONDITIONS
@@ -73,6 +74,7 @@ class Trainer:
             "contact": env.config.physics.contact.name,
             "reward": env.config.reward.name,
             "max_opening": env.domain.max_opening,
+            "largest_turn": largest_turn(env.domain),
         }
 
     def _seed(self) -> None:

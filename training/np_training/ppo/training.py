@@ -55,6 +55,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         stiffness=arguments.stiffness,
         deviation=arguments.deviation,
         tolerance=arguments.tolerance,
+        hold=arguments.hold,
         reflex=arguments.reflex,
         conditions=arguments.conditions,
         curriculum=curriculum,
