@@ -29,7 +29,7 @@ from np_blind.robot_answering import TASKS
 from np_blind.robot_cases import Robot, read_key
 from np_blind.robot_figures import mmrv, pearson
 from np_blind.robot_queue import AT_ONCE, ENGINE, Queue, TimeOver
-from np_bringup.rehearsal.playing import Cell, Kept, play_all, text_of
+from np_bringup.rehearsal.playing import Cell, Kept, play_all, succeeds, text_of
 from np_description.released import WeightsError
 from np_description.weights_header import read_metadata
 from np_effects.patch import load_patch
@@ -130,7 +130,7 @@ def play(options: argparse.Namespace) -> dict:
         play_all(cells, options.episodes, options.out, queue.ranked(ENGINE), "matrix")
     kept = Kept(options.out, cells)
     rate = {
-        name: float(np.mean(kept.of(name, options.episodes)))
+        name: float(np.mean(succeeds(kept.of(name, options.episodes))))
         for name in cells
         if not kept.missing(name, options.episodes)
     }
