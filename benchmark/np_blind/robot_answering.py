@@ -81,7 +81,8 @@ def settle_all(robots: Sequence[Robot], judging: Judging, queue: Queue, turn: Tu
     progress.show(0)
     try:
         domains = sorted({robot.domain for robot in robots})
-        if judging.how is not None and judging.how.gpu is not None:  # nobody trains before the first diagnosis
+        waits = not any(is_diagnosed(judging.out, robot) for robot in robots)  # for a diagnosis: nobody trains before
+        if waits and judging.how is not None and judging.how.gpu is not None:
             for domain in domains:
                 threads.submit(warm, domain, judging.out / "warm" / domain, judging.how, lambda: queue.is_over)
         nominal = threads.submit(nominal_success, domains, judging, queue.ranked(REHEARSAL))
