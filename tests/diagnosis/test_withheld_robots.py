@@ -171,6 +171,7 @@ def test_pages_of_results_say_what_came_of_every_robot():
     from pages.robots import matrix, robots
 
     engine = {"nominal": [1] * 10, "before": [1, 0] * 5, "after": [1] * 9 + [0], "adopted": [1] * 9 + [0]}
+    engine["corrected"] = [1] * 8 + [0] * 2
     done = {
         "robot": 0,
         "domain": "wall",
@@ -179,7 +180,7 @@ def test_pages_of_results_say_what_came_of_every_robot():
         "cause": "coulomb_friction at panda_joint4",
         "costs": {"coulomb_friction at panda_joint4": {"value": 0.3}},
         "ablation": {"coulomb_friction": 0.4, "gripper_friction": 0.1},
-        "adopted": True,
+        "kept": "trained",
         "success": {name: {"value": value} for name, value in (("nominal", 1.0), ("patched", 0.6))},
         "engine": engine,
     }
@@ -190,7 +191,7 @@ def test_pages_of_results_say_what_came_of_every_robot():
     sealed = {"key_sha256": "a" * 64, "doctor_sha256": "b" * 64}
     headline, body = robots({**about, **sealed, "figures": figures(rows), "rows": rows})
     assert headline.startswith("2 of 12 robots: top cause named 1.00 of 1")
-    assert "| 0.50 (0.60) | 0.90 |" in body and "the time was over" in body
+    assert "| 0.50 (0.60) | 0.80 | 0.90 | 0.90 |" in body and "the time was over" in body
     sides = {"r": 0.9, "mmrv": 0.02, "mean_absolute_error": 0.1}
     cell = {"robot": 0, "domain": "wall", "policy": "soft_on", "nominal": 1.0, "patched": 0.5, "engine": 0.4}
     table = {"figures": {"nominal": sides, "patched": sides, "cells": 1}, "episodes": 10, "table": [cell]}
