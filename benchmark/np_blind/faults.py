@@ -63,7 +63,7 @@ def largest(effect: str, joint: int | None, holds: bool) -> float:
     """Times its limit, up to which an effect is drawn; holds: so that a drive that is cut still holds the arm up.
 
     Without that (sets with seeds below `background.HOLDS_FROM`) a limit is 2 % above the nominal arm's weight, if it would be
-    below. Joint 2 then falls by half a radian and more in the third posture; joints 3 and 5 are cut by less than is visible.
+    below. Joint 2 then falls by half a radian and more in the third posture, and joint 3 is cut by 3 % at most, less than is visible.
     """
     most = visible(effect).largest
     if effect == "torque_saturation" and holds:
