@@ -34,15 +34,21 @@ class Predicted:
     held_out: bool = False
 
 
-def errors(recordings: Sequence[TaskRecording], patch: Patch, camera: Camera = CAMERA, panda: PandaModel = NOMINAL):
+def errors(
+    recordings: Sequence[TaskRecording],
+    patch: Patch,
+    camera: Camera = CAMERA,
+    panda: PandaModel = NOMINAL,
+    rougher: Sequence[float] = MOTION.rougher,
+) -> np.ndarray:
     """px (n,) of all windows of recordings of one object, NaN of those that cannot be predicted.
 
-    Each is the mean over frictions of the table by which two engines differ: where a tip hops, a hundredth more or less of it decides where
-    the object goes, and one draw says nothing of the patch.
+    Each is the mean over frictions of the table, rougher by these shares, by which two engines differ: where a tip hops, a hundredth more or
+    less of it decides where the object goes, and one draw says nothing of the patch.
     """
     domain, each = recordings[0].domain, []
-    for rougher in MOTION.rougher:
-        simulated = Simulated(domain, patch, camera, panda, rougher)
+    for more in rougher:
+        simulated = Simulated(domain, patch, camera, panda, more)
         each.append([_error(simulated, window) for one in recordings for window in windows(one)])
     return np.mean(each, axis=0)
 
