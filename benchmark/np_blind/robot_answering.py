@@ -19,8 +19,8 @@ import numpy as np
 from np_blind.robot_cases import DOMAINS, Robot
 from np_blind.robot_queue import DOCTOR, ENGINE, REHEARSAL, Queue, TimeOver
 from np_bringup.rehearsal.learning import Learning, warm
-from np_bringup.rehearsal.playing import Cell, play_all, text_of
-from np_bringup.rehearsal.stages import Rehearsal, rehearse
+from np_bringup.rehearsal.playing import Cell, play_all, succeeds, text_of
+from np_bringup.rehearsal.stages import KEPT, Rehearsal, rehearse
 from np_effects.patch import Patch, dump_patch, load_patch
 from np_record.command import Progress
 from np_record.whole_file import write_whole
@@ -28,7 +28,7 @@ from np_record.whole_file import write_whole
 SUITES = 2  # recordings of the task suite, in which the object lies elsewhere
 TASKS = 900  # seed of the tasks by which robots are judged
 GRACE = 20.0  # s after the end of the time for episodes that are being played
-TOLD = ("cause", "costs", "adopted", "not_trained", "success", "lost")  # of a rehearsal, that a row has
+TOLD = ("cause", "costs", "kept", "corrected", "not_trained", "success", "lost")  # of a rehearsal, that a row has
 
 
 class Turns:
@@ -59,18 +59,18 @@ class Turns:
 @dataclass(frozen=True)
 class Judging:
     """How robots are judged. seed: of the set; episodes, share_episodes: of every figure, and of every subset of the effects found; how:
-    training; oracle: whether the same is done with the true effects; out: folder."""
+    training, None: all but that; oracle: whether the same is done with the true effects; out: folder."""
 
     out: Path
     seed: int
     episodes: int
     share_episodes: int
-    how: Learning
+    how: Learning | None
     oracle: bool = True
 
 
-def nominal_success(domains: Sequence[str], judging: Judging, pool: Executor) -> dict[str, list[bool]]:
-    """Success of the released policies on the robot that is believed in, in both engines, as `wall_mujoco`."""
+def nominal_success(domains: Sequence[str], judging: Judging, pool: Executor) -> dict[str, list[float]]:
+    """Scores of the released policies on the robot that is believed in, in both engines, as `wall_mujoco`."""
     cells = {f"{d}_{e}": Cell(d, e, seed=TASKS) for d in domains for e in ("mujoco", "physx")}
     return play_all(cells, judging.episodes, judging.out / "nominal", pool, "nominal")
 
@@ -81,7 +81,8 @@ def settle_all(robots: Sequence[Robot], judging: Judging, queue: Queue, turn: Tu
     progress.show(0)
     try:
         domains = sorted({robot.domain for robot in robots})
-        if judging.how.gpu is not None:  # nobody trains before the first diagnosis
+        waits = not any(is_diagnosed(judging.out, robot) for robot in robots)  # for a diagnosis: nobody trains before
+        if waits and judging.how is not None and judging.how.gpu is not None:
             for domain in domains:
                 threads.submit(warm, domain, judging.out / "warm" / domain, judging.how, lambda: queue.is_over)
         nominal = threads.submit(nominal_success, domains, judging, queue.ranked(REHEARSAL))
@@ -139,7 +140,7 @@ def _settle(row: dict, keep: Callable[[], None], robot: Robot, judging: Judging,
             patch, row["diagnosis"] = _diagnosed(robot, judging, queue.ranked(DOCTOR))
             row["found"] = dump_patch(patch)
             keep()
-            believed = nominal.result()[f"{robot.domain}_physx"]
+            believed = succeeds(nominal.result()[f"{robot.domain}_physx"])
 
             def tell(told: dict) -> None:
                 row.update({name: told[name] for name in TOLD})
@@ -150,8 +151,7 @@ def _settle(row: dict, keep: Callable[[], None], robot: Robot, judging: Judging,
 
             what = _rehearsal(robot, judging, judging.out / robot.folder, queue, tell)
             told = rehearse(what, patch, judging.how, queue.ranked(REHEARSAL), turn)
-            before, after = row["engine"]["before"], told["played"].get("reality_after")
-            row["engine"] |= {"after": after, "adopted": after if told["adopted"] else before}
+            row["engine"] |= _after(told)
             keep()
         finally:
             begun.set()
@@ -159,7 +159,12 @@ def _settle(row: dict, keep: Callable[[], None], robot: Robot, judging: Judging,
                 row["ablation"] = _ablation(robot, row["engine"], without.result())
                 keep()
         if oracle is not None:
-            row["engine"]["oracle"] = oracle.result() or row["engine"]["before"]
+            row["engine"]["oracle"] = oracle.result()
+
+
+def is_diagnosed(out: Path, robot: Robot) -> bool:
+    """Whether the doctor has answered for a robot."""
+    return (out / robot.folder / "diagnosis.json").exists()
 
 
 def _diagnosed(robot: Robot, judging: Judging, pool: Executor) -> tuple[Patch, dict]:
@@ -167,7 +172,7 @@ def _diagnosed(robot: Robot, judging: Judging, pool: Executor) -> tuple[Patch, d
 
     folder = judging.out / robot.folder
     told, found = folder / "diagnosis.json", folder / "patch.yaml"
-    if not told.exists():
+    if not is_diagnosed(judging.out, robot):
         begun = time.monotonic()
         seed = 1000 * judging.seed + 10 * robot.number
         asked = [pool.submit(recorded_arm, robot.patch, seed)]
@@ -219,8 +224,8 @@ def _rehearsal(robot: Robot, judging: Judging, folder: Path, queue: Queue, tell=
     )
 
 
-def _without(robot: Robot, judging: Judging, pool: Executor) -> dict[str, list[bool]]:
-    """Success of the old policies in PhysX without each of the true effects, where there are several."""
+def _without(robot: Robot, judging: Judging, pool: Executor) -> dict[str, list[float]]:
+    """Scores of the old policies in PhysX without each of the true effects, where there are several."""
     effects, reality = robot.patch.effects, _reality(robot)
     others = {e.effect: Patch(tuple(other for other in effects if other is not e)) for e in effects if len(effects) > 1}
     cells = {f"without_{name}": replace(reality, effects=text_of(patch)) for name, patch in others.items()}
@@ -229,15 +234,26 @@ def _without(robot: Robot, judging: Judging, pool: Executor) -> dict[str, list[b
     return {name: played[f"without_{name}"] for name in others}
 
 
-def _ablation(robot: Robot, engine: dict, without: dict[str, list[bool]]) -> dict[str, float]:
+def _ablation(robot: Robot, engine: dict, without: dict[str, list[float]]) -> dict[str, float]:
     """What each true effect costs in PhysX: success without it, less success with all."""
-    without = without or {robot.effects[0].effect: engine["nominal"]}
-    return {name: float(np.mean(each) - np.mean(engine["before"])) for name, each in without.items()}
+    others = {name: succeeds(each) for name, each in without.items()} or {robot.effects[0].effect: engine["nominal"]}
+    return {name: float(np.mean(each) - np.mean(engine["before"])) for name, each in others.items()}
 
 
-def _oracle(robot: Robot, judging: Judging, begun: Event, queue: Queue, turn: Turns) -> list[bool] | None:
-    """Success in PhysX of policies that were trained on with the true effects, and kept by the same rule; None where the old ones are."""
+def _after(told: dict) -> dict[str, list[int] | None]:
+    """Success in PhysX with what a rehearsal has come to: corrected, after training, and of what it keeps, None where there is none."""
+    played = told["played"]
+    return {
+        "corrected": played.get("reality_corrected"),
+        "after": played.get("reality_after"),
+        "adopted": played[KEPT[told["kept"]].replace("patched", "reality")],
+    }
+
+
+def _oracle(robot: Robot, judging: Judging, begun: Event, queue: Queue, turn: Turns) -> list[int]:
+    """Success in PhysX of what the same comes to with the true effects."""
     begun.wait()
     what = _rehearsal(robot, judging, judging.out / robot.folder / "oracle", queue)
-    told = rehearse(what, robot.patch, judging.how, queue.ranked(REHEARSAL), partial(turn, last=True))
-    return [bool(success) for success in told["played"]["reality_after"]] if told["adopted"] else None
+    return _after(rehearse(what, robot.patch, judging.how, queue.ranked(REHEARSAL), partial(turn, last=True)))[
+        "adopted"
+    ]

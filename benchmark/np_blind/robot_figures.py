@@ -32,6 +32,13 @@ def figures(rows: Sequence[Mapping]) -> dict:
         "lost success that returns, median": _median(
             [_returned(row, row["engine"]["adopted"]) for row in done if _loss(row) > LEAST_LOSS]
         ),
+        "with corrections alone, median": _median(
+            [
+                _returned(row, row["engine"].get("corrected") or row["engine"]["before"])
+                for row in done
+                if _loss(row) > LEAST_LOSS and "corrected" in row["engine"]
+            ]
+        ),
         "of the oracle's, median": _median(
             [
                 float(np.mean(row["engine"]["adopted"]) - np.mean(row["engine"]["before"]))
@@ -45,7 +52,7 @@ def figures(rows: Sequence[Mapping]) -> dict:
         ),
         "worse than before": {"value": sum(each["value"] < 0 for each in worse), "of": len(worse)},
         "worse beyond doubt": {"value": sum(each["ci95"][1] < 0 for each in worse), "of": len(worse)},
-        "new policies adopted": {"value": sum(bool(row["adopted"]) for row in trained), "of": len(trained)},
+        "new policies adopted": {"value": sum(_has_new(row) for row in trained), "of": len(trained)},
         "not finished": {"value": sum(bool(row.get("error")) for row in rows), "of": len(rows)},
     }
 
@@ -61,8 +68,12 @@ def cost_pairs(row: Mapping) -> list[tuple[float, float]]:
     said: dict[str, float] = {}
     for name, cost in row["costs"].items():
         effect = name.partition(" at ")[0]
-        said[effect] = said.get(effect, 0.0) + cost["value"]
+        said[effect] = said.get(effect, 0.0) + cost.get("score", cost)["value"]
     return [(said.get(effect, 0.0), cost) for effect, cost in row["ablation"].items()]
+
+
+def _has_new(row: Mapping) -> bool:
+    return row["kept"] == "trained" if "kept" in row else bool(row["adopted"])
 
 
 def _loss(row: Mapping) -> float:

@@ -29,11 +29,11 @@ from np_blind.robot_answering import TASKS
 from np_blind.robot_cases import Robot, read_key
 from np_blind.robot_figures import mmrv, pearson
 from np_blind.robot_queue import AT_ONCE, ENGINE, Queue, TimeOver
-from np_bringup.rehearsal.playing import Cell, Kept, play_all, text_of
+from np_bringup.rehearsal.playing import Cell, Kept, play_all, succeeds, text_of
 from np_description.released import WeightsError
 from np_description.weights_header import read_metadata
 from np_effects.patch import load_patch
-from np_policy.contract import KINDS
+from np_policy.contract import KINDS, PRE_CONTACT
 from np_record.command import INTERRUPTED, interrupt_on_sigterm
 from np_record.workers import HELP, SINGLE_THREAD, workers
 
@@ -74,10 +74,11 @@ def prepare(folder: Path) -> list[str]:
             place.mkdir(parents=True, exist_ok=True)
             for kind in KINDS:
                 name = f"{kind}_{domain}.safetensors"
-                command = ["git", "-C", str(POLICIES.parent), "show", f"{policy['revision']}:weights/{name}"]
+                revision = policy.get("chooses", policy["revision"]) if kind == PRE_CONTACT else policy["revision"]
+                command = ["git", "-C", str(POLICIES.parent), "show", f"{revision}:weights/{name}"]
                 done = subprocess.run(command, capture_output=True)
                 if done.returncode:
-                    raise OSError(f"{policy['revision']}:weights/{name}: {done.stderr.decode().strip()}")
+                    raise OSError(f"{revision}:weights/{name}: {done.stderr.decode().strip()}")
                 (place / name).write_bytes(done.stdout)
                 if "contract" not in read_metadata(place / name):
                     add_contract(place / name, "impedance")
@@ -130,7 +131,7 @@ def play(options: argparse.Namespace) -> dict:
         play_all(cells, options.episodes, options.out, queue.ranked(ENGINE), "matrix")
     kept = Kept(options.out, cells)
     rate = {
-        name: float(np.mean(kept.of(name, options.episodes)))
+        name: float(np.mean(succeeds(kept.of(name, options.episodes))))
         for name in cells
         if not kept.missing(name, options.episodes)
     }

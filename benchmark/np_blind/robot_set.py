@@ -18,12 +18,12 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from np_blind.robot_answering import Judging, Turns, answered, settle_all
+from np_blind.robot_answering import Judging, Turns, answered, is_diagnosed, settle_all
 from np_blind.robot_cases import SET, make_key, read_key
 from np_blind.robot_figures import figures
 from np_blind.robot_queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_blind.robot_sizes import find_robots
-from np_blind.sealed import KEYS, SealError, check, check_doctor, digest, put_down
+from np_blind.sealed import KEYS, SealError, answered_by, check, check_doctor, digest, put_down
 from np_bringup.rehearsal.learning import Learning, gpus
 from np_physx_bridge.library import missing
 from np_record.command import INTERRUPTED, interrupt_on_sigterm, origin
@@ -48,6 +48,15 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--minutes", type=float, default=5.0, help="of training")
     parser.add_argument("--each-gpu", type=int, default=1, help="trainings at a time on a GPU")
     parser.add_argument("--no-oracle", dest="oracle", action="store_false", help="no training with the true effects")
+    parser.add_argument(
+        "--no-training",
+        dest="train_on",
+        action="store_false",
+        help="only what takes no GPU: diagnoses and old policies",
+    )
+    parser.add_argument(
+        "--diagnosed", action="store_true", help="only robots whose diagnosis is there: no doctor is asked"
+    )
     parser.add_argument("--answered", action="store_true", help="figures of the rows that are there, and do no more")
     parser.add_argument(
         "--within",
@@ -90,16 +99,22 @@ def judge(options: argparse.Namespace) -> dict:
     is_locked = options.seed >= LOCKED_FROM
     sealed = check(key) if is_locked else digest(key)
     options.out.mkdir(parents=True, exist_ok=True)
-    doctor = check_doctor(options.out, is_locked)
     robots = read_key(options.key)[options.first : options.last]
-    there = gpus()
+    if options.diagnosed:
+        robots = [robot for robot in robots if is_diagnosed(options.out, robot)]
+    # A later doctor may judge what an earlier one has answered, for it is asked nothing.
+    is_asked = not all(is_diagnosed(options.out, robot) for robot in robots)
+    doctor = check_doctor(options.out, is_locked) if is_asked else answered_by(options.out)
+    there = gpus() if options.train_on else []
     judging = Judging(
         options.out,
         options.seed,
         options.episodes,
         options.share_episodes,
-        Learning(options.minutes, there[0] if there else None, options=tuple(options.train)),
-        options.oracle,
+        Learning(options.minutes, there[0] if there else None, options=tuple(options.train))
+        if options.train_on
+        else None,
+        options.oracle and options.train_on,
     )
     until = time.time() + options.within
     begun = time.monotonic()

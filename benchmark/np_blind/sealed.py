@@ -120,6 +120,12 @@ def check_doctor(out: Path, is_locked: bool) -> str:
     return found
 
 
+def answered_by(out: Path) -> str:
+    """SHA-256 of the doctor that gave the answers in `out`, "" where none did."""
+    note = out / "doctor.sha256"
+    return note.read_text().strip() if note.exists() else ""
+
+
 def _name(key: str) -> tuple[str, int, int]:
     """Set, number of cases and seed of a key."""
     raw = json.loads(key)

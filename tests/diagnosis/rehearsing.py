@@ -2,6 +2,7 @@
 
 from concurrent.futures import Future
 
+from np_bringup.corrections import OF_DRIVER
 from np_bringup.rehearsal.playing import patch_of
 from np_effects.patch import Patch, PatchEffect
 
@@ -24,7 +25,9 @@ def losing(chances):
     """In place of episodes: a tenth of them each, of ten, is lost to an effect that `chances` names, by its tenths."""
 
     def play(cell, numbers):
-        lost = {tenth for e in patch_of(cell.effects).effects for tenth in chances.get(e.effect, ())}
+        told = {e.effect for e in patch_of(cell.corrected).effects if e.effect in OF_DRIVER}
+        there = {e.effect for e in patch_of(cell.effects).effects} - told
+        lost = {tenth for effect in there for tenth in chances.get(effect, ())}
         if cell.weights:  # what training brings back, and the new student spoils
             lost = {tenth for tenth in lost if tenth > 2} | ({9} if cell.weights.endswith("/new") else set())
         return [number % 10 not in lost for number in numbers]

@@ -1,6 +1,7 @@
 """The parts of soak and fuzz that need no graph."""
 
 import json
+import mmap
 import os
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -110,3 +111,16 @@ def test_use_of_this_process():
     with open(os.devnull):
         assert use_of(os.getpid()).handles == before.handles + 1
     assert before.memory > 1000 and before.threads >= 1
+
+
+def test_pages_of_a_file_that_is_read_are_no_memory_of_ones_own(tmp_path):
+    """As those of a library are, whose rare path is run for the first time after a hundred episodes."""
+    size = 16_000_000
+    (tmp_path / "library").write_bytes(os.urandom(size))
+    with (tmp_path / "library").open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as pages:
+        before = use_of(os.getpid()).memory
+        assert sum(pages[:: mmap.PAGESIZE]) > 0
+        assert use_of(os.getpid()).memory - before < 1000
+    with mmap.mmap(-1, size) as own:
+        own.write(os.urandom(size))
+        assert use_of(os.getpid()).memory - before > 0.9 * size / 1000 - 1000

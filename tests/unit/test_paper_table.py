@@ -128,6 +128,29 @@ def test_a_cell_is_an_evaluation_with_everything_that_was_asked_for(tmp_path, mo
     assert (options.domain, options.object, options.scenario, options.seed) == ("bump", "sponge", 2, 7)
 
 
+def test_what_there_is_of_a_table_that_was_broken_off_is_shown(tmp_path, capsys):
+    """Episodes of a cell that was not finished too; of two results of a cell the later one; never of two codes at once."""
+    place = tmp_path / "mujoco_camera_0"
+
+    def leave(cell: Cell, successes: int, code: str) -> None:
+        file = Results(place / cell.folder, {"domain": cell.domain, "code_sha256": code, "revision": code[:1]})
+        for result in results(successes):
+            file.add(result)
+
+    leave(Cell("wall", "sponge", 2), 2, "abc")
+    leave(Cell("wall", "wood", 1), 1, "abc")
+    show = ["--show", "--domains", "wall", "--tries", "5", "--out", str(tmp_path)]
+    assert command.main(show) == 0
+    said = capsys.readouterr().out.splitlines()
+    last = json.loads(said[-1])
+    assert last["totals"]["ours"]["episodes"] == 3 and last["code_sha256"] == "abc" and last["revision"] == "a"
+    assert any(line.startswith("wall sponge") and "2/2" in line for line in said)
+    assert sum("not played" in line for line in said) == 5
+    leave(Cell("wall", "default", 1), 1, "xyz")
+    assert command.main(show) == 1
+    assert "expected cells of the same code and weights" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("main", [command.main, evaluate.main], ids=["table3", "evaluate"])
 @pytest.mark.parametrize("option", ["contacts", "jobs"])
 def test_what_no_run_can_have_is_refused(main, option, capsys):

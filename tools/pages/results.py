@@ -17,8 +17,8 @@ DRIVER = ("tracking", "approach", "suite", "faults")
 PICTURES = (".svg", ".png", "_strips.jpg", "_reliability.png", "_view.png")
 INTRODUCTION = """Everything measured, newest first. All of it is simulated, but for sets on recordings that others
 have published: no real arm or camera of ours has been used yet.
-The policies were trained and evaluated with MuJoCo's default contacts, which are soft: a fingertip sinks 2 to 6.6 mm into
-the card, which is 5 mm thick."""
+Released policies are trained in hard contacts, the card since 2026-11-25, wall and bump since 2026-11-24. Sets that are older, or named
+soft, are of MuJoCo's default contacts, in which a fingertip sinks 2 to 6.6 mm into the card, which is 5 mm thick."""
 # Kind of a set, as the index names it, by what its file is called: the first that fits.
 KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = (
     ("evaluation_", "", "through the graph", episodes.evaluated),

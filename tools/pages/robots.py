@@ -33,12 +33,26 @@ def robots(data: Mapping) -> tuple[str, str]:
     body += f"\n{data['episodes']} episodes a figure, {data['minutes']:g} minutes of training on one of {data['gpus']} GPUs, {data['wall_s']:.0f} s in all."
     body += f" SHA-256 of the key `{data['key_sha256'][:16]}`, of the doctor `{data['doctor_sha256'][:16]}`.\n\n## Every robot\n\n"
     body += "Success in PhysX; in brackets what the simulator predicts, with the patch where there is one.\n\n"
-    head = ("robot", "what is other", "found", "blamed", "nominal", "before", "after, kept", "oracle", "")
+    head = (
+        "robot",
+        "what is other",
+        "found",
+        "blamed",
+        "nominal",
+        "before",
+        "corrected",
+        "trained",
+        "kept",
+        "oracle",
+        "",
+    )
     return headline, body + table(head, (_robot(row) for row in rows))
 
 
 def _robot(row: Mapping) -> tuple:
     engine, predicted = row.get("engine", {}), row.get("success", {})
+    kept = row.get("kept") or ("trained" if row.get("adopted") else "before")
+    of_kept = {"before": "patched", "corrected": "patched_corrected", "trained": "patched_after"}[kept]
     cause = row.get("cause")
     note = row["error"].strip().splitlines()[-1] if row.get("error") else ""
     return (
@@ -48,9 +62,11 @@ def _robot(row: Mapping) -> tuple:
         cause.replace("_", " ") if cause else ("nothing" if "costs" in row else None),
         _success(engine.get("nominal"), predicted.get("nominal")),
         _success(engine.get("before"), predicted.get("patched")),
-        _success(engine.get("adopted"), predicted.get("patched_after") if row.get("adopted") else None),
+        _success(engine.get("corrected"), predicted.get("patched_corrected")),
+        _success(engine.get("after"), predicted.get("patched_after")),
+        _success(engine.get("adopted"), predicted.get(of_kept)),
         _success(engine.get("oracle"), None),
-        note or ("" if row.get("adopted") else "old policies kept"),
+        note or {"before": "as it was", "corrected": "corrected, old policies"}.get(kept, ""),
     )
 
 

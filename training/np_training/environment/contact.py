@@ -77,13 +77,12 @@ def surface_point(domain: Domain, direction: torch.Tensor, objects: Poses) -> tu
     """Where rays from the objects' centres along `direction` (n, 3), base frame, leave them (n, 3) m; the normal of the
     face there (n, 3)."""
     body = matrix_from_quaternion(objects.quaternion)
-    half_size = torch.tensor(domain.half_size, device=direction.device)
     # A box is scaled to a cube, so that each of its faces has the same odds, however thin it is.
     local = (direction[:, :, None] * body).sum(1)
     face = local.abs().argmax(-1, keepdim=True)
     local = local / local.gather(1, face).abs().clamp(min=1e-6)
     normal = torch.zeros_like(local).scatter(1, face, local.gather(1, face).sign())
-    point = ((local * half_size)[:, None, :] * body).sum(-1) + objects.position
+    point = ((local * objects.half_size(domain))[:, None, :] * body).sum(-1) + objects.position
     return point, (normal[:, None, :] * body).sum(-1)
 
 
@@ -155,14 +154,12 @@ def gripper_clearance(
     down = torch.zeros(len(q), 1, 3).to(centres)
     down[:, 0, 2] = sunk
     boxes = [(torch.tensor(b.half_size), torch.tensor(b.centre).to(centres) - down, None) for b in domain.obstacles]
-    boxes.append(
-        (torch.tensor(domain.half_size), objects.position[:, None], matrix_from_quaternion(objects.quaternion))
-    )
+    boxes.append((objects.half_size(domain), objects.position[:, None], matrix_from_quaternion(objects.quaternion)))
     for half_size, position, turn in boxes:
         local = centres - position.to(centres)
         if turn is not None:
             local = torch.einsum("nij,nki->nkj", turn, local)
-        outside = local.abs() - half_size.to(centres)
+        outside = local.abs() - half_size.to(centres).reshape(-1, 1, 3)
         distance = outside.clamp(min=0).norm(dim=-1) + outside.amax(-1).clamp(max=0)
         least = torch.minimum(least, (distance - radii).amin(-1))
     return least

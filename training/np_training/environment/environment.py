@@ -7,7 +7,7 @@ rollout: inverse kinematics and collision checks then cost one large batch inste
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -78,12 +78,12 @@ def as_seen(domain: Domain, objects: Poses, goals: Poses) -> tuple[Poses, Poses]
         return objects, goals
     turns = torch.tensor(symmetries(domain.half_size), dtype=goals.position.dtype, device=goals.position.device)
     turn = turns[naming(domain, normalised_keypoints(corners(domain, goals)))]
-    return tuple(Poses(p.position, quaternion_multiply(p.quaternion, turn)) for p in (objects, goals))
+    return tuple(replace(p, quaternion=quaternion_multiply(p.quaternion, turn)) for p in (objects, goals))
 
 
 def corners(domain: Domain, poses: Poses) -> torch.Tensor:
     """Corners (n, 8, 3) m of the domain's object at poses (n,)."""
-    return box_keypoints(domain.half_size, poses.position, poses.quaternion)
+    return box_keypoints(poses.half_size(domain), poses.position, poses.quaternion)
 
 
 class Environment:
@@ -98,7 +98,7 @@ class Environment:
         self.generator = torch.Generator(device=device).manual_seed(config.seed)
         self.limits = actions.LOOSE
         n = config.worlds
-        self.goals = Poses(torch.zeros(n, 3, device=device), torch.zeros(n, 4, device=device))
+        self.goals = Poses(torch.zeros(n, 3, device=device), torch.zeros(n, 4, device=device), self.physics.scale)
         self.goal_corners = torch.zeros(n, 8, 3, device=device)
         self.last_action = torch.zeros(n, actions.SIZE, device=device)
         self.age = torch.zeros(n, dtype=torch.long, device=device)
@@ -132,7 +132,8 @@ class Environment:
     @property
     def objects(self) -> Poses:
         """Object poses now."""
-        return Poses(self.physics.qpos[:, OBJECT_POSITION], self.physics.qpos[:, OBJECT_QUATERNION])
+        physics = self.physics
+        return Poses(physics.qpos[:, OBJECT_POSITION], physics.qpos[:, OBJECT_QUATERNION], physics.scale)
 
     def measure(self) -> Measures:
         """How far the episodes are from their goals now."""
@@ -194,7 +195,7 @@ class Environment:
 
     def draw_starts(self, pre_policy, count: int) -> Starts:
         """A pool of `count` tasks with the contacts that `pre_policy.act(state, explore)` -> (action, log p) chooses."""
-        tasks = draw_tasks(self.domain, self.config.shares, count, self.generator)
+        tasks = draw_tasks(self.domain, self.config.shares, count, self.generator, self.config.conditions.size)
         state = pre_contact_state(*as_seen(self.domain, tasks.starts, tasks.goals))
         action, log_probability = pre_policy.act(state, self.config.explore)
         contacts = contact.resolve(self.domain, action, tasks.starts, tasks.sunk, self.hand)
@@ -243,6 +244,8 @@ class Environment:
         objects, goals, q = tasks.starts[row], tasks.goals[row], starts.q[row]
         width = starts.contacts.width[row][:, None].expand(n, 2)
         self.physics.place(where, torch.cat([q, width, objects.position, objects.quaternion], -1), tasks.sunk[row])
+        if self.config.physics.resizes:
+            self.physics.resize(where, torch.ones_like(q[:, 0]) if objects.scale is None else objects.scale)
         self.physics.fingers[where] = width
         self.physics.hold(where, q)
         self.goals.position[where], self.goals.quaternion[where] = goals.position, goals.quaternion

@@ -20,8 +20,8 @@ from np_training.physics.batched import ARM
 from np_training.ppo.distillation import Student
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.breakdown import groups_of_tasks
-from np_training.tasks.poses import Poses, sample_tasks
-from np_training.tasks.practice import Tasks
+from np_training.tasks.poses import Poses, sample_tasks, uniform
+from np_training.tasks.practice import Tasks, scaled
 from np_training.tasks.randomisation import Conditions
 
 MODES = ("success", "infeasible", "broken", "lost", "stopped", "timeout")
@@ -103,12 +103,16 @@ def run_episodes(
     env.limits = TIGHT
     one = torch.ones(worlds, device=device)
     # What an earlier run may have left.
+    env.physics.resize(everyone, one)
     env.physics.randomise(everyone, one, one, one, one)
     env.physics.stiffen(everyone, one, one)
     env.physics.bend(everyone, torch.zeros(worlds, 2, device=device), torch.zeros(worlds, 2, 3, device=device))
     env.physics.support(everyone, SUPPORT_SHARE * one[:, None].expand(worlds, 3))
     env.conditions.fill_(1.0)
     objects, goals = fixed_tasks(env, scenario, seed) if scenario else sample_tasks(env.domain, worlds, env.generator)
+    if env.config.conditions.resizes:
+        scale = uniform(worlds, env.config.conditions.size, env.generator)
+        objects, goals = (scaled(env.domain, poses, scale) for poses in (objects, goals))
     feasible = _start(env, objects, goals, chooser, student)
     env.reset(everyone)
 

@@ -180,6 +180,7 @@ def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable
                 cartesian=uniform_gains(setting["cartesian_stiffness"]),
                 effects=effects,
                 supports=any(CONDITIONS[name].support is not None for name in arguments.conditions),
+                resizes=any(CONDITIONS[name].resizes for name in arguments.conditions),
             ),
         ),
     )

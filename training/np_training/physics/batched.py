@@ -17,14 +17,14 @@ from np_description.domains import Domain
 from np_description.panda import NOMINAL
 from np_description.penetration import kind_of
 from np_description.rotations import quaternion_from_matrix, quaternion_multiply, xyzw_from_wxyz
-from np_description.scene import OBJECT, SUPPORT, TIP, load_model
+from np_description.scene import OBJECT, SUPPORT, SUPPORT_PROUD, SUPPORT_SHARE, TIP, load_model
 from np_policy.action import Target
 from np_training.physics.batched_contacts import BatchedContacts
 from np_training.physics.batched_effects import batched_effects
 from np_training.physics.batched_kinematics import forward_kinematics
 from np_training.physics.batched_operational_space import make_gains, operational_space_kernel, watch_share
 from np_training.physics.chain import make_chain
-from np_training.physics.config import PhysicsConfig, check_trainable
+from np_training.physics.config import LARGEST, PhysicsConfig, check_trainable
 
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.
 RANDOMISED = (
@@ -97,7 +97,7 @@ class BatchedPhysics:
     noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
     the limits of joint velocity, and of torque as commanded; peak (2, worlds, 7): the largest shares of them; margin (worlds,):
     share of the data sheet's joint velocity that counts as the limit, and of its torque; seen_q rad, m, seen_dq (worlds, 9):
-    what the sensors say of joints and fingers. Raises ValueError for an object that is not rigid.
+    what the sensors say of joints and fingers; scale (worlds,): size of the object, as `resize` has it. Raises ValueError for an object that is not rigid.
     """
 
     def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
@@ -117,6 +117,10 @@ class BatchedPhysics:
         # Boxes then meet by their faces and edges, as in MuJoCo itself, not by the general convex algorithm, which takes
         # three to five times as long.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_NATIVECCD
+        if config.resizes:  # bounds, beyond which no contact is looked for, have to hold the largest object that comes
+            own = model.geom_bodyid == model.body(OBJECT).id
+            model.geom_rbound[own] *= LARGEST
+            model.geom_aabb[own] *= LARGEST
         self.host_model = model
         self._wp_device = wp.get_device(device)
         if self._wp_device.is_cuda:
@@ -185,6 +189,8 @@ class BatchedPhysics:
         ]
         self._supports = [model.geom(f"{SUPPORT}{axis}").id for axis in range(3)] if config.supports else []
         self._half_size = torch.tensor(domain.half_size, dtype=torch.float32, device=self.device)
+        self.scale = torch.ones(worlds, device=self.device)
+        self._object_geom = model.geom(OBJECT).id
         self.contacts = BatchedContacts(names, self.data, worlds)
         # Where fixed geoms are in the world is worked out once, when the data are made: it may be moved there.
         self._geom_position, self._geom_rotation = wp.to_torch(d.geom_xpos), wp.to_torch(d.geom_xmat)
@@ -326,7 +332,21 @@ class BatchedPhysics:
         self.mass[where, self.object_body] = self._object_mass * mass
         self.subtree_mass[where, self.object_body] = self._object_mass * mass
         self.subtree_mass[where, 0] = self._whole_mass + self._object_mass * (mass - 1)
-        self.inertia[where, self.object_body] = self._object_inertia * mass[:, None]
+        self._turn_inertia(where)
+
+    def resize(self, where: torch.Tensor, scale: torch.Tensor) -> None:
+        """Make the object `scale` (n,) times as large as it is nominally, up to LARGEST; it weighs what it weighed.
+        What it stands on is as large as ever before `support` is called."""
+        self.scale[where] = scale
+        self._size[where, self._object_geom] = self._half_size * scale[:, None]
+        for axis, geom in enumerate(self._supports):
+            self._size[where, geom] = self._half_size * SUPPORT_SHARE * scale[:, None]
+            self._size[where, geom, axis] = self._half_size[axis] * scale + SUPPORT_PROUD
+        self._turn_inertia(where)
+
+    def _turn_inertia(self, where: torch.Tensor) -> None:
+        factor = self.mass[where, self.object_body] / self._object_mass * self.scale[where].square()
+        self.inertia[where, self.object_body] = self._object_inertia * factor[:, None]
 
     def stiffen(
         self,
@@ -360,7 +380,9 @@ class BatchedPhysics:
         """Let the object stand on the table on patches whose sides are shares (n, 3) of its own."""
         for axis, geom in enumerate(self._supports):
             sides = [k for k in range(3) if k != axis]
-            self._size[where[:, None], geom, sides] = self._half_size[sides] * shares[:, sides]
+            self._size[where[:, None], geom, sides] = (
+                self._half_size[sides] * shares[:, sides] * self.scale[where, None]
+            )
 
     def take_overflowed(self) -> torch.Tensor:
         """Number () of worlds that lacked room for a contact or a constraint since the last call: these were

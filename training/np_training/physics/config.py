@@ -11,12 +11,14 @@ from np_effects.patch import Patch
 from np_training.physics.carried_effects import check_carried
 
 CONTROLLERS = ("impedance", "osc")
+LARGEST = 1.2  # times its own size that an object may have
 
 
 @dataclass(frozen=True)
 class PhysicsConfig:
     """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
-    contact: how rough and how hard everything is; supports: whether the object stands on patches, for `support`;
+    contact: how rough and how hard everything is; supports: whether the object stands on patches, for `support`; resizes: whether it
+    may become larger, up to LARGEST times, for `resize`;
     controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, with
     the gains `cartesian`); effects: what the arm has besides the nominal one (np_training.physics.carried_effects)."""
 
@@ -31,6 +33,7 @@ class PhysicsConfig:
     effects: Patch = Patch()
     contact: ContactModel = SOFT
     supports: bool = False
+    resizes: bool = False
 
     def __post_init__(self) -> None:
         check_carried(self.effects)

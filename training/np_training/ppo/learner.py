@@ -61,13 +61,15 @@ class Learner:
         # A rate on the device is steered there, without waiting for what has been computed so far.
         device = next(policy.parameters()).device
         rate = torch.tensor(rate, device=device)
-        # Messages between processes stay outside of graphs, so that several processes take the steps as they are.
-        self._captures = device.type == "cuda" and distributed.size() == 1
+        self._captures = device.type == "cuda"
         self._options = {"eps": 1e-5, "fused": True, "capturable": self._captures}
         self.policy_optimiser = torch.optim.Adam(policy.parameters(), lr=rate, **self._options)
         self.critic_optimiser = torch.optim.Adam(critic.parameters(), lr=5e-4, **self._options)
         self._sums = torch.zeros(len(STATISTICS), device=device)
-        self._step = Captured(self._minibatch) if self._captures else self._minibatch
+        self._parameters = [*policy.parameters(), *critic.parameters()]
+        # What is reckoned from a minibatch is one message; that between processes stays outside of what is captured.
+        self._message = torch.zeros(len(STATISTICS) + sum(p.numel() for p in self._parameters), device=device)
+        self._reckon, self._step = Captured(self._gradients), Captured(self._descend)
 
     @property
     def rate(self) -> float:
@@ -110,12 +112,14 @@ class Learner:
             if self._captures:
                 missing = -len(rows) % GRAIN
                 rows, share = (nn.functional.pad(column, (0, missing)) for column in (rows, share))
-            self._step(*(column[rows] for column in columns), old_std, share)
+            self._reckon(*(column[rows] for column in columns), old_std, share)
+            distributed.add(self._message)
+            self._step(self._message)
         return dict(zip(STATISTICS, (self._sums / (number + 1)).tolist()))
 
-    def _minibatch(self, *tensors: torch.Tensor) -> None:
-        """One step on the columns of a batch (n, ...), the policy's means (n, k) and deviation (1, k) before the first step, and the
-        share (n,) by which each row counts."""
+    def _gradients(self, *tensors: torch.Tensor) -> None:
+        """The message of a step: statistics and gradients of the columns of a batch (n, ...), the policy's means (n, k) and deviation
+        (1, k) before the first step, and the share (n,) by which each row counts."""
         *columns, old_mean, old_std, share = tensors
         batch = Batch(*columns)
         normal = distribution(self.policy, batch.state)
@@ -131,16 +135,16 @@ class Learner:
             ratio_std = normal.scale / old_std
             kl = 0.5 * (ratio_std**2 + ((normal.mean - old_mean) / old_std) ** 2 - 1) - ratio_std.log()
             statistics = torch.stack([policy_loss, value_loss, (share * kl.sum(-1)).sum(), entropy])
-        for optimiser, loss in (
-            (self.policy_optimiser, policy_loss),
-            (self.critic_optimiser, value_loss),
-        ):
-            optimiser.zero_grad(set_to_none=True)
-            loss.backward()
-        modules = self.policy, self.critic
-        distributed.add(statistics, *(p.grad for module in modules for p in module.parameters()))
+        gradients = torch.autograd.grad(policy_loss + value_loss, self._parameters)
+        torch.cat([statistics, *(gradient.reshape(-1) for gradient in gradients)], out=self._message)
+
+    def _descend(self, message: torch.Tensor) -> None:
+        """One step by the message of all processes."""
+        statistics, *gradients = message.split([len(STATISTICS), *(p.numel() for p in self._parameters)])
+        for parameter, gradient in zip(self._parameters, gradients):
+            parameter.grad = gradient.view_as(parameter)
         self._steer(statistics[STATISTICS.index("kl")])
-        for optimiser, module in zip((self.policy_optimiser, self.critic_optimiser), modules):
+        for optimiser, module in ((self.policy_optimiser, self.policy), (self.critic_optimiser, self.critic)):
             nn.utils.clip_grad_norm_(module.parameters(), self.config.gradient_norm)
             optimiser.step()
         self._sums += statistics
@@ -165,8 +169,7 @@ class Learner:
             groups = [group | self._options for group in state[name]["param_groups"]]
             optimiser.load_state_dict(state[name] | {"param_groups": groups})
         self.policy_optimiser.param_groups[0]["lr"] = rate
-        if self._captures:  # what was captured had the optimisers' memory of before
-            self._step = Captured(self._minibatch)
+        self._step = Captured(self._descend)  # what was captured had the optimisers' memory of before
 
 
 def learning_rate(state: dict) -> float:

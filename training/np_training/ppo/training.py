@@ -43,6 +43,7 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
                 cartesian=uniform_gains(arguments.cartesian_stiffness),
                 effects=arguments.effects,
                 supports=CONDITIONS[arguments.conditions].support is not None,
+                resizes=CONDITIONS[arguments.conditions].resizes,
             ),
         ),
     )

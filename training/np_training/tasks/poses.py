@@ -14,13 +14,20 @@ from np_description.rotations import matrix_from_quaternion, quaternion_multiply
 
 @dataclass(frozen=True)
 class Poses:
-    """position (n, 3) m and quaternion wxyz (n, 4), base frame."""
+    """position (n, 3) m and quaternion wxyz (n, 4), base frame; scale (n,): how many times the domain's own size the object there has
+    (None: once)."""
 
     position: torch.Tensor
     quaternion: torch.Tensor
+    scale: torch.Tensor | None = None
 
     def __getitem__(self, index) -> Poses:
-        return Poses(self.position[index], self.quaternion[index])
+        return Poses(self.position[index], self.quaternion[index], None if self.scale is None else self.scale[index])
+
+    def half_size(self, domain: Domain) -> torch.Tensor:
+        """Of the objects, (3,) or (n, 3) m."""
+        half = torch.tensor(domain.half_size, dtype=self.position.dtype, device=self.position.device)
+        return half if self.scale is None else half * self.scale[:, None]
 
 
 def uniform(count: int, bounds: tuple[float, float], generator: torch.Generator) -> torch.Tensor:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import torch
 
 from np_description.domains import Domain
+from np_description.rotations import matrix_from_quaternion
 from np_training.tasks.kinds import Kind, height_at_rest
 from np_training.tasks.poses import Poses, draw_apart, uniform
 from np_training.tasks.registry import find_task
@@ -27,8 +28,15 @@ class Tasks:
     sunk: torch.Tensor
 
 
-def draw_tasks(domain: Domain, shares: tuple[float, ...], count: int, generator: torch.Generator) -> Tasks:
-    """(count,) tasks in random order, of which each of the kinds of the domain's task has its share."""
+def draw_tasks(
+    domain: Domain,
+    shares: tuple[float, ...],
+    count: int,
+    generator: torch.Generator,
+    size: tuple[float, float] = (1.0, 1.0),
+) -> Tasks:
+    """(count,) tasks in random order, of which each of the kinds of the domain's task has its share; size: range of the factor that the
+    object's edges have."""
     ends = [round(sum(shares[: k + 1]) * count) for k in range(len(shares) - 1)]
     parts = [
         _draw_kind(domain, number, kind, end - begin, generator)
@@ -43,6 +51,9 @@ def draw_tasks(domain: Domain, shares: tuple[float, ...], count: int, generator:
         Poses(joined([p.position for p in poses]), joined([p.quaternion for p in poses]))
         for poses in ([p.starts for p in parts], [p.goals for p in parts])
     )
+    if size != (1.0, 1.0):
+        scale = uniform(count, size, generator)
+        starts, goals = (scaled(domain, poses, scale) for poses in (starts, goals))
     return Tasks(starts, goals, joined([p.kind for p in parts]), joined([p.sunk for p in parts]))
 
 
@@ -60,3 +71,17 @@ def _lowered(domain: Domain, poses: Poses, share: torch.Tensor) -> Poses:
     position = poses.position.clone()
     position[:, 2] -= share * surface
     return Poses(position, poses.quaternion)
+
+
+def scaled(domain: Domain, poses: Poses, scale: torch.Tensor) -> Poses:
+    """Where objects `scale` (n,) times as large are in place of those at the poses: on the same surface, and beside an obstacle with the
+    same gap to it."""
+    reach = (matrix_from_quaternion(poses.quaternion).abs() * torch.tensor(domain.half_size).to(scale)).sum(-1)
+    more = (scale - 1)[:, None] * reach  # along x, y, z
+    position = poses.position.clone()
+    position[:, 2] += more[:, 2]
+    for box in domain.obstacles:
+        away = poses.position[:, :2] - torch.tensor(box.centre[:2]).to(scale)
+        beside = away.abs() > torch.tensor(box.half_size[:2]).to(scale)
+        position[:, :2] += beside * away.sign() * more[:, :2]
+    return Poses(position, poses.quaternion, scale)

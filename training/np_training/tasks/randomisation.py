@@ -23,7 +23,8 @@ class Conditions:
     there; time_constant, friction_stiffness: factors of every contact's time constant and of impratio, drawn evenly in their logarithm: what
     parts MuJoCo's soft definition from its hard one; finger_length m, finger_tilt rad: how much further one fingertip may reach than the other, and how
     far each pad may be turned about its sides, evenly to either side. image_latency s: age of the keypoints, less than a policy period. shove: probability a policy step that the object
-    slips or is thrown, by velocities drawn with standard deviations shove_velocity m/s and shove_rotation rad/s."""
+    slips or is thrown, by velocities drawn with standard deviations shove_velocity m/s and shove_rotation rad/s. size: of all the
+    object's edges, which weighs the same."""
 
     table_friction: tuple[float, float] = (1.0, 1.0)
     finger_friction: tuple[float, float] = (1.0, 1.0)
@@ -52,12 +53,18 @@ class Conditions:
     shove: float = 0.0
     shove_velocity: float = 0.0
     shove_rotation: float = 0.0
+    size: tuple[float, float] = (1.0, 1.0)
 
     @property
     def randomises_physics(self) -> bool:
         """Whether any model field differs between worlds."""
         ranges = (self.table_friction, self.finger_friction, self.mass, self.housing_friction)
         return self.randomises_contact or any(r != (1.0, 1.0) for r in ranges)
+
+    @property
+    def resizes(self) -> bool:
+        """Whether objects have another size than their own."""
+        return self.size != (1.0, 1.0)
 
     @property
     def randomises_contact(self) -> bool:
@@ -119,6 +126,9 @@ SHOVED = dataclasses.replace(SERVOED, shove=0.02, shove_velocity=0.25, shove_rot
 """SERVOED, and pushes that end otherwise: where a finger meets an edge, two engines, and two step lengths of one, throw the object apart
 by a centimetre now and then (docs/decisions/policies.md). Ours: some 10 mm of sliding, or a third of what tips the cube over."""
 
+SIZED = dataclasses.replace(SERVOED, size=(0.8, 1.2))
+"""SERVOED, with objects of other sizes than their domain's own."""
+
 GROUPS = {
     "friction": ("table_friction", "finger_friction"),
     "mass": ("mass",),
@@ -149,6 +159,11 @@ CONDITIONS = {
     "servoed": SERVOED,
     "shoved": SHOVED,
     "strange": STRANGE,
+    "sized": SIZED,
+    **{
+        f"size_{round(100 * size)}": dataclasses.replace(ROBUST, size=(size, size))
+        for size in (0.8, 0.9, 1.0, 1.1, 1.2)
+    },
     "twice": TWICE,
     "quarter_stiffness": dataclasses.replace(PAPER, stiffness=(0.25, 0.25)),
     "fourfold_stiffness": dataclasses.replace(PAPER, stiffness=(4.0, 4.0)),

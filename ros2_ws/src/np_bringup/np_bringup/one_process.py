@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from np_bringup.corrections import CorrectedDriver, CorrectedView, corrections
 from np_bringup.evaluation import Result, result_of
 from np_control.controller import Controller
 from np_control.safety import Refusal, SafetyFilter
@@ -49,7 +50,8 @@ def engine_called(name: str) -> MakeEngine:
 
 class OneProcess:
     """A domain's graph as one object. alone: contacts are chosen as if the object had the size that the weights know; patch: what arm,
-    scene and view have that policies and planner do not know of; weights: folder, "" for the project's own."""
+    scene and view have that policies and planner do not know of; corrected: what detector and driver are told of it (`np_bringup.corrections`);
+    weights: folder, "" for the project's own."""
 
     def __init__(
         self,
@@ -60,14 +62,21 @@ class OneProcess:
         contacts: int = 1,
         alone: bool = False,
         patch: Patch = Patch(),
+        corrected: Patch = Patch(),
         weights: str | Path = "",
     ):
+        self._told = corrections(corrected)
         self._domain, self._seed, self._contacts, self._patch = domain, seed, contacts, patch
         self._engine = engine_called(engine)
         chosen_for = find_domain(domain.name) if alone else domain
         self._pre = PreContactPlanner(weights_file(PRE_CONTACT, domain, weights), chosen_for)
         self._post = PostContactController(weights_file(POST_CONTACT, domain, weights), domain)
         self._collision = CollisionModel(domain)
+
+    @property
+    def domain(self) -> Domain:
+        """Whose episodes they are."""
+        return self._domain
 
     def play(self, number: int, scenario: int = 0) -> Result:
         """One episode."""
@@ -81,14 +90,15 @@ class OneProcess:
             patch=self._patch,
         )
         eyes = Eyes(self._domain, self._patch, self._seed)
+        view, driver = CorrectedView(self._told, self._domain), CorrectedDriver(self._told)
         controller, guard = Controller(), SafetyFilter()
-        guard.start(arm.measure().position[:7])
+        guard.start(driver.read(arm.measure()).position[:7])
         config = EpisodeConfig(self._domain, contacts=self._contacts, success_share=self._domain.aim)
-        episode = Episode(config, lambda: arm.measure().position[:7].copy())
+        episode = Episode(config, lambda: driver.read(arm.measure()).position[:7].copy())
         goal = project_keypoints(self._domain, arm.task.goal)
         _note(said, [*episode.start(), *episode.goal(0, arm.task.goal)])
         while True:
-            now = arm.measure()
+            now = driver.read(arm.measure())
             q, dq = now.position[:7], now.velocity[:7]
             if not guard.watchdog.may_move:
                 said.append(PhaseState(FAULT, guard.watchdog.cause))
@@ -96,12 +106,12 @@ class OneProcess:
             controller.observe(now.stamp, q, dq)
             eyes.look(arm)
             if now.stamp % TICK == 0:
-                self._tick(arm, controller, episode, now, eyes.seen(now.stamp), goal, said)
+                self._tick(arm, controller, episode, now, view(eyes.seen(now.stamp), now.stamp), goal, said)
                 if not episode.is_active:
                     break
             answer = controller.answer()
             guard.offer(now.stamp, JOINT_NAMES, answer.position, answer.velocity, answer.torque, now=now.stamp)
-            arm.step(guard.apply(now.stamp, q, dq).torque)
+            arm.step(driver.drive(guard.apply(now.stamp, q, dq).torque, q, dq))
         outcome = score(self._domain, said, arm.object_pose(), arm.task.goal, arm.stamp / SECOND)
         return result_of(number, outcome, time.monotonic() - began)
 

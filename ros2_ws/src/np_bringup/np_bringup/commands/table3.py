@@ -16,7 +16,21 @@ from pathlib import Path
 
 from np_bringup.commands.episodes_asked import add_options, check_options, concluded
 from np_bringup.evaluation import code_sha256
-from np_bringup.paper_table import FIXED, OSC, OURS, TITLES, Played, Setting, cells, episodes, play, rows, totals
+from np_bringup.paper_table import (
+    FIXED,
+    OSC,
+    OURS,
+    TITLES,
+    Cell,
+    Played,
+    Setting,
+    cells,
+    episodes,
+    found,
+    play,
+    rows,
+    totals,
+)
 from np_description.domains import DOMAINS
 from np_description.objects.scenarios import COUNT
 from np_record.command import Progress, origin
@@ -32,6 +46,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--tries", type=int, default=5, help="episodes a scenario; the paper has 5")
     parser.add_argument("--osc", default="", metavar="FOLDER", help=f"weights of the baseline {TITLES[OSC]}")
     parser.add_argument("--fixed-limits", default="", metavar="FOLDER", help=f"weights of the baseline {TITLES[FIXED]}")
+    parser.add_argument("--show", action="store_true", help="what there is so far, without playing anything")
     add_options(parser, jobs=os.cpu_count(), out="runs/table3")
     options = parser.parse_args(arguments)
     check_options(parser, options, ("tries",))
@@ -39,7 +54,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def table3(options: argparse.Namespace) -> dict[str, object]:
-    """Play every cell; rows, totals and what was asked for. Raises ValueError for an object that no row has."""
+    """Play every cell, or take what there is; rows, totals and what was asked for. Raises ValueError for an object that no row has."""
     baselines = {name: folder for name, folder in ((OSC, options.osc), (FIXED, options.fixed_limits)) if folder}
     weights = {OURS: options.weights, **baselines}
     asked = cells(options.domains, options.objects, weights, options.scenarios)
@@ -56,14 +71,11 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
     )
     place.mkdir(parents=True, exist_ok=True)
     what_runs = {"code_sha256": code_sha256(), **origin(options.weights)}  # now: files may be edited meanwhile
-    began, progress, played = time.monotonic(), Progress(len(asked), "table3"), {}
-    with workers(options.jobs, options.cluster) as pool:
-        playing = {pool.submit(play, cell, setting): cell for cell in asked}
-        progress.show(0)
-        for future in as_completed(playing):
-            cell, error = playing[future], future.exception()
-            played[cell] = Played(cell, error=f"{type(error).__name__}: {error}") if error else future.result()
-            progress.show(len(played), _so_far(played.values()))
+    began = time.monotonic()
+    if options.show:
+        played, what_runs = _found(asked, setting)
+    else:
+        played = _played(asked, setting, options)
     in_order = [played[cell] for cell in asked]
     table = {
         "engine": options.engine,
@@ -82,6 +94,33 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
     (place / "table.json").write_text(json.dumps(table, indent=1) + "\n")
     (place / "table.svg").write_text(table_plot(table["rows"]))
     return {**table, "results": str(place / "table.json"), "plot": str(place / "table.svg")}
+
+
+def _played(asked: list[Cell], setting: Setting, options: argparse.Namespace) -> dict[Cell, Played]:
+    played: dict[Cell, Played] = {}
+    progress = Progress(len(asked), "table3")
+    with workers(options.jobs, options.cluster) as pool:
+        # Scenario by scenario: whatever ends it, every row has about as much.
+        in_turn = sorted(asked, key=lambda cell: cell.scenario)
+        playing = {pool.submit(play, cell, setting): cell for cell in in_turn}
+        progress.show(0)
+        for future in as_completed(playing):
+            cell, error = playing[future], future.exception()
+            played[cell] = Played(cell, error=f"{type(error).__name__}: {error}") if error else future.result()
+            progress.show(len(played), _so_far(played.values()))
+    return played
+
+
+def _found(asked: list[Cell], setting: Setting) -> tuple[dict[Cell, Played], dict[str, object]]:
+    """What there is of the cells, and what it was played with. Raises ValueError where cells were played with different code or weights."""
+    there = {cell: found(cell, setting) for cell in asked}
+    told = ("code_sha256", "revision", "weights_sha256")
+    kinds = {json.dumps({k: s[k] for k in told if k in s}, sort_keys=True) for _, s in there.values() if s}
+    if len({json.dumps(json.loads(kind) | {"revision": ""}, sort_keys=True) for kind in kinds}) > 1:
+        raise ValueError(
+            f"--show: expected cells of the same code and weights, found {len(kinds)} kinds in {setting.out}"
+        )
+    return {cell: played for cell, (played, _) in there.items()}, json.loads(min(kinds, default="{}"))
 
 
 def _so_far(played) -> str:

@@ -12,7 +12,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Use:
-    """Of one process: resident memory kB, open handles, threads."""
+    """Of one process: resident memory of its own kB, open handles, threads.
+
+    Its own is what it has written, alone or shared. Pages of program files do not count: they come when a rare path of a library is
+    first run (1.6 MB of OpenCV's in `episode`), once, and the kernel takes them away again as it likes.
+    """
 
     memory: int
     handles: int
@@ -23,7 +27,8 @@ def use_of(pid: int) -> Use:
     """What a process uses now. Raises OSError where it has ended."""
     folder = Path("/proc") / str(pid)
     lines = dict(line.split(":", 1) for line in (folder / "status").read_text().splitlines() if ":" in line)
-    return Use(int(lines["VmRSS"].split()[0]), len(list((folder / "fd").iterdir())), int(lines["Threads"]))
+    own = sum(int(lines[kind].split()[0]) for kind in ("RssAnon", "RssShmem"))
+    return Use(own, len(list((folder / "fd").iterdir())), int(lines["Threads"]))
 
 
 def processor_seconds(pid: int) -> float:
@@ -34,7 +39,7 @@ def processor_seconds(pid: int) -> float:
 
 @dataclass(frozen=True)
 class Trend:
-    """Of one process over episodes, those of the warm-up left out: memory kB at the beginning and end (medians of a tenth
+    """Of one process over episodes, those of the warm-up left out: memory of its own kB at the beginning and end (medians of a tenth
     each), kB an episode by a line through all; handles and threads at the beginning and at the end."""
 
     memory: tuple[int, int]

@@ -22,7 +22,7 @@ from np_record.workers import SINGLE_THREAD
 from np_ros.parent import end_with_parent
 
 ON_CPU = ("--device", "cpu", "--worlds", "128")
-DISTIL_SHARE = 0.25  # of the time for training; the student is taught on from the one that is there
+DISTIL_SHARE = 0.15  # of the time for training; the student is taught on from the one that is there
 START = 45.0  # s that both take besides; where no kernels are kept yet a minute more
 SAVE_EVERY = "30"  # s between checkpoints, with which a training that is killed goes on
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from np_bringup.rehearsal.stages import KEPT
 from np_effects.patch import Patch
 from np_effects.saying import Value, say
 from np_record.report.pages import page, style, svg
@@ -16,8 +17,10 @@ BLUE, RED, GREEN, GREY = "#1f5fa8", "#b02020", "#1d7a2a", "#8a8f98"
 BARS = (
     ("nominal", "simulator without the gap", GREY),
     ("patched", "simulator with the gap", RED),
+    ("patched_corrected", "the same, corrected", GREEN),
     ("patched_after", "the same, trained on", GREEN),
     ("reality", "the robot itself", RED),
+    ("reality_corrected", "the same, corrected", GREEN),
     ("reality_after", "the same, trained on", GREEN),
 )
 """Key of `success`, what it is called, colour."""
@@ -36,14 +39,20 @@ def sentence(told: Mapping) -> str:
     else:
         cost, lost = told["costs"][told["cause"]]["value"], told["lost"]["value"]
         said.append(f"Most of it goes to {_name(told['cause'])}: {_points(cost)} of {_points(lost)} points.")
+    if told["corrected"]:
+        names = ", ".join(_name(name) for name in told["corrected"])
+        worse = ", which is not better: leave it" if told["kept"] == "before" else ""
+        said.append(
+            f"With detector and driver told of {names} it comes to {_percent(told['success']['patched_corrected'])}{worse}."
+        )
     if told["learned"] is None:
-        said.append("Nothing was trained: training has none of these effects.")
+        said.append("Nothing was trained: training has none of what is left.")
     else:
         after = _percent(told["success"]["patched_after"])
-        kept = "" if told["adopted"] else ", which is not better: keep the old ones"
-        said.append(f"Trained on with it, the policies come to {after}{kept}.")
-    if told["success_before"] is not None and told["learned"] is not None:
-        before, after = told["success"]["reality"], told["success"]["reality_after"]
+        worse = "" if told["kept"] == "trained" else ", which is not better: keep the old ones"
+        said.append(f"Trained on, the policies come to {after}{worse}.")
+    if told["success_before"] is not None and told["kept"] != "before":
+        before, after = told["success"]["reality"], told["success"][KEPT[told["kept"]].replace("patched", "reality")]
         said.append(f"On the robot itself: {_percent(before)} before, {_percent(after)} after.")
     elif told["success_before"] is None:
         said.append("On the robot itself nothing was measured yet.")

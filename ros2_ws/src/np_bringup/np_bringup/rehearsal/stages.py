@@ -1,7 +1,7 @@
 """The stages of a rehearsal, each with a file for its result: what is there is not done again.
 
 patch.yaml        what the doctor found                                  (`diagnosed`)
-episodes/*.json   success, episode by episode, by cell
+episodes/*.json   scores, episode by episode, by cell
 learned.json      training and distillation; weights/ has both policies  (learning.learn)
 rehearsal.json    all of it, of what is known so far                     (`rehearse`)
 """
@@ -21,8 +21,9 @@ from threading import Event
 
 import numpy as np
 
+from np_bringup.corrections import corrections
 from np_bringup.rehearsal.learning import Learning, carried, learn
-from np_bringup.rehearsal.playing import Cell, play_all, text_of
+from np_bringup.rehearsal.playing import Cell, play_all, succeeds, text_of
 from np_bringup.rehearsal.shares import joined, mean_and_interval, parts, shapley, subsets, with_intervals
 from np_effects.patch import Patch, dump_patch, load_patch
 from np_record.bag import Recording
@@ -55,14 +56,14 @@ class Rehearsal:
     go_on: Callable[[float], None] = lambda seconds: None
     is_over: Callable[[], bool] = lambda: False
 
-    def play(self, cells: dict[str, Cell], episodes: int, what: str, pool: Executor) -> dict[str, list[bool]]:
-        """Success of cells, kept in `out`."""
+    def play(self, cells: dict[str, Cell], episodes: int, what: str, pool: Executor) -> dict[str, list[float]]:
+        """Scores of cells, kept in `out`."""
         self.go_on(0.0)
         return play_all(cells, episodes, self.out / "episodes", pool, self.name + what)
 
-    def patched(self, patch: Patch, weights: str | None = None) -> Cell:
-        """The simulated robot with a patch, and other weights."""
-        return replace(self.robot, effects=text_of(patch), weights=self.robot.weights if weights is None else weights)
+    def patched(self, patch: Patch) -> Cell:
+        """The simulated robot with a patch."""
+        return replace(self.robot, effects=text_of(patch))
 
 
 def diagnosed(bags: Sequence[Path], out: Path) -> Patch:
@@ -99,16 +100,21 @@ def _asked(doctor: str, bags: Sequence[str], out: Path, options: Sequence[str] =
     return load_patch(out / "patch.yaml").effects
 
 
-def rehearse(what: Rehearsal, patch: Patch, how: Learning, pool: Executor, turn: Turn | None = None) -> dict:
-    """From a patch to recovered success; what is told, which out/rehearsal.json keeps, also where it ends early. turn: who trains when; None: at
-    once, where `how` says."""
+def rehearse(what: Rehearsal, patch: Patch, how: Learning | None, pool: Executor, turn: Turn | None = None) -> dict:
+    """From a patch to recovered success; what is told, which out/rehearsal.json keeps, also where it ends early. how: None: nothing is trained;
+    turn: who trains when, None: at once, where `how` says.
+
+    What detector and driver can be told of the patch they are told (`np_bringup.corrections`); policies are trained on with the rest.
+    """
     begun = time.monotonic()
-    trained_with, left_out = carried(patch)
+    corrected = corrections(patch)
+    trained_with, left_out = carried(corrected.remaining)
+    told_of = "" if corrected.is_none else text_of(patch)
 
     def say(played: dict, costs: dict, learned: dict | None, after: dict) -> dict:
         told = _told(what, patch, played, after, costs, learned, left_out)
         told["wall_s"] = round(time.monotonic() - begun, 1)
-        told["played"] = {name: [int(success) for success in each] for name, each in {**played, **after}.items()}
+        told["played"] = {name: [int(s) for s in succeeds(each)] for name, each in {**played, **after}.items()}
         (what.out / "rehearsal.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
         what.tell(told)
         return told
@@ -117,17 +123,20 @@ def rehearse(what: Rehearsal, patch: Patch, how: Learning, pool: Executor, turn:
         cells = {"nominal": what.robot, "patched": what.patched(patch)}
         if what.reality is not None:
             cells["reality"] = what.reality
+        for name in ("patched", "reality") if told_of else ():
+            if name in cells:
+                cells[f"{name}_corrected"] = replace(cells[name], corrected=told_of)
         played = what.play(cells, what.episodes, "success before", pool)
         costs = _costs(what, parts(patch), played, pool) if patch.effects and what.share_episodes else {}
         told = say(played, costs, None, {})
-        if trained_with.effects:
+        if trained_with.effects and how is not None:
             learned = learning()
-            told = say(played, costs, learned, _chosen(what, patch, learned, pool))
+            told = say(played, costs, learned, _chosen(what, patch, told_of, learned, pool))
     return told
 
 
 @contextmanager
-def _begun(what: Rehearsal, patch: Patch, how: Learning, turn: Turn | None) -> Iterator[Callable[[], dict]]:
+def _begun(what: Rehearsal, patch: Patch, how: Learning | None, turn: Turn | None) -> Iterator[Callable[[], dict]]:
     """Waits for what training comes to, which is begun at once or then. Where this is interrupted training is too; where anything else is raised
     it is done to its end, and kept."""
     interrupted = Event()
@@ -138,7 +147,7 @@ def _begun(what: Rehearsal, patch: Patch, how: Learning, turn: Turn | None) -> I
             weights, is_over = what.robot.weights, lambda: interrupted.is_set() or what.is_over()
             return learn(what.robot.domain, patch, what.out, replace(how, gpu=gpu), weights, is_over)
 
-    if not (what.beside and patch.effects):
+    if not (what.beside and patch.effects and how is not None):
         yield train
         return
     with ThreadPoolExecutor(1) as thread:
@@ -151,17 +160,19 @@ def _begun(what: Rehearsal, patch: Patch, how: Learning, turn: Turn | None) -> I
             raise
 
 
-def _chosen(what: Rehearsal, patch: Patch, learned: dict, pool: Executor) -> dict[str, list[bool]]:
-    """Success of the new policies, with the new student or with the old one: whichever the patched simulator succeeds more with, which reality is
-    then asked for."""
+def _chosen(what: Rehearsal, patch: Patch, told_of: str, learned: dict, pool: Executor) -> dict[str, list[float]]:
+    """Scores of the new policies, with the new student or with the old one: whichever the patched simulator has the better scores with, which
+    reality is then asked for."""
     places = {"new": learned["weights"], "old": learned["weights_old_student"]}
-    cells = {f"patched_{student}_student": what.patched(patch, place) for student, place in places.items()}
+    patched = replace(what.patched(patch), corrected=told_of)
+    cells = {f"patched_{student}_student": replace(patched, weights=place) for student, place in places.items()}
     played = what.play(cells, what.episodes, "success after", pool)
     learned["student"] = max(places, key=lambda student: sum(played[f"patched_{student}_student"]))
     learned["chosen"] = places[learned["student"]]
     played["patched_after"] = played[f"patched_{learned['student']}_student"]
     if what.reality is not None:
-        cell = {f"reality_{learned['student']}_student": replace(what.reality, weights=learned["chosen"])}
+        reality = replace(what.reality, weights=learned["chosen"], corrected=told_of)
+        cell = {f"reality_{learned['student']}_student": reality}
         (played["reality_after"],) = what.play(cell, what.episodes, "success after", pool).values()
     return played
 
@@ -174,30 +185,41 @@ def _costs(what: Rehearsal, blamed: dict[str, Patch], played: dict, pool: Execut
     cells = {label: what.patched(joined(blamed, some)) for some, label in asked.items() if 0 < len(some) < len(names)}
     success = what.play(cells, count, "which effect", pool) if cells else {}
     success |= {asked[frozenset()]: played["nominal"][:count], asked[frozenset(names)]: played["patched"][:count]}
-    return with_intervals(shapley(names, {some: np.array(success[label], float) for some, label in asked.items()}))
+    scores = {some: np.array(success[label], float) for some, label in asked.items()}
+    lost = with_intervals(shapley(names, {some: np.array(succeeds(each), float) for some, each in scores.items()}))
+    # Where success is at 1 with every effect, room for it is what tells them apart.
+    return {name: {**lost[name], "score": score} for name, score in with_intervals(shapley(names, scores)).items()}
+
+
+KEPT = {"before": "patched", "corrected": "patched_corrected", "trained": "patched_after"}
+"""What a rehearsal may say is best, and by which scores: nothing told or trained, only told, or both."""
 
 
 def _told(what, patch, played, after, costs, learned, left_out) -> dict:
     """The whole rehearsal as JSON has it."""
-    success = {name: _rate(each) for name, each in {**played, **after}.items()}
-    # New policies are worth it where the simulator that knows the gap says so: reality is asked once, not to choose.
-    adopted = bool(after) and success["patched_after"]["value"] > success["patched"]["value"]
+    scores = {**played, **after}
+    success = {name: _rate(succeeds(each)) for name, each in scores.items()}
+    # What is best is what the simulator that knows the gap says: reality is asked once, not to choose.
+    kept = max((k for k, name in KEPT.items() if name in scores), key=lambda k: sum(scores[KEPT[k]]))
     lost = _paired(played["nominal"], played["patched"])
-    returned = _paired(after["patched_after"], played["patched"]) if after else None
-    cause = next((name for name, cost in costs.items() if cost["value"] > 0 or len(costs) == 1), None)
+    returned = None if kept == "before" else _paired(scores[KEPT[kept]], played["patched"])
+    cause = next((name for name, cost in costs.items() if cost["score"]["value"] > 0 or len(costs) == 1), None)
     value = {name: rate["value"] for name, rate in success.items()}
     return {
         "success_nominal": value["nominal"],
         "success_predicted": value["patched"],
         "success_before": value.get("reality"),
-        "success_after": value.get("reality_after" if adopted else "reality"),
-        "success_after_predicted": value.get("patched_after"),
+        "success_after": value.get(KEPT[kept].replace("patched", "reality")),
+        "success_after_predicted": value[KEPT[kept]],
         "cause": cause,
         "costs": costs,
         "lost": lost,
         "returned": returned,
-        "adopted": adopted,
+        "kept": kept,
         "effects": [f"{e.effect} at {e.component}" for e in patch.effects],
+        "corrected": [
+            f"{e.effect} at {e.component}" for e in patch.effects if e not in corrections(patch).remaining.effects
+        ],
         "not_trained": left_out,
         "success": success,
         "learned": learned,
@@ -212,6 +234,6 @@ def _rate(each: Sequence[bool]) -> dict:
     return {"value": sum(each) / len(each), "ci95": list(wilson_interval(sum(each), len(each))), "of": len(each)}
 
 
-def _paired(more: Sequence[bool], less: Sequence[bool]) -> dict:
-    """Difference of two successes on the same episodes."""
-    return mean_and_interval(np.array(more, float) - np.array(less, float))
+def _paired(more: Sequence[float], less: Sequence[float]) -> dict:
+    """Difference of two successes on the same episodes, of which these are the scores."""
+    return mean_and_interval(np.array(succeeds(more), float) - np.array(succeeds(less), float))
