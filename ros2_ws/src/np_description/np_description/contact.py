@@ -77,8 +77,6 @@ SOFT = ContactModel(
     hand=ROUND_HAND,
 )
 
-RUBBER_STIFFNESS = 4e4  # N/m: a thin pad's, which gives way by .5 mm at 20 N
-
 HARD = ContactModel(
     "hard",
     table=0.4,
@@ -88,7 +86,7 @@ HARD = ContactModel(
     hard=Compliance(
         0.006, 1.0, (0.97, 0.995), 0.0005
     ),  # harder ones chatter at steps of 2 to 2.5 ms, and slide unevenly
-    rubber=Compliance(0.006, 1.0, (0.97, 0.995), 0.0005),  # at 20 N as RUBBER_STIFFNESS says
+    rubber=Compliance(0.006, 1.0, (0.97, 0.995), 0.0005),  # gives way by .5 mm at 20 N: 40 N/mm, a thin pad's
     elliptic=True,
     impratio=10.0,
     # With 20 the solver ends before friction has settled, and a box that is pulled at .9 of its friction slides at 14 mm/s.

@@ -1,7 +1,7 @@
 """The scene in PhysX: a translation of the compiled MuJoCo scene, so that masses, frames, shapes and limits have one source.
 
 What is translated: bodies with mass, centre of mass and inertia; hinges and slides with range and armature; boxes, capsules,
-spheres and planes with the same collision bits. What is not: how contacts give way. PhysX's do not, but for the rubber of fingertips. A box
+spheres and planes with the same collision bits. What is not: how contacts give way. PhysX's do not. A box
 of the object stands on its corners (`stand_on_corners`), a flat fingertip presses with its own (`press_with_corners`).
 """
 
@@ -12,7 +12,7 @@ from types import ModuleType
 import mujoco
 import numpy as np
 
-from np_description.contact import RUBBER_STIFFNESS, ContactModel
+from np_description.contact import ContactModel
 from np_description.scene import OBJECT, TIP
 
 # m, from which on contacts are looked for: what comes at .25 m/s and more, .5 mm and more in a step, has to be seen a step before it touches.
@@ -161,8 +161,7 @@ class Translator:
             friction = coefficient(self._contact, float(model.geom_friction[geom, 0]), is_object=is_object)
             is_plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
             is_tip = model.geom(geom).name.endswith(f"_{TIP}")
-            # A negative restitution is a spring, N/m, of every point of contact.
-            material = self._physx.PhysxMaterial(friction, friction, -RUBBER_STIFFNESS if is_tip else 0.0)
+            material = self._physx.PhysxMaterial(friction, friction, 0.0)
             shapes = self._shapes(geom, material)
             for shape in shapes:
                 shape.set_collision_groups([kind | (PLANE_BIT if is_plane else 0), affinity, int(is_plane), 0])
