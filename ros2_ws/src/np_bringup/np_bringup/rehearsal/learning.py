@@ -76,7 +76,7 @@ def learn(
     if not checkpoint.exists():
         raise OSError(f"{checkpoint}: expected a checkpoint to go on from, there is none")
     out.mkdir(parents=True, exist_ok=True)
-    effects = out / "patch.yaml"
+    effects = out / "trained_with.yaml"  # beside patch.yaml, of which it may be a part
     effects.write_text(dump_patch(patch), encoding="utf-8")
     run = out / "training"
     train = [
