@@ -183,6 +183,18 @@ class TestStages:
         assert load_patch(told["train"]["effects"]) == load_patch(told["distil"]["effects"]) == Patch((GRIP,))
         assert (tmp_path / "weights_old_student" / "post_contact_wall.safetensors").read_bytes() == b"new"
 
+    @pytest.mark.parametrize(("seen", "wanted"), [(None, "1"), ("2,3", "3")])
+    def test_a_training_has_the_gpu_of_those_that_are_seen(self, tmp_path, monkeypatch, seen, wanted):
+        from np_bringup.rehearsal import learning
+
+        code = "import json, os; print(json.dumps({'gpu': os.environ['CUDA_VISIBLE_DEVICES']}))"
+        (tmp_path / "tells_its_gpu.py").write_text(code)
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+        if seen:
+            monkeypatch.setenv("CUDA_VISIBLE_DEVICES", seen)
+        assert learning._run(["tells_its_gpu"], tmp_path / "log", 1.0, "gpu", 1) == {"gpu": wanted}
+
     def test_recordings_or_a_patch_but_not_both(self, capsys):
         for given in ([], ["bag", "--patch", "patch.yaml"], ["bag", "--minutes", "6"]):
             with pytest.raises(SystemExit):
