@@ -77,9 +77,10 @@ def figures_table(figures: Mapping, scores: Sequence[Score]) -> str:
     header = "| effect | cases | module | joint | clear | named | unexplained | intervals that hold |"
     lines += ["", header, "|---" * 8 + "|"]
     for name, row in by_effect(scores).items():
+        held = f"{row['held']} of {row['intervals']}" if row["intervals"] else ""
         lines.append(
             f"| {name} | {row['cases']} | {row['module']} | {row['joint']} | {row['clear']} | "
-            f"{row['named_when_clear']} | {row['abstained']} | {row['held']} of {row['intervals']} |"
+            f"{row['named_when_clear']} | {row['abstained']} | {held} |"
         )
     return "\n".join(lines) + "\n"
 
