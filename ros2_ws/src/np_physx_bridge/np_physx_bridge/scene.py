@@ -1,8 +1,8 @@
 """The scene in PhysX: a translation of the compiled MuJoCo scene, so that masses, frames, shapes and limits have one source.
 
 What is translated: bodies with mass, centre of mass and inertia; hinges and slides with range and armature; boxes, capsules,
-spheres and planes with the same collision bits. What is not: how contacts give way. PhysX's do not. A box of the object stands on
-its corners (`stand_on_corners`).
+spheres and planes with the same collision bits. What is not: how contacts give way. PhysX's do not. A box
+of the object stands on its corners (`stand_on_corners`), a flat fingertip presses with its own (`press_with_corners`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from np_description.contact import ContactModel
-from np_description.scene import OBJECT
+from np_description.scene import OBJECT, TIP
 
 # m, from which on contacts are looked for: what comes at .25 m/s and more, .5 mm and more in a step, has to be seen a step before it touches.
 CONTACT_OFFSET = 3e-3
@@ -24,6 +24,8 @@ PARTS_CONTACT_OFFSET = 1e-2
 SURFACING = 1.0
 SAGITTA = 1e-4  # m
 CORNER_RADIUS, EDGE_RADIUS = 2.5e-4, 5e-4  # m
+# m; proud by .42 of its radius and more, a sphere covers the box's corner, which would touch first otherwise.
+TIP_CORNER_RADIUS, TIP_CORNER_PROUD = 1e-4, 4.5e-5
 SURROUNDINGS_BIT = 1  # of table and obstacles, as in the compiled scene
 PLANE_BIT = 1 << 10  # of what only a plane touches
 POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1  # with fewer, a box that is pulled at .9 of its friction creeps
@@ -160,6 +162,7 @@ class Translator:
             is_object = model.geom(geom).name.startswith(OBJECT)
             friction = coefficient(self._contact, float(model.geom_friction[geom, 0]), is_object=is_object)
             is_plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+            is_tip = model.geom(geom).name.endswith(f"_{TIP}")
             material = self._physx.PhysxMaterial(friction, friction, 0.0)
             shapes = self._shapes(geom, material)
             for shape in shapes:
@@ -167,6 +170,8 @@ class Translator:
             if is_object and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
                 shapes += lie_on_edges(self._physx, shapes[0], model.geom_size[geom], material, self._sapien.Pose)
                 shapes += stand_on_corners(self._physx, shapes[0], model.geom_size[geom], material, self._sapien.Pose)
+            if is_tip and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+                shapes += press_with_corners(self._physx, shapes[0], model.geom_size[geom], material, self._sapien.Pose)
             for shape in shapes:
                 shape.set_contact_offset(offset)
                 shape.set_rest_offset(0.0)
@@ -199,13 +204,30 @@ def stand_on_corners(physx: ModuleType, box, half_size, material, pose) -> list:
     """
     groups = box.get_collision_groups()
     box.set_collision_groups([groups[0], groups[1], groups[2] | 1, groups[3]])  # of those that pass planes by
-    place, inner = box.get_local_pose(), np.asarray(half_size) - CORNER_RADIUS
-    corners = []
-    for signs in SIGNS:
-        sphere = _placed(physx.PhysxCollisionShapeSphere(CORNER_RADIUS, material), place * pose(signs * inner))
-        sphere.set_collision_groups([0, PLANE_BIT, 0, 0])
-        corners.append(sphere)
+    corners = _corners(physx, box, half_size, material, pose, CORNER_RADIUS)
+    for corner in corners:
+        corner.set_collision_groups([0, PLANE_BIT, 0, 0])
     return corners
+
+
+def press_with_corners(physx: ModuleType, box, half_size, material, pose) -> list:
+    """Spheres in the corners of a flat fingertip, proud of it, so that on a face they touch in its place; what meets it within its own faces
+    touches the box.
+
+    PhysX holds a patch by two of its points, with half of its load each, and counts to it what is within the contact offset: leaned by 3 to 10
+    degrees, a pad turned a card by an edge that was in the air, by 22 degrees where it slips by the law of Coulomb. Each sphere has friction of
+    its own, by its own load (`tests/unit/test_physx.py`). half_size (3,) m; pose: the library's Pose.
+    """
+    corners = _corners(physx, box, half_size, material, pose, TIP_CORNER_RADIUS, TIP_CORNER_PROUD)
+    for corner in corners:
+        corner.set_collision_groups(box.get_collision_groups())
+    return corners
+
+
+def _corners(physx: ModuleType, box, half_size, material, pose, radius: float, proud: float = 0.0) -> list:
+    """Spheres in the corners of a box, `proud` m of its faces."""
+    place, inner = box.get_local_pose(), np.asarray(half_size) - radius + proud
+    return [_placed(physx.PhysxCollisionShapeSphere(radius, material), place * pose(s * inner)) for s in SIGNS]
 
 
 def lie_on_edges(physx: ModuleType, box, half_size, material, pose) -> list:
