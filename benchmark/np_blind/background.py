@@ -13,6 +13,7 @@ import numpy as np
 from np_blind.arms.physics import Physics
 
 WIDE_FROM = 600  # seed from which on sets have the wide background, and the faults that are wider with it
+HOLDS_FROM = 900  # seed from which on a drive that is cut holds the arm up
 INERTIA_ERROR = 0.03  # standard deviation, of each link's inertia
 DELAY = 4e-4  # s, greatest of the background
 MASS_ERROR = 0.03  # standard deviations, of each link's mass, and of its centre in its distance from the joint
@@ -30,6 +31,11 @@ DAY_NOISE = 0.1  # share of the noise of sensors and drives
 def is_wide(seed: Sequence[int]) -> bool:
     """Whether a case of this seed (set, seed, ...) has the wide background."""
     return seed[1] >= WIDE_FROM
+
+
+def holds(seed: Sequence[int]) -> bool:
+    """Whether drives of a case of this seed hold the arm up where they are cut."""
+    return seed[1] >= HOLDS_FROM
 
 
 def give_background(physics: Physics, arm: int, seed: Sequence[int], ready: np.ndarray) -> None:

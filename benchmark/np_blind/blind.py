@@ -20,7 +20,7 @@ from pathlib import Path
 from np_blind import others
 from np_blind.answering import Asking, answer_all, is_answered, report_path
 from np_blind.cases import CHANGES, Case, draw_cases
-from np_blind.followup import is_settled
+from np_blind.followup import could_settle, is_settled
 from np_blind.generate import add_options, batches
 from np_blind.heldout import heldout_gaps
 from np_blind.patched import PatchError, patched_physics, read_patch
@@ -88,6 +88,7 @@ def score(cases: Sequence[Case], entries: Sequence[dict], options: argparse.Name
             patch = []
             scores.append(score_case(entry, None, repr(problem)))
         scores[-1].settled = is_settled(entry, folder)
+        scores[-1].settled_known = scores[-1].settled if could_settle(entry, folder) else None
         patches.append(patch)
     if options.which in CHANGES:
         return scores

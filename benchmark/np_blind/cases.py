@@ -8,9 +8,9 @@ import numpy as np
 
 from np_blind import six_hinges
 from np_blind.arms.physics import Physics, nominal_physics
-from np_blind.background import WIDE_FROM, give_background, give_day, is_wide
+from np_blind.background import WIDE_FROM, give_background, give_day, holds, is_wide
 from np_blind.changes import FIRST_DAY, SECOND_DAY, levels, since
-from np_blind.faults import EFFECTS, Fault, Parameters, apply, limit_of, visible, widen
+from np_blind.faults import EFFECTS, Fault, Parameters, apply, largest, limit_of, visible, widen
 from np_blind.out_of_catalogue import OUT_OF_CATALOGUE, apply_out_of_catalogue, deal
 from np_diagnosis.experiments.excitation import READY
 
@@ -81,6 +81,15 @@ class Case:
         return self.seed[0] in SIX_HINGES
 
 
+@dataclass(frozen=True)
+class Sizes:
+    """Which faults are drawn: times their limits, from least to most; holds: as `faults.largest` has it."""
+
+    least: float
+    holds: bool
+    most: float = np.inf
+
+
 def as_it_was(case: Case) -> Case:
     """The arm of a set of changes on the first day."""
     return replace(case, kind="null", faults=(), day=FIRST_DAY)
@@ -94,7 +103,7 @@ def draw_cases(count: int, seed: int, which: str) -> list[Case]:
     root = (SETS[which], seed)
     if which in CHANGES:
         return _draw_changes(count, root)
-    least = NEAREST if is_wide(root) else 1.0
+    sizes = Sizes(NEAREST if is_wide(root) else 1.0, holds(root))
     rng = np.random.default_rng([*root, 0])
     exact = np.array(list(KINDS.values())) * count
     numbers = np.floor(exact).astype(int)
@@ -106,9 +115,9 @@ def draw_cases(count: int, seed: int, which: str) -> list[Case]:
     for number, kind in enumerate(kinds):
         own = np.random.default_rng([*root, 1, number])
         if kind == "single":
-            faults = (_fault(next(singles), own, least),)
+            faults = (_fault(next(singles), own, sizes),)
         elif kind == "pair":
-            faults = _pair(next(firsts), own, least)
+            faults = _pair(next(firsts), own, sizes)
         elif kind == OUT_OF_CATALOGUE_KIND:
             name = next(unknown)
             joint = int(own.choice(OUT_OF_CATALOGUE[name][1]))
@@ -125,15 +134,15 @@ def _draw_changes(count: int, root: tuple[int, int]) -> list[Case]:
     rng = np.random.default_rng([*root, 0])
     kinds = rng.permutation(np.where(np.arange(count) < round(UNCHANGED * count), "null", "single"))
     effects, draw = (six_hinges.EFFECTS, _fault_of_six) if root[0] in SIX_HINGES else (EFFECTS, _fault)
-    changes = _deck(effects, rng)
+    changes, sizes = _deck(effects, rng), Sizes(NEAREST, holds(root))
     cases = []
     for number, kind in enumerate(kinds):
         own = np.random.default_rng([*root, 1, number])
-        faults = (draw(next(changes), own, NEAREST),) if kind == "single" else ()
+        faults = (draw(next(changes), own, sizes),) if kind == "single" else ()
         always: tuple[Fault, ...] = ()
         wanted = own.integers(MOST_ALWAYS + 1)
         while len(always) < wanted:
-            fault = draw(str(own.choice(effects)), own, NEAREST, LARGEST_ALWAYS)
+            fault = draw(str(own.choice(effects)), own, replace(sizes, most=LARGEST_ALWAYS))
             if all(_are_apart(fault, other) for other in (*faults, *always)):
                 always += (fault,)
         cases.append(Case(number, str(kind), faults, (*root, 2, number), always, SECOND_DAY))
@@ -188,22 +197,22 @@ def _size(rng: np.random.Generator, least: float, most: float) -> float:
     return float(np.exp(rng.uniform(np.log(least), np.log(most))))
 
 
-def _fault(effect: str, rng: np.random.Generator, least: float, most: float = np.inf) -> Fault:
-    seen = visible(effect)
-    joint = int(rng.choice(seen.joints)) - 1 if seen.joints else None
-    return Fault(effect, joint, _size(rng, least, min(seen.largest, most)))
+def _fault(effect: str, rng: np.random.Generator, sizes: Sizes) -> Fault:
+    joints = [j for j in visible(effect).joints if largest(effect, j - 1, sizes.holds) > sizes.least]
+    joint = int(rng.choice(joints)) - 1 if joints else None
+    return Fault(effect, joint, _size(rng, sizes.least, min(largest(effect, joint, sizes.holds), sizes.most)))
 
 
-def _fault_of_six(effect: str, rng: np.random.Generator, least: float, most: float = np.inf) -> Fault:
+def _fault_of_six(effect: str, rng: np.random.Generator, sizes: Sizes) -> Fault:
     joints = six_hinges.LIMITS[effect][1]
     joint = int(rng.choice(joints)) if joints else None
-    return six_hinges.SixFault(effect, joint, _size(rng, least, min(six_hinges.largest(effect), most)))
+    return six_hinges.SixFault(effect, joint, _size(rng, sizes.least, min(six_hinges.largest(effect), sizes.most)))
 
 
-def _pair(first: str, rng: np.random.Generator, least: float) -> tuple[Fault, Fault]:
-    one = _fault(first, rng, least)
+def _pair(first: str, rng: np.random.Generator, sizes: Sizes) -> tuple[Fault, Fault]:
+    one = _fault(first, rng, sizes)
     while True:
-        other = _fault(str(rng.choice(EFFECTS)), rng, least)
+        other = _fault(str(rng.choice(EFFECTS)), rng, sizes)
         if _are_apart(one, other):
             return one, other
 

@@ -25,7 +25,10 @@ PEAK_RATE = np.array([330.0, 350.0, 330.0, 300.0, 110.0, 130.0, 70.0])
 """Nm that the suite's commands pass for half a second in all, Nm/s for a tenth, on the nominal arm."""
 PEAK_TOTAL = np.array([13.3, 60.5, 14.5, 28.0, 2.8, 4.5, 1.2])
 HELD = np.array([0.0, 51.5, 13.8, 22.9, 2.5, 2.9, 0.1])
-"""Nm that a drive passes with gravity for half a second in all, and of gravity at most: no arm falls."""
+"""Nm that a drive passes with gravity for half a second in all, and of gravity at most."""
+SPARE = (
+    1.3  # times that weight, which a drive that is cut can give and the arm stays up: what moves down has to be stopped
+)
 HAND = np.array([0.05, 0.05, 0.07])  # m about the tool point in which a payload may be
 
 Parameters = dict[str, tuple[float, str]]  # name: value, unit
@@ -54,6 +57,18 @@ def limit_of(effect: str, joint: int | None) -> float:
     """Magnitude of size 1."""
     limit = visible(effect).limit
     return float(limit if joint is None else limit[joint])
+
+
+def largest(effect: str, joint: int | None, holds: bool) -> float:
+    """Times its limit, up to which an effect is drawn; holds: so that a drive that is cut still holds the arm up.
+
+    Without that (sets with seeds below `background.HOLDS_FROM`) a limit is 2 % above the nominal arm's weight, if it would be
+    below. Joint 2 then falls by half a radian and more in the third posture, and joint 3 is cut by 3 % at most, less than is visible.
+    """
+    most = visible(effect).largest
+    if effect == "torque_saturation" and holds:
+        most = min(most, (1.0 - SPARE * HELD[joint] / PEAK_TOTAL[joint]) / limit_of(effect, joint))
+    return float(most)
 
 
 def apply(physics: Physics, arm: int, fault: Fault, rng: np.random.Generator) -> Parameters:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -73,3 +74,17 @@ def is_settled(entry: Mapping, folder: Path) -> bool | None:
         return report["verdict"] == verdict
     named = {(e["effect"], e["component"]) for e in report["effects"] if e["is_added"]}
     return report["verdict"] == "identified" and named == {(f["effect"], f["component"]) for f in entry["faults"]}
+
+
+def could_settle(entry: Mapping, folder: Path) -> bool:
+    """Whether the truth is one of the models that the experiment of the report in `folder` was to tell apart. Between models
+    that are all wrong no experiment decides."""
+    if suggested(folder) is None or entry["kind"] == OUT_OF_CATALOGUE_KIND:
+        return False
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    wanted, faults = report["next_experiment"], [(f["effect"], f["component"]) for f in entry["faults"]]
+    mine, *_ = sets = [() if text == "nothing" else tuple(text.split(" + ")) for text in wanted["separates"]]
+    named = [(e["effect"], e["component"]) for e in report["effects"] if e["is_added"]]
+    kept = [(effect, place) for effect, place in named if not (effect in mine and place == wanted["component"])]
+    models = (Counter([*names, *(effect for effect, _ in kept)]) for names in sets)
+    return set(kept) <= set(faults) and Counter(effect for effect, _ in faults) in models

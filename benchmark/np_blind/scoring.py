@@ -19,7 +19,8 @@ HARM = 1.02  # times the gap before, beyond which a patch has done harm
 @dataclass
 class Score:
     """What is right about one case; None where the question does not arise. named: effect@component;
-    effect: of faults of at least CLEAR; effect_any: of any size; settled: of `followup.is_settled`."""
+    effect: of faults of at least CLEAR; effect_any: of any size; settled: of `followup.is_settled`; settled_known: the same where the truth was one of the models
+    that the experiment was to tell apart."""
 
     case: int
     kind: str
@@ -35,12 +36,18 @@ class Score:
     abstained: bool | None = None
     pair: bool | None = None
     settled: bool | None = None
+    settled_known: bool | None = None
     covered: list[bool] = field(default_factory=list)
     share: float | None = None
     absolute: float | None = None
     harm: bool | None = None
     error: str = ""
     runtime_s: float | None = None
+
+    @property
+    def possible(self) -> float | None:
+        """Share of the held-out gap that the true faults remove; None where there is no share, or the patch has none of it."""
+        return self.absolute / self.share if self.share else None
 
     @property
     def is_failure(self) -> bool:
@@ -149,22 +156,27 @@ def summary(scores: Sequence[Score]) -> dict[str, object]:
     rate("abstain_out_of_catalogue", [s.abstained for s in scores])
     rate("pairs_top3", [s.pair for s in scores])
     rate("settled_by_next", [s.settled for s in scores])
+    rate("settled_where_known", [s.settled_known for s in scores])
     figures["ambiguous"] = sum(s.verdict == "ambiguous" for s in scores)
     rate("coverage95", [hit for s in scores for hit in s.covered])
     rate("harm", [s.harm for s in scores])
     clear = [s for s in scores if s.size >= CLEAR]
     rate("module_accuracy_clear", [s.module for s in clear])
     rate("joint_accuracy_clear", [s.joint for s in clear])
-    shares, absolute = (
-        np.array([getattr(s, name) for s in scores if getattr(s, name) is not None]) for name in ("share", "absolute")
-    )
-    figures["shrink_vs_oracle"] = round(float(np.median(shares)), 4) if shares.size else None
-    figures["shrink_vs_oracle_n"] = int(shares.size)
-    figures["shrink_absolute"] = round(float(np.median(absolute)), 4) if absolute.size else None
+    figures["shrink_vs_oracle"] = median([s.share for s in scores])
+    figures["shrink_vs_oracle_n"] = sum(s.share is not None for s in scores)
+    figures["shrink_absolute"] = median([s.absolute for s in scores])
+    figures["shrink_possible"] = median([s.possible for s in scores])
     times = [s.runtime_s for s in scores if s.runtime_s is not None]
     figures["runtime_median_s"] = round(float(np.median(times)), 1) if times else None
     figures["errors"] = sum(bool(s.error) for s in scores)
     return figures
+
+
+def median(values: Sequence[float | None]) -> float | None:
+    """Of those that are known, to four digits; None where none is."""
+    known = [value for value in values if value is not None]
+    return round(float(np.median(known)), 4) if known else None
 
 
 def by_effect(scores: Sequence[Score]) -> dict[str, dict[str, int]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from np_blind.cases import CHANGES
-from np_blind.scoring import CLEAR, Score, by_effect
+from np_blind.scoring import CLEAR, Score, by_effect, median
 
 # Key of the summary, what it says, its goal (least, or greatest where the sign is <=).
 GOALS = (
@@ -19,6 +19,7 @@ GOALS = (
     ("abstain_out_of_catalogue", "says unexplained, out of catalogue", ">= .90"),
     ("pairs_top3", "pairs, both among the first three", ">= .85"),
     ("settled_by_next", "ambiguous, settled by the one suggested experiment", ">= .60"),
+    ("settled_where_known", "the same, where the truth was among what it was to tell apart", ""),
     ("coverage95", "95 % intervals that hold the truth", ".92 to .98"),
     ("harm", "patch makes it worse", "<= .02"),
 )
@@ -44,6 +45,11 @@ def goals_of(figures: Mapping) -> tuple[tuple[str, str, str], ...]:
     return GOALS_OF_CHANGES if figures.get("set") in CHANGES else GOALS
 
 
+def _known(figures: Mapping) -> list[tuple[str, str, str]]:
+    """The questions of a set that its figures answer: not those asked since."""
+    return [row for row in goals_of(figures) if row[0] in figures]
+
+
 def figures_table(figures: Mapping, scores: Sequence[Score]) -> str:
     """Figures beside their goals, then what was right of each effect; first of all how many cases they are of."""
     drawn = figures.get("drawn", figures["cases"])
@@ -54,13 +60,18 @@ def figures_table(figures: Mapping, scores: Sequence[Score]) -> str:
         "| figure | value | 95 % | cases | goal |",
         "|---|---|---|---|---|",
     ]
-    for key, text, goal in goals_of(figures):
+    for key, text, goal in _known(figures):
         low, high = figures[f"{key}_ci95"]
         lines.append(f"| {text} | {_number(figures[key])} | {low:.3f} to {high:.3f} | {figures[f'{key}_n']} | {goal} |")
     for key, text, goal in SHRINKS if goals_of(figures) is GOALS else ():
         lines.append(
             f"| held-out gap removed{text}, median | {_number(figures[key])} | | "
             f"{figures['shrink_vs_oracle_n']} | {goal} |"
+        )
+    if goals_of(figures) is GOALS:
+        possible = median([s.possible for s in scores])
+        lines.append(
+            f"| held-out gap that the true faults remove, median: what a patch can | {_number(possible)} | | | |"
         )
     lines += _beside(figures)
     lines += ["", "| effect | cases | module | joint | clear | named | unexplained |", "|---|---|---|---|---|---|---|"]
@@ -113,7 +124,7 @@ def plot(figures: Mapping, scores: Sequence[Score], path: Path) -> None:
     from matplotlib import pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), width_ratios=[3, 2], layout="constrained")
-    shown = [row for row in goals_of(figures) if figures[row[0]] is not None]
+    shown = [row for row in _known(figures) if figures[row[0]] is not None]
     for y, (key, _, goal) in enumerate(reversed(shown)):
         low, high = figures[f"{key}_ci95"]
         left.plot([low, high], [y, y], color="0.5", lw=3, solid_capstyle="butt")

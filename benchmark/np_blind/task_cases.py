@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from math import radians
 
 import numpy as np
 
 from np_blind.sealed import SCHEMA
 from np_description.camera import CAMERA, Camera
+from np_description.domains import BUMP, Domain
 from np_description.panda import NOMINAL
 from np_effects import SCENE_RECORDS, VIEW_RECORDS
 from np_effects.patch import Patch, PatchEffect
@@ -28,14 +29,41 @@ Gap = dict[str, float]
 
 
 @dataclass(frozen=True)
+class Usual:
+    """What any case has, as standard deviations, so that a nuisance of the doctor is one of reality: mass, friction of the table: shares; table
+    m; place m and turn rad of the camera, each axis; joint: of its friction, a share; zero: rad, of a joint's encoder; edge: m, of the
+    object, each."""
+
+    mass: float = 0.01
+    friction: float = 0.03
+    table: float = 0.0002
+    place: float = 0.0005
+    turn: float = 0.0006
+    joint: float = 0.1
+    zero: float = 0.0003
+    edge: float = 0.0004
+
+
+USUAL = Usual()
+
+
+@dataclass(frozen=True)
 class Case:
     """kind: clean, single, pair (of effects of the catalogue), or out of it; gap: by effect, or by what is out of the catalogue, its
-    parameters; usual: what any set-up has besides, by effect, component and parameters."""
+    parameters; usual: what any set-up has besides, by effect, component and parameters; longer: m, by which the object's edges are longer than
+    they are believed to be."""
 
     number: int
     kind: str
     gap: dict[str, Gap] = field(default_factory=dict)
     usual: tuple[tuple[str, str, Gap], ...] = ()
+    longer: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def domain(self) -> Domain:
+        """The bump's, whose cube is of its true size, and weighs what it weighs."""
+        half = tuple(h + edge / 2 for h, edge in zip(BUMP.half_size, self.longer))
+        return replace(BUMP, half_size=half, density=BUMP.density * float(np.prod(BUMP.half_size) / np.prod(half)))
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -109,17 +137,27 @@ def _case(number: int, names: Sequence[str], seed: int) -> Case:
     gap = {name: _rounded(GAPS[name](rng)) for name in names}
     kind = OUT if set(names) & set(OUT_OF_CATALOGUE) else ("clean", "single", "pair")[len(names)]
     scene = [
-        ("object_mass", "object", {"relative": 0.01 * rng.standard_normal()}),
-        ("table_friction", "contact", {"relative": 0.03 * rng.standard_normal()}),
-        ("table_height", "environment", {"height": 0.0002 * rng.standard_normal()}),
-        ("camera_extrinsics", "camera", {"x": 0.0005 * rng.standard_normal(), "y": 0.0005 * rng.standard_normal()}),
+        ("object_mass", "object", {"relative": USUAL.mass * rng.standard_normal()}),
+        ("table_friction", "contact", {"relative": USUAL.friction * rng.standard_normal()}),
+        ("table_height", "environment", {"height": USUAL.table * rng.standard_normal()}),
+        (
+            "camera_extrinsics",
+            "camera",
+            {axis: USUAL.place * rng.standard_normal() for axis in "xyz"}
+            | {f"turn_{axis}": USUAL.turn * rng.standard_normal() for axis in "xyz"},
+        ),
     ]
     arm = [
-        ("coulomb_friction", joint, {"level": 0.1 * rng.standard_normal() * friction})
+        (effect, joint, {name: size * rng.standard_normal()})
         for joint, friction in zip(NOMINAL.joints, NOMINAL.frictionloss.tolist())
+        for effect, name, size in (
+            ("coulomb_friction", "level", USUAL.joint * friction),
+            ("encoder_bias", "bias", USUAL.zero),
+        )
     ]
     usual = ((e, c, _rounded(p)) for e, c, p in (*scene, *arm) if e not in gap)
-    return Case(number, kind, gap, tuple(usual))
+    longer = _rounded({axis: USUAL.edge * rng.standard_normal() for axis in "xyz"}).values()
+    return Case(number, kind, gap, tuple(usual), tuple(longer))
 
 
 def _rounded(gap: Gap) -> Gap:

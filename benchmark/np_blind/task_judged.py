@@ -10,16 +10,19 @@ import numpy as np
 from np_blind.task_baseline import at_once
 from np_blind.task_cases import Case, Detector
 from np_blind.task_reality import Reality
+from np_description.camera import CAMERA
 from np_description.domains import BUMP
 from np_diagnosis.chain.force.stage import Believed
 from np_diagnosis.chain.motion.given import Given, given
 from np_diagnosis.chain.motion.stage import errors, share
 from np_diagnosis.chain.motion.windows import FAMILIES
 from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.task.seen import over, pose_between
 from np_diagnosis.chain.together.claims import module_of
 from np_diagnosis.chain.together.whole import Seen, Whole, diagnose, patch
 from np_diagnosis.chain.view_stage.places import places
 from np_effects.patch import Patch
+from np_effects.view_effects import ViewEffects
 
 NOISE, GROSS = 0.15, 0.005  # px and share, of the detector
 HELD_OUT = 500_000  # added to the seed of a recording that no stage hears: other starts, other noise, the same set-up
@@ -63,7 +66,7 @@ def recorded(case: Case, seed: int, only: tuple[str, ...] = ()) -> TaskRecording
         case.stranger("knocked", "at"),
         case.stranger("breathing", "scale"),
     )
-    return Reality(BUMP, case.patch, seed * 1000 + case.number, Pulled, finding).run(only)
+    return Reality(BUMP, case.patch, seed * 1000 + case.number, Pulled, finding, case.domain).run(only)
 
 
 def pulls(case: Case, place: Sequence[float]) -> tuple[float, float, float] | None:
@@ -121,6 +124,15 @@ def motion(case: Case, found: Whole, kept: Given, fresh: Sequence[TaskRecording]
     }
 
 
+def _shown_off(recording: TaskRecording, patch: Patch) -> list[float]:
+    """m (x, y) by which the true camera shows the object's middle elsewhere than it is, where it rests at first."""
+    lift = patch.scene_change().lift
+    place = pose_between(recording, recording.seen_from, recording.seen_from + 1.0, over(CAMERA, lift)).position
+    place = np.array([*place[:2], lift + BUMP.half_size[2]])
+    shown = CAMERA.at_height(CAMERA.rays(ViewEffects(patch).camera.project(place[None])[0]), place[2])
+    return (np.asarray(shown).ravel()[:2] - place[:2]).tolist()
+
+
 def _intervals(case: Case, found: Whole) -> dict[str, dict]:
     """Every number that was measured beside the truth, its background included."""
     patch, believed = case.patch, Believed.of(BUMP)
@@ -139,11 +151,10 @@ def _intervals(case: Case, found: Whole) -> dict[str, dict]:
     if found.lag and found.lag.late:
         late = sum(e.get("delay") for e in patch.of("camera_latency"))
         told["late"] = (late, found.lag.late.value, found.lag.late.low, found.lag.late.high)
-    moved = patch.of("camera_extrinsics")
-    if found.meeting and found.meeting.explained and not any(e.get(f"turn_{axis}") for e in moved for axis in "xyz"):
-        for axis in "xy":  # things are seen where they are not, the other way round
+    if found.meeting and found.meeting.explained:
+        for axis, off in zip("xy", _shown_off(found.seen.tasks[0], patch)):
             value = found.meeting.explained.bounds[axis]
-            told[f"picture_{axis}"] = -sum(e.get(axis) for e in moved), value.value, value.low, value.high
+            told[f"picture_{axis}"] = off, value.value, value.low, value.high
     if found.force and found.force.least_finger is not None:
         told["least_finger"] = (truths["finger"], found.force.least_finger, found.force.least_finger, np.inf)
     return {

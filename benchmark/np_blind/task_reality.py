@@ -44,8 +44,9 @@ class _Kept:
 class Reality:
     """A simulated robot with a task, which can be led through plans and remembers what it measured.
 
-    patch: what is other than the doctor believes; seed: of task and noise; engine: builds the physics; finding: what becomes of corners
-    (8, 2) px that the camera shows at a time s, beside white noise.
+    domain: that is believed in; patch: what is other than the doctor believes; seed: of task and noise; engine: builds the physics; finding:
+    what becomes of corners (8, 2) px that the camera shows at a time s, beside white noise; true: the domain as it is, where its object is of
+    another size than believed.
     """
 
     def __init__(
@@ -55,12 +56,13 @@ class Reality:
         seed: int,
         engine: MakeEngine,
         finding: Finding = lambda time, pixels: pixels,
+        true: Domain | None = None,
     ):
         self.domain, self._rng = domain, np.random.default_rng([seed, 1])
-        self._simulation = Simulation(domain, seed=seed, patch=patch, engine=engine)
+        self._simulation = Simulation(true or domain, seed=seed, patch=patch, engine=engine)
         self._controller, self._filter, self._schedule = Controller(), SafetyFilter(), Schedule(10, 30)
         self._view = ViewEffects(patch, CAMERA, seed)
-        self._corners = SeenCorners(np.asarray(domain.half_size), self._view.oldest)
+        self._corners = SeenCorners(np.asarray((true or domain).half_size), self._view.oldest)
         self._kept, self._finding = _Kept(), finding
         self._filter.start(self._simulation.measure().position[:7])
         self._witness = Witness(domain)

@@ -8,7 +8,7 @@ import pytest
 
 from np_blind.cases import Case
 from np_blind.faults import Fault
-from np_blind.followup import follow_up, is_settled, suggested
+from np_blind.followup import could_settle, follow_up, is_settled, suggested
 from np_blind.generate import bag_path, make_bags
 from np_description.panda import JOINT_NAMES
 from np_diagnosis.recordings.reading import read
@@ -105,3 +105,29 @@ def test_settled_means_sure_and_right(tmp_path, kind, verdict, effects, settled)
 
 def test_cases_without_a_second_recording_are_not_counted(tmp_path):
     assert is_settled({"kind": "null", "faults": []}, tmp_path) is None
+
+
+WRIST = {"component": TRUTH["component"]}
+OFFSET, SCALE = {"effect": "torque_offset", **WRIST}, {"effect": "torque_scale", "component": "panda_joint1"}
+
+
+@pytest.mark.parametrize(
+    "separates, named, faults, could",
+    [
+        (["torque_offset", "coulomb_friction"], [OFFSET], [TRUTH], True),  # a rival is the truth
+        (["coulomb_friction", "nothing"], [TRUTH], [TRUTH], True),  # what is named is
+        (["torque_offset", "cable_torque"], [OFFSET], [TRUTH], False),
+        (["torque_offset", "coulomb_friction"], [OFFSET, SCALE], [TRUTH], False),  # something wrong stays beside it
+        (["torque_offset", "coulomb_friction"], [OFFSET, SCALE], [TRUTH, SCALE], True),
+        (["torque_offset", "viscous_friction + coulomb_friction"], [OFFSET], [TRUTH], False),
+        (["torque_offset", "nothing"], [OFFSET], [], True),
+    ],
+)
+def test_an_experiment_can_settle_what_has_the_truth_among_its_models(tmp_path, separates, named, faults, could):
+    content = report(effects=named)
+    content["next_experiment"] |= {"separates": separates, **WRIST}
+    put(tmp_path, content)
+    assert could_settle({"kind": "single" if faults else "null", "faults": faults}, tmp_path) is could
+    assert could_settle({"kind": "stranger", "faults": [TRUTH]}, tmp_path) is False
+    put(tmp_path, report("identified", effects=named))
+    assert could_settle({"kind": "single", "faults": faults}, tmp_path) is False

@@ -148,12 +148,15 @@ def test_figures_tables_and_plot(tmp_path):
     assert figures["false_alarm"] == 0.0 and figures["abstain_out_of_catalogue"] == 0.0
     assert figures["coverage95"] == 0.0 and figures["pairs_top3"] is None
     assert figures["shrink_vs_oracle"] == pytest.approx(0.5556) and figures["harm"] == 0.0
+    assert figures["shrink_absolute"] == 0.5 and figures["shrink_possible"] == pytest.approx(0.9)
     low, high = figures["module_accuracy_ci95"]
     assert 0 < low < 0.5 < high < 1
     row = by_effect(scores)["rub"]
     assert row.pop("cases") == 1 and not any(row.values())
     table = figures_table(figures, scores)
-    assert all(text in table for _, text, _ in GOALS)
+    assert all(text in table for _, text, _ in GOALS) and "what a patch can | 0.900 |" in table
+    older = {key: value for key, value in figures.items() if not key.startswith("settled_where")}
+    assert "what it was to tell apart" not in figures_table(older, scores)
     assert failures_table(scores).count("\n") == 4  # two lines of head, the payload and the rub
     plot(figures, scores, tmp_path / "plot.svg")
     assert (tmp_path / "plot.svg").stat().st_size > 1000

@@ -80,6 +80,21 @@ def test_rigid_body_dynamics_and_regressor_are_those_of_pinocchio(seed):
     np.testing.assert_allclose(rigid.gravity_slope(ARM, q), slope, atol=1e-9)
 
 
+@pytest.mark.parametrize("link", [1, 3, 6])
+def test_a_link_whose_mass_lies_elsewhere_keeps_its_inertia_about_its_centre(link):
+    q, dq, ddq = np.random.default_rng(link).normal(size=(3, 20, 7))
+    shift = np.array([2e-5, -1e-5, 3e-5])  # kg m
+    own, moment, inertia = rigid.centred_inertia(ARM)[link], ARM.moment.copy(), ARM.inertia.copy()
+    moment[link] += shift
+    spread = moment[link] @ moment[link] * np.eye(3) - np.outer(moment[link], moment[link])
+    inertia[link] = own + spread / ARM.mass[link]
+    moved = replace(ARM, moment=moment, inertia=inertia)
+    columns = rigid.regressor(ARM, rigid.move(ARM, q, dq, ddq), link) @ rigid.moved_centre(ARM, link)
+    np.testing.assert_allclose(
+        columns @ shift, rigid.torque(moved, q, dq, ddq) - rigid.torque(ARM, q, dq, ddq), atol=2e-8
+    )
+
+
 def test_a_clean_arm_leaves_nothing_at_any_stage(design):
     for cell in design.cells:
         left = np.sqrt(np.mean(cell.residual[cell.rows] ** 2))

@@ -11,6 +11,7 @@ from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_description.phases import EXCITE, PhaseState
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix, yaw_quaternion
+from np_diagnosis.chain.scatter import scatter
 from np_diagnosis.chain.task.near import hand
 from np_diagnosis.chain.task.recording import TaskRecording, spans_of
 from np_diagnosis.chain.task.untouched import untouched
@@ -134,3 +135,22 @@ def test_an_object_that_lies_flat_is_as_high_as_its_edge_however_it_is_seen(seen
     assert Lain.of(BUMP, Pose(LAIN.position, tilted)).height == pytest.approx(TOP)
     fallen = quaternion_from_matrix(matrix_from_vector(np.array([np.radians(30.0), 0.0, 0.0])))
     assert Lain.of(BUMP, Pose(LAIN.position, fallen)).height > 0.12
+
+
+def gross(share, size):
+    """Corners that are found elsewhere now and then."""
+    rng = np.random.default_rng(6)
+    return lambda t, one: one + (rng.random((8, 1)) < share) * size * rng.standard_normal((8, 2))
+
+
+def test_corners_that_are_found_elsewhere_are_back_in_the_next_image_and_are_no_motion():
+    """Of 8 corners 4 are wrong at once now and then, and the median corner with them."""
+    made = recorded(moved=gross(0.12, 20.0))
+    assert untouched(made).verdict == untouched(made, scatter=scatter(made.track)).verdict == "no_gap"
+
+
+@pytest.mark.parametrize("moved", [knocked(1.5), hunts, shoved])
+def test_a_picture_that_moves_beside_noise_that_is_named_is_unexplained_still(moved):
+    wrong = gross(0.05, 15.0)
+    made = recorded(TWICE, lambda t, one: wrong(t, moved(t, one)))
+    assert untouched(made, scatter=scatter(made.track)).verdict == "unexplained"

@@ -55,6 +55,24 @@ def test_a_size_is_found_that_loses_enough():
     assert MIDDLE[0] <= robot.loss <= MIDDLE[1] and robot.effects[0].effect != first
 
 
+def test_fewer_pairs_are_played_where_fewer_say_enough(tmp_path, monkeypatch):
+    from np_blind.robot_sizes import Measured
+
+    asked = []
+
+    def play(cell, numbers):
+        asked.extend(numbers if cell.effects else ())
+        return [not cell.effects or number % every != 0 for number in numbers]
+
+    monkeypatch.setattr(playing, "play", play)
+    for every, pairs in ((1, 8), (2, 16), (4, 32)):
+        asked.clear()
+        assert Measured(Here(), 32, tmp_path / str(every)).loss("wall", BOTH) == 1 / every
+        assert asked == [*range(pairs)]
+    asked.clear()
+    assert Measured(Here(), 32, tmp_path / "4").loss("wall", BOTH) == 0.25 and not asked
+
+
 def test_figures_of_robots():
     from np_blind.robot_figures import figures, mmrv, pearson
 
@@ -112,6 +130,19 @@ def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
     assert row["ablation"] == pytest.approx({"coulomb_friction": 0.2, "gripper_friction": 0.1})
     assert sum(row["engine"]["oracle"]) == sum(row["engine"]["adopted"]) == 9
     assert robot_answering.answered(robots, judging) == [row]
+
+
+def test_without_training_a_row_says_what_corrections_bring_back(tmp_path, monkeypatch):
+    from np_blind import robot_answering
+
+    robots = stand_ins(monkeypatch, None)  # would raise
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, None, oracle=False)
+    assert not robot_answering.is_diagnosed(tmp_path, robots[0])
+    (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+    assert robot_answering.is_diagnosed(tmp_path, robots[0]) and "error" not in row
+    assert row["kept"] == "corrected" and row["corrected"] == ["coulomb_friction at panda_joint4"]
+    assert [sum(row["engine"][name]) for name in ("before", "corrected", "adopted")] == [6, 8, 8]
+    assert row["engine"]["after"] is None
 
 
 def test_no_stage_is_begun_when_the_time_is_over(tmp_path, monkeypatch):

@@ -57,8 +57,7 @@ class ArmEffects:
         self._hold = arrays.hold(NOMINAL) if any(share is not None for _, share in self._drive) else None
         self._resist = [own(r, r.joints(values(r.id))) for r in present if r.joints]
         self._sense = [own(r, r.sensors.make(values(r.id))) for r in on_sensors]
-        left_over = [_left_over(p, arrays) for p in patches]
-        self._left_over = left_over[0] if isinstance(patch, Patch) else _row_by_row(left_over)
+        self._left_over = _left_over(patches[0], arrays) if isinstance(patch, Patch) else _row_by_row(patch, arrays)
 
     def drive(self, torque: np.ndarray, q: np.ndarray) -> np.ndarray:
         """What the drives give, Nm, gravity apart, on average over the period in which `torque` Nm is commanded at q rad."""
@@ -118,8 +117,20 @@ def _left_over(patch: Patch, arrays: Arrays) -> LeftOver | None:
     return lambda q: weight.share * nominal(q + bias) - real(q)
 
 
-def _row_by_row(parts: Sequence[LeftOver | None]) -> LeftOver | None:
-    """Of arms side by side (S, 7)."""
-    if not any(parts):
+def _row_by_row(patches: Sequence[Patch], arrays: Arrays) -> LeftOver | None:
+    """Of arms side by side (S, 7). Those of one patch (windows of a recording are hundreds) have one arm's model among them."""
+    rows: dict[int, list[int]] = {}
+    for row, patch in enumerate(patches):
+        rows.setdefault(id(patch), []).append(row)
+    found = [(own, _left_over(patches[own[0]].arm, arrays)) for own in rows.values()]
+    parts = [(own, part) for own, part in found if part is not None]
+    if not parts:
         return None
-    return lambda q: np.stack([np.zeros(7) if part is None else part(row) for part, row in zip(parts, q)])
+
+    def left_over(q: np.ndarray) -> np.ndarray:
+        torque = np.zeros((len(patches), 7))
+        for own, part in parts:
+            torque[own] = part(q[own])
+        return torque
+
+    return left_over

@@ -88,6 +88,9 @@ class RigidBody(Protocol):
     def regressor(self, link: int) -> np.ndarray:
         """Change (n, k, 10) of the torques with mass, moments (3) and inertia (6) of one link."""
 
+    def moved_centre(self, link: int) -> np.ndarray:
+        """Change (n, k, 3) of the torques with a link's m c along x, y, z; its inertia about its centre stays."""
+
     def gravity_torque(self, gravity: np.ndarray) -> np.ndarray:
         """Torque (n, k) Nm that holds the arm under another gravity (3,) m/s^2."""
 

@@ -60,7 +60,7 @@ class PhysxBoxWorld:
         is_plane = kind == TABLE
         shapes[0].set_collision_groups([kind | (PLANE_BIT if is_plane else 0), affinity, int(is_plane), 0])
         if is_object:
-            shapes += stand_on_corners(self._physx, shapes[0], material, self._sapien.Pose)
+            shapes += stand_on_corners(self._physx, shapes[0], size[0], material, self._sapien.Pose)
         for shape in shapes:
             shape.set_contact_offset(CONTACT_OFFSET)
             shape.set_rest_offset(0.0)

@@ -15,18 +15,17 @@ import numpy as np
 from np_description.contact import ContactModel
 from np_description.scene import OBJECT
 
-# m, from which on contacts are looked for. Without PCM a face holds what lies beside its edges by up to twice that: with the library's own,
-# 10 mm, a cube stays on the bump with its centre 16 mm off it (docs/decisions/policies.md).
-CONTACT_OFFSET = 2e-4
-# The robot comes at .25 m/s and more, .5 mm and more in a step, and has to be seen a step before it touches.
-ROBOT_CONTACT_OFFSET = 3e-3
+# m, from which on contacts are looked for: what comes at .25 m/s and more, .5 mm and more in a step, has to be seen a step before it touches.
+CONTACT_OFFSET = 3e-3
 # Objects of several bodies keep the library's own: with less, the plates of a soft card sink into the table.
 PARTS_CONTACT_OFFSET = 1e-2
 SURFACING = 0.1  # m/s, at which what is in each other comes apart at most; without a limit it is thrown
 SAGITTA = 1e-4  # m
-CORNER_RADIUS = 2.5e-4  # m
+CORNER_RADIUS, EDGE_RADIUS = 2.5e-4, 5e-4  # m
+SURROUNDINGS_BIT = 1  # of table and obstacles, as in the compiled scene
 PLANE_BIT = 1 << 10  # of what only a plane touches
 POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1  # with fewer, a box that is pulled at .9 of its friction creeps
+SIGNS = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), -1).reshape(-1, 3).astype(np.float32)  # of a box's corners, (8, 3)
 STICTION = 1e4  # N s/m, Nm s/rad: slope of Coulomb friction about standstill, until its limit is reached
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -41,8 +40,8 @@ def coefficient(contact: ContactModel, friction: float, is_object: bool) -> floa
 def scene(library: ModuleType, timestep: float):
     """An empty scene with gravity and its PhysX system; timestep s."""
     physx = library.physx
-    # Without its cache of contact points (PCM): with it boxes that move come .3 to .7 mm into each other, without .02 mm.
-    physx.set_scene_config(gravity=[0, 0, -9.81], enable_tgs=True, enable_pcm=False, enable_enhanced_determinism=True)
+    # With its cache of contact points (PCM): without it a face holds what lies beside its edges, and rods are seen too late.
+    physx.set_scene_config(gravity=[0, 0, -9.81], enable_tgs=True, enable_pcm=True, enable_enhanced_determinism=True)
     system = physx.PhysxCpuSystem()
     system.set_timestep(timestep)
     return library.Scene([system]), system
@@ -67,7 +66,7 @@ class Translator:
         """A body with a free joint: its entity and component."""
         body = self._model.body(name).id
         component = self._physx.PhysxRigidDynamicComponent()
-        self._attach(component, body, CONTACT_OFFSET if name.startswith(OBJECT) else ROBOT_CONTACT_OFFSET)
+        self._attach(component, body, CONTACT_OFFSET)
         self._weigh(component, body)
         component.set_linear_damping(0.0)
         component.set_angular_damping(0.0)
@@ -89,7 +88,7 @@ class Translator:
             if body != first and parent not in links:
                 continue
             link = self._physx.PhysxArticulationLinkComponent(links.get(parent))
-            self._attach(link, body, PARTS_CONTACT_OFFSET if is_free else ROBOT_CONTACT_OFFSET)
+            self._attach(link, body, PARTS_CONTACT_OFFSET if is_free else CONTACT_OFFSET)
             self._weigh(link, body)
             link.set_disable_gravity(not is_free)
             link.set_linear_damping(0.0)
@@ -164,7 +163,8 @@ class Translator:
             for shape in shapes:
                 shape.set_collision_groups([kind | (PLANE_BIT if is_plane else 0), affinity, int(is_plane), 0])
             if is_object and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
-                shapes += stand_on_corners(self._physx, shapes[0], material, self._sapien.Pose)
+                shapes += lie_on_edges(self._physx, shapes[0], model.geom_size[geom], material, self._sapien.Pose)
+                shapes += stand_on_corners(self._physx, shapes[0], model.geom_size[geom], material, self._sapien.Pose)
             for shape in shapes:
                 shape.set_contact_offset(offset)
                 shape.set_rest_offset(0.0)
@@ -187,23 +187,42 @@ class Translator:
         return [_placed(physx.PhysxCollisionShapePlane(material), place * turned)]
 
 
-def stand_on_corners(physx: ModuleType, box, material, pose) -> list:
+def stand_on_corners(physx: ModuleType, box, half_size, material, pose) -> list:
     """Spheres in the corners of a box, which from then on touch planes in its place; all else touches the box.
 
     A face of a box on a plane is one patch, whose friction PhysX takes to be the same everywhere in it, wherever it is pressed. A card
     that a fingertip presses beside its middle and draws is then turned about the tip, by 44 degrees over 60 mm, where the law of Coulomb
     turns it not at all: friction has its centre where the load has. Each sphere has friction of its own, by its own load
-    (`np_sim_bridge.static_bench.drag_off_centre`). pose: the library's Pose.
+    (`np_sim_bridge.static_bench.drag_off_centre`). half_size (3,) m; pose: the library's Pose.
     """
     groups = box.get_collision_groups()
     box.set_collision_groups([groups[0], groups[1], groups[2] | 1, groups[3]])  # of those that pass planes by
-    place, inner = box.get_local_pose(), np.asarray(box.half_size) - CORNER_RADIUS
+    place, inner = box.get_local_pose(), np.asarray(half_size) - CORNER_RADIUS
     corners = []
-    for signs in np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3):
+    for signs in SIGNS:
         sphere = _placed(physx.PhysxCollisionShapeSphere(CORNER_RADIUS, material), place * pose(signs * inner))
         sphere.set_collision_groups([0, PLANE_BIT, 0, 0])
         corners.append(sphere)
     return corners
+
+
+def lie_on_edges(physx: ModuleType, box, half_size, material, pose) -> list:
+    """Rods along the edges of a box, which touch the boxes of the surroundings before the edges do.
+
+    Where edges of two boxes cross, PhysX takes the normal of a face: it pushes aside, and lets the one fall through the other, a cube up to
+    21 mm deep into the bump. Of a rod and a box it finds the true one. half_size (3,) m; pose: the library's Pose.
+    """
+    half, place = np.asarray(half_size), box.get_local_pose()
+    rods = []
+    for axis in range(3):
+        for signs in SIGNS[SIGNS[:, axis] > 0]:
+            middle = signs * (half - EDGE_RADIUS)
+            middle[axis] = 0.0
+            rod = physx.PhysxCollisionShapeCapsule(EDGE_RADIUS, half[axis] - EDGE_RADIUS, material)
+            rod.set_local_pose(place * pose(middle, _from_x(np.eye(3)[axis])))
+            rod.set_collision_groups([0, SURROUNDINGS_BIT, 1, 0])
+            rods.append(rod)
+    return rods
 
 
 def along(radius: float, half_length: float) -> np.ndarray:

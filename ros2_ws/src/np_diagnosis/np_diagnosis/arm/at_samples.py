@@ -23,6 +23,10 @@ class RigidAtSamples:
             self._regressors[link] = rigid.regressor(self._arm, self._prediction.motion, link)
         return self._regressors[link]
 
+    def moved_centre(self, link: int) -> np.ndarray:
+        """Change (n, k, 3) of the torques with a link's m c along x, y, z; its inertia about its centre stays."""
+        return self.regressor(link) @ rigid.moved_centre(self._arm, link)
+
     def gravity_torque(self, gravity: np.ndarray) -> np.ndarray:
         """Torque (n, k) Nm that holds the arm under another gravity (3,) m/s^2."""
         return rigid.gravity_torque(self._arm, self._samples.position, gravity)

@@ -72,21 +72,13 @@ def _changes(arm: Arm) -> list[np.ndarray]:
     """For each link, changes (10, 5) of its `rigid.PARAMETERS` by one standard deviation: of its mass, with all that is
     proportional to it; of the place of its centre along x, y, z; of its inertia about that centre."""
     found = []
-    for mass, moment, inertia, own in zip(arm.mass, arm.moment, arm.inertia, rigid.centred_inertia(arm)):
-        centre = moment / max(mass, 1e-9)
-        whole = np.concatenate([[mass], moment, _six(inertia)])
-        moved = [
-            np.concatenate([[0.0], mass * unit, mass * _six(2 * centre @ unit * np.eye(3) - _outer(centre, unit))])
-            for unit in np.eye(3)
-        ]
+    for link, own in enumerate(rigid.centred_inertia(arm)):
+        mass, moment = arm.mass[link], arm.moment[link]
+        whole = np.concatenate([[mass], moment, _six(arm.inertia[link])])
         turned = np.concatenate([np.zeros(4), _six(own)])
-        place = PLACE_ERROR * np.linalg.norm(centre)
-        found.append(np.column_stack([MASS_ERROR * whole, *(place * m for m in moved), INERTIA_ERROR * turned]))
+        moved = PLACE_ERROR * np.linalg.norm(moment) * rigid.moved_centre(arm, link)
+        found.append(np.column_stack([MASS_ERROR * whole, moved, INERTIA_ERROR * turned]))
     return found
-
-
-def _outer(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    return np.outer(one, other) + np.outer(other, one)
 
 
 def _six(matrix: np.ndarray) -> np.ndarray:

@@ -176,6 +176,15 @@ def own_inertia(arm: Arm, motion: Motion) -> np.ndarray:
     return np.stack(parts, axis=2)
 
 
+def moved_centre(arm: Arm, link: int) -> np.ndarray:
+    """Change (10, 3) of a link's `PARAMETERS` with its m c along x, y, z: the mass moves, its inertia about its centre stays,
+    and that about the joint goes along, to first order."""
+    centre = arm.moment[link] / max(arm.mass[link], 1e-9)
+    about = [2 * centre @ u * np.eye(3) - np.outer(centre, u) - np.outer(u, centre) for u in np.eye(3)]
+    inertia = np.array([[change[pair] for change in about] for pair in PAIRS])
+    return np.vstack([np.zeros((1, 3)), np.eye(3), inertia])
+
+
 def centred_inertia(arm: Arm) -> np.ndarray:
     """Inertia (k, 3, 3) kg m^2 of each link about its own centre of mass."""
     shifts = [(h @ h * np.eye(3) - np.outer(h, h)) / max(m, 1e-9) for m, h in zip(arm.mass, arm.moment)]

@@ -171,6 +171,12 @@ class Moving:
         "by which the wrist's last joint is led along its way, other joints by more",
         "tried, see the doctor's page",
     )
+    rougher: tuple[float, ...] = threshold(
+        (-0.035, 0.0, 0.035),
+        "1",
+        "by which the table's friction is more than the patch says, over which windows are averaged",
+        "as the law of a slow slide differs between two engines",
+    )
     draws: int = threshold(1000, "draws", "of windows, for the interval of a share", NUMERICS)
 
 
@@ -185,6 +191,8 @@ class Untouching:
         2.0, "px", "beyond those about it, of one image to the next: 12 cm/s, where the hand goes 6", JUDGEMENT
     )
     surely: float = threshold(6.0, "1", "times the noise of such a way or step, that it is at least", JUDGEMENT)
+    draws: int = threshold(20, "draws", "of what corners do each for itself, where noise is named", NUMERICS)
+    beyond: float = threshold(1.3, "1", "times the most of those draws, that a way or step is at least", JUDGEMENT)
     least: float = threshold(1.0, "s", "of a stretch without a hand", JUDGEMENT)
     above: float = threshold(
         0.015, "m", "over the object's top, below which a tip may touch it: half of what it keeps on its way", JUDGEMENT

@@ -24,8 +24,8 @@ def _signatures(context: Context) -> list[Signature]:
         Signature(
             "link_com",
             moments,
-            {Stage.DYNAMICS: lambda c, j, table=context.rigid.regressor(i): table[:, j, 1:4]},
-            "inverse dynamics are linear in m c",
+            {Stage.DYNAMICS: lambda c, j, table=context.rigid.moved_centre(i): table[:, j]},
+            "inverse dynamics are linear in m c; the inertia about the joint goes with it, to first order",
             f"link {i + 1}",
             is_arm=True,
             component=context.arm.joints[i],

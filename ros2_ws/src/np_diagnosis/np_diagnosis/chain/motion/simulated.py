@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from np_control.dynamics import Dynamics
@@ -28,11 +30,21 @@ class Simulated:
     """A set-up with the effects of a patch, in which windows are predicted.
 
     The hand is led along the way that was measured, softly, so that what it presses by is what its torques say: a stiff hand would
-    press by what two simulators' contacts give way. camera: that is believed in; panda: the arm with its own gap.
+    press by what two simulators' contacts give way. camera: that is believed in; panda: the arm with its own gap; rougher: share by which
+    the table's friction is more than the patch says.
     """
 
-    def __init__(self, domain: Domain, patch: Patch, camera: Camera = CAMERA, panda: PandaModel = NOMINAL):
-        self._domain, self._change, self._view = domain, patch.scene_change(), ViewEffects(patch, camera)
+    def __init__(
+        self,
+        domain: Domain,
+        patch: Patch,
+        camera: Camera = CAMERA,
+        panda: PandaModel = NOMINAL,
+        rougher: float = 0.0,
+    ):
+        change = patch.scene_change()
+        self._change = replace(change, table=(1.0 + rougher) * change.table)
+        self._domain, self._view = domain, ViewEffects(patch, camera)
         self._late = sum(e.get("delay") for e in patch.of("camera_latency"))
         self._late += sum(e.get("offset") for e in patch.of("clock_offset"))
         self._engine = MujocoEngine(domain, panda=panda, change=self._change)

@@ -139,22 +139,25 @@ def late_by(late: Value) -> tuple[Way, ...]:
     )
 
 
-def of_meeting(meeting: Meeting | None) -> list[Claim]:
-    """Of where the hand meets what is seen: a picture that is off, by the camera's place or turn, or by where corners are found."""
+def of_meeting(meeting: Meeting | None, turn: np.ndarray | None = None) -> list[Claim]:
+    """Of where the hand meets what is seen: a picture that is off, by the camera's place or turn, or by where corners are found. turn: rad (2,),
+    where corners at rest say that it is the turn (`astray.turned`)."""
     if meeting is None or meeting.explained is None or meeting.verdict not in ("identified", "ambiguous"):
         return []
     found = []
     for one in meeting.explained.named:
         off = one.sizes
-        said = f"the picture shows things {off['x']:mm} and {off['y']:mm} (x, y) from where the hand meets them: by the camera's place"
-        others = (
-            ("camera_turn", "camera_extrinsics", "its turn"),
-            ("image_offset", "keypoint_bias", "where corners are found"),
-        )
         moved = {axis: -off[axis].value for axis in "xy"}  # a camera that stands elsewhere shows things the other way
-        place = Way("camera_place", ("camera_extrinsics",), dict(off), said, moved)
-        ways = (place, *(Way(name, (effect,), {}, text, {}) for name, effect, text in others))
-        found.append(Claim("meeting", ways, one.gain))
+        ways = [
+            Way("camera_place", ("camera_extrinsics",), dict(off), "the camera's place", moved),
+            Way("camera_turn", ("camera_extrinsics",), dict(off), "its turn", {}),
+            Way("image_offset", ("keypoint_bias",), {}, "where corners are found", {}),
+        ]
+        if turn is not None:
+            told = dict(zip(("turn_x", "turn_y"), turn.tolist()))
+            ways[:2] = replace(ways[1], said="the camera's turn", parameters=told), replace(ways[0], said="its place")
+        said = f"the picture shows things {off['x']:mm} and {off['y']:mm} (x, y) from where the hand meets them: by {ways[0].said}"
+        found.append(Claim("meeting", (replace(ways[0], said=said), *ways[1:]), one.gain))
     return found
 
 

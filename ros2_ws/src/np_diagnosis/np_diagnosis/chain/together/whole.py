@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
 from np_diagnosis.chain.force.readings import readings
 from np_diagnosis.chain.force.slide import slides
 from np_diagnosis.chain.force.stage import Believed, Forces, judge
 from np_diagnosis.chain.scatter import Scatter, scatter
+from np_diagnosis.chain.task.astray import turned
 from np_diagnosis.chain.task.lag import Lag, lag
 from np_diagnosis.chain.task.meeting import Meeting, meet
 from np_diagnosis.chain.task.recording import TaskRecording
@@ -114,7 +117,7 @@ def diagnose(
         every = _tried(doubts, "force", lambda: [r for task in seen.tasks for r in readings(task, panda, felt)])
         slid = slides(seen.tasks[0], met, felt) if met is not None else ()
         forced = judge(every, Believed.of(seen.tasks[0].domain), slid) if every is not None else None
-        still = _tried(doubts, "untouched", lambda: untouched(seen.tasks[0], felt, lift))
+        still = _tried(doubts, "untouched", lambda: untouched(seen.tasks[0], felt, lift, scattered))
         tell("lag")
         late = _tried(doubts, "lag", lambda: lag(seen.tasks[0], felt))
     else:
@@ -136,7 +139,7 @@ def diagnose(
         + made.of_scatter(scattered)
         + made.of_felt(touched, "touch")
         + made.of_felt(forced, "force")
-        + made.of_meeting(met)
+        + made.of_meeting(met, _turned(viewed, met, touched))
         + made.of_lag(late)
         + [claim for answer in elsewhere for claim in answer.claims],
         touched,
@@ -145,6 +148,15 @@ def diagnose(
     total = sum(claim.gain for claim in claims)
     rows = tuple(_row(module, [c for c in claims if c.ways[0].module == module], total, whole) for module in MODULES)
     return replace(whole, rows=rows)
+
+
+def _turned(viewed: View | None, met: Meeting | None, touched: Felt | None) -> np.ndarray | None:
+    """rad (2,) by which the camera is turned, where a picture that is off is so by that; None where it is not, or nobody knows."""
+    if met is None or met.explained is None or not met.explained.named or viewed is None or viewed.nominal is None:
+        return None
+    sizes = met.explained.named[0].sizes
+    off = np.array([sizes[axis].value for axis in "xy"])
+    return turned(viewed.scene, viewed.nominal.poses, off, touched.lift if touched is not None else 0.0)
 
 
 def patch(whole: Whole) -> Patch:

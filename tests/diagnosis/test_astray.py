@@ -1,0 +1,50 @@
+"""A picture that is off: is the camera elsewhere, or does it look elsewhere? Corners of an object at rest tell, by cameras written apart."""
+
+import numpy as np
+import pytest
+
+from np_blind.view_cases import Case, Detector, Truth, places
+from np_description.camera import CAMERA
+from np_description.domains import BUMP
+from np_diagnosis.chain.explanations import Explained
+from np_diagnosis.chain.explanations import Named as Felt
+from np_diagnosis.chain.task.astray import turned
+from np_diagnosis.chain.task.meeting import Meeting
+from np_diagnosis.chain.together.claims import of_meeting
+from np_diagnosis.chain.view_stage.lying import lying
+from np_diagnosis.chain.view_stage.model import scene
+from np_effects.patch import Patch, PatchEffect
+from np_effects.saying import Value
+from np_effects.view_effects import ViewEffects
+
+MOVED, TURNED = Truth(camera=(0.011, -0.009, 0.0)), Truth(turn=(-0.017, -0.016, 0.0))
+
+
+def shown(truth, seed):
+    """Scene and poses of what is seen at twelve places, and m (2,) by which that is off."""
+    made = places(Case(truth, Detector(measured=None), BUMP, 12), np.random.default_rng(seed))
+    ways = [lying(place, CAMERA) for place in made]
+    poses = np.array([way.pose for way in ways])
+    middle = np.array([*np.median(poses[:, :2], axis=0), BUMP.half_size[2]])
+    given = dict(zip("xyz", truth.camera)) | {f"turn_{axis}": angle for axis, angle in zip("xyz", truth.turn)}
+    true = ViewEffects(Patch((PatchEffect("camera_extrinsics", "camera", given),))).camera
+    off = CAMERA.at_height(CAMERA.rays(true.project(middle[None])[0]), middle[2])[0] - middle[:2]
+    return scene(made, [(way.face, way.surface) for way in ways], CAMERA), poses, off
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_camera_that_is_turned_is_told_from_one_that_stands_elsewhere(seed):
+    found = turned(*shown(TURNED, seed), 0.0)
+    assert found == pytest.approx(np.array(TURNED.turn[:2]), abs=0.0015)
+    assert turned(*shown(MOVED, seed), 0.0) is None
+
+
+def test_what_corners_tell_comes_first_and_the_patch_has_it():
+    off = {"x": Value(-0.011, -0.012, -0.010), "y": Value(0.010, 0.009, 0.011)}
+    named = Explained("ambiguous", (Felt("picture", off, 9.0, {}),), {}, ())
+    met = Meeting("ambiguous", named, ())
+    (place,), (turn,) = of_meeting(met), of_meeting(met, np.array([-0.017, -0.016]))
+    assert place.ways[0].parameters == {"x": 0.011, "y": -0.010}
+    assert turn.ways[0].parameters == {"turn_x": -0.017, "turn_y": -0.016}
+    assert turn.ways[0].said.endswith("by the camera's turn") and turn.ways[1].said == "its place"
+    assert {one for way in turn.ways for one in way.ids} == {one for way in place.ways for one in way.ids}
