@@ -59,7 +59,7 @@ class Turns:
 @dataclass(frozen=True)
 class Judging:
     """How robots are judged. seed: of the set; episodes, share_episodes: of every figure, and of every subset of the effects found; how:
-    training, None: all but that; oracle: whether the same is done with the true effects; out: folder."""
+    training, None: all but that; oracle: whether the same is done with the true effects; out: folder; left: effects that are left to training, by id."""
 
     out: Path
     seed: int
@@ -67,6 +67,7 @@ class Judging:
     share_episodes: int
     how: Learning | None
     oracle: bool = True
+    left: tuple[str, ...] = ()
 
 
 def nominal_success(domains: Sequence[str], judging: Judging, pool: Executor) -> dict[str, list[float]]:
@@ -221,6 +222,7 @@ def _rehearsal(robot: Robot, judging: Judging, folder: Path, queue: Queue, tell=
         tell=tell or (lambda told: None),
         go_on=queue.check,
         is_over=lambda: queue.is_over,
+        left=judging.left,
     )
 
 

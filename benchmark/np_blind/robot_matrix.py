@@ -38,7 +38,8 @@ from np_record.command import INTERRUPTED, interrupt_on_sigterm
 from np_record.workers import HELP, SINGLE_THREAD, workers
 
 POLICIES = Path(str(files("np_blind") / "data" / "policies.yaml"))
-SIDES = ("nominal", "patched", "engine")
+SIDES = ("nominal", "patched", "patched_score", "engine")
+"""What a cell's policy has: success by the two simulators, the patched one's mean score (`rehearsal.playing`), and success in PhysX."""
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -104,19 +105,21 @@ def cells_of(robots: Sequence[Robot], diagnoses: Path, policies: Path) -> dict[s
 
 
 def figures(table: Sequence[Mapping]) -> dict:
-    """r over all cells, MMRV of the policies of a robot in the mean over robots, and the mean error, of both simulators.
+    """r over all cells, MMRV of the policies of a robot in the mean over robots, and the mean error, of both simulators, and of the scores in the
+    patched one.
 
     table: rows with robot, policy, and success by side.
     """
     found = {}
-    for side in SIDES[:2]:
+    for side in (side for side in SIDES[:-1] if all(side in row for row in table)):
         robots = sorted({row["robot"] for row in table})
         own = [[(r[side], r["engine"]) for r in table if r["robot"] == robot] for robot in robots]
         predicted, real = (np.array([row[name] for row in table], float) for name in (side, "engine"))
         found[side] = {
             "r": pearson(predicted, real),
             "mmrv": float(np.mean([mmrv(*zip(*pairs)) for pairs in own])),
-            "mean_absolute_error": float(np.abs(predicted - real).mean()),
+            # A score is no share of episodes: it ranks.
+            "mean_absolute_error": None if side == "patched_score" else float(np.abs(predicted - real).mean()),
         }
     return {**found, "cells": len(table), "robots": len(robots)}
 
@@ -130,14 +133,10 @@ def play(options: argparse.Namespace) -> dict:
         queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, until)
         play_all(cells, options.episodes, options.out, queue.ranked(ENGINE), "matrix")
     kept = Kept(options.out, cells)
-    rate = {
-        name: float(np.mean(succeeds(kept.of(name, options.episodes))))
-        for name in cells
-        if not kept.missing(name, options.episodes)
-    }
+    scores = {name: kept.of(name, options.episodes) for name in cells if not kept.missing(name, options.episodes)}
     table = []
     for robot in robots:
-        rows = [_row(robot, place, rate) for place in sorted((options.policies / robot.domain).iterdir())]
+        rows = [_row(robot, place, scores) for place in sorted((options.policies / robot.domain).iterdir())]
         table += rows if all(rows) else []
     if not table:
         raise OSError(f"{options.set}: expected robots with a patch.yaml, and time to play them, got {len(robots)}")
@@ -150,17 +149,18 @@ def play(options: argparse.Namespace) -> dict:
     return {**found["figures"], "results": str(results)}
 
 
-def _row(robot: Robot, place: Path, rate: Mapping[str, float]) -> dict | None:
-    """Success of a policy on a robot by side; None where one is not known."""
+def _row(robot: Robot, place: Path, scores: Mapping[str, Sequence[float]]) -> dict | None:
+    """What a policy has on a robot by side; None where one is not known."""
     names = {
         "nominal": f"nominal_{robot.domain}_{place.name}",
         "patched": f"patched_{robot.number}_{place.name}",
         "engine": f"engine_{robot.number}_{place.name}",
     }
-    if any(name not in rate for name in names.values()):
+    if any(name not in scores for name in names.values()):
         return None
-    about = {"robot": robot.number, "domain": robot.domain, "policy": place.name}
-    return about | {side: rate[name] for side, name in names.items()}
+    row = {"robot": robot.number, "domain": robot.domain, "policy": place.name}
+    row |= {side: float(np.mean(succeeds(scores[name]))) for side, name in names.items()}
+    return row | {"patched_score": round(float(np.mean(scores[names["patched"]])), 4)}
 
 
 def main(arguments: list[str] | None = None) -> int:

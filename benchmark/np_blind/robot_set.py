@@ -57,6 +57,13 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--diagnosed", action="store_true", help="only robots whose diagnosis is there: no doctor is asked"
     )
+    parser.add_argument(
+        "--leave",
+        nargs="*",
+        default=[],
+        metavar="EFFECT",
+        help="not corrected, but trained for: what corrections did not have yet when a key was sealed",
+    )
     parser.add_argument("--answered", action="store_true", help="figures of the rows that are there, and do no more")
     parser.add_argument(
         "--within",
@@ -115,6 +122,7 @@ def judge(options: argparse.Namespace) -> dict:
         if options.train_on
         else None,
         options.oracle and options.train_on,
+        tuple(options.leave),
     )
     until = time.time() + options.within
     begun = time.monotonic()
@@ -153,6 +161,7 @@ def _command(options: argparse.Namespace) -> str:
     said = f"python -m np_blind.robot_set --robots {options.robots} --seed {options.seed} --episodes {options.episodes}"
     said += f" --share-episodes {options.share_episodes} --minutes {options.minutes:g} --each-gpu {options.each_gpu}"
     said += ("" if options.oracle else " --no-oracle") + f" --jobs {options.jobs}"
+    said += f" --leave {' '.join(options.leave)}" if options.leave else ""
     return said + (f" --train {' '.join(options.train)}" if options.train else "")
 
 

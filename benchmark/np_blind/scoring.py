@@ -180,14 +180,17 @@ def median(values: Sequence[float | None]) -> float | None:
 
 
 def by_effect(scores: Sequence[Score]) -> dict[str, dict[str, int]]:
-    """For every effect drawn alone, and every kind out of the catalogue: cases, clear ones, and what was right."""
+    """For every effect drawn alone, and every kind out of the catalogue: cases, clear ones, and what was right; intervals of
+    its parameters, and how many of them held."""
     table: dict[str, dict[str, int]] = {}
     for s in scores:
         if s.kind not in ("single", OUT_OF_CATALOGUE_KIND):
             continue
         row = table.setdefault(
             s.truth[0].split("@")[0],
-            dict.fromkeys(("cases", "module", "joint", "clear", "named_when_clear", "abstained"), 0),
+            dict.fromkeys(
+                ("cases", "module", "joint", "clear", "named_when_clear", "abstained", "intervals", "held"), 0
+            ),
         )
         row["cases"] += 1
         row["module"] += bool(s.module)
@@ -195,4 +198,6 @@ def by_effect(scores: Sequence[Score]) -> dict[str, dict[str, int]]:
         row["clear"] += s.effect is not None
         row["named_when_clear"] += bool(s.effect)
         row["abstained"] += bool(s.abstained)
+        row["intervals"] += len(s.covered)
+        row["held"] += sum(s.covered)
     return dict(sorted(table.items()))

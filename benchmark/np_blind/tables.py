@@ -74,11 +74,13 @@ def figures_table(figures: Mapping, scores: Sequence[Score]) -> str:
             f"| held-out gap that the true faults remove, median: what a patch can | {_number(possible)} | | | |"
         )
     lines += _beside(figures)
-    lines += ["", "| effect | cases | module | joint | clear | named | unexplained |", "|---|---|---|---|---|---|---|"]
+    header = "| effect | cases | module | joint | clear | named | unexplained | intervals that hold |"
+    lines += ["", header, "|---" * 8 + "|"]
     for name, row in by_effect(scores).items():
+        held = f"{row['held']} of {row['intervals']}" if row["intervals"] else ""
         lines.append(
             f"| {name} | {row['cases']} | {row['module']} | {row['joint']} | {row['clear']} | "
-            f"{row['named_when_clear']} | {row['abstained']} |"
+            f"{row['named_when_clear']} | {row['abstained']} | {held} |"
         )
     return "\n".join(lines) + "\n"
 

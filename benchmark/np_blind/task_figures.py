@@ -39,6 +39,7 @@ def figures(rows: Sequence[Mapping]) -> dict:
         "95 % intervals that hold": [one["holds"] for _, _, one in told],
         **_met(told),
         "patch does harm to held-out motion": [1 - m["patch"] / m["believed"] < HARM for m in moved],
+        "patch surely does harm to it": [m["removed"][2] < 0 for m in moved],
         "the true effects do harm to it": [1 - m["truth"] / m["believed"] < HARM for m in moved],
         "everything at once: false alarm, clean": [bool(r["at_once"]) for r in kinds["clean"]],
         "everything at once: right effects, singles": [_is_right(r) for r in kinds["single"]],

@@ -153,8 +153,11 @@ def test_figures_tables_and_plot(tmp_path):
     assert 0 < low < 0.5 < high < 1
     row = by_effect(scores)["rub"]
     assert row.pop("cases") == 1 and not any(row.values())
+    known = by_effect(scores)["coulomb_friction"]
+    assert (known["intervals"], known["held"]) == (1, 0)
     table = figures_table(figures, scores)
     assert all(text in table for _, text, _ in GOALS) and "what a patch can | 0.900 |" in table
+    assert "| coulomb_friction | 1 | 1 | 1 | 1 | 1 | 0 | 0 of 1 |" in table
     older = {key: value for key, value in figures.items() if not key.startswith("settled_where")}
     assert "what it was to tell apart" not in figures_table(older, scores)
     assert failures_table(scores).count("\n") == 4  # two lines of head, the payload and the rub

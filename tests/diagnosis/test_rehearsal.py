@@ -16,7 +16,7 @@ from np_bringup.rehearsal.page import render, sentence
 from np_bringup.rehearsal.playing import Cell, patch_of, play_all, text_of
 from np_bringup.rehearsal.shares import joined, parts, shapley, subsets, with_intervals
 from np_bringup.rehearsal.stages import Rehearsal, rehearse
-from np_effects.patch import Patch, PatchEffect
+from np_effects.patch import Patch, PatchEffect, load_patch
 
 CAMERA = PatchEffect("camera_extrinsics", "camera", {"x": 0.0, "y": 0.01})
 TABLE = PatchEffect("table_height", "environment", {"height": 0.005})
@@ -166,6 +166,34 @@ class TestStages:
         assert _last_told(['{"steps": 3}', "{0} devices left", "leaked semaphores"], tmp_path) == {"steps": 3}
         with pytest.raises(OSError, match="expected a line of JSON"):
             _last_told(["Killed"], tmp_path)
+
+    def test_training_leaves_the_diagnosis_as_it_is(self, tmp_path, monkeypatch):
+        from np_bringup.rehearsal import learning
+
+        def run(arguments, log, *rest):
+            if arguments[0] == "np_training.distill":
+                (tmp_path / "weights").mkdir()
+                (tmp_path / "weights" / "post_contact_wall.safetensors").write_bytes(b"new")
+            return {"effects": arguments[arguments.index("--effects") + 1]}
+
+        monkeypatch.setattr(learning, "_run", run)
+        (tmp_path / "patch.yaml").write_text(text_of(BOTH))
+        told = learning.learn("wall", Patch((GRIP,)), tmp_path, Learning(1.0))
+        assert load_patch(tmp_path / "patch.yaml") == BOTH
+        assert load_patch(told["train"]["effects"]) == load_patch(told["distil"]["effects"]) == Patch((GRIP,))
+        assert (tmp_path / "weights_old_student" / "post_contact_wall.safetensors").read_bytes() == b"new"
+
+    @pytest.mark.parametrize(("seen", "wanted"), [(None, "1"), ("2,3", "3")])
+    def test_a_training_has_the_gpu_of_those_that_are_seen(self, tmp_path, monkeypatch, seen, wanted):
+        from np_bringup.rehearsal import learning
+
+        code = "import json, os; print(json.dumps({'gpu': os.environ['CUDA_VISIBLE_DEVICES']}))"
+        (tmp_path / "tells_its_gpu.py").write_text(code)
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+        if seen:
+            monkeypatch.setenv("CUDA_VISIBLE_DEVICES", seen)
+        assert learning._run(["tells_its_gpu"], tmp_path / "log", 1.0, "gpu", 1) == {"gpu": wanted}
 
     def test_recordings_or_a_patch_but_not_both(self, capsys):
         for given in ([], ["bag", "--patch", "patch.yaml"], ["bag", "--minutes", "6"]):

@@ -182,12 +182,30 @@ def test_practice_on_the_bump_turns_little_and_its_own_tasks_turn_much():
         shares = tuple(float(k == number) for k in range(len(find_task("bump").kinds)))
         tasks = practice.draw_tasks(BUMP, shares, 3000, generator)
         tips = torch.bincount(quarter_tips(tasks.starts, tasks.goals), minlength=3) / 3000
-        if kind.name == "own":
+        if kind.name in ("own", "again"):
             assert tips.min() > 0.1
         elif kind.name.startswith("turn"):
             assert tips[2] == 0 and 0.4 < tips[1] < 0.5  # axes 1 and 2 of 3, two of three turns
         else:
             assert tips[int(kind.name.startswith("roll"))] == 1
+
+
+def test_what_is_to_be_mended_lies_beside_its_goal_turned_about_the_vertical():
+    starts, goals = kinds.mends(BUMP, 2000, torch.Generator().manual_seed(7))
+    angle = rotation_angle(starts.quaternion, goals.quaternion)
+    assert kinds.LEFT - 1e-3 < angle.min() and angle.max() > 0.95 * torch.pi
+    away = (starts.position - goals.position).abs()
+    assert (away[:, :2] <= kinds.NEAR + 1e-6).all() and torch.allclose(away[:, 2], torch.zeros(()), atol=1e-6)
+    assert (away.norm(dim=-1) < BUMP.min_distance).float().mean() > 0.3  # some where they have to be, but for the turn
+
+
+def test_practice_is_kept_where_one_says_so():
+    configs = (curriculum.CurriculumConfig(practice=0.75, kept=share) for share in (0.4, 0.0))
+    kept, gone = (curriculum.Curriculum(10, config, practices=2) for config in configs)
+    for one in (kept, gone):
+        assert 1 - one.shares[0] == pytest.approx(0.75)
+        one.advance(1.0, 100)
+    assert 1 - kept.shares[0] == pytest.approx(0.4) and 1 - gone.shares[0] == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("name", ["slide", "cross"])
@@ -396,7 +414,15 @@ def test_a_student_may_learn_of_practice_that_sinks_no_obstacle():
     shares = shares_with(BUMP, 0.4)
     assert sum(shares) == pytest.approx(1.0) and shares[0] == pytest.approx(0.6)
     kinds = find_task("bump").kinds
-    assert {kind.name for kind, share in zip(kinds, shares) if share} == {"own", "roll1", "roll2", "roll3", "turn2"}
+    assert {kind.name for kind, share in zip(kinds, shares) if share} == {
+        "own",
+        "roll1",
+        "roll2",
+        "roll3",
+        "turn2",
+        "mend",
+        "again",
+    }
     assert shares_with(CARD, 0.4) == (1.0,)  # which has no practice
     assert shares_with(BUMP, 0.0) == (1.0,) + (0.0,) * (len(kinds) - 1)
     torch.manual_seed(6)

@@ -1,5 +1,6 @@
 """Objects of .8 to 1.2 times the domain's own size, one in each world: where they lie, what they touch, what is seen of them."""
 
+import json
 import sys
 from dataclasses import replace
 
@@ -8,12 +9,18 @@ import torch
 
 from np_description.domains import BUMP, WALL
 from np_description.rotations import matrix_from_quaternion
-from np_training import train
+from np_description.weights_header import read_metadata
+from np_policy.contract import PRE_CONTACT, PolicyContract
+from np_policy.networks import PreContactStudent
+from np_policy.other_size import sizes_known
+from np_policy.weights import load
+from np_training import distill, train
 from np_training.environment import contact
 from np_training.environment.environment import Environment, EnvironmentConfig, corners, pre_contact_state
 from np_training.episodes.episodes import run_episodes
 from np_training.physics.batched import BatchedPhysics
 from np_training.physics.config import physics_for
+from np_training.ppo.distillation import Student
 from np_training.ppo.networks import ActorCritic
 from np_training.ppo.training import make_trainer
 from np_training.tasks.poses import Poses
@@ -132,3 +139,38 @@ def test_training_with_sizes_runs(domain, tmp_path, monkeypatch):
     trainer.environment.config = replace(trainer.environment.config, conditions=CONDITIONS["sized"])
     assert trainer.iterate()["steps"] > 0
     assert trainer.environment.physics.take_overflowed() == 0
+
+
+def test_a_student_of_sizes_is_taught_what_the_teacher_does_with_each_and_says_which_it_knows(
+    tmp_path, monkeypatch, capsys
+):
+    """A teacher whose hand stands on the object's top: how high that is the student can only have seen."""
+    torch.manual_seed(5)
+    networks = ActorCritic()
+    with torch.no_grad():
+        networks.pre.net[-1].weight.zero_()
+        networks.pre.net[-1].bias.copy_(torch.tensor([0.0, 0, 0, -9, 0, 0, 0, 0, 9]))
+    state = {"networks": networks.state_dict(), "setting": {"domain": "wall", "contact": "hard"}, "steps": 0}
+    torch.save(state, tmp_path / "checkpoint.pt")
+    options = [
+        "--checkpoint",
+        tmp_path / "checkpoint.pt",
+        "--out",
+        tmp_path,
+        "--batch",
+        256,
+        "--device",
+        "cpu",
+        "--steps",
+        600,
+    ]
+    monkeypatch.setattr("sys.argv", ["distill", *map(str, options), "--sizes", "0.8", "1.2"])
+    distill.main()
+    file = json.loads(capsys.readouterr().out.splitlines()[-1])["file"]
+    assert sizes_known(read_metadata(file)) == (0.8, 1.2)
+    student = Student(load(PreContactStudent(), file, PolicyContract.of(PRE_CONTACT, WALL)), "default", (0.8, 1.2))
+    tasks = draw_tasks(WALL, (1.0,), 400, torch.Generator().manual_seed(9), (0.8, 1.2))
+    with torch.no_grad():
+        height = student.hand_poses(WALL, tasks.starts, tasks.goals)[0][:, 2]
+    large, small = tasks.starts.scale > 1.15, tasks.starts.scale < 0.85
+    assert height[large].mean() - height[small].mean() > 0.5 * 0.35 * 2 * WALL.half_size[2]

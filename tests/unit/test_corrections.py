@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from np_bringup.corrections import FRICTION_SHARE, CorrectedDriver, CorrectedView, corrections
+from np_bringup.corrections import FRICTION_SHARE, CorrectedDriver, CorrectedView, Foretold, corrections
+from np_control.dynamics import Dynamics
 from np_description.camera import CAMERA
 from np_description.domains import find_domain, sample_task
 from np_effects.arm_effects import ArmEffects
@@ -17,6 +18,7 @@ LATE = PatchEffect("camera_latency", "camera", {"delay": 0.08})
 LOAD = PatchEffect("payload", "arm", {"mass": 0.6})
 ZERO = PatchEffect("encoder_bias", "panda_joint4", {"bias": 0.03})
 OFFSET = PatchEffect("torque_offset", "panda_joint2", {"offset": -6.0})
+DELAY = PatchEffect("command_delay", "arm", {"delay": 0.007})
 FRICTION = PatchEffect("coulomb_friction", "panda_joint6", {"level": 2.0})
 GRIP = PatchEffect("gripper_friction", "contact", {"relative": -0.4})
 Q = np.array([0.1, 0.3, -0.1, -2.0, 0.05, 2.2, 0.8])
@@ -26,6 +28,7 @@ def test_what_is_nobodys_to_correct_remains():
     told = corrections(Patch((MOVED, LOAD, GRIP)))
     assert told.remaining == Patch((GRIP,)) and told.arm == Patch((LOAD,)) and not told.is_none
     assert np.allclose(np.subtract(told.camera.position, CAMERA.position), [0.02, -0.015, 0.0])
+    assert corrections(Patch((DELAY, LOAD)), ["command_delay"]).remaining == Patch((DELAY,))
     assert corrections(Patch((GRIP,))).is_none and not corrections(Patch((LATE,))).is_none
 
 
@@ -75,3 +78,28 @@ def test_friction_is_met_along_the_motion_and_never_in_full():
     assert more[5] == pytest.approx(2.0 * FRICTION_SHARE, rel=1e-3) and not np.delete(more, 5).any()
     assert driver.drive(np.full(7, -3.0), Q, still)[5] == pytest.approx(-3.0 - 2.0 * FRICTION_SHARE, rel=1e-3)
     assert driver.drive(still, Q, still)[5] == 0.0
+
+
+@pytest.mark.parametrize("blocked", [False, True])
+def test_the_state_is_foretold_to_when_a_command_acts(blocked):
+    """3.5 periods late; a push that nobody knows of; or against a wall, where commands move nothing."""
+    dynamics, period, rng = Dynamics(), 0.002, np.random.default_rng(2)
+    inverse = np.linalg.inv(dynamics.mass_matrix(Q))
+    foretold, commands = Foretold(3.5 * period, dynamics), [np.zeros(7)] * 5
+    q, dq, push = Q.copy(), np.zeros(7), np.full(7, 0.4)
+    states, said = [], []
+    for number in range(200):
+        states.append((q.copy(), dq.copy()))
+        said.append(foretold(number * 2_000_000, q, dq))
+        assert foretold(number * 2_000_000, q, dq) is said[-1]
+        command = np.full(7, 1.0) if blocked else np.sin(0.15 * number) + 0.02 * rng.standard_normal(7)
+        foretold.give(command)
+        commands.append(command)
+        acting = (commands[-4] + commands[-5]) / 2
+        faster = dq + (0.0 if blocked else inverse @ acting + push) * period
+        q, dq = q + (dq + faster) / 2 * period, faster
+    for number in range(100, 190):
+        ahead = [(a + b) / 2 for a, b in zip(states[number + 3], states[number + 4])]
+        errors = [np.abs(a - b).max() for a, b in zip(said[number], ahead)]
+        moved = [np.abs(a - b).max() for a, b in zip(states[number], ahead)]
+        assert errors[1] < (0.01 if blocked else 0.03 * max(moved[1], 0.3)) and errors[0] < 2e-4

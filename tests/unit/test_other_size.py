@@ -20,7 +20,7 @@ from np_policy.action import PolicyError
 from np_policy.collision import CollisionModel
 from np_policy.contract import PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PreContactStudent
-from np_policy.other_size import carried_over, known_domain, known_in_place
+from np_policy.other_size import SIZES, carried_over, known_domain, known_in_place
 from np_policy.policy import PreContactPlanner
 from np_policy.stand_off import CLEARANCE, gap
 from np_policy.weights import save
@@ -78,6 +78,26 @@ def test_what_has_the_size_that_the_weights_know_is_seen_as_it_is(domain):
     assert known_domain(tea) is domain
     assert known_domain(tea, choice_of(tea)) is None  # weights that were trained for it
     assert known_domain(domain, choice_of(tea)).half_size == tea.half_size
+
+
+def test_weights_that_were_trained_with_sizes_see_these_as_they_are_and_others_do_not(tmp_path):
+    """A range is of all edges together: a box of other proportions is known to nobody."""
+    sizes = (0.8, 1.2)
+    for factor, known in ((0.8, True), (1.0, True), (1.2, True), (0.75, False), (1.3, False)):
+        assert (known_domain(sized(WALL, factor, factor, factor), sizes=sizes) is None) == known
+    assert known_domain(sized(WALL, 1.1, 1.0, 1.0), sizes=sizes) is WALL
+    large, contract = sized(BUMP, 1.2, 1.2, 1.2), PolicyContract.of(PRE_CONTACT, BUMP)
+    start, goal = sample_task(large, np.random.default_rng(0))
+    seen = [project_keypoints(large, pose) for pose in (start, goal)]
+    chosen = []
+    for name, metadata in (("one", {}), ("many", {SIZES: "0.8 1.2"})):
+        torch.manual_seed(0)
+        save(PreContactStudent(), tmp_path / f"{name}.safetensors", contract, metadata)
+        chosen += [PreContactPlanner(tmp_path / f"{name}.safetensors", other).propose(*seen) for other in (large, BUMP)]
+    carried, plain, many, same = (one.pose.position for one in chosen)
+    np.testing.assert_array_equal(many, plain)
+    np.testing.assert_array_equal(many, same)
+    assert np.linalg.norm(carried - plain) > 0.004
 
 
 def test_the_known_box_rests_where_the_object_rests():

@@ -211,8 +211,9 @@ def test_what_is_pulled_at_less_than_its_friction_stays():
 
 
 def test_nothing_sinks_in_and_a_card_comes_along():
-    rows = bench.press(MAKE)["rows"]
-    assert max(rows[-1]["finger_mm"], rows[-1]["table_mm"]) < 0.1
+    """At the largest force too, at which the finger went through the card, and the bench, which asked for contacts, found none."""
+    for row in bench.press(MAKE)["rows"]:
+        assert 0.0 < row["finger_mm"] < 0.05 and abs(row["table_mm"]) < 0.05
     assert bench.drag(MAKE)["followed_mm"] > 0.98 * 30.0
 
 

@@ -100,8 +100,12 @@ def matrix(data: Mapping) -> tuple[str, str]:
     body = table(
         ("simulator", "r", "MMRV", "mean error"),
         (
-            (side, *(found[side][name] for name in ("r", "mmrv", "mean_absolute_error")))
-            for side in ("patched", "nominal")
+            (
+                side.replace("_score", ", by score"),
+                *(found[side][name] for name in ("r", "mmrv", "mean_absolute_error")),
+            )
+            for side in ("patched", "patched_score", "nominal")
+            if side in found
         ),
     )
     body += f"\n{data['episodes']} episodes a cell, {found['cells']} pairs of robot and policy.\n\n## Every cell\n\n"

@@ -35,6 +35,14 @@ def main() -> None:
     )
     parser.add_argument("--batch", type=int, default=8192)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--sizes",
+        type=float,
+        nargs=2,
+        default=(1.0, 1.0),
+        metavar=("LOW", "HIGH"),
+        help="of a teacher that was trained with `--conditions sized`: range of the factor of the object's edges",
+    )
     parser.add_argument("--effects", type=Path, help="patch.yaml: through whose camera the student sees")
     parser.add_argument("--begin", type=Path, metavar="FILE", help="weights of a student that is taught on")
     parser.add_argument(
@@ -45,6 +53,9 @@ def main() -> None:
     )
     parser.add_argument("--device", help=DEVICE_HELP)
     arguments = parser.parse_args()
+    arguments.sizes = tuple(arguments.sizes)
+    if not 0 < arguments.sizes[0] <= 1 <= arguments.sizes[1]:
+        parser.error("--sizes: expected a range with 1 in it, got {:g} to {:g}".format(*arguments.sizes))
     try:
         arguments.effects = load_effects(arguments.effects)
     except ValueError as error:

@@ -13,7 +13,7 @@ from np_training.device import DEVICE_HELP, usable
 from np_training.physics.carried_effects import load_effects
 from np_training.physics.config import CONTROLLERS, LEARNED_IN, STEPPING, PhysicsConfig
 from np_training.ppo.config import PPOConfig, TrainConfig
-from np_training.ppo.curriculum import STAGES
+from np_training.ppo.curriculum import STAGES, CurriculumConfig
 from np_training.setting import OBJECT_HELP, STARTS, domain_of
 from np_training.tasks.paper_reward import PaperReward
 from np_training.tasks.rewards import RewardConfig
@@ -99,6 +99,12 @@ def parse() -> argparse.Namespace:
         action="store_const",
         const=0.0,
         help="the domain's own tasks alone, with no obstacle sunk (paper)",
+    )
+    parser.add_argument(
+        "--kept",
+        type=float,
+        default=CurriculumConfig.kept,
+        help="share of practice that stays to the end; default: none",
     )
     parser.add_argument(
         "--max-opening",

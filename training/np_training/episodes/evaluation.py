@@ -21,6 +21,7 @@ from np_description.weights_header import read_metadata
 from np_effects.patch import Patch
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PreContactStudent
+from np_policy.other_size import sizes_known
 from np_policy.weights import load
 from np_record.intervals import wilson_interval
 from np_training.environment.environment import Environment, EnvironmentConfig
@@ -162,7 +163,8 @@ def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable
     student = None
     if arguments.student:
         network = load(PreContactStudent(), arguments.student, contract).to(arguments.device)
-        student = Student(network, read_metadata(arguments.student).get("object", DEFAULT))
+        metadata = read_metadata(arguments.student)
+        student = Student(network, metadata.get("object", DEFAULT), sizes_known(metadata))
     environment = Environment(
         domain,
         arguments.device,

@@ -17,8 +17,9 @@ class CurriculumConfig:
     """residual: start with loose limits (paper), else at zeta* from the first step (the paper's "fixed
     zeta*"); advance_at: success that tightens the limits (paper); randomise_at: success at the tightest
     limits that switches domain randomisation on; practice, explore: share of practice and of contacts chosen
-    at random at no success, falling to none at a success of `practised_at`; least_weight: of a kind of
-    practice that always or never succeeds, where one that does every other time has .25 more."""
+    at random at no success, falling to none at a success of `practised_at`; kept: share of practice that is
+    never gone below; least_weight: of a kind of practice that always or never succeeds, where one that does every
+    other time has .25 more."""
 
     residual: bool = True
     advance_at: float = 0.8
@@ -26,6 +27,7 @@ class CurriculumConfig:
     practice: float = 0.0
     explore: float = 0.0
     practised_at: float = 0.6
+    kept: float = 0.0
     least_weight: float = 0.03
 
 
@@ -66,7 +68,7 @@ class Curriculum:
     def shares(self) -> tuple[float, ...]:
         """Share of each kind of task now, the domain's own first: of practice most where success varies
         most, since an episode that ends as all others do teaches nothing."""
-        practice = self.config.practice * self._left if self.practised else 0.0
+        practice = max(self.config.practice * self._left, self.config.kept) if self.practised else 0.0
         weights = [p * (1 - p) + self.config.least_weight for p in self.practised]
         return (1 - practice, *(practice * weight / sum(weights) for weight in weights))
 

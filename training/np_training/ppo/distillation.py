@@ -18,7 +18,7 @@ from np_policy import hand_pose
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import normalised_keypoints, student_observation
-from np_policy.other_size import carried_over, known_domain, known_in_place
+from np_policy.other_size import SIZES, carried_over, known_domain, known_in_place
 from np_policy.weights import load, save
 from np_training.contracts import trained_contract
 from np_training.environment import contact
@@ -48,10 +48,12 @@ def student_input(
 
 @dataclass(frozen=True)
 class Student:
-    """A student's network, and the object that it was trained with, as np_description.objects.choice names it."""
+    """A student's network, the object that it was trained with, as np_description.objects.choice names it, and from what to what factor of
+    its edges."""
 
     network: PreContactStudent
     object: str = DEFAULT
+    sizes: tuple[float, float] = (1.0, 1.0)
 
     def hand_poses(
         self,
@@ -63,7 +65,7 @@ class Student:
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """T_E position (n, 3) m, rotation (n, 3, 3) and opening (n,) m that it chooses for tasks, as the node does: for an object of
         another size than it knows, see np_policy.other_size. noise: of keypoints, a standard deviation (n, 1, 1); view: by which objects are seen."""
-        known = known_domain(domain, self.object)
+        known = known_domain(domain, self.object, self.sizes)
         if known is None:
             return hand_pose.decode(self.network(student_input(domain, objects, goals, noise, view)))
         shown = (
@@ -107,11 +109,12 @@ def distil(
     practice: float = 0.0,
     view: BatchedView = BatchedView(),
     begin_with: Path | None = None,
+    sizes: tuple[float, float] = (1.0, 1.0),
 ) -> tuple[PreContactStudent, dict[str, float]]:
     """Train a student for some minutes, or for so many steps, of a teacher that has `hand`; returns it with its errors on fresh
     noiseless tasks of the domain's own: means (mm, rad, mm) and the angle's median, which a teacher that decides between two faces leaves
     far below the mean. practice: share of tasks that are practice's (`shares_with`); view: by which objects are seen; begin_with: weights of a
-    student that is taught on."""
+    student that is taught on; sizes: range of the factor of the objects' edges."""
     generator = torch.Generator(device=device).manual_seed(seed)
     torch.manual_seed(seed)
     student = PreContactStudent()
@@ -122,7 +125,7 @@ def distil(
 
     def sample(shares: tuple[float, ...]) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Keypoints, goal keypoints and what the teacher answers, of a batch of fresh tasks."""
-        tasks = draw_tasks(domain, shares, batch, generator)
+        tasks = draw_tasks(domain, shares, batch, generator, sizes)
         objects, goals = tasks.starts, tasks.goals
         with torch.no_grad():
             chosen = teacher(pre_contact_state(*as_seen(domain, objects, goals)))
@@ -187,10 +190,13 @@ def distil_checkpoint(arguments: argparse.Namespace, refuse: Callable[[str], NoR
         arguments.practice,
         BatchedView(arguments.effects),
         arguments.begin,
+        arguments.sizes,
     )
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / f"pre_contact_student_{domain.name}.safetensors"
     played = {"domain": domain.name, "object": choice_of(domain)}
+    if arguments.sizes != (1.0, 1.0):
+        played[SIZES] = "{:g} {:g}".format(*arguments.sizes)
     save(student, path, trained_contract(PRE_CONTACT, domain, setting["controller"]), played)
     if arguments.weights is not None:
         post = PostContactPolicy()

@@ -48,7 +48,10 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         ),
     )
     curriculum = CurriculumConfig(
-        residual=arguments.curriculum == "residual", practice=arguments.practice, explore=arguments.explore
+        residual=arguments.curriculum == "residual",
+        practice=arguments.practice,
+        explore=arguments.explore,
+        kept=arguments.kept,
     )
     config = TrainConfig(
         rollout=arguments.rollout,

@@ -1,7 +1,8 @@
 """The cube before the bump: over it, or onto it, with any face up.
 
 Practice, in grades of yaw: rolling the cube once to the place next to where it lies; sliding it where there is hardly a bump;
-sliding it across one that is lower than it is. Then one quarter turn about any axis, without the bump and with it.
+sliding it across one that is lower than it is. Then one quarter turn about any axis, without the bump and with it. And what is left to do where
+a push ended otherwise than it should: a turn about the vertical at the goal, and the goal from another one's place.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from math import pi
 
 from np_description.domains import BUMP as DOMAIN
 from np_training.tasks.config import TaskConfig
-from np_training.tasks.kinds import OWN, Kind, rolls, slides, turns
+from np_training.tasks.kinds import OWN, Kind, mends, moves, rolls, slides, turns
 
 YAWS = (0.35, pi / 2, pi)  # rad: grades of how far a cube is turned about the vertical at most
 FLAT = (0.75, 1.0)  # share of the obstacles' height that is sunk where they are hardly felt
@@ -36,5 +37,7 @@ BUMP = TaskConfig(
         *(kind for grade, yaw in enumerate(YAWS, 1) for kind in _graded(grade, yaw)),
         Kind("turn1", turns, FLAT),
         Kind("turn2", turns),
+        Kind("mend", mends, apart=False),
+        Kind("again", moves),
     ),
 )

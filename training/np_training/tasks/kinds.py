@@ -14,6 +14,8 @@ from np_training.tasks.poses import Poses, from_any, sample_poses, sample_tasks,
 
 SQUARE = 0.35  # rad: how far a cube that is to roll is turned from the bump's direction
 ASIDE = 0.04  # m: how far a roll ends to the side of where it begins
+NEAR = 0.04  # m: how far from its goal, along x and y, a cube lies at most that has to be turned there
+LEFT = 0.2  # rad: how far it has to be turned at least
 
 Draw = Callable[[Domain, int, torch.Generator], tuple[Poses, Poses]]
 
@@ -21,11 +23,12 @@ Draw = Callable[[Domain, int, torch.Generator], tuple[Poses, Poses]]
 @dataclass(frozen=True)
 class Kind:
     """draw(domain, count, generator): starts and goals (count,); lowered: range of the share of its height by which every
-    obstacle, and what rests on it, is sunk."""
+    obstacle, and what rests on it, is sunk; apart: whether tasks closer than the domain's least distance are drawn again."""
 
     name: str
     draw: Draw
     lowered: tuple[float, float] = (0.0, 0.0)
+    apart: bool = True
 
 
 OWN = Kind("own", sample_tasks)
@@ -55,6 +58,21 @@ def slides(
 def moves(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
     """From a goal to a goal."""
     return tuple(from_any(domain, domain.goals, count, generator) for _ in range(2))
+
+
+def mends(domain: Domain, count: int, generator: torch.Generator) -> tuple[Poses, Poses]:
+    """To the domain's own goals, from the places about them: the right face is up already, what is left is a turn about the vertical and some way."""
+    goals = from_any(domain, domain.goals, count, generator)
+    turn = uniform(count, (-1.0, 1.0), generator)
+    turn = turn.sign() * LEFT + (pi - LEFT) * turn
+    position = goals.position.clone()
+    for axis in range(2):
+        position[:, axis] += uniform(count, (-NEAR, NEAR), generator)
+    for region in domain.goals:
+        inside = (goals.position[:, 1] >= region.y[0]) & (goals.position[:, 1] <= region.y[1])
+        position[inside, 0] = position[inside, 0].clamp(*region.x)
+        position[inside, 1] = position[inside, 1].clamp(*region.y)
+    return Poses(position, quaternion_multiply(yaw_quaternion(turn), goals.quaternion)), goals
 
 
 def rolls(domain: Domain, count: int, generator: torch.Generator, yaw: float) -> tuple[Poses, Poses]:

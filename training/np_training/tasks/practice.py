@@ -58,7 +58,10 @@ def draw_tasks(
 
 
 def _draw_kind(domain: Domain, number: int, kind: Kind, count: int, generator: torch.Generator) -> Tasks:
-    starts, goals = draw_apart(kind.draw, domain, count, generator)
+    if kind.apart:
+        starts, goals = draw_apart(kind.draw, domain, count, generator)
+    else:
+        starts, goals = kind.draw(domain, count, generator)
     share = uniform(count, kind.lowered, generator)
     top = max((box.centre[2] + box.half_size[2] for box in domain.obstacles), default=0.0)
     starts, goals = (_lowered(domain, poses, share) for poses in (starts, goals))

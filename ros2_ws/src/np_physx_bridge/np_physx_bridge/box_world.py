@@ -132,11 +132,6 @@ class PhysxBoxWorld:
         """As in BoxWorld."""
         return np.asarray(self._box.linear_velocity, float)
 
-    def depths(self) -> dict[str, float]:
+    def tip(self) -> np.ndarray:
         """As in BoxWorld."""
-        found = {"finger": 0.0, "table": 0.0}
-        for contact in self._system.get_contacts():
-            kinds = sum(shape.get_collision_groups()[0] for shape in contact.shapes)
-            pair = "finger" if kinds == BOX | FINGER else "table"
-            found[pair] = max([found[pair], *(-float(point.separation) for point in contact.points)])
-        return found
+        return np.asarray(self._finger.entity.pose.p, float)

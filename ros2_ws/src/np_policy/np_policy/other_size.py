@@ -7,6 +7,8 @@ the base frame: position (..., 3) m, quaternion (..., 4) wxyz, rotation (..., 3,
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from np_description.domains import Domain
@@ -15,13 +17,21 @@ from np_description.rotations import matrix_from_quaternion
 from np_policy.stand_off import CLEARANCE, gap, like
 
 SAME = 1e-6  # m
+SIZES = "sizes"  # of the metadata of weights that were trained with several
 
 
-def known_domain(domain: Domain, choice: str = DEFAULT) -> Domain | None:
-    """The domain with the box that weights know, where the object of `domain` has another size; else None. choice: the object that
-    they were trained with, as np_description.objects.choice names it."""
+def sizes_known(metadata: Mapping[str, str]) -> tuple[float, float]:
+    """From what to what factor of all edges weights know objects, by their metadata."""
+    low, high = metadata.get(SIZES, "1 1").split()
+    return float(low), float(high)
+
+
+def known_domain(domain: Domain, choice: str = DEFAULT, sizes: tuple[float, float] = (1.0, 1.0)) -> Domain | None:
+    """The domain with the box that weights know, where the object of `domain` has a size that they do not; else None. choice: the object
+    that they were trained with, as np_description.objects.choice names it; sizes: from what to what factor of its edges."""
     known = domain_with(domain.name, choice)
-    return None if np.allclose(known.half_size, domain.half_size, rtol=0, atol=SAME) else known
+    nearest = np.clip(np.mean(np.divide(domain.half_size, known.half_size)), *sizes) * np.array(known.half_size)
+    return None if np.allclose(nearest, domain.half_size, rtol=0, atol=SAME) else known
 
 
 def known_in_place(domain: Domain, known: Domain, position, quaternion):

@@ -24,7 +24,7 @@ from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import post_contact_observation, student_observation
-from np_policy.other_size import carried_over, known_domain, known_in_place
+from np_policy.other_size import carried_over, known_domain, known_in_place, sizes_known
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,8 @@ class PreContactPlanner:
         contract = PolicyContract.of(PRE_CONTACT, domain, controller, policy_rate)
         self._network, self.warnings = weights.load(PreContactStudent(), file, contract), contract.check(file)
         self._domain, self._camera, self._min_score = domain, camera, min_score
-        self._known = known_domain(domain, read_metadata(file).get("object", DEFAULT))
+        metadata = read_metadata(file)
+        self._known = known_domain(domain, metadata.get("object", DEFAULT), sizes_known(metadata))
 
     def propose(self, keypoints, goal) -> PreContact:
         """From keypoints and goal keypoints (8, 3): u px, v px, score. Raises PolicyError.

@@ -49,8 +49,8 @@ class BoxWorld(Protocol):
     def velocity(self) -> np.ndarray:
         """Of the box's centre (3,) m/s."""
 
-    def depths(self) -> dict[str, float]:
-        """How deep the deepest points of contact are now, m: "finger", "table"; 0 where nothing touches."""
+    def tip(self) -> np.ndarray:
+        """Of the finger's tip, the centre of its sphere (3,) m."""
 
 
 class MujocoBoxWorld:
@@ -97,15 +97,9 @@ class MujocoBoxWorld:
         """As in BoxWorld."""
         return self._data.qvel[:3].copy()
 
-    def depths(self) -> dict[str, float]:
+    def tip(self) -> np.ndarray:
         """As in BoxWorld."""
-        found = {"finger": 0.0, "table": 0.0}
-        for contact in self._data.contact:
-            names = {self._model.geom(g).name for g in contact.geom}
-            pair = "finger" if names == {"finger", "box"} else "table" if names == {"table", "box"} else None
-            if pair:
-                found[pair] = max(found[pair], -float(contact.dist))
-        return found
+        return self._data.body("finger").xpos.copy()
 
 
 def _spec(world: BoxOnTable, contact: ContactModel, timestep: float) -> mujoco.MjSpec:

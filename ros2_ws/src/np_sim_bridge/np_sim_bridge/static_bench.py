@@ -33,15 +33,19 @@ def _turned(world: BoxWorld) -> float:
 
 
 def press(make: Make) -> dict:
-    """A fingertip pressed on the card: how deep it is in it, and the card in the table, mm, by force N."""
+    """A fingertip pressed on the card: how deep it is in it, and the card in the table, mm, by force N. By where they are, not by what
+    the engine says of its contacts: one that lets the finger through has none to tell of."""
     above = (0.0, 0.0, 2 * CARD.half_size[2] + TIP_RADIUS)
     rows = []
     for force in FORCES:
         world = make(BoxOnTable(CARD.half_size, CARD.mass, above, pressing=True))
         world.lead(np.array(above), press=force)
         world.step(1.5)
-        depths = world.depths()
-        rows.append({"force": force, "finger_mm": 1e3 * depths["finger"], "table_mm": 1e3 * depths["table"]})
+        pose, half = world.pose(), np.array(CARD.half_size)
+        upright = matrix_from_quaternion(pose.quaternion)
+        into_card = half[2] + TIP_RADIUS - (world.tip() - pose.position) @ upright[:, 2]
+        into_table = half @ np.abs(upright[2]) - pose.position[2]
+        rows.append({"force": force, "finger_mm": 1e3 * float(into_card), "table_mm": 1e3 * float(into_table)})
     return {"rows": rows}
 
 

@@ -76,7 +76,7 @@ def learn(
     if not checkpoint.exists():
         raise OSError(f"{checkpoint}: expected a checkpoint to go on from, there is none")
     out.mkdir(parents=True, exist_ok=True)
-    effects = out / "patch.yaml"
+    effects = out / "trained_with.yaml"  # beside patch.yaml, of which it may be a part
     effects.write_text(dump_patch(patch), encoding="utf-8")
     run = out / "training"
     train = [
@@ -139,7 +139,9 @@ def _run(
     """Run a module until it ends, about `seconds`; its last line, which is JSON. Raises OSError with its last words, and Ended."""
     environment = dict(os.environ)
     if gpu is not None:
-        environment["CUDA_VISIBLE_DEVICES"] = str(gpu)
+        # Of those that this process sees, which may be some of the machine's.
+        seen = environment.get("CUDA_VISIBLE_DEVICES") or ",".join(map(str, range(gpu + 1)))
+        environment["CUDA_VISIBLE_DEVICES"] = seen.split(",")[gpu]
         environment |= dict.fromkeys(SINGLE_THREAD, "2")
     progress, begun = Progress(max(1, round(seconds)), what), time.monotonic()
     with log.open("w", encoding="utf-8") as lines:

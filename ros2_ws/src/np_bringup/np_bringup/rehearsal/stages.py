@@ -42,7 +42,7 @@ class Rehearsal:
     lab; episodes: of every figure; share_episodes: of every subset of effects, 0: nobody is blamed; out: folder of all results; name: in front
     of what progress says; beside: training begins at once, while episodes are played; tell: hears what is known after every stage; go_on:
     called before every stage with the seconds that it takes at least, and raises where it is not to be begun; is_over: asked while
-    training whether it shall end.
+    training whether it shall end; left: effects that nobody corrects, by id.
     """
 
     robot: Cell
@@ -55,6 +55,7 @@ class Rehearsal:
     tell: Callable[[dict], None] = lambda told: None
     go_on: Callable[[float], None] = lambda seconds: None
     is_over: Callable[[], bool] = lambda: False
+    left: tuple[str, ...] = ()
 
     def play(self, cells: dict[str, Cell], episodes: int, what: str, pool: Executor) -> dict[str, list[float]]:
         """Scores of cells, kept in `out`."""
@@ -107,9 +108,9 @@ def rehearse(what: Rehearsal, patch: Patch, how: Learning | None, pool: Executor
     What detector and driver can be told of the patch they are told (`np_bringup.corrections`); policies are trained on with the rest.
     """
     begun = time.monotonic()
-    corrected = corrections(patch)
+    corrected = corrections(patch, what.left)
     trained_with, left_out = carried(corrected.remaining)
-    told_of = "" if corrected.is_none else text_of(patch)
+    told_of = "" if corrected.is_none else text_of(Patch(tuple(e for e in patch.effects if e.effect not in what.left)))
 
     def say(played: dict, costs: dict, learned: dict | None, after: dict) -> dict:
         told = _told(what, patch, played, after, costs, learned, left_out)
@@ -218,7 +219,9 @@ def _told(what, patch, played, after, costs, learned, left_out) -> dict:
         "kept": kept,
         "effects": [f"{e.effect} at {e.component}" for e in patch.effects],
         "corrected": [
-            f"{e.effect} at {e.component}" for e in patch.effects if e not in corrections(patch).remaining.effects
+            f"{e.effect} at {e.component}"
+            for e in patch.effects
+            if e not in corrections(patch, what.left).remaining.effects
         ],
         "not_trained": left_out,
         "success": success,

@@ -192,7 +192,7 @@ class Untouching:
     )
     surely: float = threshold(6.0, "1", "times the noise of such a way or step, that it is at least", JUDGEMENT)
     draws: int = threshold(20, "draws", "of what corners do each for itself, where noise is named", NUMERICS)
-    beyond: float = threshold(1.3, "1", "times the most of those draws, that a way or step is at least", JUDGEMENT)
+    beyond: float = threshold(1.3, "1", "times the most of those draws, that a step is at least", JUDGEMENT)
     least: float = threshold(1.0, "s", "of a stretch without a hand", JUDGEMENT)
     above: float = threshold(
         0.015, "m", "over the object's top, below which a tip may touch it: half of what it keeps on its way", JUDGEMENT

@@ -40,15 +40,15 @@ def untouched(
     """Of a recording of the task suite. camera, lift: as of `near.hand`; scatter: of its corners: what noise that is named makes of a picture
     that keeps still is no motion. Raises ContractViolation where the hand is at the object all the time."""
     own = hand(recording, camera, lift)
-    is_noisy = scatter is not None and bool(effects(scatter).keys() & NOISE)
-    ways = [way for begin, end in _between(recording, own) if (way := _way(recording, begin, end, is_noisy))]
+    ways = [way for begin, end in _between(recording, own) if (way := _way(recording, begin, end))]
     if not ways:
         raise ContractViolation("the hand was at the object, or hid it, all the time")
-    moved, at, _, _ = max(ways)
-    noise = float(np.median([noise for _, _, noise, _ in ways]))
-    if moved > max(UNTOUCHED.moved, UNTOUCHED.surely * noise, *(by_chance for *_, by_chance in ways)):
+    moved, at, _ = max(ways)
+    noise = float(np.median([noise for _, _, noise in ways]))
+    if moved > max(UNTOUCHED.moved, UNTOUCHED.surely * noise):
         doubt = f"the picture moves by {moved:.1f} px at {at:.0f} s, while nothing touches the object"
         return Untouched("unexplained", moved, at, doubt)
+    is_noisy = scatter is not None and bool(effects(scatter).keys() & NOISE)
     step, when, usual, by_chance = _step(recording, own, is_noisy)
     if step > max(UNTOUCHED.step, UNTOUCHED.surely * usual, by_chance):
         doubt = f"the picture jumps by {step:.1f} px at {when:.0f} s, faster than the hand moves the object"
@@ -74,25 +74,22 @@ def _between(recording: TaskRecording, own: Hand) -> Iterator[tuple[float, float
         begin = max(begin, last)
 
 
-def _way(
-    recording: TaskRecording, begin: float, end: float, is_noisy: bool
-) -> tuple[float, float, float, float] | None:
+def _way(recording: TaskRecording, begin: float, end: float) -> tuple[float, float, float] | None:
     """px by which the corners together go from their middle place in a stretch, by medians over some images; s at which they are farthest; px
-    of noise of such a way, by what corners do each for itself, and, where noise is named, the most that it makes of one. None where too
-    little is seen."""
+    of noise of such a way, by what corners do each for itself. None where too little is seen."""
     track = recording.track
     taken = track.time + recording.seen_from
     images = np.flatnonzero((taken >= begin) & (taken < end))
     steady = track.usable[images].all(axis=0)
     if len(images) < 3 * UNTOUCHED.window or steady.sum() < UNTOUCHED.corners:
         return None
-    smooth = median_filter(track.pixels[images][:, steady], size=(UNTOUCHED.window, 1, 1), mode="nearest")
+    half = UNTOUCHED.window // 2  # at either end, where a filter has fewer images to take a median of
+    smooth = median_filter(track.pixels[images][:, steady], size=(UNTOUCHED.window, 1, 1))[half:-half]
     off = smooth - np.median(smooth, axis=0)
     together = np.median(off, axis=1)
     noise = np.sqrt(np.pi / 2 * np.mean((off - together[:, None]) ** 2) / steady.sum())  # of a median
     way = np.linalg.norm(together, axis=1)
-    drawn = [np.linalg.norm(np.median(one, axis=1), axis=1).max() for one in _shuffled(off)] if is_noisy else [0.0]
-    return float(way.max()), float(taken[images[way.argmax()]]), float(noise), UNTOUCHED.beyond * float(max(drawn))
+    return float(way.max()), float(taken[images[half + way.argmax()]]), float(noise)
 
 
 def _step(recording: TaskRecording, own: Hand, is_noisy: bool) -> tuple[float, float, float, float]:
