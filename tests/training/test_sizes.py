@@ -141,6 +141,7 @@ def test_training_with_sizes_runs(domain, tmp_path, monkeypatch):
     assert trainer.environment.physics.take_overflowed() == 0
 
 
+@pytest.mark.slow
 def test_a_student_of_sizes_is_taught_what_the_teacher_does_with_each_and_says_which_it_knows(
     tmp_path, monkeypatch, capsys
 ):
