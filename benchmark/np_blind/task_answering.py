@@ -12,6 +12,7 @@ from np_blind.task_cases import Case
 from np_record.command import Progress
 from np_record.whole_file import write_whole
 
+NAME = "answer.json"  # of the doctor's answer to a case, in its folder
 Answer = Callable[[Case, int], dict]
 """What a case of a set with such a seed is answered, and what is right about it."""
 
@@ -23,41 +24,44 @@ def answer(case: Case, seed: int) -> dict:
     return answer(case, seed)
 
 
-def settle(case: Case, seed: int, out: Path, answer: Answer = answer) -> None:
-    """Answer a case into its folder; what goes wrong is an answer too, and published."""
+def settle(case: Case, seed: int, out: Path, answer: Answer = answer, name: str = NAME) -> None:
+    """Answer a case into its folder; what goes wrong is an answer too, and published. name: of the file, whoever answers."""
     try:
         row = answer(case, seed)
     except Exception:
         row = _error(case, traceback.format_exc(limit=3))
-    kept = _kept(out, case)
+    kept = _kept(out, case, name)
     kept.parent.mkdir(exist_ok=True)
     write_whole(kept, json.dumps(row, indent=1) + "\n")
 
 
-def settle_all(cases: Sequence[Case], seed: int, out: Path, pool: Executor, answer: Answer = answer) -> list[dict]:
-    """The answers to all cases, in their order; those that have none in `out` are asked for.
+def settle_all(
+    cases: Sequence[Case], seed: int, out: Path, pool: Executor, answer: Answer = answer, name: str = NAME
+) -> list[dict]:
+    """The answers to all cases, in their order; those that have none in `out` are asked for. name: as of `settle`.
 
     A case that lost the workers it was given to has an error in place of an answer, and no answer in `out`: the next call tries it again.
     """
-    missing = [case for case in cases if not _kept(out, case).exists()]
+    missing = [case for case in cases if not _kept(out, case, name).exists()]
     progress, lost = Progress(len(cases), "task"), {}
     progress.show(len(cases) - len(missing))
-    asked = {pool.submit(settle, case, seed, out, answer): case for case in missing}
+    asked = {pool.submit(settle, case, seed, out, answer, name): case for case in missing}
     for done, future in enumerate(as_completed(asked), len(cases) - len(missing) + 1):
         case = asked[future]
         if error := future.exception():
             lost[case.number] = _error(case, f"{type(error).__name__}: {error}")
         progress.show(done, f"case {case.number}")
-    return [lost.get(c.number) or json.loads(_kept(out, c).read_text(encoding="utf-8")) for c in cases]
+    return [lost.get(c.number) or json.loads(_kept(out, c, name).read_text(encoding="utf-8")) for c in cases]
 
 
-def answered(cases: Sequence[Case], out: Path) -> list[dict]:
-    """The answers that lie in `out`, in the order of the cases."""
-    return [json.loads(_kept(out, c).read_text(encoding="utf-8")) for c in cases if _kept(out, c).exists()]
+def answered(cases: Sequence[Case], out: Path, name: str = NAME) -> list[dict]:
+    """The answers that lie in `out`, in the order of the cases. name: as of `settle`."""
+    found = (_kept(out, case, name) for case in cases)
+    return [json.loads(kept.read_text(encoding="utf-8")) for kept in found if kept.exists()]
 
 
-def _kept(out: Path, case: Case) -> Path:
-    return out / f"case_{case.number:03d}" / "answer.json"
+def _kept(out: Path, case: Case, name: str) -> Path:
+    return out / f"case_{case.number:03d}" / name
 
 
 def _error(case: Case, error: str) -> dict:

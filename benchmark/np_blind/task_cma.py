@@ -11,17 +11,17 @@ import argparse
 import json
 import sys
 import time
-import traceback
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from np_blind.task_answering import answered, settle_all
 from np_blind.task_cases import RECORDS, SET, Case, draw
-from np_record.intervals import wilson_interval
-from np_record.whole_file import write_whole
+from np_blind.task_figures import HARM, MATTERS, rates
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ NUMBERS = (
     Number("camera_extrinsics", "y", 0.005, -0.03, 0.03),
     Number("camera_latency", "delay", 0.02, 0.0, 0.12),
 )
+NAME = "cma.json"  # of an answer, beside the doctor's
 WORST = 20.0  # px, of a window that cannot be predicted
 
 
@@ -112,21 +113,8 @@ def ask(case: Case, seed: int, seconds: float) -> dict:
     }
 
 
-def settle(case: Case, seed: int, seconds: float, out: Path) -> None:
-    """Into the case's folder; what goes wrong is published too."""
-    try:
-        row = ask(case, seed, seconds)
-    except Exception:
-        row = {"case": case.number, "kind": case.kind, "gap": case.gap, "error": traceback.format_exc(limit=3)}
-    kept = _kept(out, case)
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(kept, json.dumps(row, indent=1) + "\n")
-
-
 def figures(rows: Sequence[Mapping]) -> dict:
     """As of the doctor (`task_figures`): right effects and nothing else, false alarms, harm, and the share of held-out motion removed."""
-    from np_blind.task_figures import HARM, MATTERS
-
     ok = [row for row in rows if not row.get("error")]
     moved = [row["motion"] for row in ok if row["motion"]["windows"]]
     told = {
@@ -136,21 +124,13 @@ def figures(rows: Sequence[Mapping]) -> dict:
         "does harm to held-out motion": [1 - m["cma"] / m["believed"] < HARM for m in moved],
         "errors": [bool(row.get("error")) for row in rows],
     }
-    found: dict[str, dict] = {
-        name: {"value": sum(of) / len(of), "ci95": list(wilson_interval(sum(of), len(of))), "of": len(of)}
-        for name, of in told.items()
-        if of
-    }
+    found = rates(told)
     known = [r["motion"] for r in ok if r["kind"] in ("single", "pair") and r["motion"]["windows"]]
     worth = [m for m in known if m["believed"] - m["truth"] > MATTERS * m["believed"]]
     if worth:
         gone = sum(m["believed"] - m["cma"] for m in worth) / sum(m["believed"] - m["truth"] for m in worth)
         found["held-out motion: share of what the true effects remove"] = {"value": gone, "of": len(worth)}
     return found
-
-
-def _kept(out: Path, case: Case) -> Path:
-    return out / f"case_{case.number:03d}" / "cma.json"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -165,15 +145,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder; what is there already is not done again")
     options = parser.parse_args(arguments)
     cases = draw(options.of, options.seed)[: options.cases]
-    missing = [case for case in cases if not (options.answered or _kept(options.out, case).exists())]
-    with ProcessPoolExecutor(options.jobs) as pool:
-        for asked in [pool.submit(settle, case, options.seed, options.seconds, options.out) for case in missing]:
-            asked.result()
-    rows = [
-        json.loads(_kept(options.out, case).read_text(encoding="utf-8"))
-        for case in cases
-        if _kept(options.out, case).exists()
-    ]
+    options.out.mkdir(parents=True, exist_ok=True)
+    if options.answered:
+        rows = answered(cases, options.out, NAME)
+    else:
+        with ProcessPoolExecutor(options.jobs) as pool:
+            rows = settle_all(cases, options.seed, options.out, pool, partial(ask, seconds=options.seconds), NAME)
     told = {"set": SET, "seed": options.seed, "drawn": options.of, "figures": figures(rows), "rows": rows}
     results = options.out / "cma.json"
     results.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")

@@ -46,12 +46,16 @@ def figures(rows: Sequence[Mapping]) -> dict:
         "everything at once does harm": [1 - m["at_once"] / m["believed"] < HARM for m in moved],
         "errors": [bool(row.get("error")) for row in rows],
     }
-    shares = {
+    return rates(asked) | _removed([r["motion"] for r in known if r.get("motion") and r["motion"]["windows"]])
+
+
+def rates(asked: Mapping[str, Sequence[bool]]) -> dict[str, dict]:
+    """By name, value, ci95, of: the share of what is true, of those that there are."""
+    return {
         name: {"value": sum(of) / len(of), "ci95": list(wilson_interval(sum(of), len(of))), "of": len(of)}
         for name, of in asked.items()
         if of
     }
-    return shares | _removed([r["motion"] for r in known if r.get("motion") and r["motion"]["windows"]])
 
 
 def _met(told: Sequence[tuple[Mapping, str, Mapping]]) -> dict[str, list[bool]]:

@@ -60,8 +60,9 @@ def domain_of(setting: Mapping[str, object]) -> Domain:
     domain = domain_with(setting["domain"], setting["object"])
     check_trainable(domain)
     turn = setting.get("largest_turn", largest_turn(domain))
-    if domain.goal_yaw is None:
-        if turn is not None:
-            raise ValueError(f"largest_turn: expected none for {domain.name}, got {turn:g}")
-        return replace(domain, max_opening=setting["max_opening"])
-    return replace(domain, max_opening=setting["max_opening"], goal_yaw=(-turn, turn))
+    opened = replace(domain, max_opening=setting["max_opening"])
+    if domain.goal_yaw is not None:
+        return replace(opened, goal_yaw=(-turn, turn))
+    if turn is not None:
+        raise ValueError(f"largest_turn: expected none for {domain.name}, got {turn:g}")
+    return opened

@@ -200,6 +200,7 @@ def _told(what, patch, played, after, costs, learned, left_out) -> dict:
     """The whole rehearsal as JSON has it."""
     scores = {**played, **after}
     success = {name: _rate(succeeds(each)) for name, each in scores.items()}
+    remaining = corrections(patch, what.left).remaining.effects
     # What is best is what the simulator that knows the gap says: reality is asked once, not to choose.
     kept = max((k for k, name in KEPT.items() if name in scores), key=lambda k: sum(scores[KEPT[k]]))
     lost = _paired(played["nominal"], played["patched"])
@@ -218,11 +219,7 @@ def _told(what, patch, played, after, costs, learned, left_out) -> dict:
         "returned": returned,
         "kept": kept,
         "effects": [f"{e.effect} at {e.component}" for e in patch.effects],
-        "corrected": [
-            f"{e.effect} at {e.component}"
-            for e in patch.effects
-            if e not in corrections(patch, what.left).remaining.effects
-        ],
+        "corrected": [f"{e.effect} at {e.component}" for e in patch.effects if e not in remaining],
         "not_trained": left_out,
         "success": success,
         "learned": learned,
