@@ -34,7 +34,7 @@ def paired(former: Sequence[bool], now: Sequence[bool]) -> tuple[float, tuple[fl
     gained, lost = (sum(a and not b for a, b in zip(*two)) for two in ((now, former), (former, now)))
     count, difference = len(now) + 2, gained - lost
     error = NORMAL95 * (gained + lost + 1 - difference**2 / count) ** 0.5
-    return difference / len(now), ((difference - error) / count, (difference + error) / count)
+    return difference / len(now), (max(-1.0, (difference - error) / count), min(1.0, (difference + error) / count))
 
 
 def unpaired(former: Sequence[bool], now: Sequence[bool]) -> tuple[float, tuple[float, float]]:
@@ -61,7 +61,7 @@ def compare(former: Iterable[Score], now: Iterable[Score]) -> list[dict]:
             {
                 "figure": key,
                 "says": text,
-                "cases": len(kept),
+                "answers": [len(one), len(other)],
                 "former": round(sum(one) / len(one), 4),
                 "former_ci95": [round(x, 4) for x in wilson_interval(sum(one), len(one))],
                 "now": round(sum(other) / len(other), 4),

@@ -30,7 +30,11 @@ def test_figures_are_of_the_cases_that_both_have():
     former = [single(n, True) for n in range(30)] + [clean(n, False) for n in range(30, 60)]
     now = [single(n, n >= 12) for n in range(20)] + [clean(n, n < 50) for n in range(30, 60)]
     rows = {row["figure"]: row for row in regression.compare(former, now)}
-    assert rows["module"]["cases"] == 20 and rows["module"]["lost"] == list(range(12)) and rows["module"]["is_worse"]
+    assert (
+        rows["module"]["answers"] == [20, 20]
+        and rows["module"]["lost"] == list(range(12))
+        and rows["module"]["is_worse"]
+    )
     assert rows["false_alarm"]["is_worse"] and rows["false_alarm"]["lost"] == list(range(30, 50))
     assert not rows["harm"]["is_worse"] and "pair" not in rows
 
@@ -38,14 +42,14 @@ def test_figures_are_of_the_cases_that_both_have():
 def test_intervals_are_counted_and_not_paired():
     former, now = [single(0, True, [True] * 50)], [single(0, True, [True] * 20 + [False] * 20)]
     (row,) = [r for r in regression.compare(former, now) if r["figure"] == "covered"]
-    assert row["former"] == 1.0 and row["now"] == 0.5 and row["is_worse"]
+    assert row["answers"] == [50, 40] and row["former"] == 1.0 and row["now"] == 0.5 and row["is_worse"]
 
 
 def test_sets_together_keep_cases_of_one_number_apart():
     one, other = [single(1, True)], [single(1, False)]
     former, now = regression.together([(one, other), (other, one)])
     rows = {row["figure"]: row for row in regression.compare(former, now)}
-    assert rows["module"]["cases"] == 2 and rows["module"]["gained"] == [1001] and rows["module"]["lost"] == [1]
+    assert rows["module"]["answers"] == [2, 2] and rows["module"]["gained"] == [1001] and rows["module"]["lost"] == [1]
 
 
 def test_results_of_two_keys_are_not_compared(tmp_path, capsys):

@@ -37,13 +37,13 @@ def regression(data: Mapping) -> tuple[str, str]:
     headline = (
         f"{sum(len(one['cases']) for one in data['sets'])} cases again, {len(worse)} of {len(every)} figures worse"
     )
-    header = ("set", "figure", "cases", "then", "now", "difference", "right only now", "right only then", "")
+    header = ("set", "figure", "answers", "then", "now", "difference", "right only now", "right only then", "")
     groups = [(f"{one['set']} {one['seed']}", one["figures"]) for one in data["sets"]]
     rows = [
         (
             name,
             row["says"],
-            row["cases"],
+            " and ".join(map(str, sorted(set(row["answers"]), key=row["answers"].index))),
             rate(row["former"], row["former_ci95"]),
             f"{row['now']:.3f}",
             "{:+.3f} ({:+.3f} to {:+.3f})".format(row["difference"], *row["difference_ci95"]),
