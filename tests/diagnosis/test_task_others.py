@@ -36,25 +36,28 @@ def test_cma_names_what_is_beyond_limits_and_stays_within_what_is_searched():
     assert given["camera_extrinsics"]["y"] == 0.03 and given["camera_latency"] == {"delay": 0.0}
 
 
+def row(kind, gap, method, **told):
+    return {"kind": kind, "gap": gap, "methods": {method: told}}
+
+
 def test_a_baseline_is_scored_as_the_doctor_is_and_one_that_names_nothing_is_not_asked_for_names():
-    moved = {"windows": 9, "believed": 2.0, "cma": 1.5, "truth": 1.0}
+    motion = {"windows": 9, "believed": 2.0, "after": 1.5, "truth": 1.0}
+    mass = {"object_mass": {}}
     rows = [
-        {"kind": "clean", "gap": {}, "named": ["table_height"], "motion": {**moved, "cma": 2.2}},
-        {"kind": "single", "gap": {"object_mass": {}}, "named": ["object_mass"], "motion": moved},
-        {"kind": "single", "gap": {"table_height": {}}, "error": "it came apart"},
+        row("clean", {}, "cma", named=["table_height"], motion={**motion, "after": 2.2}),
+        row("single", mass, "cma", named=["object_mass"], motion=motion),
+        row("single", mass, "cma", error="it came apart"),
+        {"kind": "single", "gap": mass, "error": "PhysX is not here"},
     ]
     told = {name: one["value"] for name, one in task_others.figures(rows, "cma").items()}
-    assert told["right effects, singles"] == told["false alarm, clean"] == 1.0 and told["errors"] == 1 / 3
-    assert told["does harm to held-out motion"] == told["held-out motion: share of what the true effects remove"] == 0.5
-    silent = task_others.figures([{**rows[1], "named": None}], "cma")
-    assert set(silent) == {
-        "does harm to held-out motion",
-        "errors",
-        "held-out motion: share of what the true effects remove",
-    }
+    assert told["right effects, singles"] == told["false alarm, clean"] == 1.0 and told["errors"] == 0.5
+    share = "held-out motion: share of what the true effects remove"
+    assert told["does harm to held-out motion"] == told[share] == 0.5
+    silent = task_others.figures([row("single", mass, "residual", named=None, motion=motion)], "residual")
+    assert set(silent) == {"does harm to held-out motion", "errors", share}
 
 
-def test_a_case_is_recorded_once_for_all_baselines(tmp_path, monkeypatch, capsys):
+def test_a_case_is_recorded_once_for_all_baselines_and_one_that_fails_takes_none_with_it(tmp_path, monkeypatch):
     made = []
 
     @contextmanager
@@ -64,21 +67,25 @@ def test_a_case_is_recorded_once_for_all_baselines(tmp_path, monkeypatch, capsys
 
     def recorded(case, seed, only=()):
         made.append((case.number, seed))
-        return {"of": case.number}
+        return case.number
 
     def told(recording, seed, seconds=None):
-        return task_others.Told([], {"of": recording["of"]}, lambda fresh: np.array([1.0, np.nan]))
+        return task_others.Told([], {"of": recording}, lambda fresh: np.array([1.0, np.nan]))
+
+    def fails(recording, seed):
+        raise ValueError("nothing moves")
 
     monkeypatch.setattr("np_blind.task_judged.recorded", recorded)
     monkeypatch.setattr("np_diagnosis.chain.motion.stage.errors", lambda recordings, patch: np.array([2.0, 2.0]))
     monkeypatch.setattr(task_others, "workers", threads)
-    for method in task_others.METHODS:
-        monkeypatch.setattr(f"np_blind.task_{method}.ask", told)
-        command = ["--method", method, "--cases", "2", "--seed", "1", "--out", str(tmp_path / "out")]
-        assert task_others.main([*command, "--recordings", str(tmp_path / "kept")]) == 0
-        (row, _) = json.loads((tmp_path / "out" / f"{method}.json").read_text())["rows"]
-        assert row["found"] == {"of": 0} and row["motion"] == {"windows": 1, "believed": 2.0, method: 1.0, "truth": 2.0}
-    assert len(made) == 4  # two cases, each with a recording that nobody hears
+    for method, ask in (("paper", fails), ("residual", told), ("cma", told)):
+        monkeypatch.setattr(f"np_blind.task_{method}.ask", ask)
+    for _ in range(2):
+        assert task_others.main(["--cases", "2", "--seed", "1", "--out", str(tmp_path)]) == 0
+    _, second = json.loads((tmp_path / "others.json").read_text())["rows"]
+    assert "nothing moves" in second["methods"]["paper"]["error"] and second["methods"]["cma"]["found"] == {"of": 1}
+    assert second["methods"]["residual"]["motion"] == {"windows": 1, "believed": 2.0, "truth": 2.0, "after": 1.0}
+    assert len(made) == 4  # two cases, each with a recording that nobody hears; the second call asks nothing
 
 
 def test_a_recording_has_what_the_controller_asked_for(recording):
