@@ -9,7 +9,7 @@ recording that the doctor hears, and names nothing.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,12 +25,14 @@ from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.recordings.reading import ContractViolation
 from np_effects.patch import Patch
 
-PENALTIES = (1e0, 1e1, 1e2, 1e3, 1e4, 1e5)
+PENALTIES = (1e1, 1e2, 1e3, 1e4, 1e5)
+ORDERS = 1, 2  # of products: none, or two by two
 FOLDS = 5
 ROUNDS = 5  # of the fit of a place to an image
 DOUBT = 1.5  # px, from which on a corner counts less
 SMOOTHED = 3  # images, of which the median is what is learned
 SIZE = 0.05  # m, half the object's width: what a rad of heading counts as
+_PAIRS = np.triu_indices(14)  # of the state
 _STEPS = np.array([1e-4, 1e-4, 1e-3])  # of the derivatives: m, m, rad
 
 
@@ -51,8 +53,11 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """scale (z,): of the state; weights (f, 3): of its numbers and their products, metres and rad an image."""
+    """scale (z,): of the state; weights (f, 3): of its numbers and, with an order of 2, their products, metres and rad an image. penalty: of the ridge
+    regression."""
 
+    order: int
+    penalty: float
     scale: np.ndarray
     weights: np.ndarray
 
@@ -60,37 +65,38 @@ class Residual:
         """x, y m and rad (n, 3) by which the object is elsewhere than the believed simulator has it, from where it rests."""
         away = np.zeros_like(course.plane)
         for n in range(len(away) - 1):
-            step = features(state(course, n, away[n]), self.scale) @ self.weights
+            step = features(state(course, n, away[n]), self.scale, self.order) @ self.weights
             away[n + 1] = away[n] + _turned(step, course.way)
         return away
 
 
 def ask(recording: TaskRecording, seed: int) -> Told:
     """What is learned of a recording."""
-    learned, penalty = learn(list(courses([recording])))
+    learned = learn(list(courses([recording])))
 
     def off(fresh: Sequence[TaskRecording]) -> np.ndarray:
         rows = [[_off(one, learned) for one in simulated] for simulated in _by_roughness(fresh)]
         return np.mean(rows, axis=0)
 
-    return Told(None, {"penalty": penalty}, off)
+    return Told(
+        None, {"order": learned.order, "penalty": learned.penalty, "corrects": float(learned.weights.any())}, off
+    )
 
 
-def learn(known: Sequence[Course]) -> tuple[Residual, float]:
-    """The residual with the penalty that leaves least on windows that are not learned of; infinite, and no correction, where none helps."""
+def learn(known: Sequence[Course]) -> Residual:
+    """The residual, with the order and the penalty that leave least on windows that are not learned of; no correction where none helps."""
     names = sorted({_name(one) for one in known})
-    left = np.zeros(len(PENALTIES))
+    left = np.zeros(len(ORDERS) * len(PENALTIES))
     nothing = sum(_left(one, np.zeros_like(one.plane)) for one in known)
     for fold in range(FOLDS):
         out = set(names[fold::FOLDS])
         inside, outside = ([one for one in known if (_name(one) in out) == is_out] for is_out in (False, True))
         for k, residual in enumerate(_fitted(inside)):
             left[k] += sum(_left(one, residual.led(one)) for one in outside)
-    best = int(np.argmin(left))
-    chosen = _fitted(known)[best]
-    if left[best] < nothing:
-        return chosen, PENALTIES[best]
-    return Residual(chosen.scale, np.zeros_like(chosen.weights)), float("inf")
+    chosen = _fitted(known)[int(np.argmin(left))]
+    if left.min() < nothing:
+        return chosen
+    return replace(chosen, weights=np.zeros_like(chosen.weights))
 
 
 def state(course: Course, n: int, away: np.ndarray) -> np.ndarray:
@@ -103,10 +109,10 @@ def state(course: Course, n: int, away: np.ndarray) -> np.ndarray:
     return np.concatenate([*along, [np.cos(course.way), np.sin(course.way)]])
 
 
-def features(state: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """(f,) of a state (z,): its numbers and their products, as far as what was learned of went."""
+def features(state: np.ndarray, scale: np.ndarray, order: int) -> np.ndarray:
+    """(f,) of a state (z,): its numbers, and with an order of 2 their products, as far as what was learned of went."""
     scaled = np.clip(state / scale, -3.0, 3.0)
-    return np.concatenate([scaled, np.outer(scaled, scaled)[np.triu_indices(len(scaled))]])
+    return scaled if order == 1 else np.concatenate([scaled, np.outer(scaled, scaled)[_PAIRS]])
 
 
 def courses(recordings: Sequence[TaskRecording]) -> Iterator[Course]:
@@ -133,30 +139,37 @@ def _course(simulated: Simulated, window: Window) -> Course | None:
     tip = forward_kinematics(log.position[at])[0]
     speed = np.gradient(tip, track.time[window.images], axis=0)
     reached = (tip - tip[0])[np.argmax(np.linalg.norm((tip - tip[0])[:, :2], axis=1))]
-    away = np.array([_away(window, n, pose) for n, pose in zip(window.images, poses)])
-    return Course(window, simulated, poses, plane, tip, speed, float(np.arctan2(*reached[1::-1])), _smoothed(away))
+    way = float(np.arctan2(*reached[1::-1]))
+    return Course(window, simulated, poses, plane, tip, speed, way, _smoothed(_away(window, poses)))
 
 
-def _away(window: Window, image: int, pose: Pose) -> np.ndarray:
-    """x, y m and rad (3,) by which an image has the object elsewhere than a pose, at its height; corners that are far off count less."""
-    track, usable = window.recording.track, window.recording.track.usable[image]
-    if usable.sum() < LEAST_CORNERS + 1:
-        return np.full(3, np.nan)
-    seen, found = track.pixels[image][usable], np.zeros(3)
-    for _ in range(ROUNDS):
-        here = _corners(window, moved(pose, found))[usable]
-        left = (seen - here).ravel()
-        slopes = [
-            (_corners(window, moved(pose, found + one))[usable] - here).ravel() / one.sum() for one in np.diag(_STEPS)
-        ]
-        weight = np.minimum(1.0, DOUBT / np.maximum(np.repeat(np.hypot(*(seen - here).T), 2), 1e-9))
-        found = found + np.linalg.lstsq(weight[:, None] * np.array(slopes).T, weight * left, rcond=None)[0]
-    return found
-
-
-def _corners(window: Window, pose: Pose) -> np.ndarray:
+def _away(window: Window, poses: Sequence[Pose]) -> np.ndarray:
+    """x, y m and rad (n, 3) by which images have the object elsewhere than poses, at their heights; NaN where too few corners are usable. Corners that
+    are far off count less."""
+    track, images = window.recording.track, window.images
     half = np.asarray(window.recording.domain.half_size)
-    return CAMERA.project(box_keypoints(half, pose.position, pose.quaternion))[0]
+    middle = np.array([pose.position for pose in poses])
+    arms = np.array([box_keypoints(half, pose.position, pose.quaternion) for pose in poses]) - middle[:, None]
+    usable, found = track.usable[images], np.zeros((len(poses), 3))
+    seen = np.where(usable[..., None], track.pixels[images], 0.0)
+
+    def shown(away: np.ndarray) -> np.ndarray:
+        """px (n, 8, 2)."""
+        c, s = np.cos(away[:, 2, None]), np.sin(away[:, 2, None])
+        x, y, z = arms[..., 0], arms[..., 1], arms[..., 2]
+        corners = np.stack([c * x - s * y, s * x + c * y, z], axis=-1) + middle[:, None]
+        corners[..., :2] += away[:, None, :2]
+        return CAMERA.project(corners.reshape(-1, 3))[0].reshape(len(away), 8, 2)
+
+    for _ in range(ROUNDS):
+        here = shown(found)
+        left = seen - here
+        slopes = np.stack([(shown(found + one) - here) / one.sum() for one in np.diag(_STEPS)], axis=-1)
+        weight = usable * np.minimum(1.0, DOUBT / np.maximum(np.linalg.norm(left, axis=2), 1e-9)) ** 2
+        square = np.einsum("nc,ncia,ncib->nab", weight, slopes, slopes)
+        step = np.linalg.solve(square + 1e-9 * np.eye(3), np.einsum("nc,ncia,nci->na", weight, slopes, left)[..., None])
+        found = found + step[..., 0]
+    return np.where((usable.sum(axis=1) > LEAST_CORNERS)[:, None], found, np.nan)
 
 
 def moved(pose: Pose, away: np.ndarray) -> Pose:
@@ -166,16 +179,20 @@ def moved(pose: Pose, away: np.ndarray) -> Pose:
 
 
 def _fitted(known: Sequence[Course]) -> list[Residual]:
-    """The ridge regression with each penalty."""
+    """The ridge regression with each order and penalty."""
     states, steps = [], []
     for one in known:
         for n in np.flatnonzero(np.isfinite(one.away).all(axis=1)[:-1] & np.isfinite(one.away).all(axis=1)[1:]):
             states.append(state(one, n, one.away[n]))
             steps.append(_turned(one.away[n + 1] - one.away[n], -one.way))
-    scale = np.sqrt(np.mean(np.square(states), axis=0)) + 1e-9
-    rows, steps = np.array([features(one, scale) for one in states]), np.array(steps)
-    square, against = rows.T @ rows, rows.T @ steps
-    return [Residual(scale, np.linalg.solve(square + p * np.eye(len(square)), against)) for p in PENALTIES]
+    scale, steps, found = np.sqrt(np.mean(np.square(states), axis=0)) + 1e-9, np.array(steps), []
+    for order in ORDERS:
+        rows = np.array([features(one, scale, order) for one in states])
+        square, against = rows.T @ rows, rows.T @ steps
+        for penalty in PENALTIES:
+            weights = np.linalg.solve(square + penalty * np.eye(len(square)), against)
+            found.append(Residual(order, penalty, scale, weights))
+    return found
 
 
 def _left(course: Course, away: np.ndarray) -> float:
