@@ -15,7 +15,6 @@ from np_bringup.corrections import CorrectedDriver, CorrectedView, corrections
 from np_bringup.evaluation import Result, result_of
 from np_bringup.images_seen import DetectorEyes
 from np_control.controller import Controller, ControllerConfig
-from np_control.operational_space import CartesianGains
 from np_control.safety import Refusal, SafetyFilter
 from np_description.camera import CAMERA
 from np_description.domains import Domain, find_domain
@@ -76,7 +75,7 @@ class OneProcess:
         law = {"controller": controller}
         self._pre = PreContactPlanner(weights_file(PRE_CONTACT, domain, weights), chosen_for, **law)
         self._post = PostContactController(weights_file(POST_CONTACT, domain, weights), domain, **law)
-        self._law = ControllerConfig(cartesian=CartesianGains() if controller == "osc" else None)
+        self._law = ControllerConfig(cartesian=controller == "osc")
         self._images = DetectorEyes(domain, patch, seed, weights) if keypoints == "camera" else None
         self._collision = CollisionModel(domain)
 
