@@ -1,11 +1,14 @@
 """The batched operational-space law against the controller's, and an episode's target reached under it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from np_control.impedance import STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, pose_distance
-from np_control.operational_space import operational_space_torque, uniform_gains
+from np_control.operational_space import chosen_gains, operational_space_torque
 from np_description.domains import BUMP, CARD
 from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_vector
@@ -20,7 +23,9 @@ def make_target(q: torch.Tensor, generator: torch.Generator, shift: float, turn:
     position, rotation = forward_kinematics(q)
     position = position + shift * torch.randn(len(q), 3, generator=generator)
     rotation = matrix_from_vector(turn * torch.randn(len(q), 3, generator=generator)) @ rotation
-    return Target(position, rotation, torch.full_like(q, 100.0), torch.ones_like(q))
+    low, high = (torch.as_tensor(limit, dtype=q.dtype) for limit in (STIFFNESS_MIN, STIFFNESS_MAX))
+    stiffness = low + (high - low) * torch.rand(q.shape, generator=generator)
+    return Target(position, rotation, stiffness, 0.7 + torch.rand(q.shape, generator=generator))
 
 
 def mass_matrix(physics: BatchedPhysics) -> np.ndarray:
@@ -33,10 +38,8 @@ def mass_matrix(physics: BatchedPhysics) -> np.ndarray:
     return full
 
 
-@pytest.mark.parametrize("stiffness", [200, 400])
-def test_kernel_and_controller_compute_the_same_torque(stiffness):
-    gains = uniform_gains(stiffness)
-    physics = BatchedPhysics(CARD, WORLDS, "cpu", PhysicsConfig(substeps=1, controller="osc", cartesian=gains))
+def test_kernel_and_controller_compute_the_same_torque():
+    physics = BatchedPhysics(CARD, WORLDS, "cpu", PhysicsConfig(substeps=1, controller="osc"))
     generator = torch.Generator().manual_seed(1)
     physics.qpos[:, ARM] += 0.2 * torch.randn(WORLDS, 7, generator=generator)
     physics.advance()  # mass matrix and Coriolis terms of this posture
@@ -62,7 +65,7 @@ def test_kernel_and_controller_compute_the_same_torque(stiffness):
             targets[new].position[i].double().numpy(),
             targets[new].rotation[i].double().numpy(),
             postures[new][i].double().numpy(),
-            gains,
+            chosen_gains(targets[new].stiffness[i].double().numpy(), targets[new].damping_ratio[i].double().numpy()),
             mass[i],
             bias[i] - gravity[i],
         )
@@ -76,7 +79,9 @@ def test_the_target_is_reached_and_kept():
     physics.delay.zero_()
     q = physics.qpos[:, ARM].clone()
     target = make_target(q, torch.Generator().manual_seed(2), 0.02, 0.05)
-    for _ in range(12):  # 1.2 s, of a critically damped 2.25 Hz
+    middle = torch.as_tensor((STIFFNESS_MIN + STIFFNESS_MAX) / 2, dtype=q.dtype).expand_as(q)
+    target = replace(target, stiffness=middle, damping_ratio=torch.ones_like(q))
+    for _ in range(12):  # 1.2 s, of a critically damped 2.9 Hz
         physics.aim(q, target)
         physics.advance()
     distance, angle = pose_distance(physics.qpos[:, ARM], target.position, target.rotation)

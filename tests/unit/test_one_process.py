@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from np_bringup.images_seen import DetectorEyes
 from np_bringup.one_process import Eyes, OneProcess
 from np_description.domains import WALL, Pose
 from np_effects.patch import Patch, PatchEffect
@@ -76,3 +77,13 @@ def test_eyes_that_are_late_see_what_was():
     then, now, late = at(500_000_000, Patch()), at(800_000_000, Patch()), at(800_000_000, LATE)
     assert np.abs(now - then).max() > 3
     assert np.abs(late - then).max() < 0.05
+
+
+def test_images_show_what_true_corners_say():
+    arm = Simulation(WALL, seed=0)
+    seen = []
+    for eyes in (Eyes(WALL, Patch(), 0), DetectorEyes(WALL, Patch(), 0)):
+        eyes.look(arm)
+        seen.append(eyes.seen(arm.stamp))
+    true, found = seen
+    assert found.shape == (8, 3) and np.median(np.linalg.norm((found - true)[:, :2], axis=1)) < 2.0  # px

@@ -10,6 +10,7 @@ from np_bringup.commands import evaluate
 from np_bringup.commands import table3 as command
 from np_bringup.evaluation import Result, breakdown, result_of
 from np_bringup.paper_table import FIXED, OSC, OURS, Cell, Played, Setting, cells, episodes, papers, play, rows, totals
+from np_bringup.paper_table_alone import play_alone
 from np_bringup.paper_table_plot import table_plot
 from np_bringup.results import Results
 from np_description.domains import DOMAINS
@@ -174,3 +175,16 @@ def test_a_cell_that_cannot_be_played_says_why_and_the_command_fails(tmp_path, c
     said = capsys.readouterr().out.splitlines()
     assert json.loads(said[-1])["totals"]["ours"]["episodes"] == 0
     assert sum("scenario" in line and "weights" in line for line in said) == 3
+
+
+def test_a_cell_without_a_graph_is_played_once_and_shown(tmp_path, monkeypatch, capsys):
+    asked = ["--without-graph", "--domains", "wall", "--objects", "default", "--scenarios", "1", "--tries", "1"]
+    options = command.parse([*asked, "--keypoints", "truth", "--out", str(tmp_path)])
+    setting = Setting("mujoco", "truth", 1, 0, tmp_path / "mujoco_truth_0_without_graph", {OURS: ""})
+    (result,) = play_alone(Cell("wall", "default", 1), setting).results
+    assert result.success and result.engine == "mujoco" and result.contacts == 1
+    monkeypatch.setattr("np_bringup.one_process.OneProcess", None)  # not asked for again
+    assert play_alone(Cell("wall", "default", 1), setting).results == (result,)
+    options.show = True
+    shown = command.table3(options)
+    assert shown["totals"]["ours"]["episodes"] == 1 and shown["graph"] is False

@@ -52,7 +52,6 @@ def main() -> None:
     )
     parser.add_argument("--start", choices=list(STARTS), help="default: the checkpoint's")
     parser.add_argument("--controller", choices=CONTROLLERS, help="default: the checkpoint's")
-    parser.add_argument("--cartesian-stiffness", type=float, help="default: the checkpoint's")
     parser.add_argument("--limit", type=int, help="steps an episode; default: the checkpoint's")
     parser.add_argument("--contacts", type=int, default=PhysicsConfig.contacts, help="capacity a world")
     parser.add_argument("--constraints", type=int, default=PhysicsConfig.constraints, help="capacity a world")

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from np_control.operational_space import CartesianGains
 from np_description.domains import Domain, find_domain
 from np_description.objects.choice import DEFAULT, domain_with, portable
 from np_training.physics.config import check_trainable
@@ -17,7 +16,6 @@ UNSAID = {
     "object": DEFAULT,
     "start": "contact",
     "controller": "impedance",
-    "cartesian_stiffness": CartesianGains.position,
     "limit": 100,
     "contact": "soft",
     "reward": RewardConfig.name,

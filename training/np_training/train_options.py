@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from np_control.operational_space import CartesianGains
 from np_description.domains import DOMAINS, Domain, find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.panda import FINGER_MAX
@@ -52,13 +51,7 @@ def parse() -> argparse.Namespace:
         "--controller",
         choices=CONTROLLERS,
         default=PhysicsConfig.controller,
-        help="osc: operational-space control of T_E with gains of its own",
-    )
-    parser.add_argument(
-        "--cartesian-stiffness",
-        type=float,
-        default=CartesianGains.position,
-        help="of --controller osc, 1/s^2, of position and rotation",
+        help="osc: operational-space control of T_E, its stiffness in each direction and its damping chosen by the policy",
     )
     parser.add_argument(
         "--start",

@@ -12,7 +12,6 @@ from typing import NoReturn
 import numpy as np
 import torch
 
-from np_control.operational_space import uniform_gains
 from np_description import limit_share
 from np_description.depths import Tally
 from np_description.domains import find_domain
@@ -179,7 +178,6 @@ def evaluate_all(arguments: argparse.Namespace, effects: Patch, refuse: Callable
                 contacts=arguments.contacts,
                 constraints=arguments.constraints,
                 controller=setting["controller"],
-                cartesian=uniform_gains(setting["cartesian_stiffness"]),
                 effects=effects,
                 supports=any(CONDITIONS[name].support is not None for name in arguments.conditions),
                 resizes=any(CONDITIONS[name].resizes for name in arguments.conditions),

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 import warp as wp
 
+from np_control.operational_space import chosen_gains
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
 from np_description.penetration import kind_of
@@ -144,7 +145,7 @@ class BatchedPhysics:
             self._peak = wp.zeros((2, worlds, 7), dtype=float)
             self._margin = wp.full(worlds, 1.0, dtype=float)
             self._chain = make_chain(self._wp_device.alias)
-            self._gains = make_gains(model.M_rowadr[ARM], self._wp_device, config.cartesian)
+            self._gains = make_gains(model.M_rowadr[ARM], self._wp_device)
         d = self.data
         self._overflow = wp.to_torch(d.overflow)
         self.qpos, self.qvel, self.ctrl = (wp.to_torch(a) for a in (d.qpos, d.qvel, d.ctrl))
@@ -221,7 +222,7 @@ class BatchedPhysics:
     def _rows(self, joints: torch.Tensor, target: Target) -> torch.Tensor:
         if self.config.controller == "osc":
             pose = torch.cat([target.position, xyzw_from_wxyz(quaternion_from_matrix(target.rotation))], -1)
-            return torch.stack([joints, pose, torch.zeros_like(joints)])
+            return torch.stack([joints, pose, chosen_gains(target.stiffness, target.damping_ratio)])
         return torch.stack([joints, target.stiffness, target.damping_ratio])
 
     def advance(self) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from np_control.operational_space import REGULARISATION, CartesianGains
+from np_control.operational_space import POSTURE, REGULARISATION
 from np_training.physics.chain import (
     Chain,
     cholesky,
@@ -29,22 +29,18 @@ wp.set_module_options({"max_unroll": 1, "enable_backward": False})
 
 @wp.struct
 class Gains:
-    """Of the law, and row: where each joint's row, columns 0 to j, begins in the simulator's mass matrix."""
+    """What of the law nobody chooses, and row: where each joint's row, columns 0 to j, begins in the simulator's mass matrix."""
 
     row: wp.array(dtype=int)
-    stiffness: vec6
     posture: float
-    damping_ratio: float
     regularisation: float
 
 
-def make_gains(rows: np.ndarray, device: wp.Device, cartesian: CartesianGains) -> Gains:
+def make_gains(rows: np.ndarray, device: wp.Device) -> Gains:
     """The gains for the kernel. rows (7,): first element of each joint's row of the mass matrix."""
     gains = Gains()
     gains.row = wp.array(rows, dtype=int, device=device)
-    gains.stiffness = vec6(*np.repeat([cartesian.position, cartesian.rotation], 3).tolist())
-    gains.posture, gains.damping_ratio = cartesian.posture, cartesian.damping_ratio
-    gains.regularisation = REGULARISATION
+    gains.posture, gains.regularisation = POSTURE, REGULARISATION
     return gains
 
 
@@ -90,7 +86,7 @@ def operational_space_kernel(
 ):
     """np_control.operational_space_torque for world i; a test holds both to the same result.
 
-    command (6, worlds, 7): posture, T_E as position and quaternion (scalar last), and a row that is not used,
+    command (6, worlds, 7): posture, T_E as position and quaternion (scalar last), and `chosen_gains`,
     of the last period, then of this one, which takes effect after `delay` substeps. limit, margin, over, peak: see
     `physics.impedance_kernel`.
     """
@@ -117,7 +113,8 @@ def operational_space_kernel(
             error = shift[k]
         else:
             error = turn[k - 3]
-        force[k] = gains.stiffness[k] * error - 2.0 * gains.damping_ratio * wp.sqrt(gains.stiffness[k]) * speed
+        stiffness = command[new + 2, i, k]
+        force[k] = stiffness * error - 2.0 * command[new + 2, i, 6] * wp.sqrt(stiffness) * speed
 
     # M and what it makes of the pull towards the posture.
     inertia = mat7()
@@ -130,7 +127,7 @@ def operational_space_kernel(
         total = float(0.0)
         for k in range(7):
             pull = gains.posture * (command[new, i, k] - qpos[i, k])
-            pull = pull - 2.0 * gains.damping_ratio * wp.sqrt(gains.posture) * qvel[i, k]
+            pull = pull - 2.0 * wp.sqrt(gains.posture) * qvel[i, k]
             total = total + inertia[j, k] * pull
         inner[j] = total
 

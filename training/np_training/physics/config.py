@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from np_control.operational_space import CartesianGains
 from np_description.contact import HARD, SOFT, Compliance, ContactModel
 from np_description.domains import Domain
 from np_effects.patch import Patch
@@ -19,8 +18,8 @@ class PhysicsConfig:
     """timestep s; substeps: physics steps a policy period (10 Hz); contacts, constraints: capacity a world;
     contact: how rough and how hard everything is; supports: whether the object stands on patches, for `support`; resizes: whether it
     may become larger, up to LARGEST times, for `resize`;
-    controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, with
-    the gains `cartesian`); effects: what the arm has besides the nominal one (np_training.physics.carried_effects)."""
+    controller: impedance (of the joints, with the policy's gains) or osc (np_control.operational_space, with the gains that
+    the policy's mean there); effects: what the arm has besides the nominal one (np_training.physics.carried_effects)."""
 
     timestep: float = 0.005
     substeps: int = 20
@@ -29,7 +28,6 @@ class PhysicsConfig:
     iterations: int = 8
     ls_iterations: int = 10
     controller: str = "impedance"
-    cartesian: CartesianGains = CartesianGains()
     effects: Patch = Patch()
     contact: ContactModel = SOFT
     supports: bool = False

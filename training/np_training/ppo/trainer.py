@@ -69,7 +69,6 @@ class Trainer:
             "object": choice_of(env.domain),
             "start": self.config.start,
             "controller": env.config.physics.controller,
-            "cartesian_stiffness": env.config.physics.cartesian.position,
             "limit": env.config.limit,
             "contact": env.config.physics.contact.name,
             "reward": env.config.reward.name,

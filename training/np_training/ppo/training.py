@@ -11,7 +11,6 @@ from pathlib import Path
 
 import torch
 
-from np_control.operational_space import uniform_gains
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.physics.config import physics_for
 from np_training.ppo import distributed
@@ -40,7 +39,6 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
                 contacts=arguments.contacts,
                 constraints=arguments.constraints,
                 controller=arguments.controller,
-                cartesian=uniform_gains(arguments.cartesian_stiffness),
                 effects=arguments.effects,
                 supports=CONDITIONS[arguments.conditions].support is not None,
                 resizes=CONDITIONS[arguments.conditions].resizes,
@@ -100,7 +98,7 @@ def check_same_run(state: dict, trainer: Trainer, found: Path | None) -> None:
     """Raise ValueError where a checkpoint that was found, not named, is of another task: two runs share a
     folder."""
     theirs = setting_of(state)
-    names = "domain", "object", "start", "controller", "cartesian_stiffness", "reward", "max_opening"
+    names = "domain", "object", "start", "controller", "reward", "max_opening"
     other = [name for name in names if theirs[name] != trainer.setting[name]]
     if found and other:
         raise ValueError(

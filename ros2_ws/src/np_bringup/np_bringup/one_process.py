@@ -1,6 +1,6 @@
-"""Episodes without a graph: simulated robot, guards, controller, planner, policies and the phases of an episode in one process, true corners.
+"""Episodes without a graph: simulated robot, guards, controller, planner, policies and the phases of an episode in one process.
 
-One takes 1 to 4 s of processor time, where eight nodes take 20 to 40. What the nodes call is called in the same order, without messages, so
+One takes 1 to 4 s of processor time with true corners, 2 to 8 with images, where eight nodes take 20 to 70. What the nodes call is called in the same order, without messages, so
 that an episode is not the graph's bit for bit: contacts tell the last digit.
 """
 
@@ -13,7 +13,8 @@ import numpy as np
 
 from np_bringup.corrections import CorrectedDriver, CorrectedView, corrections
 from np_bringup.evaluation import Result, result_of
-from np_control.controller import Controller
+from np_bringup.images_seen import DetectorEyes
+from np_control.controller import Controller, ControllerConfig
 from np_control.safety import Refusal, SafetyFilter
 from np_description.camera import CAMERA
 from np_description.domains import Domain, find_domain
@@ -51,7 +52,7 @@ def engine_called(name: str) -> MakeEngine:
 class OneProcess:
     """A domain's graph as one object. alone: contacts are chosen as if the object had the size that the weights know; patch: what arm,
     scene and view have that policies and planner do not know of; corrected: what detector and driver are told of it (`np_bringup.corrections`);
-    weights: folder, "" for the project's own."""
+    weights: folder, "" for the project's own; keypoints: truth or camera; controller: impedance or osc."""
 
     def __init__(
         self,
@@ -64,13 +65,18 @@ class OneProcess:
         patch: Patch = Patch(),
         corrected: Patch = Patch(),
         weights: str | Path = "",
+        keypoints: str = "truth",
+        controller: str = "impedance",
     ):
         self._told = corrections(corrected)
         self._domain, self._seed, self._contacts, self._patch = domain, seed, contacts, patch
         self._engine = engine_called(engine)
         chosen_for = find_domain(domain.name) if alone else domain
-        self._pre = PreContactPlanner(weights_file(PRE_CONTACT, domain, weights), chosen_for)
-        self._post = PostContactController(weights_file(POST_CONTACT, domain, weights), domain)
+        law = {"controller": controller}
+        self._pre = PreContactPlanner(weights_file(PRE_CONTACT, domain, weights), chosen_for, **law)
+        self._post = PostContactController(weights_file(POST_CONTACT, domain, weights), domain, **law)
+        self._law = ControllerConfig(cartesian=controller == "osc")
+        self._images = DetectorEyes(domain, patch, seed, weights) if keypoints == "camera" else None
         self._collision = CollisionModel(domain)
 
     @property
@@ -87,11 +93,12 @@ class OneProcess:
             first_episode=number,
             engine=self._engine,
             scenario=scenario,
+            camera=ViewEffects(self._patch, CAMERA, self._seed).camera if self._images else CAMERA,
             patch=self._patch,
         )
-        eyes = Eyes(self._domain, self._patch, self._seed)
+        eyes = self._eyes()
         view, driver = CorrectedView(self._told, self._domain), CorrectedDriver(self._told)
-        controller, guard = Controller(), SafetyFilter()
+        controller, guard = Controller(self._law), SafetyFilter()
         guard.start(driver.read(arm.measure()).position[:7])
         config = EpisodeConfig(self._domain, contacts=self._contacts, success_share=self._domain.aim)
         episode = Episode(config, lambda: driver.read(arm.measure()).position[:7].copy())
@@ -114,6 +121,12 @@ class OneProcess:
             arm.step(driver.drive(guard.apply(now.stamp, q, dq).torque, q, dq))
         outcome = score(self._domain, said, arm.object_pose(), arm.task.goal, arm.stamp / SECOND)
         return result_of(number, outcome, time.monotonic() - began)
+
+    def _eyes(self) -> Eyes | DetectorEyes:
+        if self._images is None:
+            return Eyes(self._domain, self._patch, self._seed)
+        self._images.begin()
+        return self._images
 
     def _tick(self, arm: Simulation, controller: Controller, episode: Episode, now, seen, goal, said) -> None:
         before = episode.phase

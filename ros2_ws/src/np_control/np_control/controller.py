@@ -16,7 +16,7 @@ from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MAX, lead
 from np_control.impedance import torque as impedance_torque
 from np_control.kinematics import IK_ITERATIONS, pose_distance, solve_ik
-from np_control.operational_space import CartesianGains, operational_space_torque
+from np_control.operational_space import chosen_gains, operational_space_torque
 from np_control.safety import (
     LIMITS,
     Reason,
@@ -40,8 +40,8 @@ class ControllerConfig:
     inverse kinematics may miss a target before it is refused. largest_gap_ns: a longer time between two
     states, or a step no arm can make, is a new beginning. largest_target_age_ns: an older target is refused;
     states are kept that long, to resolve a target at the state it answers. stop_ns: time in which a
-    trajectory that is broken off comes to rest. cartesian: follow targets of T_E in operational space with
-    these gains, whatever gains they carry; None for joint impedance.
+    trajectory that is broken off comes to rest. cartesian: follow targets of T_E in operational space, their
+    gains read as `chosen_gains` says; else by joint impedance.
     """
 
     stiffness: np.ndarray = field(default_factory=STIFFNESS_MAX.copy)
@@ -52,7 +52,7 @@ class ControllerConfig:
     largest_gap_ns: int = 200_000_000
     largest_target_age_ns: int = 500_000_000
     stop_ns: int = 200_000_000
-    cartesian: CartesianGains | None = None
+    cartesian: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,14 +309,14 @@ class Controller:
             self._gains = slew_gains(self.limits, self._gains, self._gains_target, self.limits.period)
             if np.array_equal(self._gains, self._gains_target):
                 self._gains = self._gains_target
-        if self._target is not None and self.config.cartesian is not None:
+        if self._target is not None and self.config.cartesian:
             torque = operational_space_torque(
                 state.q,
                 state.dq,
                 self._target.position,
                 self._target.rotation,
                 self._position,
-                self.config.cartesian,
+                chosen_gains(*self._gains),
                 self._dynamics.mass_matrix(state.q),
                 self._dynamics.coriolis(state.q, state.dq),
             )

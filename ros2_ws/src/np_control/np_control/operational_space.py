@@ -1,37 +1,37 @@
-"""Operational-space control of T_E (Khatib, IEEE J. Robotics and Automation 1987): the paper's baseline.
+"""Operational-space control of T_E (Khatib, IEEE J. Robotics and Automation 1987) with gains of the policy's choice: the paper's baseline.
 
 tau = J' Lambda (kp e - kd v) + N' M (kp_n (q_p - q) - kd_n dq) + coriolis, Lambda = (J M^-1 J')^-1: the end
-effector behaves as a unit mass on a spring in every direction, and what is left of the arm keeps a posture.
+effector behaves as a unit mass on a spring of its own in every direction, and what is left of the arm keeps a posture. That the policy
+chooses the springs, step by step, is VICES (Martin-Martin et al., IROS 2019).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from np_control.impedance import STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, jacobian
-from np_description.rotations import vector_from_matrix
+from np_description.rotations import namespace, vector_from_matrix
 
 REGULARISATION = 1e-4  # added to J M^-1 J', whose entries are 0.1 to 10 away from singularities
+SOFTEST, STIFFEST = 50.0, 600.0  # 1/s^2, per unit inertia, in each direction: 1.1 to 3.9 Hz
+POSTURE = 20.0  # 1/s^2, critically damped
+DIRECTIONS = 6
 
 
-@dataclass(frozen=True)
-class CartesianGains:
-    """Stiffness per unit inertia, 1/s^2, of position, rotation, posture; damping ratio, 1 for critical."""
+def chosen_gains(stiffness, ratio):
+    """What gains for seven joints mean for T_E: (..., 7), the stiffness of position and rotation, x, y, z, in 1/s^2, then one damping ratio.
 
-    position: float = 200.0
-    rotation: float = 200.0
-    posture: float = 20.0
-    damping_ratio: float = 1.0
-
-
-def uniform_gains(stiffness: float) -> CartesianGains:
-    """Gains of one stiffness, 1/s^2, in every direction of position and rotation; the others are the defaults.
-    Raises ValueError where it is not positive."""
-    if not stiffness > 0:
-        raise ValueError(f"Cartesian stiffness: expected a positive number of 1/s^2, got {stiffness}")
-    return CartesianGains(position=stiffness, rotation=stiffness)
+    stiffness (..., 7) Nm/rad and ratio (..., 7), NumPy or PyTorch, are what an action says (np_policy.action). A direction has its share of
+    the range from SOFTEST to STIFFEST that one of the first six joints would have of its own; the ratio is the mean.
+    """
+    low, high = (limit[:DIRECTIONS] for limit in (STIFFNESS_MIN, STIFFNESS_MAX))
+    xp = namespace(stiffness)
+    if xp is not np:
+        low, high = (xp.as_tensor(limit, dtype=stiffness.dtype, device=stiffness.device) for limit in (low, high))
+    share = (stiffness[..., :DIRECTIONS] - low) / (high - low)
+    parts = (SOFTEST + share * (STIFFEST - SOFTEST), ratio.mean(-1)[..., None])
+    return xp.concatenate(parts, -1)
 
 
 def operational_space_torque(
@@ -40,22 +40,22 @@ def operational_space_torque(
     position: np.ndarray,
     rotation: np.ndarray,
     posture: np.ndarray,
-    gains: CartesianGains,
+    gains: np.ndarray,
     mass_matrix: np.ndarray,
     coriolis: np.ndarray,
 ) -> np.ndarray:
     """Torque (7,) Nm without gravity that draws T_E to position (3,) m and rotation (3, 3) in the base frame.
 
-    q, posture (7,) rad; dq (7,) rad/s; mass_matrix (7, 7) kg m^2 and coriolis (7,) Nm at (q, dq).
+    q, posture (7,) rad; dq (7,) rad/s; gains (7,): see `chosen_gains`; mass_matrix (7, 7) kg m^2 and coriolis (7,) Nm at (q, dq).
     """
     at, turned = forward_kinematics(q)
     matrix = jacobian(q)
     error = np.concatenate([position - at, vector_from_matrix(rotation @ turned.T)])
-    stiffness = np.repeat([gains.position, gains.rotation], 3)
-    acceleration = stiffness * error - 2 * gains.damping_ratio * np.sqrt(stiffness) * (matrix @ dq)
+    stiffness, ratio = gains[:DIRECTIONS], gains[DIRECTIONS]
+    acceleration = stiffness * error - 2 * ratio * np.sqrt(stiffness) * (matrix @ dq)
     mobility = np.linalg.solve(mass_matrix, matrix.T)  # M^-1 J'
     inertia = np.linalg.inv(matrix @ mobility + REGULARISATION * np.eye(6))
-    rest = gains.posture * (posture - q) - 2 * gains.damping_ratio * np.sqrt(gains.posture) * dq
+    rest = POSTURE * (posture - q) - 2 * np.sqrt(POSTURE) * dq
     inner = mass_matrix @ rest
     inner = inner - matrix.T @ (inertia @ (mobility.T @ inner))  # nothing of it accelerates T_E
     return matrix.T @ (inertia @ acceleration) + inner + coriolis

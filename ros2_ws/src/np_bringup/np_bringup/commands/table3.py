@@ -1,7 +1,8 @@
 """`table3`: the paper's 21 objects in three scenarios each, through the whole graph, printed beside the paper's successes.
 
-A cell is an object in a scenario: an `evaluate` of its own, JOBS of them at a time. The same command later goes on where it ended. The
-last line printed is one JSON object; table.json, table.svg and the episodes lie in the folder.
+A cell is an object in a scenario: an `evaluate` of its own, JOBS of them at a time. The same command later goes on where it ended.
+--without-graph plays the same in one process a cell, for many tries on few cores. The last line printed is one JSON object; table.json,
+table.svg and the episodes lie in the folder.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from np_bringup.paper_table import (
     rows,
     totals,
 )
+from np_bringup.paper_table_alone import play_alone
 from np_description.domains import DOMAINS
 from np_description.objects.scenarios import COUNT
 from np_record.command import Progress, origin
@@ -46,6 +48,11 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--tries", type=int, default=5, help="episodes a scenario; the paper has 5")
     parser.add_argument("--osc", default="", metavar="FOLDER", help=f"weights of the baseline {TITLES[OSC]}")
     parser.add_argument("--fixed-limits", default="", metavar="FOLDER", help=f"weights of the baseline {TITLES[FIXED]}")
+    parser.add_argument(
+        "--without-graph",
+        action="store_true",
+        help="what the nodes do, in one process: the graph but for its last digits",
+    )
     parser.add_argument("--show", action="store_true", help="what there is so far, without playing anything")
     add_options(parser, jobs=os.cpu_count(), out="runs/table3")
     options = parser.parse_args(arguments)
@@ -59,7 +66,8 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
     weights = {OURS: options.weights, **baselines}
     asked = cells(options.domains, options.objects, weights, options.scenarios)
     again = f"_contacts{options.contacts}" if options.contacts > 1 else ""
-    place = options.out.resolve() / f"{options.engine}_{options.keypoints}_{options.seed}{again}"
+    alone = "_without_graph" if options.without_graph else ""
+    place = options.out.resolve() / f"{options.engine}_{options.keypoints}_{options.seed}{again}{alone}"
     setting = Setting(
         options.engine,
         options.keypoints,
@@ -80,6 +88,7 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
     table = {
         "engine": options.engine,
         "keypoints": options.keypoints,
+        **({"graph": False} if options.without_graph else {}),
         "contacts": options.contacts,
         "tries": options.tries,
         "seed": options.seed,
@@ -102,7 +111,7 @@ def _played(asked: list[Cell], setting: Setting, options: argparse.Namespace) ->
     with workers(options.jobs, options.cluster) as pool:
         # Scenario by scenario: whatever ends it, every row has about as much.
         in_turn = sorted(asked, key=lambda cell: cell.scenario)
-        playing = {pool.submit(play, cell, setting): cell for cell in in_turn}
+        playing = {pool.submit(play_alone if options.without_graph else play, cell, setting): cell for cell in in_turn}
         progress.show(0)
         for future in as_completed(playing):
             cell, error = playing[future], future.exception()

@@ -20,7 +20,6 @@ from np_control.following import Following
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN
 from np_control.nodes import inputs
 from np_control.nodes.inputs import Pose
-from np_control.operational_space import CartesianGains
 from np_control.safety import LIMITS, Refusal
 from np_control.tick_gate import TickGate
 from np_control.trajectory import Trajectory
@@ -79,7 +78,7 @@ class ControllerNode(Node):
                 damping_ratio=ratio,
                 policy_latency_ns=round(latency * SECOND),
                 largest_gap_ns=gap,
-                cartesian=self._cartesian_gains() if is_cartesian else None,
+                cartesian=is_cartesian,
             )
         )
         self._gate: TickGate[Trajectory, Pose, np.ndarray] = TickGate(SECOND // policy_rate)
@@ -100,38 +99,6 @@ class ControllerNode(Node):
         self.create_timer(1.0, self._report)
         gc.collect()
         gc.freeze()  # what start-up made stays: later collections need not walk it
-
-    def _cartesian_gains(self) -> CartesianGains:
-        default = CartesianGains()
-        return CartesianGains(
-            position=parameter(
-                self,
-                "position_stiffness",
-                default.position,
-                "Stiffness of T_E's position per unit inertia, 1/s^2.",
-                10.0,
-                1000.0,
-            ),
-            rotation=parameter(
-                self,
-                "rotation_stiffness",
-                default.rotation,
-                "Stiffness of T_E's rotation per unit inertia, 1/s^2.",
-                10.0,
-                1000.0,
-            ),
-            posture=parameter(
-                self,
-                "posture_stiffness",
-                default.posture,
-                "Stiffness of the posture per unit inertia, 1/s^2.",
-                0.0,
-                200.0,
-            ),
-            damping_ratio=parameter(
-                self, "cartesian_damping_ratio", default.damping_ratio, "Damping ratio of all three.", 0.3, 3.0
-            ),
-        )
 
     # States in, commands out
 
