@@ -73,6 +73,7 @@ class PhysxEngine:
         if self._parts is not None:
             self._parts.set_root_pose(self._sapien.Pose(start.position, start.quaternion))
         order = [joint.name for joint in self.articulation.get_active_joints()]
+        self._dofs = len(order)
         self._order = np.array([order.index(name) for name in STATE_NAMES])
         self._drives = [joints[name] for name in STATE_NAMES[len(JOINT_NAMES) :]]
         for joint, limit in zip([joints[name] for name in JOINT_NAMES], self._friction):
@@ -85,7 +86,7 @@ class PhysxEngine:
         position = np.zeros(len(STATE_NAMES))
         position[: len(JOINT_NAMES)] = self._ready
         self.articulation.set_qpos(self._as_articulation(position))
-        self.articulation.set_qvel(np.zeros(len(STATE_NAMES)))
+        self.articulation.set_qvel(np.zeros(self._dofs, dtype=np.float32))
         self._effort = np.zeros(len(STATE_NAMES))
         self._start: Pose | None = start  # as drawn, until single precision has had its turn
         self._read()
@@ -154,6 +155,6 @@ class PhysxEngine:
 
     def _as_articulation(self, values: np.ndarray) -> np.ndarray:
         """Values in the order of STATE_NAMES in PhysX's own order."""
-        ordered = np.empty(len(values), dtype=np.float32)
+        ordered = np.zeros(self._dofs, dtype=np.float32)
         ordered[self._order] = values
         return ordered
