@@ -68,8 +68,10 @@ def test_states_are_finite_within_limits_and_of_many_kinds():
     assert np.linalg.norm(q - NOMINAL.ready, axis=1).max() > 0.5
 
 
-def test_labels_lie_on_the_corners_of_what_is_drawn_whatever_the_camera(renderer):
+@pytest.mark.parametrize("edges", [None, (0.8, 1.2)])
+def test_labels_lie_on_the_corners_of_what_is_drawn_whatever_the_camera_and_the_size(renderer, edges):
     states = free_states()
+    renderer = SceneRenderer(CARD, WORLDS, "cpu", edges=edges) if edges else renderer
     frames = renderer.render(states, generator(3))
     moved = renderer.fields["cam_pos"][:, 0] - torch.tensor(CAMERA.position)
     assert moved.abs().max() > 1e-3
@@ -88,7 +90,7 @@ def test_the_nominal_camera_projects_as_everywhere_else():
     from np_training.detector.render import project_corners
 
     states = free_states()
-    pixels = project_corners(CARD, states, renderer_look["cam_pos"][:, 0], renderer_look["cam_quat"][:, 0])
+    pixels = project_corners(CARD.half_size, states, renderer_look["cam_pos"][:, 0], renderer_look["cam_quat"][:, 0])
     expected, _ = CAMERA.project(box_keypoints(CARD.half_size, states[:, 9:12], states[:, 12:]))
     torch.testing.assert_close(pixels, expected, atol=2e-3, rtol=0)
 

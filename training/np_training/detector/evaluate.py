@@ -28,6 +28,7 @@ def main() -> None:
     """Command line; the last line printed is the figures as JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
+    parser.add_argument("--object", default="default", help="a rigid row, or a .yaml file: a box of another size")
     parser.add_argument("--weights", default="", help="folder of weights; default: the released ones")
     parser.add_argument("--images", type=int, default=5000, help="of each set")
     parser.add_argument("--sets", nargs="+", choices=SETS, default=list(ALWAYS))

@@ -66,7 +66,7 @@ def held_out_images(
                 for name, value in values.items():
                     getattr(model, name)[:] = value[0].numpy()
             image = camera.render(state.double().numpy())
-            pixels = project_corners(domain, state[None], values["cam_pos"][:, 0], values["cam_quat"][:, 0])
+            pixels = project_corners(domain.half_size, state[None], values["cam_pos"][:, 0], values["cam_quat"][:, 0])
             geoms = cast_rays(model, state.double().numpy(), pixels[0].numpy())
             blocks = corner_blocks(model)
             visible = corner_visibility(geoms, pixels, blocks)[0]

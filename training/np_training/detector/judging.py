@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
-from np_description.domains import Domain, find_domain
+from np_description.domains import Domain
+from np_description.objects.choice import domain_with
 from np_perception.detector import KeypointDetector
 from np_record.report.pages import style
 from np_sim_bridge.renderer import egl_works
@@ -128,7 +129,7 @@ def judge_released(options: argparse.Namespace) -> dict:
     torch.set_num_threads(1)
     options.out.mkdir(parents=True, exist_ok=True)
     stem = options.out / f"detector_{options.domain}"
-    domain = find_domain(options.domain)
+    domain = domain_with(options.domain, options.object)
     visited = load_visited(options.episodes, domain, "cpu") if options.episodes else None
     result = evaluate(
         domain, options.weights, options.images, options.seed, stem.with_suffix(".png"), visited, options.sets

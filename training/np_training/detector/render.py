@@ -68,22 +68,32 @@ class Frames:
 
 
 class SceneRenderer:
-    """Renders `worlds` states of a domain at once, and labels them."""
+    """Renders `worlds` states of a domain at once, and labels them. edges: the range of the factors on the object's edges, another
+    object in each image; None: its own size."""
 
-    def __init__(self, domain: Domain, worlds: int, device: str, look: Randomisation = Randomisation()) -> None:
+    def __init__(
+        self,
+        domain: Domain,
+        worlds: int,
+        device: str,
+        look: Randomisation = Randomisation(),
+        edges: tuple[float, float] | None = None,
+    ) -> None:
         self.domain, self.worlds, self.device = domain, worlds, torch.device(device)
         self.size = CAMERA.width * OVERSAMPLING
         model = load_model(domain)
         self.blocks = corner_blocks(model)
         self.table = model.geom("table").id
         self.looks = Looks(model, look, self.device)
+        self._shapes = Shapes(domain, model, self.device, edges) if edges else None
+        batched = (*Looks.fields, *(Shapes.fields if edges else ()))
         self._wp_device = wp.get_device(device)
         if self._wp_device.is_cuda:
             torch.cuda.set_stream(wp.stream_to_torch(wp.get_stream(self._wp_device)))  # one queue: no synchronising
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         with wp.ScopedDevice(self._wp_device):
-            self.model = mjw.put_model(model, batch_sizes={name: worlds for name in Looks.fields})
+            self.model = mjw.put_model(model, batch_sizes=dict.fromkeys(batched, worlds))
             self.data = mjw.put_data(model, data, nworld=worlds)
             self.context = mjw.create_render_context(
                 model,
@@ -96,7 +106,7 @@ class SceneRenderer:
             )  # as in OpenGL
             self._rgb = wp.zeros((worlds, self.size, self.size), dtype=wp.vec3)
             self._segments = wp.zeros((worlds, self.size, self.size), dtype=wp.vec2i)
-        self.fields = {name: wp.to_torch(getattr(self.model, name)) for name in Looks.fields}
+        self.fields = {name: wp.to_torch(getattr(self.model, name)) for name in batched}
         self._qpos = wp.to_torch(self.data.qpos)
 
     def render(self, states: torch.Tensor, generator: torch.Generator) -> Frames:
@@ -104,7 +114,12 @@ class SceneRenderer:
         call."""
         if states.shape != (self.worlds, STATE_SIZE):
             raise ValueError(f"states: expected {(self.worlds, STATE_SIZE)}, got {tuple(states.shape)}")
-        for name, value in self.looks.sample(self.worlds, generator).items():
+        half_size = self.domain.half_size
+        values = self.looks.sample(self.worlds, generator)
+        if self._shapes is not None:
+            half_size, states, shape = self._shapes.sample(states, generator)
+            values |= shape
+        for name, value in values.items():
             self.fields[name].copy_(value)
         self._qpos.copy_(states)
         with wp.ScopedDevice(self._wp_device):
@@ -116,7 +131,7 @@ class SceneRenderer:
             mjw.get_rgb(self.context, 0, self._rgb)
             mjw.get_segmentation(self.context, 0, self._segments)
         geoms = wp.to_torch(self._segments)[..., 0]
-        pixels = project_corners(self.domain, states, self.fields["cam_pos"][:, 0], self.fields["cam_quat"][:, 0])
+        pixels = project_corners(half_size, states, self.fields["cam_pos"][:, 0], self.fields["cam_quat"][:, 0])
         visible = corner_visibility(geoms, pixels, self.blocks)
         area = object_area(geoms, self.blocks)
         return Frames(wp.to_torch(self._rgb), (geoms == self.table) | (geoms < 0), pixels, visible, area)
@@ -132,6 +147,37 @@ def object_area(geoms: torch.Tensor, blocks: list[int]) -> torch.Tensor:
     resolution."""
     seen = (geoms >= min(blocks)) & (geoms <= max(blocks))
     return seen.sum((1, 2)) * (CAMERA.height / geoms.shape[1]) ** 2
+
+
+class Shapes:
+    """Objects whose edges are longer or shorter than their domain's own: all by one factor in COMMON of the images, each by its own in
+    OWN; the others are as they are. They lie as low as before."""
+
+    fields = ("geom_size", "geom_pos")
+    COMMON, OWN = 0.4, 0.4
+
+    def __init__(self, domain: Domain, model: mujoco.MjModel, device: str | torch.device, edges: tuple[float, float]):
+        self._edges = edges
+        self._half_size = torch.tensor(domain.half_size, dtype=torch.float32, device=device)
+        self._nominal = {
+            name: torch.tensor(getattr(model, name), dtype=torch.float32, device=device) for name in self.fields
+        }
+        self._object = torch.as_tensor(model.geom_bodyid == model.body(OBJECT).id, device=device)
+
+    def sample(self, states: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor, dict]:
+        """Half sizes (n, 3) m, the states (n, 16) with such objects in the place of their own, and values of the model's `fields`."""
+        low, high = self._edges
+        count = len(states)
+        kind, common, own = (
+            torch.rand(count, width, generator=generator, device=generator.device) for width in (1, 1, 3)
+        )
+        factor = low + (high - low) * torch.where(kind < self.COMMON, common.expand(-1, 3), own)
+        factor = torch.where(kind < self.COMMON + self.OWN, factor, torch.ones_like(factor))
+        up = matrix_from_quaternion(states[:, 12:16])[:, 2].abs()
+        states = states.clone()
+        states[:, 11] += (up * self._half_size * (factor - 1)).sum(-1)
+        scale = torch.where(self._object[:, None], factor[:, None], 1.0)
+        return self._half_size * factor, states, {name: value * scale for name, value in self._nominal.items()}
 
 
 class Looks:
@@ -198,14 +244,14 @@ class Looks:
         return rgba.clamp(0, 1)
 
 
-def project_corners(domain: Domain, states: torch.Tensor, position: torch.Tensor, quaternion: torch.Tensor):
-    """Pixels (n, 8, 2) of the object's corners in states (n, 16), seen by cameras at position (n, 3),
+def project_corners(half_size, states: torch.Tensor, position: torch.Tensor, quaternion: torch.Tensor):
+    """Pixels (n, 8, 2) of the corners of objects of half_size (3,) or (n, 3) m in states (n, 16), seen by cameras at position (n, 3),
     quaternion (n, 4).
 
     The quaternion is MuJoCo's (looking along -z, y up). A camera of another pose sees the points as CAMERA
     sees them after they have been carried along to its pose.
     """
-    corners = box_keypoints(domain.half_size, states[:, 9:12], states[:, 12:16])
+    corners = box_keypoints(half_size, states[:, 9:12], states[:, 12:16])
     flip = torch.diag(torch.tensor([1.0, -1.0, -1.0], device=states.device))
     rotation = matrix_from_quaternion(quaternion) @ flip
     optical = torch.einsum("nij,nki->nkj", rotation, corners - position[:, None])

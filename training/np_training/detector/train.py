@@ -33,6 +33,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--pool", type=int)
     parser.add_argument("--episodes", type=Path, help="recording of np_training.evaluate: most states come from it")
     parser.add_argument("--start", type=Path, help="weights to begin with: a released .safetensors file")
+    parser.add_argument(
+        "--sizes",
+        nargs=2,
+        type=float,
+        metavar=("LOW", "HIGH"),
+        help="the object's edges times so much: all by one factor, each by its own, or none, image by image",
+    )
     parser.add_argument("--reuse", type=int, help="batches from each rendering (default: 1; on a CPU 8 and more)")
     parser.add_argument("--no-contrast", action="store_true", help="without momentum contrast")
     background = parser.add_mutually_exclusive_group()

@@ -31,7 +31,7 @@ class TrainConfig:
     the score's loss; average: decay of the weights' moving average a step; pool: states drawn at once;
     held_out: images of the evaluation at the end; report, save: seconds between progress lines and between
     checkpoints; reserve: seconds kept for the evaluation; contrast: momentum contrast beside the heatmaps, or
-    None; samples: the images."""
+    None; samples: the images; edges: range of the factors on the object's edges, None: its own size."""
 
     batch: int = 256
     rate: float = 2e-3
@@ -46,6 +46,7 @@ class TrainConfig:
     reserve: float = 15.0
     contrast: ContrastConfig | None = ContrastConfig()
     samples: SampleConfig = SampleConfig()
+    edges: tuple[float, float] | None = None
 
 
 class Trainer:
@@ -64,7 +65,7 @@ class Trainer:
         torch.manual_seed(seed)
         self.command, self.visited = command, visited
         self.domain, self.device, self.seed, self.config = domain, torch.device(device), seed, config
-        self.renderer = SceneRenderer(domain, config.batch, device)
+        self.renderer = SceneRenderer(domain, config.batch, device, edges=config.edges)
         self.network = KeypointNetwork(network).to(self.device, memory_format=torch.channels_last)
         self.average = KeypointNetwork(network).to(self.device, memory_format=torch.channels_last).eval()
         self.average.load_state_dict(self.network.state_dict())

@@ -98,6 +98,7 @@ def run(options: argparse.Namespace, began: float) -> dict:
     config = TrainConfig(
         **given,
         contrast=None if options.no_contrast else ContrastConfig(),
+        edges=tuple(options.sizes) if options.sizes else None,
         samples=SampleConfig(augmentation=augmentation, reuse=options.reuse or SampleConfig.reuse),
     )
     visited = load_visited(options.episodes, domain, options.device) if options.episodes else None
@@ -119,6 +120,7 @@ def run(options: argparse.Namespace, began: float) -> dict:
     }  # the folder says nothing elsewhere
     command = " ".join(
         [
+            *([f"--sizes {options.sizes[0]:g} {options.sizes[1]:g}"] if options.sizes else ()),
             *(f"--{name} {said[name]}" for name in names if said[name] is not None),
             *(f"--{name.replace('_', '-')}" for name in FLAGS if getattr(options, name)),
         ]
