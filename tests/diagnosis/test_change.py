@@ -154,6 +154,26 @@ def test_no_delay_is_usual_between_two_recordings(before):
     assert settle_delay(design) is design
 
 
+def test_what_any_arm_has_is_on_both_days_alike(before):
+    """Its links are the same, and it creeps as much: a share of friction that turns over late is new only where it is more."""
+    one, two = make_context([before], panda()), context_of(before, before)
+    for joint in range(7):
+        usual, change = (nuisances.parameters(c, Stage.DYNAMICS, joint) for c in (one, two))
+        shown = nuisances.columns(two, Stage.DYNAMICS, joint)
+        assert len(change) == shown.shape[1] == len(usual) - one.prediction.link_errors[joint].shape[1]
+        assert (np.abs(shown).max(axis=0) > 0).all()
+        assert all(p.centre == 0.0 and p.lower == -p.upper for p in change)
+
+
+def test_a_day_of_the_drive_alone_is_what_it_was_of_both(before):
+    d = context_of(before, before).drive
+    for day in (0, 1):
+        alone = d.only(d.trajectory == day)
+        assert (alone.trajectory == day).all() and alone.starts.tolist() == [0] and alone.period == d.period
+        assert np.array_equal(alone.measured, d.measured[d.trajectory == day])
+    assert d.only(np.ones(len(d.time), bool)) is d
+
+
 def test_the_delay_that_a_loop_had_is_that_of_the_reference(before):
     after = record(WRONG, name="new", noise=99)
     torque = after.torque.copy()

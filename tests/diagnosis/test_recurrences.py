@@ -171,12 +171,17 @@ def test_a_limit_that_a_drive_had_is_known_from_before(limited, limit, apart):
     d = SimpleNamespace(arrived=commanded[:, None], gravity=gravity[:, None], starts=np.array([0, 1500]), period=PERIOD)
     d.measured = d.arrived + 0.03 * rng.normal(size=(3000, 1))
     tried, earlier = {False: [0.94 * limit, 1.1 * limit], True: [0.94 * limit, 1.1 * limit]}, time < 3.0
-    assert always(d, 0, limited, tried, earlier) is None
+
+    def before():
+        rest = {name: getattr(d, name)[earlier] for name in ("arrived", "gravity", "measured")}
+        return SimpleNamespace(**rest, starts=np.array([0]), period=PERIOD)
+
+    assert always(before(), 0, limited, tried) is None
     changed = d.measured + lost(d, 0, limited, limit, apart)[:, None]
     d.measured, unchanged = np.where(earlier[:, None], changed, d.measured), d.measured
-    assert always(d, 0, limited, tried, earlier) == (pytest.approx(limit, rel=3e-3), apart)
+    assert always(before(), 0, limited, tried) == (pytest.approx(limit, rel=3e-3), apart)
     d.measured = np.where(earlier[:, None], unchanged, changed)  # a limit that is new is not one that was there
-    assert always(d, 0, limited, tried, earlier) is None
+    assert always(before(), 0, limited, tried) is None
 
 
 @settings(max_examples=20, deadline=None)

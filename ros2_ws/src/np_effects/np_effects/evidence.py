@@ -6,7 +6,7 @@ The arm's model, its dynamics and the samples are the doctor's: here stands what
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Protocol
 
 import numpy as np
@@ -131,6 +131,16 @@ class Drive:
     late: float
     arrived: np.ndarray
     is_replayed: bool = True
+
+    def only(self, rows: np.ndarray) -> Drive:
+        """These rows (n,) bool alone, which are whole stretches."""
+        if rows.all():
+            return self
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        kept = {name: x[rows] for name, x in own.items() if isinstance(x, np.ndarray) and name != "starts"}
+        begins = np.zeros(len(rows), bool)
+        begins[self.starts] = True
+        return replace(self, **kept, starts=np.flatnonzero(begins[rows]))
 
 
 @dataclass(frozen=True, eq=False)

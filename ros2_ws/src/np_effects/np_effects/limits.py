@@ -39,15 +39,12 @@ def levels(asked: np.ndarray, given: np.ndarray) -> list[float]:
     return [*(level * float(np.abs(asked).max()) for level in LEVELS), *(share * often for share in REACHED)]
 
 
-def is_apart(
-    d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]], asked: np.ndarray | slice = slice(None)
-) -> bool:
+def is_apart(d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]]) -> bool:
     """Whether gravity apart is the reading under which the best limit leaves less of what was measured.
 
     levels: where to begin, by reading. Between two of them the limit is looked for: how near one happens to be says nothing.
-    asked: rows (n,) bool in which there may be a limit (`Context.is_later`).
     """
-    left = _left(d, joint, limited, asked)
+    left = _left(d, joint, limited)
     best = _of_levels(left, levels)
     if min(best.values())[0] > (1 - ACTS) * left(np.inf, False):
         return False  # nothing is limited
@@ -55,36 +52,33 @@ def is_apart(
     return best[True] < best[False]
 
 
-def always(
-    d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]], earlier: np.ndarray
-) -> tuple[float, bool] | None:
-    """The limit that a joint's drive had in the rows `earlier` (n,) bool, and whether it is of the command without gravity;
-    None where nothing was limited there.
+def always(d: Drive, joint: int, limited: Limited, levels: dict[bool, Sequence[float]]) -> tuple[float, bool] | None:
+    """The limit that a joint's drive had, and whether it is of the command without gravity; None where nothing was limited.
 
     Whether it was there is asked of the rows in which the limit would act, which may be few: in those it must leave
     less than half of the squares that there are. levels: where to begin, by reading.
     """
-    left = _left(d, joint, limited, earlier)
+    left = _left(d, joint, limited)
     best = _of_levels(left, levels)
     if min(best.values())[0] >= left(np.inf, False):
         return None  # a limit above the one that is there would say a part of it
     (_, limit), apart = min((_nearest(left, found, apart, FINE), apart) for apart, found in best.items())
     column = lost(d, joint, limited, limit, apart)
-    acts = earlier & (column != 0)
+    acts = column != 0
     residual = (d.measured - d.arrived)[acts, joint]
     is_there = np.square(residual - column[acts]).sum() < ALWAYS * np.square(residual).sum()
     return (limit, apart) if is_there else None
 
 
 Left = Callable[[float, bool], float]
-"""Squares Nm^2 of what was measured that a limit leaves in some rows, in one of the readings."""
+"""Squares Nm^2 of what was measured that a limit leaves, in one of the readings."""
 
 
-def _left(d: Drive, joint: int, limited: Limited, rows: np.ndarray | slice) -> Left:
-    residual = (d.measured[:, joint] - d.arrived[:, joint])[rows]
+def _left(d: Drive, joint: int, limited: Limited) -> Left:
+    residual = d.measured[:, joint] - d.arrived[:, joint]
 
     def left(limit: float, apart: bool) -> float:
-        change = 0.0 if np.isinf(limit) else lost(d, joint, limited, limit, apart)[rows]
+        change = 0.0 if np.isinf(limit) else lost(d, joint, limited, limit, apart)
         return float(np.square(residual - change).sum())
 
     return left

@@ -43,6 +43,8 @@ _TURNING = (
     Parameter("late breakaway", "1", -2.0, 10.0, NUISANCES.late_breakaway_spread),
     Parameter("creep", "1", -2.0, 10.0, NUISANCES.late_breakaway_spread),
 )
+# An arm creeps on one day as on another.
+_TURNED = tuple(replace(p, lower=-p.upper, centre=0.0) for p in _TURNING)
 # Shares of the nominal friction by which it goes up and down with the joint's angle.
 _UNEVEN = tuple(
     Parameter(f"{wave} of friction, order {order}", "1", -0.5, 0.5, NUISANCES.uneven)
@@ -67,9 +69,10 @@ def parameters(context: Context, stage: Stage, joint: int) -> tuple[Parameter, .
         usual = _DRIFTED[stage] if context.reference else _DELAYED[stage]
         late = usual if context.drive is not None else _LOOSE
         whole = Parameter("inertia felt", "kg m^2", -1.0, 1.0, _attenuation(context, joint))
-        components = context.prediction.link_errors[joint].shape[1]
+        turning = _TURNED if context.reference else _TURNING
+        components = _links(context, joint).shape[1]
         links = (Parameter(f"links {n + 1}", "1", -MOST_ERRORS, MOST_ERRORS, 1.0) for n in range(components))
-        return (late, whole, *_TURNING, *_UNEVEN, *_LEVELS, *_constant(context), *links)
+        return (late, whole, *turning, *_UNEVEN, *_LEVELS, *_constant(context), *links)
     if stage is Stage.TRANSMISSION:
         return (
             Parameter("zero", "rad", -0.1, 0.1, NUISANCES.zero_spread),
@@ -82,10 +85,6 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
     """Columns (n, count) of the `parameters` of one stage of one joint."""
     c = context
     if stage is Stage.DYNAMICS:
-        # A joint turns what is beyond it: each link may be off by itself. (One factor for all of them
-        # would leave a part to torque_scale, which looks like it in a joint that no gravity loads.)
-        # They are the same in two recordings of an arm.
-        links = c.prediction.link_errors[joint] * (not c.reference)
         # After a reversal friction is late, and resists the acceleration less: it looks like less inertia.
         late = (
             c.arm.frictionloss[joint] * c.samples.filtered(joint, lambda q, v, x=reach: bent(q, x) - sign(v))
@@ -95,7 +94,7 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
         sliding = c.prediction.direction[:, joint], c.samples.velocity[:, joint]
         levels = (own * column for own, column in zip((c.arm.frictionloss[joint], c.arm.damping[joint]), sliding))
         constant = [] if c.constant is None else [c.constant[:, joint]]
-        return np.column_stack([*motion, *late, _uneven(c, joint), *levels, *constant, links])
+        return np.column_stack([*motion, *late, _uneven(c, joint), *levels, *constant, _links(c, joint)])
     if stage is Stage.TRANSMISSION:
         return np.column_stack([np.ones(len(c.transmission.time)), c.transmission.load[:, joint]])
     if stage is Stage.DRIVE:
@@ -104,6 +103,15 @@ def columns(context: Context, stage: Stage, joint: int) -> np.ndarray:
         step[c.drive.starts] = 0.0
         return -step[:, None] / c.drive.period
     return np.zeros((len(c.drive.time), 0))
+
+
+def _links(context: Context, joint: int) -> np.ndarray:
+    """Torques (n, c) Nm of what the links are off by; none between two recordings of an arm, which has the same links.
+
+    A joint turns what is beyond it: each link may be off by itself. (One factor for all of them would leave a part to
+    torque_scale, which looks like it in a joint that no gravity loads.)
+    """
+    return context.prediction.link_errors[joint][:, : 0 if context.reference else None]
 
 
 def _constant(context: Context) -> tuple[Parameter, ...]:

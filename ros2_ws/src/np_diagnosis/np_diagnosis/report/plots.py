@@ -12,6 +12,14 @@ from np_record.report.pages import style, svg
 
 WIDTH = 9.6
 RATE = 1 / (GRID * DECIMATION)  # samples a second
+PLACES = {
+    "left": 0.07,
+    "right": 0.99,
+    "bottom": 0.11,
+    "top": 0.94,
+    "wspace": 0.3,
+    "hspace": 0.45,
+}  # of panels, as shares
 BEFORE, AFTER, FLOOR = "#b0b7c3", "#1f5fa8", "#2f8f3a"
 
 
@@ -45,9 +53,9 @@ def velocity_plot(diagnosis: Diagnosis) -> str:
 def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: float) -> str:
     samples = diagnosis.context.samples
     with style():
-        figure = Figure(figsize=(WIDTH, 4.4), dpi=200, layout="constrained")
+        figure = Figure(figsize=(WIDTH, 4.4), dpi=200)
         columns = (len(diagnosis.context.arm) + 2) // 2
-        panels = figure.subplots(2, columns).ravel()
+        panels = figure.subplots(2, columns, gridspec_kw=PLACES).ravel()
         stride = max(1, len(samples) // 1500)
         for n, cell in enumerate(diagnosis.design.cells):
             if cell.stage is not Stage.DYNAMICS or cell.at_reversal:

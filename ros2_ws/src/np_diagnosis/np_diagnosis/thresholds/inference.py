@@ -110,7 +110,7 @@ class Nuisances:
         "Fuller, Measurement Error Models, 1987",
     )
     link_torque: float = threshold(
-        3e-5, "of the torque limit", "RMS below which a component of the links' errors is not seen", NUMERICS
+        1.5e-5, "of the torque limit", "RMS below which a component of the links' errors is not seen", DEVELOPMENT
     )
     gear_yield: float = threshold(1e-5, "rad/Nm", "yield of the stiffest gears", "no gear is stiffer than 1e5 Nm/rad")
 

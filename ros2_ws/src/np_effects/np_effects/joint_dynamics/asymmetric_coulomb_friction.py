@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
+
 from np_effects.behaviour import Resistance, Values, direction
 from np_effects.evidence import Context
 from np_effects.panda_changes import added
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import Parameter, Shape, Signature, stack
 from np_effects.stage import Stage
-from np_effects.sums import bent, sign
+from np_effects.sums import bent
 
 POSITIVE, NEGATIVE = Quantity("level_positive", "Nm", -4.0, 4.0), Quantity("level_negative", "Nm", -4.0, 4.0)
 REACH = Quantity("reach", "rad", 0.0, 0.05)  # half of the way on which it turns over; no simulated arm has it
@@ -31,12 +33,7 @@ def _at_once(lower: float) -> Signature:
     return Signature(
         "asymmetric_coulomb_friction",
         _levels(lower),
-        {
-            Stage.DYNAMICS: lambda c, j: stack(
-                c.samples.filtered(j, lambda q, v: (sign(v) + 1) / 2),
-                c.samples.filtered(j, lambda q, v: (sign(v) - 1) / 2),
-            )
-        },
+        {Stage.DYNAMICS: lambda c, j: stack(*_ways(c.prediction.direction[:, j]))},
         "Gaz et al., RA-L 2019",
     )
 
@@ -47,17 +44,21 @@ def _late(reach: float, lower: float) -> Signature:
     return Signature(
         "asymmetric_coulomb_friction",
         (*_levels(lower), _TAKEN_ALONG),
-        {
-            Stage.DYNAMICS: lambda c, j: stack(
-                c.samples.filtered(j, lambda q, v: (bent(q, reach) + 1) / 2),
-                c.samples.filtered(j, lambda q, v: (bent(q, reach) - 1) / 2),
-                c.arm.frictionloss[j] * c.samples.filtered(j, lambda q, v: bent(q, reach) - sign(v)),
-            )
-        },
+        {Stage.DYNAMICS: partial(_bristles, reach=reach)},
         "Prandtl 1928: a bristle that bends, then slides",
         f"turns over within {1e3 * reach:.3g} mrad",
         Shape(REACH.name, "rad", reach, partial(_late, lower=lower), upper=MOST),
     )
+
+
+def _ways(turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shares (n,) of the level forwards and of that backwards, of how far friction has turned over (n,), -1 to 1."""
+    return (turned + 1) / 2, (turned - 1) / 2
+
+
+def _bristles(c: Context, j: int, reach: float) -> np.ndarray:
+    turned = c.samples.filtered(j, lambda q, v: bent(q, reach))
+    return stack(*_ways(turned), c.arm.frictionloss[j] * (turned - c.prediction.direction[:, j]))
 
 
 def _signatures(context: Context) -> list[Signature]:

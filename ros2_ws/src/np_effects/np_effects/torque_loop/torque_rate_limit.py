@@ -78,9 +78,10 @@ def _signatures(context: Context) -> list[Signature]:
     if context.drive is None:
         return []
     found, later = [], context.is_later(context.drive.trajectory)
+    drive = context.drive.only(later)
     for j in range(len(context.arm)):
         tried = {apart: _levels(context, j, apart, later) for apart in (False, True)}
-        apart = is_apart(context.drive, j, ramped, tried, later)
+        apart = is_apart(drive, j, ramped, tried)
         found += [_signature(level, j, apart) for level in tried[apart]]
     return found
 
@@ -89,9 +90,10 @@ def _always(context: Context) -> list[Signature]:
     if context.drive is None:
         return []
     found, earlier = [], ~context.is_later(context.drive.trajectory)
+    drive = context.drive.only(earlier)
     for j in range(len(context.arm)):
         tried = {apart: _levels(context, j, apart, earlier) for apart in (False, True)}
-        shown = always(context.drive, j, ramped, tried, earlier)
+        shown = always(drive, j, ramped, tried)
         found += [_signature(shown[0], j, shown[1])] if shown else []
     return found
 
