@@ -174,6 +174,17 @@ def test_an_object_at_the_edge_of_its_room_is_first_pushed_to_where_more_sides_h
     assert plan.name == "push_10" and len(sides_with_room(room, lain.moved(travel), SLOW)) > before
 
 
+def test_a_tip_that_has_tapped_draws_back_at_once_and_one_that_has_pushed_rests():
+    """Else it comes to rest no sooner than the object, and holds it: where that lies then says nothing."""
+
+    def rests(family):
+        plan = next(plans for plans in touched(0.0, [family]) if plans[-1].name == f"{family}_1")[-1]
+        away = np.linalg.norm([tip_of(q)[:2] - tip_of(plan.positions[0])[:2] for q in plan.positions], axis=1)
+        return float(np.diff(plan.times[away > away.max() - 5e-4][[0, -1]])[0])
+
+    assert rests("tap") < 0.06 and rests("push") > 0.5
+
+
 def test_a_joint_that_rested_in_the_run_up_does_not_feign_a_force():
     """Its friction pushed one way at rest and pushes the other way once it turns."""
     rows, q = 40, np.tile(NOMINAL.ready, (40, 1))
@@ -331,6 +342,17 @@ def test_intervals_hold_where_forces_share_errors():
         for name, true in (("table", table * BELIEVED.table), ("mass", mass * BELIEVED.mass)):
             held[name] += found[name][1] <= true <= found[name][2]
     assert min(held.values()) >= 54
+
+
+def test_strokes_that_a_tip_of_their_proportion_would_have_led_say_that_it_hops():
+    """As MuJoCo's rough tip does: two weak strokes of one proportion, and stronger ones that go along too little."""
+    weak = [replace(one, follows=0.2) for one in slips(0.62, (1.0, 1.6))]
+    strong = [replace(one, force=0.5 * one.normal, follows=0.7) for one in slips(0.62, (3.7, 5.5))]
+    weight = BELIEVED.mass * 9.81
+    led = [replace(one, force=BELIEVED.table * (one.normal + weight), follows=0.95) for one in strong]
+    hops, true = (judge(readings() + weak + more, BELIEVED) for more in (strong, led))
+    assert "finger" not in hops.measured and not [n for n in hops.explained.named if n.effect == "gripper_friction"]
+    assert true.measured["finger"][0] == pytest.approx(0.62, rel=0.05)
 
 
 def test_a_scrape_says_what_the_fingertip_holds_at_least():

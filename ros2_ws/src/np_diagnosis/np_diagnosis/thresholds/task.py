@@ -67,6 +67,12 @@ class Forcing:
         "within which the log ratios of strokes that slip agree; a tip that hops has others",
         "seen in two engines",
     )
+    surely: float = threshold(
+        1.2,
+        "1",
+        "times the press from which on a tip of a coefficient leads the object, where it surely does",
+        "two engines, tips of 1.0 and .5",
+    )
     common: float = threshold(0.018, "N", "error that drags, or pushes one way, have in common", JUDGEMENT)
     law: tuple[float, float] = threshold(
         (-0.035, 0.035),

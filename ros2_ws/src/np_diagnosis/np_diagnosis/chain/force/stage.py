@@ -113,11 +113,21 @@ def _with_finger(
     finger, variance = 0.0, UNKNOWN**2
     if len(slips) > 1 and np.ptp(logs) < FORCE.proportion:
         own = np.array([np.hypot(r.deviation / r.force, r.normal_deviation / r.normal) for r in slips]) ** 2
-        finger = float(np.average(logs, weights=1 / own)) - np.log(believed.finger)
-        variance = float(1 / np.sum(1 / own)) + FORCE.proportion**2 / 4 / len(slips)
+        mean = float(np.average(logs, weights=1 / own))
+        if not _hops(every, np.exp(mean), *np.exp(value) * (believed.table, believed.mass)):
+            finger = mean - np.log(believed.finger)
+            variance = float(1 / np.sum(1 / own)) + FORCE.proportion**2 / 4 / len(slips)
     whole = np.zeros((3, 3))
     whole[:2, :2], whole[2, 2] = covariance, variance
     return np.append(value, finger), whole
+
+
+def _hops(every: Sequence[Reading], finger: float, table: float, mass: float) -> bool:
+    """Whether tips with coefficient `finger` are not what slips: pressed by more than an object of such a mass on such a table resists, they would
+    hold it and lead it along, and strokes by more do not."""
+    holds = table * mass * GRAVITY / max(finger - table, 1e-3)
+    lost = [r for r in every if r.kind == "drag" and r.normal > FORCE.surely * holds and r.follows < FORCE.follows]
+    return len(lost) > 1
 
 
 def _is_led(reading: Reading) -> bool:

@@ -22,6 +22,7 @@ BEHIND = 0.02  # m behind the middle, where a drag presses: a tall object would 
 HEADINGS = (np.array([1.0, 0.0]), np.array([-1.0, 0.0]), np.array([0.0, 1.0]), np.array([0.0, -1.0]))
 OVER = 0.015  # m over obstacles
 LEAVE = 0.012  # m by which the tip backs off
+BACK = 0.2  # m/s, at which it does so after a tap
 # m: a scrape leaves the object so far from its obstacle, backs off, and comes down its face from so far below its top, while it goes into
 # it: a tip that slides down holds the object down, where one that only presses would tip it over the obstacle.
 GAP, AWAY, BELOW, INTO, DOWN_SPEED = 0.006, 0.005, 0.015, 0.009, 0.012
@@ -106,9 +107,12 @@ def push(
     high, out = table + lain.height + CLEAR, last - ahead * LEAVE
     legs = [
         Leg(np.array([*begin, low]), FAST, rest=0.3),
-        Leg(np.array([*end, low]), how.speed, rest=0.6, stop=how.stop),
+        Leg(np.array([*end, low]), how.speed, rest=0.0 if how.slides else 0.6, stop=how.stop),
         *([Leg(np.array([*last, low]), QUICK[0], rest=0.6, ramp=QUICK[1], stop=QUICK[1])] if how.shove else []),
-        Leg(np.array([*out, low]), how.speed if how.slides == 0 else 0.05),
+        # A tip that only stops comes to rest no sooner than what it has tapped, and holds it: it draws back at once.
+        Leg(np.array([*out, low]), BACK, rest=0.6, ramp=how.stop, stop=how.stop)
+        if how.slides
+        else Leg(np.array([*out, low]), how.speed),
         Leg(np.array([*out, high]), FAST, rest=1.0),
     ]
     return segment(how.name, q, np.array([*begin, high]), legs, leading_yaw(ahead))
