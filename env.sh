@@ -14,6 +14,12 @@ if [ -n "${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-}" ]; then
 fi
 
 . "$_np_root/.venv/bin/activate"
+# Byte code that shall not lie beside its sources (many containers say so) lies in .venv: without any, every process of a
+# graph would compile all that it imports, which doubles its start.
+if [ -n "${PYTHONDONTWRITEBYTECODE:-}" ]; then
+    unset PYTHONDONTWRITEBYTECODE
+    export PYTHONPYCACHEPREFIX="${PYTHONPYCACHEPREFIX:-$VIRTUAL_ENV/byte_code}"
+fi
 case ":${AMENT_PREFIX_PATH:-}:" in
     *":$VIRTUAL_ENV:"*) ;;
     *) export AMENT_PREFIX_PATH="$VIRTUAL_ENV${AMENT_PREFIX_PATH:+:$AMENT_PREFIX_PATH}" ;;

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -52,20 +51,23 @@ def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(), path)
 
 
-def imports(path: Path) -> Iterator[str]:
+@cache
+def imports(path: Path) -> tuple[str, ...]:
     """The modules that a file imports, in functions as well; `from a import b` is a.b where that is a module of ours.
 
     Raises ValueError for an import relative to the file.
     """
+    found: list[str] = []
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             if node.level:
                 raise ValueError(f"{path}, line {node.lineno}: expected an absolute import")
             for alias in node.names:
                 inside = f"{node.module}.{alias.name}"
-                yield inside if inside in modules() else node.module
+                found.append(inside if inside in modules() else node.module)
+    return tuple(found)
 
 
 def packages_of(path: Path) -> set[str]:

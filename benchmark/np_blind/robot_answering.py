@@ -6,7 +6,7 @@ import json
 import shutil
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -18,8 +18,9 @@ import numpy as np
 
 from np_blind.robot_cases import DOMAINS, Robot
 from np_blind.robot_queue import DOCTOR, ENGINE, REHEARSAL, Queue, TimeOver
-from np_bringup.rehearsal.learning import Learning, warm
-from np_bringup.rehearsal.playing import Cell, play_all, succeeds, text_of
+from np_bringup.corrections import corrections
+from np_bringup.rehearsal.learning import Learning, carried, warm
+from np_bringup.rehearsal.playing import Cell, patch_of, play_all, succeeds, text_of
 from np_bringup.rehearsal.stages import KEPT, Rehearsal, rehearse
 from np_effects.patch import Patch, dump_patch, load_patch
 from np_record.command import Progress
@@ -28,6 +29,7 @@ from np_record.whole_file import write_whole
 SUITES = 2  # recordings of the task suite, in which the object lies elsewhere
 TASKS = 900  # seed of the tasks by which robots are judged
 GRACE = 20.0  # s after the end of the time for episodes that are being played
+ORACLES = ("all", "corrected", "none")  # of which robots the same is done with the true effects
 TOLD = ("cause", "costs", "kept", "corrected", "not_trained", "success", "lost")  # of a rehearsal, that a row has
 
 
@@ -59,15 +61,32 @@ class Turns:
 @dataclass(frozen=True)
 class Judging:
     """How robots are judged. seed: of the set; episodes, share_episodes: of every figure, and of every subset of the effects found; how:
-    training, None: all but that; oracle: whether the same is done with the true effects; out: folder; left: effects that are left to training, by id."""
+    training, None: all but that; oracle: one of ORACLES, `corrected` where it takes no training; out: folder; left: effects that are left to training,
+    by id."""
 
     out: Path
     seed: int
     episodes: int
     share_episodes: int
     how: Learning | None
-    oracle: bool = True
+    oracle: str = "all"
     left: tuple[str, ...] = ()
+
+    def asks_oracle(self, robot: Robot) -> bool:
+        """Whether the same is done with a robot's true effects."""
+        if self.oracle == "all" and self.how is not None:
+            return True
+        return self.oracle != "none" and not carried(corrections(robot.patch, self.left).remaining)[0].effects
+
+    def is_done(self, robot: Robot, row: Mapping) -> bool:
+        """Whether a row has all that is asked for: its weights may lie on another machine."""
+        if row.get("episodes") != self.episodes or row.get("error") or "adopted" not in row["engine"]:
+            return False
+        is_trained = (
+            row["engine"]["after"] is not None
+            or not carried(corrections(patch_of(row["found"]), self.left).remaining)[0].effects
+        )
+        return (is_trained or self.how is None) and ("oracle" in row["engine"] or not self.asks_oracle(robot))
 
 
 def nominal_success(domains: Sequence[str], judging: Judging, pool: Executor) -> dict[str, list[float]]:
@@ -111,6 +130,8 @@ def settle(robot: Robot, judging: Judging, nominal: Future, queue: Queue, turn: 
     file = judging.out / robot.folder / "row.json"
     file.parent.mkdir(parents=True, exist_ok=True)
     known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    if judging.is_done(robot, known):
+        return known
     row = known if known.get("episodes") == judging.episodes else {}
     row |= {"robot": robot.number, "domain": robot.domain, "truth": dump_patch(robot.patch)}
     row |= {"episodes": judging.episodes, "error": "the time was over"}
@@ -136,7 +157,7 @@ def _settle(row: dict, keep: Callable[[], None], robot: Robot, judging: Judging,
     begun = Event()  # from here on the oracle finds what both play
     with ThreadPoolExecutor(2) as beside:
         without = beside.submit(_without, robot, judging, queue.ranked(ENGINE))
-        oracle = beside.submit(_oracle, robot, judging, begun, queue, turn) if judging.oracle else None
+        oracle = beside.submit(_oracle, robot, judging, begun, queue, turn) if judging.asks_oracle(robot) else None
         try:
             patch, row["diagnosis"] = _diagnosed(robot, judging, queue.ranked(DOCTOR))
             row["found"] = dump_patch(patch)
@@ -256,6 +277,5 @@ def _oracle(robot: Robot, judging: Judging, begun: Event, queue: Queue, turn: Tu
     """Success in PhysX of what the same comes to with the true effects."""
     begun.wait()
     what = _rehearsal(robot, judging, judging.out / robot.folder / "oracle", queue)
-    return _after(rehearse(what, robot.patch, judging.how, queue.ranked(REHEARSAL), partial(turn, last=True)))[
-        "adopted"
-    ]
+    told = rehearse(what, robot.patch, judging.how, queue.ranked(ENGINE), partial(turn, last=True))
+    return _after(told)["adopted"]

@@ -10,6 +10,7 @@ from scipy.stats import spearmanr
 from np_bringup.rehearsal.shares import mean_and_interval
 from np_record.intervals import wilson_interval
 
+DRAWS = 1000  # of the bootstrap over effects
 LEAST_LOSS = 0.05  # of success, below which there is nothing to return
 
 
@@ -101,8 +102,14 @@ def _median(values: Sequence[float]) -> dict:
 
 
 def _rank(pairs: Sequence[tuple[float, float]]) -> dict:
-    enough = len(pairs) > 2 and all(len(set(side)) > 1 for side in zip(*pairs))
-    return {"value": float(spearmanr(*zip(*pairs)).statistic) if enough else None, "of": len(pairs)}
+    """Spearman's rank correlation, with its 95 % interval by the bootstrap over effects."""
+    both = np.array(pairs, float).reshape(-1, 2)
+    if len(both) <= 2 or not np.ptp(both, axis=0).all():
+        return {"value": None, "of": len(both)}
+    drawn = (both[rows] for rows in np.random.default_rng(0).integers(len(both), size=(DRAWS, len(both))))
+    found = [spearmanr(*some.T).statistic for some in drawn if np.ptp(some, axis=0).all()]
+    low, high = np.quantile(found, [0.025, 0.975])
+    return {"value": float(spearmanr(*both.T).statistic), "ci95": [float(low), float(high)], "of": len(both)}
 
 
 def pearson(predicted: Sequence[float], real: Sequence[float]) -> float | None:

@@ -5,7 +5,7 @@
 
 --prepare takes the weights of `data/policies.yaml` out of the history; where there is no history, its folder is enough. --set: the folder of
 `robot_set`, whose diagnoses are the patches. A cell is a file, and is not played again; --within ends a call in time, with the robots that are
-finished. The last line printed is one JSON object.
+finished, or all of them with fewer episodes. The last line printed is one JSON object.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from np_record.command import INTERRUPTED, interrupt_on_sigterm
 from np_record.workers import HELP, SINGLE_THREAD, workers
 
 POLICIES = Path(str(files("np_blind") / "data" / "policies.yaml"))
+ROUND = 10  # episodes of every cell before any cell has more
 SIDES = ("nominal", "patched", "patched_score", "engine")
 """What a cell's policy has: success by the two simulators, the patched one's mean score (`rehearsal.playing`), and success in PhysX."""
 
@@ -104,6 +105,11 @@ def cells_of(robots: Sequence[Robot], diagnoses: Path, policies: Path) -> dict[s
     return cells
 
 
+def rounds(episodes: int) -> list[int]:
+    """Episodes of every cell after each of the rounds in which the matrix is played."""
+    return [*range(ROUND, episodes, ROUND), episodes]
+
+
 def figures(table: Sequence[Mapping]) -> dict:
     """r over all cells, MMRV of the policies of a robot in the mean over robots, and the mean error, of both simulators, and of the scores in the
     patched one.
@@ -131,18 +137,20 @@ def play(options: argparse.Namespace) -> dict:
     until = time.time() + options.within
     with suppress(TimeOver), workers(options.jobs, options.cluster) as pool:
         queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, until)
-        play_all(cells, options.episodes, options.out, queue.ranked(ENGINE), "matrix")
-    kept = Kept(options.out, cells)
-    scores = {name: kept.of(name, options.episodes) for name in cells if not kept.missing(name, options.episodes)}
-    table = []
-    for robot in robots:
-        rows = [_row(robot, place, scores) for place in sorted((options.policies / robot.domain).iterdir())]
-        table += rows if all(rows) else []
+        for episodes in rounds(options.episodes):  # so that what there is when the time is over is of all robots
+            play_all(cells, episodes, options.out, queue.ranked(ENGINE), f"matrix, {episodes} episodes")
+    kept, table = Kept(options.out, cells), []
+    for episodes in reversed(rounds(options.episodes)):
+        scores = {name: kept.of(name, episodes) for name in cells if not kept.missing(name, episodes)}
+        own = [[_row(r, place, scores) for place in sorted((options.policies / r.domain).iterdir())] for r in robots]
+        whole = [row for rows in own if all(rows) for row in rows]
+        if len(whole) > len(table):
+            table, played = whole, episodes
     if not table:
         raise OSError(f"{options.set}: expected robots with a patch.yaml, and time to play them, got {len(robots)}")
     command = f"python -m np_blind.robot_matrix --key KEY --set SET --policies POLICIES --episodes {options.episodes}"
     date = datetime.now(UTC).strftime("%Y-%m-%d")
-    found = {"date": date, "command": command, "episodes": options.episodes, "figures": figures(table), "table": table}
+    found = {"date": date, "command": command, "episodes": played, "figures": figures(table), "table": table}
     results = options.out / "matrix" / "matrix.json"
     results.parent.mkdir(parents=True, exist_ok=True)
     results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

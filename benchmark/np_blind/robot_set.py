@@ -18,7 +18,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from np_blind.robot_answering import Judging, Turns, answered, is_diagnosed, settle_all
+from np_blind.robot_answering import ORACLES, Judging, Turns, answered, is_diagnosed, settle_all
 from np_blind.robot_cases import SET, make_key, read_key
 from np_blind.robot_figures import figures
 from np_blind.robot_queue import AT_ONCE, ENGINE, Queue, TimeOver
@@ -47,7 +47,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--share-episodes", type=int, default=50, help="of every subset of the effects found")
     parser.add_argument("--minutes", type=float, default=5.0, help="of training")
     parser.add_argument("--each-gpu", type=int, default=1, help="trainings at a time on a GPU")
-    parser.add_argument("--no-oracle", dest="oracle", action="store_false", help="no training with the true effects")
+    parser.add_argument(
+        "--oracle", choices=ORACLES, default="all", help="robots with which the same is done with the true effects"
+    )
     parser.add_argument(
         "--no-training",
         dest="train_on",
@@ -121,7 +123,7 @@ def judge(options: argparse.Namespace) -> dict:
         Learning(options.minutes, there[0] if there else None, options=tuple(options.train))
         if options.train_on
         else None,
-        options.oracle and options.train_on,
+        options.oracle,
         tuple(options.leave),
     )
     until = time.time() + options.within
@@ -160,7 +162,7 @@ def _command(options: argparse.Namespace) -> str:
     """What plays the same again."""
     said = f"python -m np_blind.robot_set --robots {options.robots} --seed {options.seed} --episodes {options.episodes}"
     said += f" --share-episodes {options.share_episodes} --minutes {options.minutes:g} --each-gpu {options.each_gpu}"
-    said += ("" if options.oracle else " --no-oracle") + f" --jobs {options.jobs}"
+    said += ("" if options.train_on else " --no-training") + f" --oracle {options.oracle} --jobs {options.jobs}"
     said += f" --leave {' '.join(options.leave)}" if options.leave else ""
     return said + (f" --train {' '.join(options.train)}" if options.train else "")
 

@@ -81,20 +81,24 @@ def _is_right(row: Mapping) -> bool:
 
 
 def _removed(moved: Sequence[Mapping]) -> dict:
-    """Held-out motion: share of what the true effects remove that a patch removes, of cases in which they remove enough to tell: errors of all
-    of them together, with an interval by the bootstrap over cases."""
+    """Held-out motion: share of what the true effects remove, by the patch and by everything at once."""
+    label = "held-out motion of the object: share of what the true effects remove"
+    found = {label: share_of_true(moved, "patch"), f"{label}, everything at once": share_of_true(moved, "at_once")}
+    return {name: share for name, share in found.items() if share}
+
+
+def share_of_true(moved: Sequence[Mapping], name: str) -> dict | None:
+    """value, ci95, of: share of the error of the motion that true effects remove that is gone with `name` too, of cases in which they remove enough
+    to tell; errors of all of them together, with an interval by the bootstrap over cases. None without such cases."""
     worth = [m for m in moved if m["believed"] - m["truth"] > MATTERS * m["believed"]]
     if not worth:
-        return {}
-    believed, truth = (np.array([m[name] for m in worth]) for name in ("believed", "truth"))
+        return None
+    believed, truth = (np.array([m[one] for m in worth]) for one in ("believed", "truth"))
     drawn = np.random.default_rng(0).integers(len(worth), size=(2000, len(worth)))
-    found = {}
-    for name, label in (("patch", ""), ("at_once", ", everything at once")):
-        gone = believed - np.array([m[name] for m in worth])
-        shares = gone[drawn].sum(axis=1) / (believed - truth)[drawn].sum(axis=1)
-        found[f"held-out motion of the object: share of what the true effects remove{label}"] = {
-            "value": float(gone.sum() / (believed - truth).sum()),
-            "ci95": np.quantile(shares, [0.025, 0.975]).tolist(),
-            "of": len(worth),
-        }
-    return found
+    gone = believed - np.array([m[name] for m in worth])
+    shares = gone[drawn].sum(axis=1) / (believed - truth)[drawn].sum(axis=1)
+    return {
+        "value": float(gone.sum() / (believed - truth).sum()),
+        "ci95": np.quantile(shares, [0.025, 0.975]).tolist(),
+        "of": len(worth),
+    }

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from np_control.controller import Controller
+from np_control.controller import Answer, Controller
+from np_control.impedance import damping
 from np_control.safety import LIMITS, SafetyFilter
 from np_description.camera import CAMERA
 from np_description.domains import Domain
@@ -19,7 +20,7 @@ from np_diagnosis.experiments.excitation import Segment, end_of, schedule
 from np_diagnosis.experiments.task.suite import Situation, task_suite
 from np_diagnosis.experiments.task.witness import OutOfPicture, Witness
 from np_diagnosis.recordings.reading import SECOND
-from np_diagnosis.recordings.signals import Log
+from np_diagnosis.recordings.signals import Commands, Log
 from np_effects.patch import Patch
 from np_effects.view_effects import ViewEffects
 from np_perception.seen_corners import SeenCorners
@@ -39,6 +40,8 @@ class _Kept:
     joints: list[np.ndarray] = field(default_factory=list)
     images: list[tuple[int, np.ndarray]] = field(default_factory=list)
     phases: list[tuple[int, str]] = field(default_factory=list)
+    answers: list[Answer] = field(default_factory=list)
+    gains: list[np.ndarray] = field(default_factory=list)
 
 
 class Reality:
@@ -100,6 +103,8 @@ class Reality:
                 self._controller.follow(plan[sent].trajectory, measured.stamp, plan[sent].gains)
                 sent += 1
             answer = self._controller.answer()
+            self._kept.answers.append(answer)
+            self._kept.gains.append(plan[max(sent - 1, 0)].gains)
             stamp = measured.stamp
             self._filter.offer(stamp, JOINT_NAMES, answer.position, answer.velocity, answer.torque, now=stamp)
             self._simulation.step(self._filter.apply(stamp, measured.position[:7], measured.velocity[:7]).torque)
@@ -124,8 +129,20 @@ class Reality:
         time = np.array(self._kept.stamps) / SECOND
         position, velocity, effort = np.array(self._kept.joints).transpose(1, 0, 2)
         phases = tuple((at / SECOND, PhaseState(EXCITE, experiment=name)) for at, name in self._kept.phases)
-        log = Log("task", time, position, velocity, effort, time - LIMITS.period / 2, False, phases=phases)
+        log = Log(
+            "task", time, position, velocity, effort, time - LIMITS.period / 2, False, self._commands(), phases=phases
+        )
         stamps, found = zip(*self._kept.images)
         seen, found = np.array(stamps) / SECOND, np.array(found)
         track = Track("task", seen - seen[0], found[..., :2], found[..., 2] > 0)
         return TaskRecording(log, track, float(seen[0]), self.domain, spans_of(log))
+
+    def _commands(self) -> Commands:
+        """Answers to all states but the last, as a recording of the graph has them."""
+        answers, (stiffness, ratio) = self._kept.answers, np.array(self._kept.gains).transpose(1, 0, 2)
+        target, velocity, torque = (
+            np.array([getattr(one, name) for one in answers]) for name in ("position", "velocity", "torque")
+        )
+        at = np.array([one.stamp for one in answers]) / SECOND
+        rows = np.searchsorted(np.array(self._kept.stamps) / SECOND, at)
+        return Commands(rows, target, velocity, torque, at + LIMITS.period / 2, stiffness, damping(stiffness, ratio))

@@ -7,6 +7,7 @@ analytic motion, and friction as an elastoplastic bristle in time, so that both 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -131,18 +132,25 @@ def record(
         torque[i] = rigid + bristle + truth.slow * bend
     torque += (NOMINAL.armature + truth.armature) * acceleration + (NOMINAL.damping + truth.viscous) * speed
     torque += truth.offset + truth.waviness * np.sin(5 * middle)
-    commands = _commands(time, q, dq, torque)
+    commands = _commands(time, q, dq, torque, _fed(duration, seed))
     torque = torque + truth.noise * WRIST * (0.5 * coloured(rng, torque.shape, 0.05) + rng.normal(size=torque.shape))
     return Log(name, time, q, dq, torque, time - PERIOD / 2, False, commands)
 
 
-def _commands(time, q, dq, torque) -> Commands:
+@cache
+def _fed(duration: float, seed: int) -> np.ndarray:
+    """Torque (n, 7) that the law feeds forward in this motion: the same whatever the arm is."""
+    time, dynamics = np.arange(int(duration / PERIOD)) * PERIOD, Dynamics()
+    q, dq, _ = motion(duration, seed)(time)
+    rate = np.gradient(dq, time, axis=0)
+    return np.array([dynamics.coriolis(*s) + dynamics.mass_matrix(s[0]) @ a for s, a in zip(zip(q, dq), rate)])
+
+
+def _commands(time, q, dq, torque, fed) -> Commands:
     """Targets for which the law, with the controller's own gains, asks for the torque of the next row."""
-    config, dynamics = ControllerConfig(), Dynamics()
+    config = ControllerConfig()
     kd = damping(config.stiffness, np.full(7, config.damping_ratio))
     asked = np.vstack([torque[1:], torque[-1:]])
-    rate = np.gradient(dq, time, axis=0)
-    fed = np.array([dynamics.coriolis(*s) + dynamics.mass_matrix(s[0]) @ a for s, a in zip(zip(q, dq), rate)])
     target = q + (asked - fed + kd * dq) / config.stiffness - kd / config.stiffness * dq
     stiffness = np.tile(config.stiffness, (len(time), 1))
     return Commands(np.arange(len(time)), target, dq, asked, time + PERIOD / 2, stiffness, np.tile(kd, (len(time), 1)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -57,6 +58,19 @@ def record(
     """Arrays of an .npz file: measured torque with gravity, or motor current; seed: of the motion; noise: of the sensors
     (silent: none); encoders:
     whether angles and speeds have noise too."""
+    time, q, dq, torque = (values.copy() for values in _moved(truth, duration, seed))
+    torque += (not silent) * NOISE * np.random.default_rng(noise).normal(size=torque.shape)
+    if encoders:
+        sensed = np.random.default_rng(noise + 1000)
+        q, dq = q + ANGLE_NOISE * sensed.normal(size=q.shape), dq + SPEED_NOISE * sensed.normal(size=q.shape)
+    rows = slice(None, None, RATE // rate)
+    measured = {"current_A": torque / PER_AMPERE} if current else {"tau_J_Nm": torque}
+    return {name: values[rows] for name, values in {"t_s": time, "q_rad": q, "dq_rad_s": dq, **measured}.items()}
+
+
+@cache
+def _moved(truth: Truth, duration: float, seed: int) -> tuple[np.ndarray, ...]:
+    """Time s, angles, speeds and torque (n, 6) without noise; the same motion is asked for at many rates."""
     arm = _built(truth.payload)
     level, damping = arm.dof_frictionloss.copy(), arm.dof_damping.copy().ravel()
     for values, changes in ((level, truth.friction), (damping, truth.damping)):
@@ -78,14 +92,7 @@ def record(
         bristle = np.clip(bristle + level / BREAKAWAY * (q[i] - before), -level, level)
         before = q[i]
         torque[i] = rigid + bristle
-    torque += arm.dof_armature * ddq + damping * dq
-    torque += (not silent) * NOISE * np.random.default_rng(noise).normal(size=torque.shape)
-    if encoders:
-        sensed = np.random.default_rng(noise + 1000)
-        q, dq = q + ANGLE_NOISE * sensed.normal(size=q.shape), dq + SPEED_NOISE * sensed.normal(size=q.shape)
-    rows = slice(None, None, RATE // rate)
-    measured = {"current_A": torque / PER_AMPERE} if current else {"tau_J_Nm": torque}
-    return {name: values[rows] for name, values in {"t_s": time, "q_rad": q, "dq_rad_s": dq, **measured}.items()}
+    return time, q, dq, torque + (arm.dof_armature * ddq + damping * dq)
 
 
 def _built(payload: float) -> mujoco.MjModel:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from np_blind import task_cma, task_set
+from np_blind import task_set
 from np_blind.task_answering import answered, settle_all
 from np_blind.task_cases import draw
 from np_description.domains import BUMP
@@ -92,25 +92,6 @@ def test_a_case_is_made_and_answered_in_a_process_of_its_own(tmp_path):
     found = json.loads(done.stdout.splitlines()[-1])
     assert found["cases"] == 1 and found["errors"]["value"] == 0 and found["95 % intervals that hold"]["of"] >= 3
     assert (tmp_path / "case_000/answer.json").exists()
-
-
-def test_cma_is_named_by_limits_and_scored_as_the_doctor_is():
-    x = [0.0, 2.0, 0.1, 1.0, 0.0, 9.0, -0.5]
-    assert task_cma.named(x) == ["camera_extrinsics", "camera_latency", "object_mass", "table_height"]
-    given = {one.effect: dict(one.parameters) for one in task_cma.patch_of(x).effects}
-    assert given["object_mass"] == {"relative": pytest.approx(0.4)}
-    assert given["camera_extrinsics"]["y"] == 0.03 and given["camera_latency"] == {
-        "delay": 0.0
-    }  # within what is searched
-    moved = {"windows": 9, "believed": 2.0, "cma": 1.5, "truth": 1.0}
-    rows = [
-        {"kind": "clean", "gap": {}, "named": ["table_height"], "motion": {**moved, "cma": 2.2}},
-        {"kind": "single", "gap": {"object_mass": {}}, "named": ["object_mass"], "motion": moved},
-        {"kind": "single", "gap": {"table_height": {}}, "error": "it came apart"},
-    ]
-    told = {name: one["value"] for name, one in task_cma.figures(rows).items()}
-    assert told["right effects, singles"] == told["false alarm, clean"] == 1.0 and told["errors"] == 1 / 3
-    assert told["does harm to held-out motion"] == told["held-out motion: share of what the true effects remove"] == 0.5
 
 
 def test_a_case_has_what_intervals_are_made_for_and_weighs_what_it_weighs():

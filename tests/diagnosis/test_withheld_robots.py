@@ -1,7 +1,12 @@
 """The loop around withheld robots, with stand-ins for PhysX, for what is recorded and for training."""
 
+import json
+import shutil
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -136,13 +141,43 @@ def test_without_training_a_row_says_what_corrections_bring_back(tmp_path, monke
     from np_blind import robot_answering
 
     robots = stand_ins(monkeypatch, None)  # would raise
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, None, oracle=False)
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, None, oracle="none")
     assert not robot_answering.is_diagnosed(tmp_path, robots[0])
     (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
     assert robot_answering.is_diagnosed(tmp_path, robots[0]) and "error" not in row
     assert row["kept"] == "corrected" and row["corrected"] == ["coulomb_friction at panda_joint4"]
     assert [sum(row["engine"][name]) for name in ("before", "corrected", "adopted")] == [6, 8, 8]
     assert row["engine"]["after"] is None
+
+
+def test_a_row_that_has_all_is_not_asked_for_again_without_its_weights(tmp_path, monkeypatch):
+    from np_blind import robot_answering
+
+    robots = stand_ins(monkeypatch, lambda *given: {**WEIGHTS, "device": "cpu", "train": {"wall_s": 1.0}})
+    settle = partial(robot_answering.settle_all, robots, queue=Queue(Here(), 1), turn=robot_answering.Turns([]))
+    untrained = settle(judging=robot_answering.Judging(tmp_path, 1, 10, 10, None, "none"))
+    assert untrained[0]["engine"]["after"] is None
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), "none")
+    trained = settle(judging=judging)
+    assert trained[0]["engine"]["after"] is not None  # which the row did not have
+    stand_ins(monkeypatch, None)  # would raise
+    shutil.rmtree(tmp_path / "robot_00" / "episodes")
+    assert settle(judging=judging) == trained
+
+
+def test_where_corrections_are_all_the_oracle_takes_no_training(tmp_path, monkeypatch):
+    from np_blind import robot_answering
+    from np_blind.robot_cases import Robot
+
+    both = stand_ins(monkeypatch, None)  # would raise
+    robots = [Robot(0, "wall", (FRICTION,), 0.3, 32)]
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, None)
+    assert judging.asks_oracle(robots[0]) and not judging.asks_oracle(both[0])
+    assert not replace(judging, left=("coulomb_friction",)).asks_oracle(robots[0])
+    assert not replace(judging, oracle="none").asks_oracle(robots[0])
+    assert replace(judging, how=Learning(1.0)).asks_oracle(both[0])
+    (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+    assert "error" not in row and row["engine"]["oracle"] == row["engine"]["corrected"]
 
 
 def test_no_stage_is_begun_when_the_time_is_over(tmp_path, monkeypatch):
@@ -176,6 +211,37 @@ def test_policies_of_a_matrix_are_ranked_within_a_robot():
     found = figures(table)
     assert found["patched"] == pytest.approx({"r": 1.0, "mmrv": 0.0, "mean_absolute_error": 0.0})
     assert found["nominal"]["mmrv"] == pytest.approx(0.1) and found["cells"] == 4
+
+
+def test_a_matrix_that_is_broken_off_has_all_robots_with_fewer_episodes(tmp_path, monkeypatch):
+    from np_blind import robot_matrix
+    from np_blind.robot_cases import Robot, make_key
+
+    key, policies = tmp_path / "key.json", tmp_path / "policies"
+    key.write_text(make_key([Robot(n, "wall", BOTH.effects, 0.3, 32) for n in (0, 1)], 1))
+    for name in ("one", "other"):
+        (policies / "wall" / name).mkdir(parents=True)
+    for number in (0, 1):
+        (tmp_path / f"robot_0{number}").mkdir()
+        (tmp_path / f"robot_0{number}" / "patch.yaml").write_text(text_of(BOTH))
+    asked = []
+
+    def play_all(cells, episodes, folder, pool, what):
+        asked.append(episodes)
+        kept = playing.Kept(folder, cells)
+        for name in list(cells)[: 3 if len(asked) == 3 else None]:  # the time is over in the third round
+            kept.add(name, range(episodes), [float(n % 3 < 2) for n in range(episodes)])
+        if len(asked) == 3:
+            raise TimeOver
+
+    monkeypatch.setattr(robot_matrix, "play_all", play_all)
+    monkeypatch.setattr(robot_matrix, "workers", lambda *given: nullcontext(Here()))
+    given = ["--key", key, "--set", tmp_path, "--policies", policies, "--episodes", 25, "--out", tmp_path / "out"]
+    options = robot_matrix.parse([str(one) for one in given])
+    told = robot_matrix.play(options)
+    assert asked == [10, 20, 25] and told["robots"] == 2 and told["cells"] == 4
+    found = json.loads((tmp_path / "out" / "matrix" / "matrix.json").read_text())
+    assert found["episodes"] == 20 and {row["engine"] for row in found["table"]} == {14 / 20}
 
 
 def test_who_may_be_last_lets_others_go_first():
@@ -289,7 +355,7 @@ def test_where_training_dies_the_row_has_what_is_known(tmp_path, monkeypatch):
         raise OSError("np_training.train ended with status 1: out of memory")
 
     robots = stand_ins(monkeypatch, learn)
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle=False)
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle="none")
     (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
     assert "out of memory" in row["error"] and row["cause"] == "coulomb_friction at panda_joint4"
     assert row["success"]["patched"]["value"] == 0.6 and sum(row["engine"]["before"]) == 6
@@ -307,7 +373,7 @@ def test_a_training_that_would_not_end_in_time_is_not_begun(tmp_path, monkeypatc
     from np_blind import robot_answering
 
     robots = stand_ins(monkeypatch, None)  # would raise
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle=False)
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle="none")
     queue = Queue(Here(), 1, until=time.time() + 60)
     (row,) = robot_answering.settle_all(robots, judging, queue, robot_answering.Turns([]))
     assert row["error"] == "the time was over" and row["cause"] and row["engine"]["before"]
@@ -326,7 +392,7 @@ def test_an_interrupted_loop_ends_what_is_under_way(tmp_path, monkeypatch):
         raise OSError("ended")
 
     robots = stand_ins(monkeypatch, learn)
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle=False)
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle="none")
 
     def interrupted(futures, timeout):
         training.wait(10)

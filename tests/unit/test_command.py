@@ -59,6 +59,19 @@ def test_the_environment_before_set_up_says_what_to_do(tmp_path):
     assert done.stdout == "1\n" and done.stderr.count("\n") == 1 and "run `make setup` there first" in done.stderr
 
 
+@pytest.mark.parametrize("asked, kept", [("1", "byte_code"), ("", "")])
+def test_byte_code_that_shall_not_lie_beside_the_sources_lies_in_the_environment(tmp_path, asked, kept):
+    shutil.copy(ROOT / "env.sh", tmp_path)
+    (tmp_path / ".venv/bin").mkdir(parents=True)
+    (tmp_path / ".venv/bin/activate").write_text(f"VIRTUAL_ENV={tmp_path}/.venv\n")
+    (tmp_path / "imported.py").write_text("")
+    alone = {name: value for name, value in os.environ.items() if name != "PYTHONPYCACHEPREFIX"}
+    command = f". ./env.sh; {sys.executable} -c 'import imported'"
+    subprocess.run(["bash", "-c", command], cwd=tmp_path, check=True, env={**alone, "PYTHONDONTWRITEBYTECODE": asked})
+    (written,) = tmp_path.rglob("imported.*.pyc")
+    assert written.is_relative_to(tmp_path / ".venv" / kept if kept else tmp_path / "__pycache__")
+
+
 def test_a_folder_that_cannot_be_made_is_named(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     out = tmp_path / "file" / "demo"

@@ -75,13 +75,11 @@ def test_a_drive_follows_no_faster_than_its_rate(commands, rate):
     assert (np.abs(np.diff(given_)) <= rate * PERIOD + 1e-9).all()
     # It goes towards what is asked for, as fast as it may, and then stays: of a period the mean.
     torque, fine = commands[0, at], 200
+    share = np.arange(fine + 1) / fine
     for now, asked in zip(given_, commands[:, at]):
-        path = []
-        for _ in range(fine):
-            step = rate * PERIOD / fine
-            before, torque = torque, torque + np.clip(asked - torque, -step, step)
-            path.append(0.5 * (before + torque))
-        assert now == pytest.approx(np.mean(path), abs=rate * PERIOD / fine)
+        path = torque + np.clip(asked - torque, -rate * PERIOD * share, rate * PERIOD * share)
+        torque = path[-1]
+        assert now == pytest.approx(np.trapezoid(path, share), abs=rate * PERIOD / fine)
 
 
 @given(torques, st.floats(-0.3, 0.3), st.floats(-2, 2))

@@ -12,7 +12,7 @@ from np_description.domains import DOMAINS, Pose, resting_pose
 from np_description.objects.choice import domain_with, place_in
 from np_description.objects.spec import Contents
 from np_description.objects.table import ROWS, rows_of
-from np_description.panda import BASE_FRAME, NOMINAL
+from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion
 from np_physx_bridge.engine import PhysxEngine
 from np_physx_bridge.library import missing, sapien
@@ -192,8 +192,8 @@ def test_a_row_weighs_and_rubs_in_the_second_engine_as_it_says(spec):
     np.testing.assert_allclose(centre - engine.object_pose().position, spec.centre_of_mass, atol=1e-6)
     np.testing.assert_allclose(inertia, np.diag(spec.moments), atol=1e-3 * max(spec.moments))
     table = Translator(sapien(), engine.model, engine._contact).surroundings().components[0]
-    links, finger = engine.articulation.get_links(), engine.model.body("panda_finger1").id
-    tip = links[finger - engine.model.body(BASE_FRAME).id].get_collision_shapes()[-1]
+    (pad,) = (link for link in engine.articulation.get_links() if link.joint.name == "panda_finger1_tip")
+    tip = pad.get_collision_shapes()[-1]
     touching = [shape for body in bodies for shape in body.get_collision_shapes()]
     outermost = np.max([np.abs((body.entity.pose * shape.get_local_pose()).p - engine.object_pose().position)
                         + (shape.half_size if hasattr(shape, "half_size") else shape.radius)

@@ -1,28 +1,40 @@
 """Episodes without a graph: what the nodes call, in one process."""
 
+from functools import partial
+
 import numpy as np
+import pytest
 
 from np_bringup.images_seen import DetectorEyes
 from np_bringup.one_process import Eyes, OneProcess
 from np_description.domains import WALL, Pose
 from np_effects.patch import Patch, PatchEffect
 from np_policy.action import PolicyError
+from np_policy.episode import EpisodeConfig
 from np_policy.planning import PlanningError
 from np_sim_bridge.simulation import Simulation
 
 LATE = Patch((PatchEffect("camera_latency", "camera", {"delay": 0.3}),))
 
 
-def test_an_episode_succeeds_and_is_the_same_again():
-    first, again = (OneProcess(WALL, "mujoco", seed=3).play(0) for _ in range(2))
+@pytest.fixture(scope="module")
+def first():
+    """An episode as it should be."""
+    return OneProcess(WALL, "mujoco", seed=3).play(0)
+
+
+def test_an_episode_succeeds_and_is_the_same_again(first):
+    again = OneProcess(WALL, "mujoco", seed=3).play(0)
     assert first.success and first.declared == "succeeded" and first.contacts == 1 and 3 < first.duration < 20
     assert (first.distance, first.angle, first.duration) == (again.distance, again.angle, again.duration)
 
 
-def test_a_patch_changes_an_episode():
+def test_a_patch_changes_an_episode(first, monkeypatch):
     weak = Patch((PatchEffect("gripper_friction", "contact", {"relative": -0.85}),))
-    first, weaker = (OneProcess(WALL, "mujoco", seed=3, patch=patch).play(0) for patch in (Patch(), weak))
-    assert first.success and not weaker.success
+    short = partial(EpisodeConfig, post_timeout=2 * first.duration)
+    monkeypatch.setattr("np_bringup.one_process.EpisodeConfig", short)
+    weaker = OneProcess(WALL, "mujoco", seed=3, patch=weak).play(0)
+    assert first.success and not weaker.success and weaker.reason == "post: timeout"
 
 
 def test_a_plan_that_is_refused_ends_the_episode_in_words(monkeypatch):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from np_blind.scoring import Score
 from np_blind.tables import failures_table, figures_table
-from pages.markdown import table
+from pages.markdown import rate, table
 
+EVERY = "all together"
 # Of a sealed set; a set of changes has neither strangers nor a held-out gap, but its false alarms are half of the question.
 HEADLINE = (
     ("module", "module_accuracy"),
@@ -27,6 +28,57 @@ def sealed(data: Mapping) -> tuple[str, str]:
     if "doctor_sha256" in figures:
         body += f"\nKey `{figures['key_sha256']}`, doctor `{figures['doctor_sha256']}` (SHA-256).\n"
     return headline, body
+
+
+def regression(data: Mapping) -> tuple[str, str]:
+    """Headline and body of sealed sets that another doctor has answered again."""
+    every = [row for one in data["sets"] for row in one["figures"]]
+    worse = [row for row in every if row["is_worse"]]
+    headline = (
+        f"{sum(len(one['cases']) for one in data['sets'])} cases again, {len(worse)} of {len(every)} figures worse"
+    )
+    header = ("set", "figure", "answers", "then", "now", "difference", "right only now", "right only then", "")
+    groups = [(f"{one['set']} {one['seed']}", one["figures"]) for one in data["sets"]]
+    rows = [
+        (
+            name,
+            row["says"],
+            " and ".join(map(str, sorted(set(row["answers"]), key=row["answers"].index))),
+            rate(row["former"], row["former_ci95"]),
+            f"{row['now']:.3f}",
+            "{:+.3f} ({:+.3f} to {:+.3f})".format(row["difference"], *row["difference_ci95"]),
+            _cases(row["gained"]) if name != EVERY else len(row["gained"]),
+            _cases(row["lost"]) if name != EVERY else len(row["lost"]),
+            "worse" if row["is_worse"] else "",
+        )
+        for name, figures in (*groups, (EVERY, data["together"]))
+        for row in figures
+    ]
+    sets = [
+        (
+            name,
+            len(one["cases"]),
+            *(value and f"{value:.3f}" for value in one["share_of_true_faults"]),
+            *one["errors"],
+            *(doctor and f"`{doctor[:12]}`" for doctor in one["doctors"]),
+        )
+        for (name, _), one in zip(groups, data["sets"])
+    ]
+    about = (
+        "set",
+        "cases",
+        "share of what the true faults remove, then",
+        "now",
+        "errors then",
+        "now",
+        "doctor then",
+        "now",
+    )
+    return headline, table(header, rows) + "\n" + table(about, sets)
+
+
+def _cases(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers))
 
 
 def clean_arm(data: Mapping) -> tuple[str, str]:

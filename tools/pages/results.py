@@ -32,6 +32,7 @@ KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = 
     ("detector_by_row", "", "detector", perception.by_row),
     ("detector_", "", "detector", perception.detector),
     ("calibration", "", "calibration", perception.calibration),
+    ("blind_regression", "", "blind set", doctor.regression),
     ("blind_", "", "blind set", doctor.sealed),
     ("doctor_", "", "doctor", doctor.clean_arm),
     ("chain_clock", "", "doctor", chain.clock),

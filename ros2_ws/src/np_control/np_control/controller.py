@@ -263,7 +263,7 @@ class Controller:
             return True
         # Twice the speed limit is beyond what an arm does before its own brakes end it.
         reach = 2 * self.limits.velocity * gap * 1e-9 + 1e-3
-        return bool((np.abs(state.q - last.q) > reach).any())
+        return np.count_nonzero(np.abs(state.q - last.q) > reach) > 0
 
     def _begin_at(self, q: np.ndarray) -> None:
         self._states.clear()

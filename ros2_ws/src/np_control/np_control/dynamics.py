@@ -41,6 +41,9 @@ def build_model(panda: PandaModel = NOMINAL, finger_opening: float = 0.0) -> pin
     return model
 
 
+_LOWER = np.tril_indices(7, -1)
+
+
 class Dynamics:
     """Dynamics at one state at a time; q (7,) rad, dq (7,) rad/s. Not for use by several threads."""
 
@@ -61,8 +64,9 @@ class Dynamics:
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Inertia (7, 7) kg m^2, rotors included."""
-        upper = np.triu(pin.crba(self._model, self._data, q))  # Pinocchio guarantees the upper half only
-        return upper + np.triu(upper, 1).T
+        inertia = pin.crba(self._model, self._data, q).copy()
+        inertia[_LOWER] = inertia.T[_LOWER]  # Pinocchio guarantees the upper half only
+        return inertia
 
     def feedforward(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torque (7,) Nm for the acceleration ddq (7,) rad/s^2, without gravity: M(q) ddq + C(q, dq) dq."""

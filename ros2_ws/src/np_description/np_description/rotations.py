@@ -7,6 +7,8 @@ ROS puts the scalar last, and `wxyz_from_xyzw` / `xyzw_from_wxyz` are the only p
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 
@@ -17,6 +19,11 @@ def namespace(array):
 
         return torch
     return np
+
+
+def _is_one(array) -> bool:
+    """Whether it is a single row of doubles, whose numbers are dealt with in a tenth of the time as such, with the same result."""
+    return isinstance(array, np.ndarray) and array.ndim == 1 and array.dtype == np.float64
 
 
 def wxyz_from_xyzw(quaternion):
@@ -54,7 +61,7 @@ def matrix_from_quaternion(quaternion):
     """Rotation matrices (..., 3, 3) of quaternions (..., 4), which are normalised first."""
     xp = namespace(quaternion)
     unit = quaternion / xp.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True))
-    w, x, y, z = (unit[..., i] for i in range(4))
+    w, x, y, z = unit.tolist() if _is_one(unit) else (unit[..., i] for i in range(4))
     rows = [
         1 - 2 * (y * y + z * z),
         2 * (x * y - w * z),
@@ -66,6 +73,8 @@ def matrix_from_quaternion(quaternion):
         2 * (y * z + w * x),
         1 - 2 * (x * x + y * y),
     ]
+    if _is_one(unit):
+        return np.array(rows).reshape(3, 3)
     return xp.stack(rows, axis=-1).reshape(quaternion.shape[:-1] + (3, 3))
 
 
@@ -75,9 +84,10 @@ def quaternion_from_matrix(matrix):
     Uses the outer product 4 q q^T, whose column with the largest diagonal is well conditioned for every rotation.
     """
     xp = namespace(matrix)
-    m = [[matrix[..., i, j] for j in range(3)] for i in range(3)]
-    one = xp.ones_like(m[0][0])
-    outer = xp.stack(
+    is_one = matrix.ndim == 2 and _is_one(matrix[0])
+    m = matrix.tolist() if is_one else [[matrix[..., i, j] for j in range(3)] for i in range(3)]
+    one = 1.0 if is_one else xp.ones_like(m[0][0])
+    outer = (np.array if is_one else partial(xp.stack, axis=-1))(
         [
             one + m[0][0] + m[1][1] + m[2][2],
             m[2][1] - m[1][2],
@@ -95,8 +105,7 @@ def quaternion_from_matrix(matrix):
             m[0][2] + m[2][0],
             m[1][2] + m[2][1],
             one - m[0][0] - m[1][1] + m[2][2],
-        ],
-        axis=-1,
+        ]
     ).reshape(matrix.shape[:-2] + (4, 4))
     diagonal = xp.stack([outer[..., i, i] for i in range(4)], axis=-1)
     largest = diagonal.argmax(axis=-1)

@@ -15,7 +15,7 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Box, Domain, Pose
 from np_description.keypoints import CORNERS, box_keypoints
-from np_description.rotations import matrix_from_vector, quaternion_from_matrix
+from np_description.rotations import cross, matrix_from_vector, quaternion_from_matrix
 
 FARTHEST = 3.0  # m; the camera is about 1 m from the workspace
 MIN_POINTS = 6
@@ -204,7 +204,7 @@ class _Fit:
 
     def rms(self, position, rotation) -> float:
         """Huber-weighted root mean square reprojection error px; infinite where there is none."""
-        residual, _ = self._linearise(position, rotation)
+        residual = self._residual(*self._seen(self.points @ rotation.T, position))
         weights = self._weights(residual)
         rms = float(np.sqrt(weights @ (residual**2).sum(axis=1) / weights.sum()))
         return rms if np.isfinite(rms) else np.inf
@@ -215,23 +215,29 @@ class _Fit:
 
     def _linearise(self, position, rotation) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (n, 2) px, measured minus predicted, and the Jacobian (2n, 6) of the prediction."""
-        view, eye = self._view
         arms = self.points @ rotation.T
-        x, y, z = ((arms + position - eye) @ view).T
-        z = np.where(np.abs(z) < 1e-3, 1e-3, z)
-        predicted = np.stack([self.camera.fx * x / z + self.camera.cx, self.camera.fy * y / z + self.camera.cy], axis=1)
-        zero = np.zeros_like(z)
-        of_optical = np.stack(
-            [
-                np.stack([self.camera.fx / z, zero, -self.camera.fx * x / z**2], axis=1),
-                np.stack([zero, self.camera.fy / z, -self.camera.fy * y / z**2], axis=1),
-            ],
-            axis=1,
-        )
-        of_point = of_optical @ view.T
+        x, y, z = self._seen(arms, position)
+        of_optical = np.zeros((len(z), 2, 3))
+        of_optical[:, 0, 0], of_optical[:, 0, 2] = self.camera.fx / z, -self.camera.fx * x / z**2
+        of_optical[:, 1, 1], of_optical[:, 1, 2] = self.camera.fy / z, -self.camera.fy * y / z**2
+        matrix = np.empty((len(z), 2, 6))
+        of_point = np.matmul(of_optical, self._view[0].T, out=matrix[..., :3])
         # A turn w of the object moves a corner by w x arm = -[arm]x w.
-        of_turn = np.cross(arms[:, None, :], of_point)
-        return self.pixels - predicted, np.concatenate([of_point, of_turn], axis=2).reshape(-1, 6)
+        matrix[..., 3:] = cross(arms[:, None, :], of_point)
+        return self._residual(x, y, z), matrix.reshape(-1, 6)
+
+    def _seen(self, arms, position) -> np.ndarray:
+        """Places (3, n) m, in the camera's frame, of points (n, 3) m about a position."""
+        view, eye = self._view
+        seen = ((arms + position - eye) @ view).T
+        seen[2, np.abs(seen[2]) < 1e-3] = 1e-3
+        return seen
+
+    def _residual(self, x, y, z) -> np.ndarray:
+        predicted = np.empty_like(self.pixels)
+        predicted[:, 0] = self.camera.fx * x / z + self.camera.cx
+        predicted[:, 1] = self.camera.fy * y / z + self.camera.cy
+        return self.pixels - predicted
 
 
 _FACES_DOWN = [

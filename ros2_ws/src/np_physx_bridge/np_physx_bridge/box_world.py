@@ -10,14 +10,13 @@ from np_description.rotations import matrix_from_quaternion
 from np_physx_bridge.library import sapien
 from np_physx_bridge.scene import (
     CONTACT_OFFSET,
-    PLANE_BIT,
-    POSITION_ITERATIONS,
+    OBJECT_ITERATIONS,
     SURFACING,
     VELOCITY_ITERATIONS,
     coefficient,
     scene,
-    stand_on_corners,
 )
+from np_physx_bridge.shapes import PLANE_BIT, stand_on_corners
 from np_sim_bridge.box_world import GRAVITY, STEP, TIP_RADIUS, BoxOnTable
 
 BOX, FINGER, TABLE = 1, 2, 4  # collision bits: the finger touches the box only
@@ -74,7 +73,7 @@ class PhysxBoxWorld:
         body.set_angular_damping(0.0)
         body.set_max_depenetration_velocity(SURFACING)
         body.set_sleep_threshold(0.0)
-        body.set_solver_position_iterations(POSITION_ITERATIONS)
+        body.set_solver_position_iterations(OBJECT_ITERATIONS)
         body.set_solver_velocity_iterations(VELOCITY_ITERATIONS)
 
     def _add(self, component, pose) -> None:

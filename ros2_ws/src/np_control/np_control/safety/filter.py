@@ -177,7 +177,7 @@ class SafetyFilter:
         limits = self.limits
         too_fast = np.abs(dq) > limits.velocity
         outside = (q < limits.position_lower) | (q > limits.position_upper)
-        if not (too_fast | outside).any():
+        if not np.count_nonzero(too_fast | outside):
             return
         for i in np.flatnonzero(too_fast):
             self.watchdog.fault(f"{limits.joints[i]}: {dq[i]:.2f} rad/s is over the limit of {limits.velocity[i]:.2f}")

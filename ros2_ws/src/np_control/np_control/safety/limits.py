@@ -7,7 +7,7 @@ the controller and the backend can both guard without disturbing each other.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -104,6 +104,16 @@ class SafetyLimits:
         return self.position_upper - self.wall_margin
 
     @cached_property
+    def command_lower(self) -> np.ndarray:
+        """Least position rad, velocity rad/s and torque Nm (3, 7) of a command."""
+        return np.stack([self.position_lower, -self.velocity, -self.torque])
+
+    @cached_property
+    def command_upper(self) -> np.ndarray:
+        """Greatest position rad, velocity rad/s and torque Nm (3, 7) of a command."""
+        return np.stack([self.position_upper, self.velocity, self.torque])
+
+    @cached_property
     def speed_slope(self) -> np.ndarray:
         """Torque (7,) Nms/rad allowed for each rad/s left to a velocity bound that is near."""
         return self.torque / self.cruise
@@ -143,6 +153,12 @@ def torque_bounds(limits: SafetyLimits, q: np.ndarray, dq: np.ndarray) -> tuple[
     return lower, np.maximum(lower, upper)
 
 
+@lru_cache(maxsize=2)
+def _bounds_at(limits: SafetyLimits, q: bytes, dq: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """`torque_bounds` of one arm, found once where controller and backend guard the same state in one process."""
+    return torque_bounds(limits, np.frombuffer(q), np.frombuffer(dq))
+
+
 def _torque_towards(limits: SafetyLimits, room: np.ndarray) -> np.ndarray:
     """Greatest torque (2, 7) Nm towards velocity bounds `room` (2, 7) rad/s away (negative: exceeded)."""
     retractable = np.sqrt(limits.retraction * np.maximum(room, 0.0))
@@ -170,15 +186,18 @@ def limit_torque(
     jump would trip the real robot. Raises Refusal(not_finite).
     """
     check_finite(torque=torque, q=q, dq=dq)
-    lower, upper = torque_bounds(limits, q, dq)
+    if q.ndim == 1:
+        lower, upper = _bounds_at(limits, np.asarray(q, float).tobytes(), np.asarray(dq, float).tobytes())
+    else:
+        lower, upper = torque_bounds(limits, q, dq)
     lawful = clamp_torque(limits, torque)
     guarded = np.minimum(np.maximum(lawful, lower), upper)
     step = limits.torque_rate * limits.period
     slewed = np.minimum(np.maximum(guarded, previous - step), previous + step)
-    if (slewed == torque).all():
+    if not np.count_nonzero(slewed != torque):
         return slewed, []
     stages = (("torque", torque, lawful), ("wall_or_speed", lawful, guarded), ("torque_rate", guarded, slewed))
-    return slewed, [name for name, before, after in stages if (before != after).any()]
+    return slewed, [name for name, before, after in stages if np.count_nonzero(before != after)]
 
 
 def limit_target(limits: SafetyLimits, position: np.ndarray) -> tuple[np.ndarray, bool]:

@@ -11,56 +11,39 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
-from rosgraph_msgs.msg import Clock as ClockMessage
-from sensor_msgs.msg import CameraInfo, Image, JointState
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
-from np_control.safety import Applied, Refusal, SafetyFilter, State
+from np_control.safety import Refusal, SafetyFilter, State
 from np_description.calibration import calibrated_camera
 from np_description.meshes import drawn_model
-from np_description.objects import scenarios
-from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
-from np_description.scene import CAMERA_NAME
 from np_effects.patch import Patch, load_patch
 from np_effects.view_effects import ViewEffects
 from np_ros import qos
-from np_ros.arrivals import Arrivals
 from np_ros.domain import OnlyPublisher
-from np_ros.messages import (
-    BadMessage,
-    camera_info_message,
-    image_message,
-    joint_state_message,
-    pose_message,
-    stamp_message,
-    stamp_nanoseconds,
-)
-from np_ros.node import Diagnostics, parameter
+from np_ros.messages import BadMessage, stamp_nanoseconds
+from np_ros.node import Diagnostics
 from np_ros.phases import phase_state
 from np_ros.spin import request_realtime
-from np_ros.task_domain import declare_domain
 from np_sim_bridge.barrier import ACTIVE_PHASES, Barrier
 from np_sim_bridge.engine import MakeEngine
-from np_sim_bridge.imaging import CameraThread
-from np_sim_bridge.renderer import RENDERERS, make_renderer
+from np_sim_bridge.nodes.outlet import Outlet
+from np_sim_bridge.nodes.settings import MESHES, declare
+from np_sim_bridge.renderer import make_renderer
 from np_sim_bridge.renderer_process import RendererProcess
 from np_sim_bridge.schedule import PERIOD, SECOND, Schedule
+from np_sim_bridge.simulated_camera import SimulatedCamera
 from np_sim_bridge.simulation import Simulation
-from np_sim_bridge.view import View
 
 REPEAT_AFTER = 1.0  # s of wall time without an answer, after which a state is published again
-ARRIVED_WITHIN = 2 * SECOND  # ns that time goes on without a moment at which all that was published had arrived
 LISTENERS = "arrival at who listens"
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz
 WARN, ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-SHAPES, MESHES = LOOKS = "shapes", "meshes"
 LEVELS = {State.HOLDING: WARN, State.STOPPED: ERROR, State.FAULT: ERROR}
 
 
@@ -72,119 +55,56 @@ class Bridge(Node):
 
     def __init__(self, name: str, engine: MakeEngine):
         super().__init__(name)
-        domain = declare_domain(self)
-        seed = parameter(self, "seed", 0, "With the episode's number it names the task.", 0, 2**31 - 1)
-        first = parameter(self, "first_episode", 0, "Number of the episode that the first reset draws.", 0, 2**31 - 1)
-        scenario = parameter(
-            self, "scenario", 0, "Fixed task of every episode; 0: tasks are drawn.", 0, scenarios.COUNT
-        )
-        substeps = parameter(self, "substeps", 1, "Physics steps in a control period of 2 ms.", 1, 20)
-        mode = parameter(
-            self, "mode", "lockstep", "Who waits: time for the answers, or nobody.", choices=("lockstep", "realtime")
-        )
-        policy_rate = parameter(self, "policy_rate", 10, "Policy ticks a second; a divisor of 500.", 1, 500)
-        image_rate = parameter(self, "image_rate", 30, "Images a second; policy ticks have one in any case.", 1, 500)
-        camera = parameter(self, "camera", True, "Whether images are drawn.")
-        calibration = parameter(
-            self, "calibration", "", "File written by `calibrate`: where the camera is; empty: as trained."
-        )
-        renderer = parameter(
-            self,
-            "renderer",
-            "auto",
-            "What draws them: OpenGL (egl), a ray caster on the CPU (warp), or whichever works (auto).",
-            choices=RENDERERS,
-        )
-        shadows = parameter(self, "shadows", True, "Whether the arm casts a shadow in the images.")
-        look = parameter(
-            self,
-            "arm_look",
-            SHAPES,
-            "The arm in the images: the shapes that collide, with which detectors are trained, or meshes (`make meshes`).",
-            choices=LOOKS,
-        )
-        self._tick_barrier = parameter(
-            self, "tick_barrier", True, "Lockstep: whether time waits for ticks and targets too."
-        )
-        self._timeout = parameter(
-            self,
-            "lockstep_timeout",
-            120.0,
-            "Lockstep: s of wall time that an answer may be missing before the arm is stopped.",
-            1.0,
-            3600.0,
-        )
-        priority = parameter(self, "realtime_priority", 0, "SCHED_FIFO priority; 0 asks for none.", 0, 90)
-        effects = parameter(self, "effects", "", "Patch file of effects that the nominal arm and its camera lack.")
-        self._lockstep = mode == "lockstep"
-        self._schedule = Schedule(policy_rate, image_rate)
-        self._barrier = Barrier(self._schedule, tick_barrier=self._tick_barrier)
-        patch = load_patch(effects) if effects else Patch()
-        view = ViewEffects(patch, calibrated_camera(calibration), seed)
-        self._believed, self._view = view.believed, View(view)
+        self._settings = settings = declare(self)
+        self._lockstep = settings.lockstep
+        self._schedule = Schedule(settings.policy_rate, settings.image_rate)
+        self._barrier = Barrier(self._schedule, tick_barrier=settings.tick_barrier)
+        patch = load_patch(settings.effects) if settings.effects else Patch()
+        view = ViewEffects(patch, calibrated_camera(settings.calibration), settings.seed)
         self._simulation = Simulation(
-            domain,
-            scenario=scenario,
-            seed=seed,
-            first_episode=first,
-            substeps=substeps,
+            settings.domain,
+            scenario=settings.scenario,
+            seed=settings.seed,
+            first_episode=settings.first_episode,
+            substeps=settings.substeps,
             camera=view.camera,
             patch=patch,
             engine=engine,
         )
         self._filter = SafetyFilter()
-        self._next_episode = first
+        self._next_episode = settings.first_episode
         self._paused = False
         self._armed = False  # whether a missing answer is an error, or nobody has started yet
         self._waiting_since = self._repeated_at = time.monotonic()
         self._due: int | None = None  # monotonic ns of the period to come
         self._reported: tuple[State, str] | None = None
-        self._state_messages: list[tuple] = []
-        self._last_image: tuple[int, list[tuple]] = (-1, [])  # stamp, messages; set by the camera's thread
-        self._create_publishers()
+        self._outlet = Outlet(self, view.believed, lockstep=settings.lockstep, joined=self._repeat)
         # Before the camera's thread: a process that ends with OpenGL at work in it crashes.
         self._right = OnlyPublisher(self, "joint_states")
-        self._camera = None
-        if camera:
-            drawn = self._simulation.model
-            if look == MESHES:  # a second model: what is simulated knows nothing of meshes
-                change = patch.scene_change()
-                drawn = drawn_model(domain, meshes=True, camera=view.camera, panda=patch.panda(), change=change)
-            make = partial(make_renderer if self._lockstep else RendererProcess, renderer, drawn, shadows=shadows)
-            self._camera = CameraThread(make, self._publish_image)
+        self._camera = self._make_camera(patch, view) if settings.camera else None
         self.diagnostics = Diagnostics(self)
-        self.diagnostics.values.update(mode=mode, domain=domain.name, seed=seed, effects=effects or "none")
+        self.diagnostics.values.update(
+            mode=settings.mode, domain=settings.domain.name, seed=settings.seed, effects=settings.effects or "none"
+        )
         if ignored := self._simulation.ignored_effects:
             self.get_logger().warn(f"effects that a backend cannot carry: {', '.join(ignored)}")
-        if camera and (left_out := view.only_in_keypoints):
+        if settings.camera and (left_out := view.only_in_keypoints):
             self.get_logger().warn(f"effects that images do not carry, but keypoint_oracle does: {', '.join(left_out)}")
-        if priority and not request_realtime(priority):  # for this thread: the camera's has been started
+        if (priority := settings.priority) and not request_realtime(priority):  # the camera's thread has been started
             self.get_logger().warn(f"SCHED_FIFO priority {priority} is not permitted; running without it")
         self._create_inputs()
         self._stand_at_task()
         gc.collect()
         gc.freeze()  # what start-up made stays: later collections need not walk it
 
-    def _create_publishers(self) -> None:
-        stream = qos.publisher(self._lockstep)
-        # Whoever joins while time stands still must get the state that it stands at.
-        joined = PublisherEventCallbacks(matched=lambda _: self._repeat()) if self._lockstep else None
-        self._joint_states = self.create_publisher(JointState, "joint_states", stream, event_callbacks=joined)
-        self._applied = self.create_publisher(JointState, "applied_command", stream)
-        self._object_pose = self.create_publisher(PoseStamped, "object_pose", stream)
-        self._clock_topic = self.create_publisher(ClockMessage, "clock", stream)
-        self._image = self.create_publisher(Image, "camera/image_raw", stream, event_callbacks=joined)
-        self._camera_info = self.create_publisher(CameraInfo, "camera/camera_info", stream)
-        self._goal_pose = self.create_publisher(PoseStamped, "goal_pose", qos.LATCHED)
-        streams = (
-            self._joint_states,
-            self._applied,
-            self._object_pose,
-            self._clock_topic,
-            self._image,
-            self._camera_info,
-        )
-        self._arrivals = Arrivals(streams, ARRIVED_WITHIN)
+    def _make_camera(self, patch: Patch, view: ViewEffects) -> SimulatedCamera:
+        settings, drawn = self._settings, self._simulation.model
+        if settings.look == MESHES:  # a second model: what is simulated knows nothing of meshes
+            change = patch.scene_change()
+            drawn = drawn_model(settings.domain, meshes=True, camera=view.camera, panda=patch.panda(), change=change)
+        kind = make_renderer if self._lockstep else RendererProcess
+        make = partial(kind, settings.renderer, drawn, shadows=settings.shadows)
+        return SimulatedCamera(make, view, self._outlet.image, wait=self._lockstep)
 
     def _create_inputs(self) -> None:
         stream = qos.subscriber(self._lockstep)
@@ -224,7 +144,7 @@ class Bridge(Node):
         except Refusal as refusal:
             self.diagnostics.refuse(refusal.reason, refusal)
         else:
-            self._armed |= not self._tick_barrier
+            self._armed |= not self._settings.tick_barrier
         if self._lockstep and stamp == self._simulation.stamp:
             # A refused answer is an answer too: the period counts as missed, and the watchdog decides.
             self._answered = stamp
@@ -266,7 +186,7 @@ class Bridge(Node):
     def _advance(self) -> None:
         """Lockstep: take the next step if every answer is there, and everybody has what was said until not long ago."""
         if not self._paused and self._filter.watchdog.may_move and self._barrier.missing() is None:
-            if self._arrivals.are_recent(self._simulation.stamp):
+            if self._outlet.has_arrived(self._simulation.stamp):
                 self._step()
             else:  # a recorder that gets no processor: nothing is lost, for time waits
                 self._look_for_arrival.reset()
@@ -297,7 +217,7 @@ class Bridge(Node):
         self._simulation.step(applied.torque)
         self._publish_state()
         if measured.stamp % APPLIED_EVERY == 0:
-            self._publish_applied(measured.stamp, applied)
+            self._outlet.applied(measured.stamp, applied)
         self._report()
 
     def _look_for_silence(self) -> None:
@@ -311,9 +231,11 @@ class Bridge(Node):
             return
         if now - self._repeated_at > REPEAT_AFTER and topic != LISTENERS:
             self._repeat()
-        if self._armed and now - self._waiting_since > self._timeout:
+        if self._armed and now - self._waiting_since > self._settings.timeout:
             self._armed = False
-            cause = f"lockstep: no {topic} for the state of {self._simulation.stamp} ns within {self._timeout:g} s"
+            cause = (
+                f"lockstep: no {topic} for the state of {self._simulation.stamp} ns within {self._settings.timeout:g} s"
+            )
             self.get_logger().error(cause)
             self._stop(cause)
 
@@ -335,18 +257,19 @@ class Bridge(Node):
             raise ValueError(f"cannot reset: {self._filter.state} ({self._filter.watchdog.cause}); recover first")
         stamp = self._schedule.next_policy_tick(self._simulation.stamp)
         self._simulation.reset(self._next_episode, stamp)
-        self._view.begin()
+        if self._camera is not None:
+            self._camera.begin()
         self._next_episode += 1
         self._stand_at_task()
         return f"episode {self._simulation.task.episode} at {stamp} ns"
 
     def _stand_at_task(self) -> None:
         """Hold the ready posture, and say which goal and state the episode begins with."""
-        task, goal = self._simulation.task, self._simulation.task.goal
+        task = self._simulation.task
         self.diagnostics.values["episode"] = task.episode
         self._answered = -1
         self._filter.start(self._simulation.measure().position[:7])
-        self._goal_pose.publish(pose_message(self._simulation.stamp, BASE_FRAME, goal.position, goal.quaternion))
+        self._outlet.goal(self._simulation.stamp, task.goal)
         self._publish_state()
         self._report()
 
@@ -383,49 +306,20 @@ class Bridge(Node):
     def _publish_state(self) -> None:
         simulation = self._simulation
         self._measured = measured = simulation.measure()
-        stamp = measured.stamp
+        stamp, is_due = measured.stamp, self._schedule.is_image_due(measured.stamp)
         self._barrier.begin(stamp)
-        joints = joint_state_message(stamp, STATE_NAMES, measured.position, measured.velocity, measured.effort)
-        self._joint_states.publish(joints)  # first, so that the controller thinks while the rest is sent
-        clock = ClockMessage(clock=stamp_message(stamp))
-        self._clock_topic.publish(clock)
-        self._state_messages = [(self._joint_states, joints), (self._clock_topic, clock)]
-        if self._camera is not None:
-            self._view.keep(stamp, simulation.configuration)
-        if self._schedule.is_image_due(stamp):
-            pose = simulation.object_pose()
-            truth = pose_message(stamp, BASE_FRAME, pose.position, pose.quaternion)
-            self._object_pose.publish(truth)
-            self._state_messages.append((self._object_pose, truth))
-            if self._camera is not None:
-                scene = self._view.scene(stamp, simulation.configuration)
-                if not self._camera.submit(stamp, scene, wait=self._lockstep):
-                    self.diagnostics.count("dropped_images")
+        self._outlet.state(measured)
+        if is_due:
+            self._outlet.object_pose(stamp, simulation.object_pose())
+        if self._camera is not None and not self._camera.see(stamp, simulation.configuration, is_due=is_due):
+            self.diagnostics.count("dropped_images")
         self._waiting_since = self._repeated_at = time.monotonic()
         self.diagnostics.values["stamp"] = stamp
-
-    def _publish_image(self, stamp: int, pixels: np.ndarray) -> None:
-        """Called in the camera's thread."""
-        messages = [
-            (self._camera_info, camera_info_message(stamp, CAMERA_NAME, self._believed)),
-            (self._image, image_message(stamp, CAMERA_NAME, self._view.through_lens(pixels))),
-        ]
-        for publisher, message in messages:
-            publisher.publish(message)
-        self._last_image = stamp, messages
 
     def _repeat(self) -> None:
         """Publish the present state again, for those who have not heard it."""
         self._repeated_at = time.monotonic()
-        stamp, images = self._last_image
-        images = images if stamp == self._simulation.stamp else []
-        for publisher, message in [*self._state_messages, *images]:
-            publisher.publish(message)
-
-    def _publish_applied(self, stamp: int, applied: Applied) -> None:
-        self._applied.publish(
-            joint_state_message(stamp, JOINT_NAMES, applied.position, applied.velocity, applied.torque)
-        )
+        self._outlet.repeat(self._simulation.stamp)
 
     def _report(self) -> None:
         """Tell the state, and what it means: published at once when it changes."""

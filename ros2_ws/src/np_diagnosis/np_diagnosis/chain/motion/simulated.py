@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -51,18 +52,24 @@ class Simulated:
         self._gravity = Dynamics(panda).gravity
 
     def error(self, window: Window) -> float:
-        """px by which corners are seen off their prediction in a window: root mean square over its images of the median corner's distance,
-        which a corner that is found wrongly leaves alone.
+        """px by which corners are seen off their prediction in a window: see `off`. Raises as `predicted` and `off` do."""
+        return self.off(window, self.predicted(window))
+
+    def predicted(self, window: Window) -> list[Pose]:
+        """The object's pose as each image of a window shows it, from where it is seen to rest before.
 
         Raises ContractViolation where the object is not seen, FloatingPointError where the simulation comes apart.
         """
         recording = window.recording
         start = self._change.pose(pose_between(recording, window.rested, window.begin, self._seen_from()))
         moments, poses = self._moved(window, start)
-        images = window.images
-        shown = recording.track.time[images] + recording.seen_from - self._late
-        at = np.clip(np.searchsorted(moments, shown), 0, len(poses) - 1)
-        squares = [self._off(recording.track, n, poses[k]) for n, k in zip(images, at)]
+        shown = recording.track.time[window.images] + recording.seen_from - self._late
+        return [poses[k] for k in np.clip(np.searchsorted(moments, shown), 0, len(poses) - 1)]
+
+    def off(self, window: Window, poses: Sequence[Pose]) -> float:
+        """px by which corners are seen off where poses, one an image of the window, have them: root mean square over images of the median
+        corner's distance, which a corner that is found wrongly leaves alone. Raises ContractViolation where too few corners are seen."""
+        squares = [self._off(window.recording.track, n, pose) for n, pose in zip(window.images, poses)]
         squares = [one for one in squares if one is not None]
         if not squares:
             raise ContractViolation(f"{window.experiment}: expected images of its motion, got none")

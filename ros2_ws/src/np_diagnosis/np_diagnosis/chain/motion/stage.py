@@ -46,11 +46,9 @@ def errors(
     Each is the mean over frictions of the table, rougher by these shares, by which two engines differ: where a tip hops, a hundredth more or
     less of it decides where the object goes, and one draw says nothing of the patch.
     """
-    domain, each = recordings[0].domain, []
-    for more in rougher:
-        simulated = Simulated(domain, patch, camera, panda, more)
-        each.append([_error(simulated, window) for one in recordings for window in windows(one)])
-    return np.mean(each, axis=0)
+    asked = [window for one in recordings for window in windows(one)]
+    tried = (Simulated(recordings[0].domain, patch, camera, panda, more) for more in rougher)
+    return np.mean([[_error(simulated, window) for window in asked] for simulated in tried], axis=0)
 
 
 def predict(
