@@ -42,6 +42,27 @@ def ablation(data: Mapping) -> tuple[str, str]:
     return "three short runs", table(("run", "steps", "minutes", *HEADER, "calibration error"), rows)
 
 
+def by_row(data: Mapping) -> tuple[str, str]:
+    """Headline and body of detectors on every row of the table of objects, along played episodes."""
+    header = (
+        "domain",
+        "object",
+        "images",
+        "all corners: median, px",
+        "95 %",
+        "sure",
+        "sure ones: median, px",
+        "95 %",
+        "within 3 px",
+    )
+    keys = ("images", "median_px", "q95_px", "sure", "sure_median_px", "sure_q95_px", "sure_within_3_px")
+    worst = min(data["rows"], key=lambda row: row["sure_within_3_px"])
+    headline = f"{len(data['rows'])} objects; least within 3 px: {worst['domain']} {worst['object']}, {worst['sure_within_3_px']:.2f}"
+    return headline, table(
+        header, ((row["domain"], f"`{row['object']}`", *(row[key] for key in keys)) for row in data["rows"])
+    )
+
+
 def calibration(data: Mapping) -> tuple[str, str]:
     """Headline and body of the calibration trial."""
     figures = (

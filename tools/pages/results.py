@@ -29,6 +29,7 @@ KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = 
     ("", "_comparison", "batched", episodes.compared),
     ("", "_stiffness", "batched", episodes.compared),
     ("detector_", "_ablation", "detector", perception.ablation),
+    ("detector_by_row", "", "detector", perception.by_row),
     ("detector_", "", "detector", perception.detector),
     ("calibration", "", "calibration", perception.calibration),
     ("blind_regression", "", "blind set", doctor.regression),
