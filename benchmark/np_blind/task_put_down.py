@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from np_blind.task_answering import answered
 from np_blind.task_cases import SET, Case, Detector, draw
 from np_blind.task_figures import rates
+from np_blind.task_judged import GROSS, NOISE
 from np_blind.task_reality import PIXEL_NOISE
 from np_blind.view_cases import Case as Scene
 from np_blind.view_cases import Truth, put_down
@@ -36,7 +37,6 @@ HIDDEN = 1.0  # s between two places, of which there is no image
 MARGIN = 4.0  # px of the picture's edge within which no corner is
 MEASURED = 5e-4, np.radians(0.15)  # m and rad, standard deviations of a pose that is measured
 PICTURE = "camera_extrinsics"
-NOISE, GROSS = 0.15, 0.005  # px and share, of the detector (`task_judged`)
 
 
 def ask(case: Case, seed: int) -> dict:
