@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 from pages.markdown import rate, table
 
+LISTED = 100  # failures, at most
+
 
 def tabled(data: Mapping) -> tuple[str, str]:
     """Headline and body of a table of objects."""
@@ -54,6 +56,9 @@ def tabled(data: Mapping) -> tuple[str, str]:
         body += "\n## What failed\n\n" + table(
             ("what the graph said (# for a number)", "episodes"), total["reasons"].items()
         )
+        failed = [e for e in data["per_episode"] if not e["success"]]
+        if len(failed) > LISTED:
+            body += f"\nThe first {LISTED} of them; all are in the data.\n"
         body += "\n" + table(
             (
                 "domain",
@@ -78,11 +83,10 @@ def tabled(data: Mapping) -> tuple[str, str]:
                     e["angle"],
                     e["duration"],
                 )
-                for e in data["per_episode"]
-                if not e["success"]
+                for e in failed[:LISTED]
             ),
         )
-    graph = "" if data.get("graph", True) else " (`tools/one_process.py`, without a graph)"
+    graph = "" if data.get("graph", True) else " (`--without-graph`)"
     body += f"\nEngine {data['engine']}, keypoints: {data['keypoints']}{graph}, revision `{data['revision']}`, {data['wall_s']:.0f} s.\n"
     return f"{total['successes']} of {total['episodes']} ({total['ci95'][0]:.2f} to {total['ci95'][1]:.2f})", body
 
