@@ -133,7 +133,10 @@ def touched(height, families):
             return
 
 
-@pytest.mark.parametrize(("height", "plans"), [(0.0, 4), (0.015, 4), (-0.0079, 5), (-0.015, 6), (-0.05, 12)])
+@pytest.mark.parametrize(
+    ("height", "plans"),
+    [(0.0, 4), (0.015, 4), (-0.0079, 5), pytest.param(-0.015, 6, marks=pytest.mark.slow), (-0.05, 12)],
+)
 def test_a_table_is_felt_for_deeper_until_the_tip_is_stopped(height, plans):
     made = [plan[-1] for plan in touched(height, ["touch_table"])]
     assert len(made) == plans
