@@ -1,5 +1,6 @@
-"""The blind test: arms with a sealed cause, simulated apart from everything the doctor uses, and its score.
+"""The blind test on sealed cases: arms, what is beside the arm (`task_*`), and whole robots (`robot_*`), and their scores.
 
-Nothing here uses the doctor's inference, MuJoCo or Pinocchio. From the robot's packages it takes numbers of the nominal
-Panda, the controller's law and limits, the excitation suite, and what commands share.
+No case is made with the doctor's inference. Arms are simulated apart from everything that the doctor uses, without MuJoCo or
+Pinocchio: from the robot's packages that takes numbers of the nominal Panda, the controller's law and limits, the excitation
+suite, and what commands share. For tasks and robots reality is PhysX; robots are judged by `np_bringup`'s rehearsal itself.
 """

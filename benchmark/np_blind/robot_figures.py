@@ -10,7 +10,7 @@ from scipy.stats import spearmanr
 from np_bringup.rehearsal.shares import mean_and_interval
 from np_record.intervals import wilson_interval
 
-DRAWS = 1000  # of the bootstrap over effects
+DRAWS, ENOUGH = 1000, 6  # of the bootstrap over effects, and how many these have to be
 LEAST_LOSS = 0.05  # of success, below which there is nothing to return
 
 
@@ -106,10 +106,13 @@ def _rank(pairs: Sequence[tuple[float, float]]) -> dict:
     both = np.array(pairs, float).reshape(-1, 2)
     if len(both) <= 2 or not np.ptp(both, axis=0).all():
         return {"value": None, "of": len(both)}
+    told = {"value": float(spearmanr(*both.T).statistic), "of": len(both)}
+    if len(both) < ENOUGH:
+        return told
     drawn = (both[rows] for rows in np.random.default_rng(0).integers(len(both), size=(DRAWS, len(both))))
     found = [spearmanr(*some.T).statistic for some in drawn if np.ptp(some, axis=0).all()]
     low, high = np.quantile(found, [0.025, 0.975])
-    return {"value": float(spearmanr(*both.T).statistic), "ci95": [float(low), float(high)], "of": len(both)}
+    return {**told, "ci95": [float(low), float(high)]}
 
 
 def pearson(predicted: Sequence[float], real: Sequence[float]) -> float | None:

@@ -111,7 +111,7 @@ def places(case: Case, rng: np.random.Generator) -> list[Place]:
         if case.moved and number >= case.moved[0]:
             truth = truth + case.moved[1]
         for _ in range(ATTEMPTS):
-            corners, position, turn = _put_down(case, truth, rng)
+            corners, position, turn = put_down(case, truth, rng)
             seen = pixels(truth, corners)
             if (seen > 2).all() and (seen < 222).all():
                 break
@@ -121,7 +121,7 @@ def places(case: Case, rng: np.random.Generator) -> list[Place]:
     return found
 
 
-def _put_down(case: Case, truth: Truth, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, Rotation]:
+def put_down(case: Case, truth: Truth, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, Rotation]:
     """Corners (8, 3) m, middle (3,) m and turn of the object, flat on the table or on what stands there."""
     half = np.asarray(case.domain.half_size) + np.asarray(truth.size) / 2
     if case.domain.start.quarter_turns:

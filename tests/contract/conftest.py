@@ -1,7 +1,9 @@
 """Fixtures of the contract suite: how to start a backend, in each mode that it has."""
 
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,11 +13,14 @@ sys.path.insert(0, str(Path(__file__).parent))
 from backends import BACKENDS, Harness  # noqa: E402
 from graph_tools import Graph, Probe  # noqa: E402
 
+from np_bringup.backend_suite.checks import Check  # noqa: E402
+
 PAIRS = [(name, mode) for name, backend in BACKENDS.items() for mode in backend.modes]
 STARTS = {
+    "running": lambda backend, mode: True,
+    "running_realtime": lambda backend, mode: mode == "realtime",
     "any_start": lambda backend, mode: True,
     "lockstep_start": lambda backend, mode: mode == "lockstep",
-    "realtime_start": lambda backend, mode: mode == "realtime",
     "camera_start": lambda backend, mode: mode == "realtime" and backend.has_camera,
     "pausing_start": lambda backend, mode: mode == "realtime" and backend.can_pause,
 }
@@ -35,7 +40,52 @@ def pytest_generate_tests(metafunc):
                 for name, mode in PAIRS
                 if applies(BACKENDS[name], mode)
             ]
-            metafunc.parametrize(fixture, chosen, indirect=True)
+            scope = "module" if fixture.startswith("running") else None
+            metafunc.parametrize(fixture, chosen, indirect=True, scope=scope)
+
+
+class Running:
+    """A backend that is put to one check after another, as `check_backend` does; after one that failed to the next anew.
+
+    start(stack): starts it, with what ends it on the stack.
+    """
+
+    def __init__(self, start: Callable[[ExitStack], Harness]):
+        self._start, self._stack = start, ExitStack()
+        self._harness: Harness | None = None
+
+    def keeps(self, check: Check) -> None:
+        """Raises what the check raises."""
+        if self._harness is None:
+            self.close()
+            self._harness = self._start(self._stack)
+        harness, self._harness = self._harness, None
+        harness.prepare()
+        check.run(harness)
+        self._harness = harness
+
+    def close(self) -> None:
+        """End the backend."""
+        self._stack.close()
+
+
+def started(name: str, mode: str, folder: Path, stack: ExitStack, **parameters) -> Harness:
+    """A backend alone in a ROS domain."""
+    needed = stack.enter_context(BACKENDS[name].needs())
+    graph = stack.enter_context(Graph(folder / f"log{len(list(folder.iterdir()))}"))
+    probe = stack.enter_context(closing(Probe(graph)))
+    return Harness(graph, probe, BACKENDS[name], mode, **needed, **parameters)
+
+
+@pytest.fixture(scope="module")
+def running(request, tmp_path_factory):
+    """A backend that has been started, for checks."""
+    name, mode = request.param
+    with closing(Running(partial(started, name, mode, tmp_path_factory.mktemp(name)))) as running:
+        yield running
+
+
+running_realtime = running
 
 
 @pytest.fixture
@@ -43,14 +93,7 @@ def any_start(request, tmp_path):
     """A function that starts the backend alone in a ROS domain and gives a Harness."""
     name, mode = request.param
     with ExitStack() as stack:
-
-        def start(**parameters) -> Harness:
-            needed = stack.enter_context(BACKENDS[name].needs())
-            graph = stack.enter_context(Graph(tmp_path / f"log{len(list(tmp_path.iterdir()))}"))
-            probe = stack.enter_context(closing(Probe(graph)))
-            return Harness(graph, probe, BACKENDS[name], mode, **needed, **parameters)
-
-        yield start
+        yield partial(started, name, mode, tmp_path, stack)
 
 
-lockstep_start = realtime_start = camera_start = pausing_start = any_start
+lockstep_start = camera_start = pausing_start = any_start

@@ -8,8 +8,8 @@ from np_bringup.backend_suite.checks import ANY, CHECKS
 
 
 @pytest.mark.parametrize("check", [c for c in CHECKS if c.asked_of == ANY], ids=lambda c: c.run.__name__)
-def test_every_backend_keeps(any_start, check):
-    check.run(any_start())
+def test_every_backend_keeps(running, check):
+    running.keeps(check)
 
 
 def test_the_backend_ends_cleanly(any_start):

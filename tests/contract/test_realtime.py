@@ -11,8 +11,8 @@ def asked_of(whom):
 
 
 @asked_of(REAL_TIME)
-def test_a_backend_in_real_time_keeps(realtime_start, check):
-    check.run(realtime_start())
+def test_a_backend_in_real_time_keeps(running_realtime, check):
+    running_realtime.keeps(check)
 
 
 @asked_of(CAMERA)

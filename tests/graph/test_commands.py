@@ -51,7 +51,9 @@ def survivors(log_folder):
 
 def test_the_demo_records_and_reports(tmp_path, untrained):
     """Two episodes with the camera. An untrained detector ends them early, but with a named phase."""
-    status, result, out, err = finish(start("demo", untrained, "--episodes", 2, "--out", tmp_path / "demo"))
+    status, result, out, err = finish(
+        start("demo", untrained, "--episodes", 2, "--image-rate", 10, "--out", tmp_path / "demo")
+    )
     assert status == 0, err
     folder = tmp_path / "demo_000"
     assert result["episodes"] == 2 and result["error"] == "" and len(result["bags"]) == 2

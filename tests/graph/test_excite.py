@@ -84,6 +84,7 @@ def test_an_experiment_is_followed_and_recorded(request, tmp_path, mode):
     assert np.abs(targets[:, :6] - NOMINAL.ready[:6]).max() < 0.01
 
 
+@pytest.mark.slow  # the next says it too, of a run that was held up
 def test_lockstep_recordings_are_equal_bit_for_bit(recorded, tmp_path):
     digests = []
     for _, result in (recorded, record(tmp_path, "lockstep")):

@@ -24,33 +24,32 @@ def launch(processes: int, *command: str) -> str:
     return done.stdout
 
 
-def test_an_update_shared_by_two_processes_is_that_of_one(tmp_path):
-    """Shared evenly, unevenly, and with nothing for the first process."""
+SHARES = (30, 40, 0)  # of 60 rows, for the first process: evenly, unevenly, nothing
+
+
+@pytest.fixture(scope="module")
+def batch():
     generator = torch.Generator().manual_seed(1)
     state = torch.randn(60, 18, generator=generator)
-    batch = (
-        state,
-        state,
-        0.5 * torch.randn(60, 9, generator=generator),
-        -9 + torch.randn(60, generator=generator),
-        torch.randn(60, generator=generator),
-        torch.randn(60, generator=generator),
-    )
-    shares = (30, 40, 0)
-    torch.save(
-        [[[column[:share] for column in batch], [column[share:] for column in batch]] for share in shares],
-        tmp_path / "in.pt",
-    )
-    launch(
-        2,
-        str(Path(__file__).parents[1] / "learn_together.py"),
-        str(tmp_path / "in.pt"),
-        str(tmp_path / "out"),
-    )
+    action, likely = 0.5 * torch.randn(60, 9, generator=generator), -9 + torch.randn(60, generator=generator)
+    return state, state, action, likely, *torch.randn(2, 60, generator=generator)
+
+
+@pytest.fixture(scope="module")
+def out(batch, tmp_path_factory):
+    """Where two processes said, each in a file of its own, what they came to."""
+    folder = tmp_path_factory.mktemp("together")
+    parts = [[[column[:share] for column in batch], [column[share:] for column in batch]] for share in SHARES]
+    torch.save(parts, folder / "in.pt")
+    launch(2, str(Path(__file__).parents[1] / "learn_together.py"), str(folder / "in.pt"), str(folder / "out"))
+    return folder
+
+
+def test_an_update_shared_by_two_processes_is_that_of_one(batch, out):
     weights, statistics, rate = learn(batch)
     for rank in (0, 1):
-        results = torch.load(tmp_path / f"out.{rank}", weights_only=True)
-        assert len(results) == len(shares)
+        results = torch.load(out / f"out.{rank}", weights_only=True)
+        assert len(results) == len(SHARES)
         for mine, said, mine_rate in results:
             assert mine_rate == rate and said == pytest.approx(statistics, rel=1e-3)
             for name, tensor in weights.items():
@@ -58,10 +57,9 @@ def test_an_update_shared_by_two_processes_is_that_of_one(tmp_path):
                 assert (mine[name] - tensor).abs().max() < 1e-4, name
 
 
-def test_all_processes_go_on_from_the_furthest_checkpoint_and_differences_are_seen(tmp_path):
-    launch(2, str(Path(__file__).parents[1] / "share_weights.py"), str(tmp_path / "said"))
+def test_all_processes_go_on_from_the_furthest_checkpoint_and_differences_are_seen(out):
     for rank in (0, 1):
-        said = json.loads((tmp_path / f"said.{rank}").read_text())
+        said = json.loads((out / f"out.{rank}.json").read_text())
         assert said["state"] == {"steps": 7, "weights": [1.0, 2.0]}, "the second process had gone further"
         assert "found differences up to 0.5" in said["before"] and said["after"] == ""
         assert said["weight"] == 1.0

@@ -9,7 +9,20 @@ from pathlib import Path
 
 import yaml
 
-from pages import chain, contact, doctor, driver, endurance, episodes, paper_table, perception, robots, sizes, speed
+from pages import (
+    chain,
+    contact,
+    doctor,
+    driver,
+    endurance,
+    episodes,
+    paper_table,
+    perception,
+    robots,
+    sizes,
+    speed,
+    task_more,
+)
 from pages.markdown import head, paragraph, table
 
 SETS = "sets.yaml"
@@ -38,6 +51,9 @@ KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = 
     ("chain_clock", "", "doctor", chain.clock),
     ("chain_pushes", "", "doctor", contact.pushes),
     ("task_locked_", "", "blind set", chain.task),
+    ("task_others_", "", "blind set", task_more.others),
+    ("task_harm_", "", "blind set", task_more.harm),
+    ("task_put_down_", "", "blind set", task_more.put_down),
     ("robots_matrix", "", "blind set", robots.matrix),
     ("robots_", "", "blind set", robots.robots),
     ("identification_z1_delays", "", "identification", doctor.delays),

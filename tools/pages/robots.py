@@ -30,7 +30,10 @@ def robots(data: Mapping) -> tuple[str, str]:
             for name, one in found.items()
         ),
     )
-    body += f"\n{data['episodes']} episodes a figure, {data['minutes']:g} minutes of training on one of {data['gpus']} GPUs, {data['wall_s']:.0f} s in all."
+    trained = (
+        f"{data['minutes']:g} minutes of training on one of {data['gpus']} GPUs" if data["gpus"] else "nothing trained"
+    )
+    body += f"\n{data['episodes']} episodes a figure, {trained}, {data['wall_s']:.0f} s in all."
     body += f" SHA-256 of the key `{data['key_sha256'][:16]}`, of the doctor `{data['doctor_sha256'][:16]}`.\n\n## Every robot\n\n"
     body += "Success in PhysX; in brackets what the simulator predicts, with the patch where there is one.\n\n"
     head = (

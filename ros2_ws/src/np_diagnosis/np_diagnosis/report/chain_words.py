@@ -18,7 +18,7 @@ from np_effects.saying import Value
 SPLIT_BY = {
     "view": view_words.PUT_DOWN,
     "force": "drags of the object from above, by several forces (excite --suite task)",
-    "meeting": view_words.PUT_DOWN,
+    "meeting": f"{view_words.PUT_DOWN}, and measured there by something else than the camera",
     "lag": "a second clock: stamps of the camera's own, or a light that both see",
     "clock": "a second clock: stamps of the camera's own, or a light that both see",
     "pushes": "taps, or slides without the tip: deceleration is mu g whatever the mass",
