@@ -16,6 +16,7 @@ from np_description.camera import CAMERA
 from np_description.domains import CARD
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
+from np_description.rotations import matrix_from_quaternion
 from np_description.scene import load_model
 from np_training.detector.augment import Augmentation, augment, reduce
 from np_training.detector.contrast import ContrastConfig, MomentumContrast
@@ -30,7 +31,7 @@ from np_training.detector.render import (
     SceneRenderer,
     corner_visibility,
 )
-from np_training.detector.scenes import STATE_SIZE, sample_states
+from np_training.detector.scenes import STATE_SIZE, sample_states, turned
 from np_training.detector.train import main
 from np_training.detector.visited import load_visited, mix_visited
 
@@ -66,6 +67,18 @@ def test_states_are_finite_within_limits_and_of_many_kinds():
     torch.testing.assert_close(quaternion.norm(dim=1), torch.ones(512))
     assert (states[:, 11] < 0).any() and (states[:, 11] > CARD.half_size[2] + 1e-3).any()
     assert np.linalg.norm(q - NOMINAL.ready, axis=1).max() > 0.5
+
+
+def test_an_object_is_laid_on_any_face_as_low_as_it_was():
+    states = sample_states(CARD, 256, generator())
+    laid = turned(CARD, states, 0.9, generator(1))
+    lowest = [box_keypoints(CARD.half_size, s[:, 9:12], s[:, 12:])[..., 2].min(1).values for s in (states, laid)]
+    torch.testing.assert_close(*lowest, atol=1e-4, rtol=0)
+    up = matrix_from_quaternion(laid[:, 12:])[:, 2]
+    moved = (laid[:, 12:] != states[:, 12:]).any(1)
+    assert 0.8 < moved.float().mean() < 1
+    faces = {(int(row.abs().argmax()), bool(row.sum() > 0)) for row in up[moved]}
+    assert len(faces) == 6 and (up[moved].abs().max(1).values > 0.999).all()
 
 
 @pytest.mark.parametrize("edges", [None, (0.8, 1.2)])

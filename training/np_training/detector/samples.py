@@ -13,7 +13,7 @@ from np_description.camera import CAMERA
 from np_description.domains import Domain
 from np_training.detector.augment import Augmentation, augment
 from np_training.detector.render import Frames, SceneRenderer
-from np_training.detector.scenes import sample_states
+from np_training.detector.scenes import sample_states, turned
 from np_training.detector.visited import mix_visited
 
 KEPT = 16  # batches of renderings, where each is used more than once
@@ -22,10 +22,12 @@ LEAST_AREA = 12.0  # px of the object: below it, where the corners are cannot be
 
 @dataclass(frozen=True)
 class SampleConfig:
-    """visited: share of the states that come from recorded episodes, where there are any; reuse: batches from a rendering, each
+    """visited: share of the states that come from recorded episodes, where there are any; turned: share in which the object lies on any
+    face, of domains with obstacles; reuse: batches from a rendering, each
     augmented anew (on a CPU, rendering is the slow part)."""
 
     visited: float = 0.6
+    turned: float = 0.2
     reuse: int = 1
     augmentation: Augmentation = Augmentation()
 
@@ -94,9 +96,11 @@ class Samples:
 
     def _draw_states(self) -> Tensor:
         states = sample_states(self.domain, self.size, self.generator)
-        if self.visited is None:
-            return states
-        return mix_visited(states, self.visited, self.config.visited, self.generator)
+        if self.visited is not None:
+            states = mix_visited(states, self.visited, self.config.visited, self.generator)
+        if self.domain.obstacles:
+            states = turned(self.domain, states, self.config.turned, self.generator)
+        return states
 
 
 def inside_image(pixels: Tensor) -> Tensor:
