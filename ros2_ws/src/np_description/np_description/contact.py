@@ -59,6 +59,7 @@ class ContactModel:
         return asdict(self)
 
 
+RUBBER_STIFFNESS = 4e4  # N/m: a thin pad's; what `HARD.rubber` comes to, and an engine with springs of its own is told
 OBJECT_FRICTION = 0.1  # lower than every partner's, so that each partner decides: MuJoCo takes the larger of two
 TORSION, ROLLING = 0.005, 1e-4  # m: MuJoCo's defaults; boxes have several points of contact, which do without
 
@@ -86,7 +87,7 @@ HARD = ContactModel(
     hard=Compliance(
         0.006, 1.0, (0.97, 0.995), 0.0005
     ),  # harder ones chatter at steps of 2 to 2.5 ms, and slide unevenly
-    rubber=Compliance(0.006, 1.0, (0.97, 0.995), 0.0005),  # gives way by .5 mm at 20 N: 40 N/mm, a thin pad's
+    rubber=Compliance(0.006, 1.0, (0.97, 0.995), 0.0005),  # gives way by .5 mm at 20 N: RUBBER_STIFFNESS
     elliptic=True,
     impratio=10.0,
     # With 20 the solver ends before friction has settled, and a box that is pulled at .9 of its friction slides at 14 mm/s.

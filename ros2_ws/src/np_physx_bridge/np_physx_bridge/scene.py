@@ -12,7 +12,7 @@ from types import ModuleType
 import mujoco
 import numpy as np
 
-from np_description.contact import ContactModel
+from np_description.contact import RUBBER_STIFFNESS, ContactModel
 from np_description.scene import OBJECT, TIP
 from np_physx_bridge.shapes import (
     PLANE_BIT,
@@ -31,8 +31,7 @@ PARTS_CONTACT_OFFSET = 1e-2
 # m/s, at which what is in each other comes apart at most. It is also all that can be set right of what the solver leaves undone: with .1 a
 # finger of 1.1 kg is pressed through a card of 8 g from 12 N on, with 1 it is .05 mm deep at 60 N.
 SURFACING = 1.0
-# N/m: what np_description.contact says of a pad's rubber; kg, of 5.6 cm^3 of it less than of a whole finger; m, to either side.
-RUBBER_STIFFNESS, PAD_MASS, PAD_STROKE = 4e4, 5e-3, 3e-3
+PAD_MASS, PAD_STROKE = 5e-3, 3e-3  # kg, of 5.6 cm^3 of rubber less than of a whole finger; m, to either side
 POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1  # with fewer, a box that is pulled at .9 of its friction creeps
 # With fewer, a light object between hand and table lets the hand sink in, and throws it up again. With 100 and more, friction of a heavy
 # body on a light one is not Coulomb's any more: a card turns by 20 degrees under a tip that is drawn across it (`make bench`: by 1).
