@@ -6,9 +6,10 @@ import json
 import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, as_completed
+from datetime import UTC, datetime
 from pathlib import Path
 
-from np_blind.task_cases import Case
+from np_blind.task_cases import SET, Case
 from np_record.command import Progress
 from np_record.whole_file import write_whole
 
@@ -58,6 +59,13 @@ def answered(cases: Sequence[Case], out: Path, name: str = NAME) -> list[dict]:
     """The answers that lie in `out`, in the order of the cases. name: as of `settle`."""
     found = (_kept(out, case, name) for case in cases)
     return [json.loads(kept.read_text(encoding="utf-8")) for kept in found if kept.exists()]
+
+
+def publish(results: Path, command: str, seed: int, **found: object) -> None:
+    """Write what was found of the set with a seed, with its date and the command that finds it again."""
+    date = datetime.now(UTC).strftime("%Y-%m-%d")
+    told = {"date": date, "command": f"python -m np_blind.{command}", "set": SET, "seed": seed, **found}
+    write_whole(results, json.dumps(told, indent=1) + "\n")
 
 
 def _kept(out: Path, case: Case, name: str) -> Path:

@@ -9,17 +9,16 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from np_blind.task_answering import NAME as ANSWER
-from np_blind.task_answering import settle_all
-from np_blind.task_cases import SET, Case, draw
+from np_blind.task_answering import publish, settle_all
+from np_blind.task_cases import Case, draw
 from np_description.domains import BUMP
 from np_diagnosis.chain.force.stage import Believed
 from np_diagnosis.chain.motion.stage import errors, share
@@ -70,18 +69,6 @@ def told(row: Mapping) -> dict:
     }
 
 
-def result(rows: Sequence[Mapping], of: int, seed: int) -> dict:
-    """As it is kept."""
-    cases = " ".join(str(row["case"]) for row in rows)
-    return {
-        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
-        "command": f"python -m np_blind.task_harm --cases {cases} --of {of} --seed {seed} --answers FOLDER --out FOLDER",
-        "set": SET,
-        "seed": seed,
-        "rows": [row if row.get("error") else row | {"told": told(row)} for row in rows],
-    }
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(
@@ -100,9 +87,11 @@ def main(arguments: list[str] | None = None) -> int:
     with ProcessPoolExecutor(options.jobs) as pool:
         asked = partial(ask, answers=options.answers, more=options.more)
         rows = settle_all(cases, options.seed, options.out, pool, asked, NAME)
-    found = result(rows, options.of, options.seed)
-    (options.out / NAME).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps({row["case"]: row.get("told", row.get("error")) for row in found["rows"]}))
+    rows = [row if row.get("error") else row | {"told": told(row)} for row in rows]
+    asked_for = " ".join(str(row["case"]) for row in rows)
+    command = f"task_harm --cases {asked_for} --of {options.of} --seed {options.seed} --answers FOLDER --out FOLDER"
+    publish(options.out / NAME, command, options.seed, rows=rows)
+    print(json.dumps({row["case"]: row.get("told", row.get("error")) for row in rows}))
     return 0
 
 

@@ -15,15 +15,14 @@ import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-from np_blind.task_answering import answered, settle_all
-from np_blind.task_cases import SET, Case, draw
+from np_blind.task_answering import answered, publish, settle_all
+from np_blind.task_cases import Case, draw
 from np_blind.task_figures import HARM, rates, share_of_true
 from np_record.workers import HELP, SINGLE_THREAD, workers
 
@@ -117,18 +116,10 @@ def main(arguments: list[str] | None = None) -> int:
         with workers(options.jobs, options.cluster) as pool:
             rows = settle_all(cases, options.seed, options.out, pool, asked, NAME)
     methods = [method for method in METHODS if any(method in row.get("methods", {}) for row in rows)]
-    found = {
-        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
-        "command": f"python -m np_blind.task_others --cases {options.of} --seed {options.seed} --out FOLDER",
-        "set": SET,
-        "seed": options.seed,
-        "drawn": options.of,
-        "figures": {method: figures(rows, method) for method in methods},
-        "rows": rows,
-    }
-    results = options.out / NAME
-    results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps({"cases": len(rows), **found["figures"], "results": str(results)}))
+    results, found = options.out / NAME, {method: figures(rows, method) for method in methods}
+    command = f"task_others --cases {options.of} --seed {options.seed} --out FOLDER"
+    publish(results, command, options.seed, drawn=options.of, figures=found, rows=rows)
+    print(json.dumps({"cases": len(rows), **found, "results": str(results)}))
     return 0
 
 

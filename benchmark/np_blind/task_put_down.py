@@ -11,14 +11,13 @@ import argparse
 import json
 import sys
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from np_blind.task_answering import answered
-from np_blind.task_cases import SET, Case, Detector, draw
+from np_blind.task_answering import answered, publish
+from np_blind.task_cases import Case, Detector, draw
 from np_blind.task_figures import rates
 from np_blind.task_judged import GROSS, NOISE
 from np_blind.task_reality import PIXEL_NOISE
@@ -114,15 +113,8 @@ def main(arguments: list[str] | None = None) -> int:
     ]
     rows = [ask(cases[number], options.seed) for number in open_]
     figures = rates({"settled by the named experiment": [row["settled"] for row in rows]})
-    found = {
-        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
-        "command": f"python -m np_blind.task_put_down --of {options.of} --seed {options.seed} --out FOLDER",
-        "set": SET,
-        "seed": options.seed,
-        "figures": figures,
-        "rows": rows,
-    }
-    (options.out / "put_down.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    command = f"task_put_down --of {options.of} --seed {options.seed} --out FOLDER"
+    publish(options.out / "put_down.json", command, options.seed, figures=figures, rows=rows)
     print(json.dumps({"cases": len(rows), **figures}))
     return 0
 

@@ -11,11 +11,10 @@ import argparse
 import json
 import os
 import sys
-from datetime import UTC, datetime
 from pathlib import Path
 
 from np_blind.sealed import SealError, check, check_doctor, digest, put_down
-from np_blind.task_answering import answered, settle_all
+from np_blind.task_answering import answered, publish, settle_all
 from np_blind.task_cases import SET, draw, make_key
 from np_blind.task_figures import figures
 from np_physx_bridge.library import missing
@@ -79,20 +78,18 @@ def main(arguments: list[str] | None = None) -> int:
     except (SealError, OSError) as error:
         print(f"task_set: {error}", file=sys.stderr)
         return 2 if isinstance(error, SealError) else 1
-    found = {
-        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
-        "command": f"python -m np_blind.task_set --cases {options.cases} --seed {options.seed} --out FOLDER",
-        "set": SET,
-        "seed": options.seed,
-        "drawn": options.cases,
-        "key_sha256": sealed,
-        "doctor_sha256": doctor,
-        "figures": figures(rows),
-        "rows": rows,
-    }
-    results = options.out / "task.json"
-    results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps({"cases": len(rows), **found["figures"], "results": str(results)}))
+    results, found = options.out / "task.json", figures(rows)
+    publish(
+        results,
+        f"task_set --cases {options.cases} --seed {options.seed} --out FOLDER",
+        options.seed,
+        drawn=options.cases,
+        key_sha256=sealed,
+        doctor_sha256=doctor,
+        figures=found,
+        rows=rows,
+    )
+    print(json.dumps({"cases": len(rows), **found, "results": str(results)}))
     return 0
 
 

@@ -1,7 +1,7 @@
 """Episodes without a graph: simulated robot, guards, controller, planner, policies and the phases of an episode in one process.
 
-One takes 1 to 4 s of processor time with true corners, 2 to 8 with images, where eight nodes take 20 to 70. What the nodes call is called in the same order, without messages, so
-that an episode is not the graph's bit for bit: contacts tell the last digit.
+One takes 1 to 4 s of processor time with true corners, 2 to 8 with images, where eight nodes take 20 to 70. What the nodes call
+is called in the same order, without messages, so that an episode is not the graph's bit for bit: contacts tell the last digit.
 """
 
 from __future__ import annotations
