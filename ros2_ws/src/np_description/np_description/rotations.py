@@ -166,6 +166,9 @@ def matrix_from_six(six):
 
 def cross(a, b):
     """Cross product of (..., 3) vectors."""
+    if _is_one(a) and _is_one(b):
+        (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+        return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
     xp = namespace(a)
     return xp.stack(
         [
@@ -175,6 +178,15 @@ def cross(a, b):
         ],
         axis=-1,
     )
+
+
+def columns(x, y, z):
+    """Matrices (..., 3, 3) of their columns (..., 3)."""
+    if not _is_one(x):
+        return namespace(x).stack([x, y, z], axis=-1)
+    matrix = np.empty((3, 3))
+    matrix[:, 0], matrix[:, 1], matrix[:, 2] = x, y, z
+    return matrix
 
 
 def yaw_quaternion(yaw):
