@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from np_description.panda import NOMINAL, PandaModel
-from np_description.rotations import cross, matrix_from_quaternion, namespace, vector_from_matrix
+from np_description.rotations import columns, cross, matrix_from_quaternion, namespace, vector_from_matrix
 
 IK_ITERATIONS = 3
 IK_DAMPING = 0.03  # lambda; singular values of the Panda's Jacobian in the workspace are 0.1 to 2
@@ -50,7 +50,7 @@ def _chain(q, panda: PandaModel):
         if i < 7:
             c, s = xp.cos(q[..., i, None]), xp.sin(q[..., i, None])
             x, y, z = rotation[..., :, 0], rotation[..., :, 1], rotation[..., :, 2]
-            rotation = xp.stack([c * x + s * y, c * y - s * x, z], axis=-1)
+            rotation = columns(c * x + s * y, c * y - s * x, z)
         origins.append(position)
         rotations.append(rotation)
     return origins, rotations

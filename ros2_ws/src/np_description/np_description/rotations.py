@@ -7,7 +7,7 @@ ROS puts the scalar last, and `wxyz_from_xyzw` / `xyzw_from_wxyz` are the only p
 
 from __future__ import annotations
 
-from functools import partial
+from math import sqrt
 
 import numpy as np
 
@@ -87,26 +87,31 @@ def quaternion_from_matrix(matrix):
     is_one = matrix.ndim == 2 and _is_one(matrix[0])
     m = matrix.tolist() if is_one else [[matrix[..., i, j] for j in range(3)] for i in range(3)]
     one = 1.0 if is_one else xp.ones_like(m[0][0])
-    outer = (np.array if is_one else partial(xp.stack, axis=-1))(
-        [
-            one + m[0][0] + m[1][1] + m[2][2],
-            m[2][1] - m[1][2],
-            m[0][2] - m[2][0],
-            m[1][0] - m[0][1],
-            m[2][1] - m[1][2],
-            one + m[0][0] - m[1][1] - m[2][2],
-            m[0][1] + m[1][0],
-            m[0][2] + m[2][0],
-            m[0][2] - m[2][0],
-            m[0][1] + m[1][0],
-            one - m[0][0] + m[1][1] - m[2][2],
-            m[1][2] + m[2][1],
-            m[1][0] - m[0][1],
-            m[0][2] + m[2][0],
-            m[1][2] + m[2][1],
-            one - m[0][0] - m[1][1] + m[2][2],
-        ]
-    ).reshape(matrix.shape[:-2] + (4, 4))
+    outer = [
+        one + m[0][0] + m[1][1] + m[2][2],
+        m[2][1] - m[1][2],
+        m[0][2] - m[2][0],
+        m[1][0] - m[0][1],
+        m[2][1] - m[1][2],
+        one + m[0][0] - m[1][1] - m[2][2],
+        m[0][1] + m[1][0],
+        m[0][2] + m[2][0],
+        m[0][2] - m[2][0],
+        m[0][1] + m[1][0],
+        one - m[0][0] + m[1][1] - m[2][2],
+        m[1][2] + m[2][1],
+        m[1][0] - m[0][1],
+        m[0][2] + m[2][0],
+        m[1][2] + m[2][1],
+        one - m[0][0] - m[1][1] + m[2][2],
+    ]
+    if is_one:
+        largest = max(range(4), key=outer[::5].__getitem__)
+        w, x, y, z = outer[largest::4]
+        norm = sqrt(w * w + x * x + y * y + z * z)
+        norm = -norm if w < 0 else norm
+        return np.array([w / norm, x / norm, y / norm, z / norm])
+    outer = xp.stack(outer, axis=-1).reshape(matrix.shape[:-2] + (4, 4))
     diagonal = xp.stack([outer[..., i, i] for i in range(4)], axis=-1)
     largest = diagonal.argmax(axis=-1)
     if xp is np:
@@ -133,6 +138,10 @@ def vector_from_matrix(matrix):
     """Rotation vectors (..., 3), angle in [0, pi], of rotation matrices (..., 3, 3)."""
     xp = namespace(matrix)
     quaternion = quaternion_from_matrix(matrix)
+    if _is_one(quaternion):
+        w, x, y, z = quaternion.tolist()
+        norm = sqrt(x * x + y * y + z * z)
+        return quaternion[1:] * (2.0 if norm < 1e-7 else 2 * float(np.arctan2(norm, w)) / norm)
     imaginary = quaternion[..., 1:]
     norm = xp.sqrt((imaginary * imaginary).sum(axis=-1))
     angle = 2 * xp.arctan2(norm, quaternion[..., 0])
@@ -166,6 +175,9 @@ def matrix_from_six(six):
 
 def cross(a, b):
     """Cross product of (..., 3) vectors."""
+    if _is_one(a) and _is_one(b):
+        (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+        return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
     xp = namespace(a)
     return xp.stack(
         [
@@ -175,6 +187,15 @@ def cross(a, b):
         ],
         axis=-1,
     )
+
+
+def columns(x, y, z):
+    """Matrices (..., 3, 3) of their columns (..., 3)."""
+    if not _is_one(x):
+        return namespace(x).stack([x, y, z], axis=-1)
+    matrix = np.empty((3, 3))
+    matrix[:, 0], matrix[:, 1], matrix[:, 2] = x, y, z
+    return matrix
 
 
 def yaw_quaternion(yaw):
