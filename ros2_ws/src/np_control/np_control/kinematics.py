@@ -50,10 +50,19 @@ def _chain(q, panda: PandaModel):
         if i < 7:
             c, s = xp.cos(q[..., i, None]), xp.sin(q[..., i, None])
             x, y, z = rotation[..., :, 0], rotation[..., :, 1], rotation[..., :, 2]
-            rotation = xp.stack([c * x + s * y, c * y - s * x, z], axis=-1)
+            rotation = _columns(xp, c * x + s * y, c * y - s * x, z)
         origins.append(position)
         rotations.append(rotation)
     return origins, rotations
+
+
+def _columns(xp, x, y, z):
+    """Matrices (..., 3, 3) of columns (..., 3); of one arm without the care that `stack` takes, which tells at 500 Hz."""
+    if xp is not np or x.ndim > 1:
+        return xp.stack([x, y, z], axis=-1)
+    matrix = np.empty((3, 3))
+    matrix[:, 0], matrix[:, 1], matrix[:, 2] = x, y, z
+    return matrix
 
 
 def forward_kinematics(q, panda: PandaModel = NOMINAL):

@@ -8,6 +8,7 @@ ROS puts the scalar last, and `wxyz_from_xyzw` / `xyzw_from_wxyz` are the only p
 from __future__ import annotations
 
 from functools import partial
+from math import sqrt
 
 import numpy as np
 
@@ -120,6 +121,11 @@ def quaternion_from_matrix(matrix):
 def matrix_from_vector(vector):
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), axis times angle in rad (Rodrigues)."""
     xp = namespace(vector)
+    if _is_one(vector):
+        x, y, z = vector.tolist()
+        angle = sqrt(x * x + y * y + z * z)
+        half_sinc = 0.5 if angle < 1e-6 else np.sin(angle / 2) / angle
+        return matrix_from_quaternion(np.array([np.cos(angle / 2), x * half_sinc, y * half_sinc, z * half_sinc]))
     angle = xp.sqrt((vector * vector).sum(axis=-1))
     small = angle < 1e-6
     safe = xp.where(small, xp.ones_like(angle), angle)
@@ -167,6 +173,9 @@ def matrix_from_six(six):
 def cross(a, b):
     """Cross product of (..., 3) vectors."""
     xp = namespace(a)
+    if _is_one(a) and _is_one(b):
+        (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+        return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
     return xp.stack(
         [
             a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
