@@ -21,7 +21,7 @@ def namespace(array):
     return np
 
 
-def _is_one(array) -> bool:
+def is_one(array) -> bool:
     """Whether it is a single row of doubles, whose numbers are dealt with in a tenth of the time as such, with the same result."""
     return isinstance(array, np.ndarray) and array.ndim == 1 and array.dtype == np.float64
 
@@ -61,7 +61,7 @@ def matrix_from_quaternion(quaternion):
     """Rotation matrices (..., 3, 3) of quaternions (..., 4), which are normalised first."""
     xp = namespace(quaternion)
     unit = quaternion / xp.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True))
-    w, x, y, z = unit.tolist() if _is_one(unit) else (unit[..., i] for i in range(4))
+    w, x, y, z = unit.tolist() if is_one(unit) else (unit[..., i] for i in range(4))
     rows = [
         1 - 2 * (y * y + z * z),
         2 * (x * y - w * z),
@@ -73,7 +73,7 @@ def matrix_from_quaternion(quaternion):
         2 * (y * z + w * x),
         1 - 2 * (x * x + y * y),
     ]
-    if _is_one(unit):
+    if is_one(unit):
         return np.array(rows).reshape(3, 3)
     return xp.stack(rows, axis=-1).reshape(quaternion.shape[:-1] + (3, 3))
 
@@ -84,10 +84,10 @@ def quaternion_from_matrix(matrix):
     Uses the outer product 4 q q^T, whose column with the largest diagonal is well conditioned for every rotation.
     """
     xp = namespace(matrix)
-    is_one = matrix.ndim == 2 and _is_one(matrix[0])
-    m = matrix.tolist() if is_one else [[matrix[..., i, j] for j in range(3)] for i in range(3)]
-    one = 1.0 if is_one else xp.ones_like(m[0][0])
-    outer = (np.array if is_one else partial(xp.stack, axis=-1))(
+    one_matrix = matrix.ndim == 2 and is_one(matrix[0])
+    m = matrix.tolist() if one_matrix else [[matrix[..., i, j] for j in range(3)] for i in range(3)]
+    one = 1.0 if one_matrix else xp.ones_like(m[0][0])
+    outer = (np.array if one_matrix else partial(xp.stack, axis=-1))(
         [
             one + m[0][0] + m[1][1] + m[2][2],
             m[2][1] - m[1][2],
@@ -107,6 +107,10 @@ def quaternion_from_matrix(matrix):
             one - m[0][0] - m[1][1] + m[2][2],
         ]
     ).reshape(matrix.shape[:-2] + (4, 4))
+    if one_matrix:
+        column = outer[:, outer.diagonal().argmax()]
+        unit = column / np.sqrt((column * column).sum())
+        return -unit if unit[0] < 0 else unit
     diagonal = xp.stack([outer[..., i, i] for i in range(4)], axis=-1)
     largest = diagonal.argmax(axis=-1)
     if xp is np:
@@ -136,6 +140,8 @@ def vector_from_matrix(matrix):
     imaginary = quaternion[..., 1:]
     norm = xp.sqrt((imaginary * imaginary).sum(axis=-1))
     angle = 2 * xp.arctan2(norm, quaternion[..., 0])
+    if is_one(quaternion):
+        return imaginary * (2.0 if norm < 1e-7 else angle / norm)
     small = norm < 1e-7
     scale = xp.where(small, xp.full_like(norm, 2.0), angle / xp.where(small, xp.ones_like(norm), norm))
     return imaginary * scale[..., None]
