@@ -15,7 +15,6 @@ import numpy as np
 from np_description.contact import RUBBER_STIFFNESS, ContactModel
 from np_description.scene import OBJECT, TIP
 from np_physx_bridge.shapes import (
-    PLANE_BIT,
     along,
     from_x,
     lie_on_edges,
@@ -218,7 +217,7 @@ class Translator:
             material = self._physx.PhysxMaterial(friction, friction, 0.0)
             shapes = self._shapes(geom, material)
             for shape in shapes:
-                shape.set_collision_groups([kind | (PLANE_BIT if is_plane else 0), affinity, int(is_plane), 0])
+                shape.set_collision_groups([kind, affinity, int(is_plane), 0])
             if is_object and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
                 shapes += lie_on_edges(self._physx, shapes[0], model.geom_size[geom], material, self._sapien.Pose)
                 shapes += stand_on_corners(self._physx, shapes[0], model.geom_size[geom], material, self._sapien.Pose)
