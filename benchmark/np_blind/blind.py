@@ -19,6 +19,7 @@ from pathlib import Path
 
 from np_blind import others
 from np_blind.answering import Asking, answer_all, is_answered, report_path
+from np_blind.arm_key import make_key, seal
 from np_blind.cases import CHANGES, Case, draw_cases
 from np_blind.followup import could_settle, is_settled
 from np_blind.generate import add_options, batches
@@ -26,7 +27,7 @@ from np_blind.heldout import heldout_gaps
 from np_blind.patched import PatchError, patched_physics, read_patch
 from np_blind.rehearsal import rehearse
 from np_blind.scoring import Score, score_case, score_gap, summary
-from np_blind.sealed import SealError, check, check_doctor, digest, make_key, seal
+from np_blind.sealed import SealError, check, check_doctor, digest
 from np_blind.tables import failures_table, figures_table, plot
 from np_record.workers import workers
 

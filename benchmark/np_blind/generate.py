@@ -18,10 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from np_blind import six_motion
+from np_blind.arm_key import make_key
 from np_blind.cases import SETS, Case, as_it_was, draw_cases, make_physics
 from np_blind.changes import SECOND_DAY
 from np_blind.loop import Targets, make_targets, run_staying
-from np_blind.sealed import digest, make_key
+from np_blind.sealed import digest
 from np_diagnosis.experiments.excitation import suite
 from np_record.command import Progress
 from np_record.workers import HELP, workers

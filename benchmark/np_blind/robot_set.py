@@ -41,6 +41,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of the set (default: %(default)s)")
     parser.add_argument("--seal", action="store_true", help="find the robots, write the key and put down its hash")
     parser.add_argument("--pairs", type=int, default=32, help="--seal: episodes by which a loss is measured")
+    parser.add_argument("--as-found", action="store_true", help="--seal: also where the time is over for some robots")
     parser.add_argument("--from", dest="first", type=int, default=0, help="the first robot of this call")
     parser.add_argument("--to", dest="last", type=int, help="the one after the last")
     parser.add_argument("--episodes", type=int, default=200, help="of every figure (default: %(default)s)")
@@ -92,8 +93,10 @@ def seal(options: argparse.Namespace) -> dict:
     until = time.time() + options.within
     with workers(options.jobs, options.cluster) as pool:
         queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, until)
-        robots, not_found = find_robots(options.robots, options.seed, queue.ranked(ENGINE), options.pairs, played)
-    if not robots:
+        robots, not_found, late = find_robots(options.robots, options.seed, queue.ranked(ENGINE), options.pairs, played)
+    if late:
+        not_found.append(f"the time was over for robots {late}, the same command goes on with them")
+    if not robots or (late and not options.as_found):
         raise ValueError("; ".join(not_found))
     key = make_key(robots, options.seed)
     options.key.parent.mkdir(parents=True, exist_ok=True)
@@ -177,7 +180,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; what is finished is kept, the same command goes on with the rest", file=sys.stderr)
         return INTERRUPTED
-    except (SealError, OSError, ValueError) as error:
+    except (SealError, OSError, ValueError, TimeOver) as error:
         print(f"robot_set: {error}", file=sys.stderr)
         return 2 if isinstance(error, SealError) else 1
     print(json.dumps(told))

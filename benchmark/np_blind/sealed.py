@@ -1,20 +1,15 @@
-"""The sealed key: what every case is, known from (cases, seed, set) alone, its SHA-256 put down beforehand.
+"""Sealed keys: the SHA-256 of what every case of a set is, put down beforehand; and which doctor answers.
 
-The key needs no simulation, so that its hash can be committed before any bag exists, and anyone can make the
-same key, and bags, again.
+A key needs no simulation, so that its hash can be committed before any recording exists, and anyone can make the
+same key, and recordings, again.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
-from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
-
-from np_blind.cases import draw_cases, magnitude, make_physics
-from np_blind.faults import Fault
 
 KEYS = Path(str(files("np_blind") / "data" / "keys.txt"))
 """Committed: one line a sealed key, `set cases seed sha256`."""
@@ -25,52 +20,9 @@ class SealError(ValueError):
     """A key that is not the one whose hash was put down; says what was expected and what came."""
 
 
-def make_key(count: int, seed: int, which: str, only: Sequence[str] = ()) -> str:
-    """The key as JSON text: of each case its kind, faults, sizes and parameters.
-
-    only: the part of the suite that is recorded; it stands in the key where it is not the whole.
-    """
-    cases = draw_cases(count, seed, which)
-    _, truths = make_physics(cases)
-    entries = [
-        {
-            "case": case.number,
-            "kind": case.kind,
-            "faults": [
-                {
-                    **_fault(fault),
-                    "parameters": {
-                        name: {"value": _rounded(value), "unit": unit} for name, (value, unit) in given.items()
-                    },
-                }
-                for fault, given in zip(case.faults, truth)
-            ],
-            **({"always": [_fault(fault) for fault in case.always]} if case.day else {}),
-        }
-        for case, truth in zip(cases, truths)
-    ]
-    part = {"only": list(only)} if only else {}
-    key = {"schema": SCHEMA, "set": which, "seed": seed, "cases": entries, **part}
-    return json.dumps(key, indent=1, sort_keys=True) + "\n"
-
-
-def _fault(fault: Fault) -> dict:
-    return {
-        **asdict(fault),
-        "size": _rounded(fault.size),
-        "component": fault.component,
-        "magnitude": _rounded(magnitude(fault)),
-    }
-
-
 def digest(key: str) -> str:
     """SHA-256 (hex) of a key."""
     return hashlib.sha256(key.encode()).hexdigest()
-
-
-def seal(count: int, seed: int, which: str, only: Sequence[str] = (), path: Path = KEYS) -> str:
-    """`put_down` for the key of an arm's set."""
-    return put_down(make_key(count, seed, which, only), path)
 
 
 def put_down(key: str, path: Path = KEYS) -> str:
@@ -143,8 +95,3 @@ def _mismatch(path: Path, which: str, count: int, seed: int, known: str, found: 
         f"{path}: key {which} {count} {seed}: expected SHA-256 {known}, got {found}: "
         "the generator, or --only, is not that of the sealed key"
     )
-
-
-def _rounded(value: float | None) -> float | None:
-    """Nine digits: the last ones may differ between machines."""
-    return None if value is None else float(f"{value:.9g}")

@@ -14,9 +14,10 @@ import pytest
 from np_blind import bags as recordings
 from np_blind import blind, generate, rehearsal
 from np_blind.answering import Asking
+from np_blind.arm_key import make_key
 from np_blind.cases import draw_cases, make_physics
 from np_blind.generate import make_bags
-from np_blind.sealed import SealError, check_doctor, digest, make_key
+from np_blind.sealed import SealError, check_doctor, digest
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, PhaseState
 from np_diagnosis.experiments.excitation import suite

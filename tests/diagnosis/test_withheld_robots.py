@@ -60,6 +60,33 @@ def test_a_size_is_found_that_loses_enough():
     assert MIDDLE[0] <= robot.loss <= MIDDLE[1] and robot.effects[0].effect != first
 
 
+@pytest.mark.parametrize("edge", (0.35, 0.4, 0.55))
+def test_from_an_edge_a_size_is_not_far(edge):
+    from np_blind.robot_cases import LOSS, drawn
+    from np_blind.robot_sizes import TRIED, find_robot
+
+    whole = sum(abs(v) for e in drawn(1, 5, 0)[1](1.0).effects for v in e.parameters.values())
+    asked = []
+
+    def steep(domain, patch):  # nothing, and 6 % of the size later everything
+        size = sum(abs(v) for e in patch.effects for v in e.parameters.values()) / whole
+        asked.append(size)
+        return float(np.clip((size / edge - 0.98) / 0.06, 0, 1))
+
+    robot = find_robot(1, 5, steep, 24)
+    assert LOSS[0] <= robot.loss <= LOSS[1] and len(asked) <= TRIED and max(asked) < 2 * edge
+
+
+def test_nothing_is_sealed_while_robots_are_being_found(tmp_path, monkeypatch):
+    from np_blind import robot_set
+
+    monkeypatch.setattr(playing, "play", losing({}))
+    monkeypatch.setattr(robot_set, "missing", lambda: "")
+    monkeypatch.setattr(robot_set, "workers", lambda jobs, cluster: nullcontext(Here()))
+    arguments = ["--seal", "--robots", "2", "--seed", "1", "--pairs", "8", "--out", str(tmp_path / "set")]
+    assert robot_set.main([*arguments, "--within", "-1"]) == 1 and not list(tmp_path.glob("*.json"))
+
+
 def test_fewer_pairs_are_played_where_fewer_say_enough(tmp_path, monkeypatch):
     from np_blind.robot_sizes import Measured
 

@@ -50,7 +50,7 @@ def inputs(draw):
 def training():
     """The kernel of training, for one world on the CPU."""
     wp = pytest.importorskip("warp")
-    from np_training.physics.batched import impedance_kernel
+    from np_training.physics.batched_impedance import impedance_kernel
 
     limit = wp.array(np.stack([NOMINAL.velocity_limit, NOMINAL.torque_limit]), dtype=float, device="cpu")
     over = wp.zeros((2, 1, 7), dtype=int, device="cpu")

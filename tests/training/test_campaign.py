@@ -46,7 +46,10 @@ class Machine:
         out = campaign.Path(given_["--out"])
         if module == "train":
             before = torch.load(given_["--resume"])["seconds"] if "--resume" in given_ else 0.0
-            torch.save({"seconds": before + self.pace * 60 * float(given_["--minutes"])}, out / campaign.CHECKPOINT)
+            torch.save(
+                {"networks": {}, "seconds": before + self.pace * 60 * float(given_["--minutes"])},
+                out / campaign.CHECKPOINT,
+            )
         elif module == "distill":
             (out / f"pre_contact_student_{out.name}.safetensors").touch()
         else:
@@ -60,7 +63,7 @@ class Machine:
 @pytest.fixture(autouse=True)
 def recipes(tmp_path, monkeypatch):
     """The card begins with nothing, the wall with a checkpoint of 1200 s."""
-    torch.save({"seconds": 1200.0}, tmp_path / "wall.pt")
+    torch.save({"networks": {}, "seconds": 1200.0}, tmp_path / "wall.pt")
     monkeypatch.setitem(RECIPES, "card", Recipe(2.0, STAGES, tmp_path / "none.pt"))
     monkeypatch.setitem(RECIPES, "wall", Recipe(1.0, (Stage("hard", 1.0),), tmp_path / "wall.pt"))
 

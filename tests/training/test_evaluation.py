@@ -82,11 +82,11 @@ def test_an_evaluation_can_be_repeated_and_leaves_no_trace(environment):
     networks = ActorCritic()
     first = run_episodes(environment, networks, networks.pre, conditions=NOMINAL_CONDITIONS, seed=3)
     run_episodes(environment, networks, networks.pre, conditions=TWICE, seed=4)
-    assert environment.physics.mass[:, environment.physics.object_body].unique().numel() > 1
+    assert environment.physics.varied.mass[:, environment.physics.varied.object_body].unique().numel() > 1
     again = run_episodes(environment, networks, networks.pre, conditions=NOMINAL_CONDITIONS, seed=3)
     np.testing.assert_allclose(again.distance, first.distance, atol=1e-4)
     assert (again.mode == first.mode).all()
-    assert environment.physics.mass[:, environment.physics.object_body].unique().numel() == 1
+    assert environment.physics.varied.mass[:, environment.physics.varied.object_body].unique().numel() == 1
 
 
 def test_widened_conditions_are_tried_one_by_one(environment):

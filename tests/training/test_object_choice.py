@@ -153,7 +153,7 @@ def test_what_is_trained_with_weighs_what_the_object_weighs(monkeypatch, tmp_pat
     monkeypatch.setattr(sys, "argv", ["train", "--domain", "bump", "--object", "dense", "--out", str(tmp_path), *TINY])
     trainer = make_trainer(train.parse(), "cpu")
     physics = trainer.environment.physics
-    assert physics.mass[:, physics.object_body].numpy() == pytest.approx(0.223)
+    assert physics.varied.mass[:, physics.varied.object_body].numpy() == pytest.approx(0.223)
     assert trainer.setting["object"] == "dense"
 
 

@@ -104,41 +104,41 @@ def test_hard_contact_is_stepped_twice_as_often_and_holds_a_policy_period():
 
 def test_stiffness_and_damping_of_contacts_differ_between_worlds():
     physics = BatchedPhysics(CARD, 3, "cpu", physics_for("hard", substeps=1))
-    nominal = physics._solimp.clone(), physics._solref.clone()
+    nominal = physics.varied._solimp.clone(), physics.varied._solref.clone()
     where, one = torch.tensor([0, 2]), torch.ones(2)
-    physics.stiffen(where, torch.tensor([0.25, 4.0]), torch.tensor([1.0, 2.0]))
-    share = physics._solimp[:, 0, 1] / (1 - physics._solimp[:, 0, 1])
+    physics.varied.stiffen(where, torch.tensor([0.25, 4.0]), torch.tensor([1.0, 2.0]))
+    share = physics.varied._solimp[:, 0, 1] / (1 - physics.varied._solimp[:, 0, 1])
     assert torch.allclose(share / share[1], torch.tensor([0.25, 1.0, 4.0]), rtol=1e-3)
-    assert torch.allclose(physics._solref[:, 0, 1], nominal[1][0, 0, 1] * torch.tensor([1.0, 1.0, 2.0]))
-    assert torch.equal(physics._solimp[:, :, 2:], nominal[0][:, :, 2:])  # width and the transition's shape stay
-    physics.stiffen(where, one, one)
-    assert torch.allclose(physics._solimp, nominal[0]) and torch.allclose(physics._solref, nominal[1])
+    assert torch.allclose(physics.varied._solref[:, 0, 1], nominal[1][0, 0, 1] * torch.tensor([1.0, 1.0, 2.0]))
+    assert torch.equal(physics.varied._solimp[:, :, 2:], nominal[0][:, :, 2:])  # width and the transition's shape stay
+    physics.varied.stiffen(where, one, one)
+    assert torch.allclose(physics.varied._solimp, nominal[0]) and torch.allclose(physics.varied._solref, nominal[1])
 
 
 def test_time_constant_and_creep_of_contacts_differ_between_worlds():
     physics = BatchedPhysics(CARD, 3, "cpu", physics_for("hard", substeps=1))
-    solref, creep = physics._solref.clone(), physics.model.opt.impratio_invsqrt.numpy().copy()
+    solref, creep = physics.varied._solref.clone(), physics.model.opt.impratio_invsqrt.numpy().copy()
     np.testing.assert_allclose(creep, HARD.impratio**-0.5, rtol=1e-6)
     where, one = torch.tensor([0, 2]), torch.ones(2)
-    physics.stiffen(where, one, one, torch.tensor([1.0, 2.0]), torch.tensor([0.25, 1.0]))
-    assert torch.allclose(physics._solref[:, 0, 0] / solref[:, 0, 0], torch.tensor([1.0, 1.0, 2.0]))
-    assert torch.equal(physics._solref[:, :, 1], solref[:, :, 1])
+    physics.varied.stiffen(where, one, one, torch.tensor([1.0, 2.0]), torch.tensor([0.25, 1.0]))
+    assert torch.allclose(physics.varied._solref[:, 0, 0] / solref[:, 0, 0], torch.tensor([1.0, 1.0, 2.0]))
+    assert torch.equal(physics.varied._solref[:, :, 1], solref[:, :, 1])
     np.testing.assert_allclose(physics.model.opt.impratio_invsqrt.numpy() / creep, [2.0, 1.0, 1.0], rtol=1e-6)
-    physics.stiffen(where, one, one)
-    assert torch.equal(physics._solref, solref)
+    physics.varied.stiffen(where, one, one)
+    assert torch.equal(physics.varied._solref, solref)
     np.testing.assert_allclose(physics.model.opt.impratio_invsqrt.numpy(), creep, rtol=1e-6)
 
 
 def test_a_card_creeps_the_further_under_its_load_the_weaker_friction_is_against_the_normal_direction():
     physics = BatchedPhysics(CARD, 2, "cpu", physics_for("hard"))
     everyone = torch.arange(2)
-    physics.stiffen(everyone, torch.ones(2), torch.ones(2), 1.0, torch.tensor([1.0, 0.1]))
+    physics.varied.stiffen(everyone, torch.ones(2), torch.ones(2), 1.0, torch.tensor([1.0, 0.1]))
     qpos = physics.qpos.clone()
     qpos[:, 9:16] = torch.tensor([0.5, 0.0, CARD.half_size[2], 1.0, 0.0, 0.0, 0.0])
     physics.place(everyone, qpos)
     physics.advance()  # settles
     applied = wp.to_torch(physics.data.xfrc_applied)
-    applied[:, physics.object_body, 0] = 0.8 * HARD.table * CARD.mass * 9.81
+    applied[:, physics.varied.object_body, 0] = 0.8 * HARD.table * CARD.mass * 9.81
     physics.advance()
     moved = physics.qpos[:, 9] - 0.5
     assert moved[0].abs() < 1e-6 and 4e-6 < moved[1] < 1e-4
@@ -148,11 +148,11 @@ def test_fingertips_reach_further_and_turn_in_the_worlds_where_they_are_bent():
     physics = BatchedPhysics(CARD, 2, "cpu", physics_for("hard", substeps=1))
     qpos = physics.qpos.clone()
     physics.advance()  # geoms are where they were at a step's beginning
-    (where, turned), tips = (array.clone() for array in physics.geoms), physics._tips
+    (where, turned), tips = (array.clone() for array in physics.geoms), physics.varied._tips
     bent, straight = torch.tensor([1]), torch.zeros(1, 2, 3)
     turn = straight.clone()
     turn[0, 1, 0] = 0.02
-    physics.bend(bent, torch.tensor([[3e-4, 0.0]]), turn)
+    physics.varied.bend(bent, torch.tensor([[3e-4, 0.0]]), turn)
     physics.qpos.copy_(qpos)
     physics.qvel.zero_()
     physics.advance()
@@ -167,11 +167,11 @@ def test_strange_conditions_reach_the_physics():
     config = EnvironmentConfig(worlds=64, conditions=STRANGE, physics=physics_for("swift", substeps=1, supports=True))
     env = Environment(CARD, "cpu", config)
     env._draw_conditions(torch.arange(64), env.physics.qpos[:, ARM])
-    times = env.physics._solref[:, 0, 0] / env.physics._reference[0, 0]
+    times = env.physics.varied._solref[:, 0, 0] / env.physics.varied._reference[0, 0]
     assert 0.8 <= times.min() < 1.0 and 2 < times.max() <= 2.5
     impratio = torch.tensor(env.physics.model.opt.impratio_invsqrt.numpy()) ** -2
     assert 1 <= impratio.min() < 2 and 15 < impratio.max() <= 30.01
-    length = env.physics._place[0][:, env.physics._tips, 2] - env.physics._tip_place[0][:, 2]
+    length = env.physics.varied._place[0][:, env.physics.varied._tips, 2] - env.physics.varied._tip_place[0][:, 2]
     assert length.abs().max() <= 3e-4 and length.min() < -2e-4 and length.max() > 2e-4
 
 
@@ -187,7 +187,7 @@ def test_robust_conditions_reach_the_physics():
     config = EnvironmentConfig(worlds=64, conditions=ROBUST, physics=physics_for("hard", substeps=1, supports=True))
     env = Environment(CARD, "cpu", config)
     env._draw_conditions(torch.arange(64), env.physics.qpos[:, ARM])
-    share = env.physics._solimp[:, 0, 1] / (1 - env.physics._solimp[:, 0, 1])
+    share = env.physics.varied._solimp[:, 0, 1] / (1 - env.physics.varied._solimp[:, 0, 1])
     nominal = HARD.hard.impedance[1] / (1 - HARD.hard.impedance[1])
     assert 0.24 * nominal < share.min() < 0.6 * nominal and 1.8 * nominal < share.max() < 4.2 * nominal
     assert 0.75 <= env.physics.margin.min() < env.physics.margin.max() <= 0.95
@@ -243,7 +243,7 @@ def test_depths_of_all_worlds_are_those_that_one_scene_shows(contact):
 def test_an_object_on_small_patches_turns_more_easily():
     """Spun about the vertical it comes to rest after an angle in inverse proportion to the radius at which friction acts."""
     physics = BatchedPhysics(CARD, 2, "cpu", physics_for("hard", substeps=2, supports=True))
-    physics.support(torch.tensor([0, 1]), torch.tensor([[0.97] * 3, [0.45] * 3]))
+    physics.varied.support(torch.tensor([0, 1]), torch.tensor([[0.97] * 3, [0.45] * 3]))
     qpos = physics.qpos.clone()
     qpos[:, 9:12] = torch.tensor([0.5, 0.0, 0.0025 + SUPPORT_PROUD])
     physics.place(torch.arange(2), qpos)
@@ -318,7 +318,7 @@ def test_who_lies_on_a_goal_seen_by_the_same_camera_looks_like_it(in_image):
 
 def test_a_rigid_object_is_trained_with_its_own_mass_and_friction_and_another_is_refused():
     physics = BatchedPhysics(domain_with("card", "wood"), WORLDS, "cpu", PhysicsConfig(substeps=SUBSTEPS))
-    assert physics.mass[:, physics.object_body].tolist() == pytest.approx([0.008] * WORLDS)
-    assert physics.friction[0, physics.host_model.geom("table").id, 0] == pytest.approx(0.45)
+    assert physics.varied.mass[:, physics.varied.object_body].tolist() == pytest.approx([0.008] * WORLDS)
+    assert physics.varied.friction[0, physics.host_model.geom("table").id, 0] == pytest.approx(0.45)
     with pytest.raises(ValueError, match="object: training moves rigid ones, got tissue, which has moving parts"):
         BatchedPhysics(domain_with("card", "tissue"), WORLDS, "cpu")

@@ -259,9 +259,9 @@ def test_mass_randomisation_leaves_the_object_where_it_is(environment):
     environment.reset(everyone)
     before = environment.objects.position.clone()
     one = torch.ones(WORLDS)
-    environment.physics.randomise(everyone, one, one, torch.linspace(0.7, 1.3, WORLDS))
+    environment.physics.varied.randomise(everyone, one, one, torch.linspace(0.7, 1.3, WORLDS))
     environment.physics.advance()
-    environment.physics.randomise(everyone, one, one, one)
+    environment.physics.varied.randomise(everyone, one, one, one)
     assert (environment.objects.position - before).norm(dim=-1).max() < 1e-3
 
 

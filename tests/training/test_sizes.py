@@ -38,7 +38,7 @@ def test_objects_of_other_sizes_rest_where_their_size_lets_them(domain):
     half, obstacle = domain.half_size[2], domain.obstacles[0]
     for supports in (False, True):
         physics = BatchedPhysics(domain, 3, "cpu", physics_for("swift", supports=supports, resizes=True))
-        physics.resize(EVERYONE, SCALES)
+        physics.varied.resize(EVERYONE, SCALES)
         state = physics.qpos.clone()
         for surface, x, y in ((0.0, 0.45, 0.25), (obstacle.centre[2] + obstacle.half_size[2], *obstacle.centre[:2])):
             state[:, 9:] = torch.tensor([x, y, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -47,9 +47,11 @@ def test_objects_of_other_sizes_rest_where_their_size_lets_them(domain):
             for _ in range(10):
                 physics.advance()
             assert (physics.qpos[:, 11] - surface).numpy() == pytest.approx((half * SCALES).numpy(), abs=1e-3)
-    inertia = physics.inertia[:, physics.object_body]
+    inertia = physics.varied.inertia[:, physics.varied.object_body]
     assert (inertia / inertia[1]).numpy() == pytest.approx((SCALES**2)[:, None].expand(3, 3).numpy(), rel=1e-5)
-    assert (physics.mass[:, physics.object_body] == physics.mass[0, physics.object_body]).all()
+    assert (
+        physics.varied.mass[:, physics.varied.object_body] == physics.varied.mass[0, physics.varied.object_body]
+    ).all()
 
 
 @pytest.mark.parametrize("domain", [BUMP, WALL], ids=lambda d: d.name)
@@ -102,7 +104,7 @@ def test_what_is_seen_measured_and_placed_has_the_size_of_the_task():
     networks = ActorCritic()
     env.starts = env.draw_starts(networks.pre, 40)
     env.reset(torch.arange(6))
-    scale = env.physics.scale
+    scale = env.physics.varied.scale
     assert len(scale.unique()) == 6
     sides = corners(BUMP, env.objects)
     width = (sides[:, :, None] - sides[:, None]).norm(dim=-1).amax((1, 2))
@@ -111,22 +113,22 @@ def test_what_is_seen_measured_and_placed_has_the_size_of_the_task():
     assert not torch.allclose(corners(BUMP, env.goals), corners(BUMP, bare), atol=1e-3)
     assert torch.allclose(corners(BUMP, env.goals), env.goal_corners)
     seen = env.observe()[0]
-    env.physics.scale.fill_(1.0)
+    env.physics.varied.scale.fill_(1.0)
     assert not torch.allclose(seen, env.observe()[0], atol=1e-3)
     assert pre_contact_state(env.objects, env.goals).shape == (6, 18)
     env.config = replace(env.config, conditions=NOMINAL_CONDITIONS)
     env.starts = env.draw_starts(networks.pre, 40)
     env.reset(torch.arange(6))
-    assert (env.physics.scale == 1.0).all(), "nothing is left of a stage with sizes"
+    assert (env.physics.varied.scale == 1.0).all(), "nothing is left of a stage with sizes"
 
 
 def test_episodes_are_judged_at_one_size_and_leave_none_behind():
     env = Environment(WALL, "cpu", EnvironmentConfig(worlds=3, limit=1, physics=physics_for("swift", resizes=True)))
     networks = ActorCritic()
     large = run_episodes(env, networks, networks.pre, conditions=CONDITIONS["size_120"], seed=3, record=True)
-    assert (env.physics.scale == 1.2).all()
+    assert (env.physics.varied.scale == 1.2).all()
     own = run_episodes(env, networks, networks.pre, conditions=CONDITIONS["size_100"], seed=3, record=True)
-    assert (env.physics.scale == 1.0).all()
+    assert (env.physics.varied.scale == 1.0).all()
     higher = large.goals[:, 2] - own.goals[:, 2]
     assert higher == pytest.approx(0.2 * WALL.half_size[0], abs=1e-5), "goals lie, thicker, on the wall"
 

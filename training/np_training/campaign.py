@@ -22,6 +22,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from np_description.domains import DOMAINS
+from np_training.options import duration
 from np_training.train_options import CHECKPOINT
 
 DISTIL_MINUTES = 1.0
@@ -160,9 +161,9 @@ def _seconds(checkpoint: Path | None) -> float:
     """s for which a checkpoint was trained."""
     if checkpoint is None:
         return 0.0
-    import torch  # slow: no --help should wait for it
+    from np_training.checkpoints import read_state  # slow: no --help should wait for PyTorch
 
-    return float(torch.load(checkpoint, map_location="cpu", weights_only=True).get("seconds", 0.0))
+    return float(read_state(checkpoint, "cpu").get("seconds", 0.0))
 
 
 def run_module(arguments: Sequence[str], gpu: int | None) -> None:
@@ -195,7 +196,7 @@ def main() -> None:
     )
     parser.add_argument("domains", nargs="+", choices=list(DOMAINS))
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--minutes", type=float, default=27.0, help="of training on each GPU")
+    parser.add_argument("--minutes", type=duration, default=27.0, help="of training on each GPU")
     parser.add_argument("--episodes", type=int, default=3000, help="of each condition")
     arguments, options = parser.parse_known_args()
     import torch

@@ -49,7 +49,10 @@ def main() -> None:
     from np_training.reports.curves import draw_comparison, save
 
     folders = [run.rpartition("=") for run in arguments.runs]
-    runs = {name or Path(folder).name: read_run(Path(folder)) for name, _, folder in folders}
+    try:
+        runs = {name or Path(folder).name: read_run(Path(folder)) for name, _, folder in folders}
+    except ValueError as error:
+        parser.error(str(error))
     if len(runs) < len(folders):
         parser.error(f"runs: expected a name of its own for each, got {', '.join(arguments.runs)}")
     result = {

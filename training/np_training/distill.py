@@ -14,6 +14,7 @@ from pathlib import Path
 
 from np_description.domains import DOMAINS
 from np_training.device import DEVICE_HELP, usable
+from np_training.options import duration
 from np_training.physics.carried_effects import load_effects
 from np_training.setting import OBJECT_HELP
 
@@ -25,7 +26,7 @@ def main() -> None:
     parser.add_argument("--object", help=f"{OBJECT_HELP}; default: the checkpoint's")
     parser.add_argument("--checkpoint", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--minutes", type=float, default=2.0)
+    parser.add_argument("--minutes", type=duration, default=2.0)
     parser.add_argument("--steps", type=int, help="do so many steps instead")
     parser.add_argument(
         "--practice",
@@ -60,10 +61,15 @@ def main() -> None:
         arguments.effects = load_effects(arguments.effects)
     except ValueError as error:
         parser.error(str(error))
+    from np_training.checkpoints import CheckpointError
     from np_training.ppo.distillation import distil_checkpoint  # slow: no --help should wait for PyTorch
 
     arguments.device = usable(arguments.device)
-    print(json.dumps(distil_checkpoint(arguments, parser.error)))
+    try:
+        result = distil_checkpoint(arguments, parser.error)
+    except CheckpointError as error:
+        parser.error(str(error))
+    print(json.dumps(result))
 
 
 if __name__ == "__main__":

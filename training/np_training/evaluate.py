@@ -17,6 +17,7 @@ from pathlib import Path
 
 from np_description.domains import DOMAINS
 from np_description.objects.scenarios import COUNT
+from np_description.released import WeightsError
 from np_training.device import DEVICE_HELP, usable
 from np_training.physics.carried_effects import load_effects
 from np_training.physics.config import CONTROLLERS, STEPPING, PhysicsConfig
@@ -74,14 +75,18 @@ def main() -> None:
         effects = load_effects(arguments.effects)
     except ValueError as error:
         parser.error(str(error))
+    from np_training.checkpoints import CheckpointError
     from np_training.episodes.evaluation import evaluate_all  # slow: no --help should wait for PyTorch
 
     arguments.device = usable(arguments.device)
-    for line in evaluate_all(arguments, effects, parser.error):
-        print(line, flush=True)
-        if arguments.out:
-            with arguments.out.open("a") as file:
-                file.write(line + "\n")
+    try:
+        for line in evaluate_all(arguments, effects, parser.error):
+            print(line, flush=True)
+            if arguments.out:
+                with arguments.out.open("a") as file:
+                    file.write(line + "\n")
+    except (CheckpointError, WeightsError) as error:
+        parser.error(str(error))
 
 
 if __name__ == "__main__":

@@ -93,7 +93,11 @@ def main() -> None:
     parser.add_argument("run", type=Path)
     parser.add_argument("--out", type=Path, help="default: RUN/report.html")
     arguments = parser.parse_args()
-    run, path = read_run(arguments.run), arguments.out or arguments.run / "report.html"
+    try:
+        run = read_run(arguments.run)
+    except ValueError as error:
+        parser.error(str(error))
+    path = arguments.out or arguments.run / "report.html"
     write_report(run, path)
     print(
         json.dumps(

@@ -12,6 +12,7 @@ end. The last line printed is one JSON object.
 from __future__ import annotations
 
 import json
+import sys
 
 from np_training.train_options import parse
 
@@ -19,6 +20,7 @@ from np_training.train_options import parse
 def main() -> None:
     """Train, show progress, write checkpoints and curves."""
     arguments = parse()
+    from np_training.checkpoints import CheckpointError
     from np_training.ppo import distributed  # slow: no --help should wait for PyTorch
     from np_training.ppo.training import run
 
@@ -27,6 +29,8 @@ def main() -> None:
         result = run(arguments, device)
         if distributed.rank() == 0:
             print(json.dumps(result), flush=True)
+    except CheckpointError as error:
+        sys.exit(f"train: {error}")
     finally:
         distributed.leave()
 

@@ -9,6 +9,7 @@ from np_description.domains import DOMAINS, Domain, find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.panda import FINGER_MAX
 from np_training.device import DEVICE_HELP, usable
+from np_training.options import count, duration
 from np_training.physics.carried_effects import load_effects
 from np_training.physics.config import CONTROLLERS, LEARNED_IN, STEPPING, PhysicsConfig
 from np_training.ppo.config import PPOConfig, TrainConfig
@@ -30,16 +31,16 @@ def parse() -> argparse.Namespace:
     parser.add_argument(
         "--stage", type=int, help=f"of the curriculum, at which what is resumed begins again (0 to {STAGES})"
     )
-    parser.add_argument("--minutes", type=float, default=20.0)
+    parser.add_argument("--minutes", type=duration, default=20.0)
     parser.add_argument(
         "--from-first", action="store_true", help="count minutes from the end of the first iteration, which compiles"
     )
-    parser.add_argument("--iterations", type=int, default=10**9)
+    parser.add_argument("--iterations", type=count, default=10**9)
     parser.add_argument("--save-every", type=float, default=120.0, help="seconds between checkpoints")
     parser.add_argument(
         "--show-every", type=float, default=60.0, help="seconds between lines where there is no terminal"
     )
-    parser.add_argument("--worlds", type=int, default=24576, help="of each process")
+    parser.add_argument("--worlds", type=count, default=24576, help="of each process")
     parser.add_argument("--rollout", type=int, default=TrainConfig.rollout)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", help=DEVICE_HELP)

@@ -16,6 +16,7 @@ import torch
 import warp as wp
 
 from np_description.panda import NOMINAL
+from np_training.checkpoints import read_state
 from np_training.environment import environment as environment_module
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.physics.batched import ARM, OBJECT_POSITION, BatchedPhysics
@@ -185,7 +186,7 @@ def make_trainer(
     environment = Environment(task.domain, device, config)
     trainer = Trainer(environment, TrainConfig(rollout=rollout_steps, curriculum=curriculum))
     if checkpoint:
-        trainer.load_state_dict(torch.load(checkpoint, map_location=device, weights_only=True))
+        trainer.load_state_dict(read_state(checkpoint, device))
     return trainer
 
 

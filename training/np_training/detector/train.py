@@ -16,6 +16,7 @@ from pathlib import Path
 
 from np_description.domains import DOMAINS
 from np_training.device import DEVICE_HELP, usable
+from np_training.options import duration
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -25,7 +26,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--out", type=Path, required=True, help="folder of checkpoint, curves and weights")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--minutes", type=float, default=6.0, help="wall clock of this call")
+    parser.add_argument("--minutes", type=duration, default=6.0, help="wall clock of this call")
     parser.add_argument("--steps", type=int, help="do so many steps instead")
     parser.add_argument("--device", help=DEVICE_HELP)
     parser.add_argument("--batch", type=int)

@@ -98,7 +98,9 @@ class Environment:
         self.generator = torch.Generator(device=device).manual_seed(config.seed)
         self.limits = actions.LOOSE
         n = config.worlds
-        self.goals = Poses(torch.zeros(n, 3, device=device), torch.zeros(n, 4, device=device), self.physics.scale)
+        self.goals = Poses(
+            torch.zeros(n, 3, device=device), torch.zeros(n, 4, device=device), self.physics.varied.scale
+        )
         self.goal_corners = torch.zeros(n, 8, 3, device=device)
         self.last_action = torch.zeros(n, actions.SIZE, device=device)
         self.age = torch.zeros(n, dtype=torch.long, device=device)
@@ -133,7 +135,7 @@ class Environment:
     def objects(self) -> Poses:
         """Object poses now."""
         physics = self.physics
-        return Poses(physics.qpos[:, OBJECT_POSITION], physics.qpos[:, OBJECT_QUATERNION], physics.scale)
+        return Poses(physics.qpos[:, OBJECT_POSITION], physics.qpos[:, OBJECT_QUATERNION], physics.varied.scale)
 
     def measure(self) -> Measures:
         """How far the episodes are from their goals now."""
@@ -245,7 +247,7 @@ class Environment:
         width = starts.contacts.width[row][:, None].expand(n, 2)
         self.physics.place(where, torch.cat([q, width, objects.position, objects.quaternion], -1), tasks.sunk[row])
         if self.config.physics.resizes:
-            self.physics.resize(where, torch.ones_like(q[:, 0]) if objects.scale is None else objects.scale)
+            self.physics.varied.resize(where, torch.ones_like(q[:, 0]) if objects.scale is None else objects.scale)
         self.physics.fingers[where] = width
         self.physics.hold(where, q)
         self.goals.position[where], self.goals.quaternion[where] = goals.position, goals.quaternion
@@ -271,16 +273,16 @@ class Environment:
             factors = [self._uniform(n, *ends) for ends in (c.table_friction, c.finger_friction, c.mass)]
             self.conditions[where] = torch.stack(factors, -1)
             is_same = c.housing_friction == (1.0, 1.0)
-            self.physics.randomise(where, *factors, None if is_same else self._uniform(n, *c.housing_friction))
+            self.physics.varied.randomise(where, *factors, None if is_same else self._uniform(n, *c.housing_friction))
         if c.randomises_contact:
             ranges = (c.stiffness, c.damping, c.time_constant, c.friction_stiffness)
-            self.physics.stiffen(where, *(torch.exp(self._uniform(n, *np.log(ends))) for ends in ranges))
+            self.physics.varied.stiffen(where, *(torch.exp(self._uniform(n, *np.log(ends))) for ends in ranges))
         if c.finger_length or c.finger_tilt:
             length, turn = (self._uniform(k * n, -1.0, 1.0).reshape(n, 2, -1) for k in (2, 6))
             turn[..., 2] = 0  # about its sides, not about the finger
-            self.physics.bend(where, c.finger_length * length[..., 0], c.finger_tilt * turn)
+            self.physics.varied.bend(where, c.finger_length * length[..., 0], c.finger_tilt * turn)
         if c.support is not None:
-            self.physics.support(where, self._uniform(3 * n, *c.support).reshape(n, 3))
+            self.physics.varied.support(where, self._uniform(3 * n, *c.support).reshape(n, 3))
         if c.camera_position or c.camera_rotation:
             self.camera_turn[where] = matrix_from_vector(c.camera_rotation * self._normal(n, 3))
             self.camera_shift[where] = c.camera_position * self._normal(n, 3)[:, None]

@@ -103,11 +103,11 @@ def run_episodes(
     env.limits = TIGHT
     one = torch.ones(worlds, device=device)
     # What an earlier run may have left.
-    env.physics.resize(everyone, one)
-    env.physics.randomise(everyone, one, one, one, one)
-    env.physics.stiffen(everyone, one, one)
-    env.physics.bend(everyone, torch.zeros(worlds, 2, device=device), torch.zeros(worlds, 2, 3, device=device))
-    env.physics.support(everyone, SUPPORT_SHARE * one[:, None].expand(worlds, 3))
+    env.physics.varied.resize(everyone, one)
+    env.physics.varied.randomise(everyone, one, one, one, one)
+    env.physics.varied.stiffen(everyone, one, one)
+    env.physics.varied.bend(everyone, torch.zeros(worlds, 2, device=device), torch.zeros(worlds, 2, 3, device=device))
+    env.physics.varied.support(everyone, SUPPORT_SHARE * one[:, None].expand(worlds, 3))
     env.conditions.fill_(1.0)
     objects, goals = fixed_tasks(env, scenario, seed) if scenario else sample_tasks(env.domain, worlds, env.generator)
     if env.config.conditions.resizes:

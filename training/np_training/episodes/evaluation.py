@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-import torch
 
 from np_description import limit_share
 from np_description.depths import Tally
@@ -23,6 +22,7 @@ from np_policy.networks import PreContactStudent
 from np_policy.other_size import sizes_known
 from np_policy.weights import load
 from np_record.intervals import wilson_interval
+from np_training.checkpoints import read_state
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.environment.fixed_contact import FixedContact
 from np_training.episodes.episodes import MODES, Episodes, concatenate, run_episodes
@@ -123,8 +123,8 @@ def breaks_first(base: dict, alone: dict[str, dict]) -> str | None:
 
 
 def read_checkpoint(path: Path) -> tuple[ActorCritic, dict, int]:
-    """Networks of a training run, its setting, and its policy steps."""
-    state = torch.load(path, map_location="cpu", weights_only=True)
+    """Networks of a training run, its setting, and its policy steps. Raises CheckpointError."""
+    state = read_state(path, "cpu")
     networks = ActorCritic()
     networks.load_state_dict(state["networks"])
     return networks, setting_of(state), state["steps"]

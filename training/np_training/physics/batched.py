@@ -16,29 +16,18 @@ import warp as wp
 from np_control.operational_space import chosen_gains
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
-from np_description.penetration import kind_of
-from np_description.rotations import quaternion_from_matrix, quaternion_multiply, xyzw_from_wxyz
-from np_description.scene import OBJECT, SUPPORT, SUPPORT_PROUD, SUPPORT_SHARE, TIP, load_model
+from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
+from np_description.scene import OBJECT, load_model
 from np_policy.action import Target
 from np_training.physics.batched_contacts import BatchedContacts
 from np_training.physics.batched_effects import batched_effects
+from np_training.physics.batched_impedance import impedance_kernel
 from np_training.physics.batched_kinematics import forward_kinematics
-from np_training.physics.batched_operational_space import make_gains, operational_space_kernel, watch_share
+from np_training.physics.batched_operational_space import make_gains, operational_space_kernel
 from np_training.physics.chain import make_chain
 from np_training.physics.config import LARGEST, PhysicsConfig, check_trainable
+from np_training.physics.varied_model import FIELDS, VariedModel
 
-# A body's mass has to change together with that of its subtree, which centres of mass are divided by.
-RANDOMISED = (
-    "geom_friction",
-    "body_mass",
-    "body_subtreemass",
-    "body_inertia",
-    "geom_solimp",
-    "geom_solref",
-    "geom_size",
-    "geom_pos",
-    "geom_quat",
-)
 CAPACITY = (
     mjw.OverflowType.NEFC
     | mjw.OverflowType.NJMAX_NNZ
@@ -51,45 +40,6 @@ HOLD_STIFFNESS, HOLD_DAMPING_RATIO = 100.0, 1.0  # while an episode's first targ
 ARM, OBJECT_POSITION, OBJECT_QUATERNION = slice(0, 7), slice(9, 12), slice(12, 16)
 
 
-@wp.kernel
-def impedance_kernel(
-    substep: int,
-    limit: wp.array2d(dtype=float),
-    qpos: wp.array2d(dtype=float),
-    qvel: wp.array2d(dtype=float),
-    bias: wp.array2d(dtype=float),
-    gravity: wp.array2d(dtype=float),
-    command: wp.array3d(dtype=float),
-    delay: wp.array(dtype=int),
-    noise: wp.array2d(dtype=float),
-    margin: wp.array(dtype=float),
-    ctrl: wp.array2d(dtype=float),
-    over: wp.array3d(dtype=int),
-    peak: wp.array3d(dtype=float),
-):
-    """np_control.impedance.torque for joint j of world i; a test holds both to the same result.
-
-    command (6, worlds, 7): joint target, stiffness, damping ratio of the last period, then of this one, which
-    takes effect after `delay` substeps. limit (2, 7): of velocity and torque; margin (worlds,): share of them that is allowed:
-    torque is cut there; over, peak (2, worlds, 7): substeps of this period with a velocity beyond its margin, or a torque beyond its limit before the
-    cut, and the largest shares of the limits. Reckoned in double precision: in single, 80 Nm come out up to 2e-5 Nm off.
-    """
-    i, j = wp.tid()
-    new = 0
-    if substep >= delay[i]:
-        new = 3
-    stiffness = wp.float64(command[new + 1, i, j])
-    damping = wp.float64(command[new + 2, i, j]) * wp.sqrt(stiffness)
-    error = wp.float64(command[new, i, j]) - wp.float64(qpos[i, j])
-    coriolis = wp.float64(bias[i, j]) - wp.float64(gravity[i, j])
-    wanted = stiffness * error - damping * wp.float64(qvel[i, j]) + coriolis + wp.float64(noise[i, j])
-    torque = wp.float32(wanted)
-    watch_share(substep, 0, i, j, wp.abs(qvel[i, j]) / limit[0, j], margin[i], over, peak)
-    watch_share(substep, 1, i, j, wp.abs(torque) / limit[1, j], 1.0, over, peak)
-    most = margin[i] * limit[1, j]
-    ctrl[i, j] = wp.clamp(torque, -most, most)
-
-
 class BatchedPhysics:
     """`worlds` copies of a domain's scene.
 
@@ -98,7 +48,7 @@ class BatchedPhysics:
     noise (worlds, 7) Nm; fingers (worlds,) m; over (2, worlds, 7): physics steps of the last period beyond
     the limits of joint velocity, and of torque as commanded; peak (2, worlds, 7): the largest shares of them; margin (worlds,):
     share of the data sheet's joint velocity that counts as the limit, and of its torque; seen_q rad, m, seen_dq (worlds, 9):
-    what the sensors say of joints and fingers; scale (worlds,): size of the object, as `resize` has it. Raises ValueError for an object that is not rigid.
+    what the sensors say of joints and fingers; varied: what worlds differ in. Raises ValueError for an object that is not rigid.
     """
 
     def __init__(self, domain: Domain, worlds: int, device: str, config: PhysicsConfig = PhysicsConfig()) -> None:
@@ -128,14 +78,13 @@ class BatchedPhysics:
             # A captured graph holds the work of one stream: torch has to queue on Warp's.
             torch.cuda.set_stream(wp.stream_to_torch(wp.get_stream(self._wp_device)))
         with wp.ScopedDevice(self._wp_device):
-            self.model = mjw.put_model(model, batch_sizes=dict.fromkeys(RANDOMISED, worlds))
+            self.model = mjw.put_model(model, batch_sizes=dict.fromkeys(FIELDS, worlds))
             data = mujoco.MjData(model)
             mujoco.mj_resetDataKeyframe(model, data, 0)
             mujoco.mj_forward(model, data)
             # Counted by take_overflowed, not printed. Steps short of convergence are the normal case.
             self.model.opt.warn_overflow = 0
-            # Of a world's own too, beside the fields of the model.
-            self.model.opt.impratio_invsqrt = wp.full(worlds, float(model.opt.impratio) ** -0.5, dtype=float)
+            self.varied = VariedModel(self.model, model, domain, config.supports, self.device)
             self.data = mjw.put_data(model, data, nworld=worlds, nconmax=config.contacts, njmax=config.constraints)
             self._command = wp.zeros((6, worlds, 7), dtype=float)
             self._delay = wp.zeros(worlds, dtype=int)
@@ -163,35 +112,7 @@ class BatchedPhysics:
             self._extra = wp.to_torch(d.qfrc_applied)
             self._since = torch.zeros(worlds, dtype=torch.long, device=self.device)  # steps since a world was placed
         self.hold(torch.arange(worlds, device=self.device), self.qpos[:, ARM])
-        self.friction, self.mass, self.subtree_mass, self.inertia, self._solimp, self._solref, self._size, *place = (
-            wp.to_torch(getattr(self.model, name)) for name in RANDOMISED
-        )
-        self._creep = wp.to_torch(self.model.opt.impratio_invsqrt)
-        self._tips = [geom for geom in range(model.ngeom) if model.geom(geom).name.endswith(f"_{TIP}")]
-        self._place, self._tip_place = place, [array[0, self._tips].clone() for array in place]
-        self._impedance = torch.tensor(model.geom_solimp[:, :2], dtype=torch.float32, device=self.device)
-        self._reference = torch.tensor(model.geom_solref, dtype=torch.float32, device=self.device)
-        self._nominal_creep = float(model.opt.impratio) ** -0.5
-        self.object_body = model.body(OBJECT).id
-        self._object_mass, self._whole_mass = float(model.body_mass[self.object_body]), float(model.body_mass.sum())
-        self._object_inertia = torch.tensor(
-            model.body_inertia[self.object_body], dtype=torch.float32, device=self.device
-        )
-        fixed = {"table", *(box.name for box in domain.obstacles)}
         names = [model.geom(geom).name for geom in range(model.ngeom)]
-        # Indices of the geoms of the surroundings, of the fingers and of housing and links, and their friction.
-        self._rubbing = [
-            (torch.tensor(geoms, device=self.device), torch.tensor(model.geom_friction[geoms, 0]).to(self.friction))
-            for geoms in (
-                [geom for geom, name in enumerate(names) if name in fixed],
-                [geom for geom, name in enumerate(names) if kind_of(name) == "finger"],
-                [geom for geom, name in enumerate(names) if kind_of(name) in ("housing", "link")],
-            )
-        ]
-        self._supports = [model.geom(f"{SUPPORT}{axis}").id for axis in range(3)] if config.supports else []
-        self._half_size = torch.tensor(domain.half_size, dtype=torch.float32, device=self.device)
-        self.scale = torch.ones(worlds, device=self.device)
-        self._object_geom = model.geom(OBJECT).id
         self.contacts = BatchedContacts(names, self.data, worlds)
         # Where fixed geoms are in the world is worked out once, when the data are made: it may be moved there.
         self._geom_position, self._geom_rotation = wp.to_torch(d.geom_xpos), wp.to_torch(d.geom_xmat)
@@ -316,74 +237,6 @@ class BatchedPhysics:
             array[where] = 0
         for geom, height in self._obstacles.items():
             self._geom_position[where, geom, 2] = height - sunk
-
-    def randomise(
-        self,
-        where: torch.Tensor,
-        table: torch.Tensor,
-        finger: torch.Tensor,
-        mass: torch.Tensor,
-        housing: torch.Tensor | None = None,
-    ) -> None:
-        """Scale nominal friction of the surroundings, of the fingers and (None: not) of housing and links, and the object's
-        mass, by factors (n,)."""
-        for (geoms, friction), factor in zip(self._rubbing, (table, finger, housing)):
-            if factor is not None:
-                self.friction[where[:, None], geoms, 0] = friction * factor[:, None]
-        self.mass[where, self.object_body] = self._object_mass * mass
-        self.subtree_mass[where, self.object_body] = self._object_mass * mass
-        self.subtree_mass[where, 0] = self._whole_mass + self._object_mass * (mass - 1)
-        self._turn_inertia(where)
-
-    def resize(self, where: torch.Tensor, scale: torch.Tensor) -> None:
-        """Make the object `scale` (n,) times as large as it is nominally, up to LARGEST; it weighs what it weighed.
-        What it stands on is as large as ever before `support` is called."""
-        self.scale[where] = scale
-        self._size[where, self._object_geom] = self._half_size * scale[:, None]
-        for axis, geom in enumerate(self._supports):
-            self._size[where, geom] = self._half_size * SUPPORT_SHARE * scale[:, None]
-            self._size[where, geom, axis] = self._half_size[axis] * scale + SUPPORT_PROUD
-        self._turn_inertia(where)
-
-    def _turn_inertia(self, where: torch.Tensor) -> None:
-        factor = self.mass[where, self.object_body] / self._object_mass * self.scale[where].square()
-        self.inertia[where, self.object_body] = self._object_inertia * factor[:, None]
-
-    def stiffen(
-        self,
-        where: torch.Tensor,
-        stiffness: torch.Tensor,
-        damping: torch.Tensor,
-        time_constant: torch.Tensor | float = 1.0,
-        friction: torch.Tensor | float = 1.0,
-    ) -> None:
-        """Scale stiffness, damping ratio and time constant of every contact, and impratio, how much stiffer friction is, by factors (n,).
-
-        At rest a contact gives way by (1 - d) / d of what it would without its spring's share d of the impedance, so that
-        stiffness is scaled by scaling d / (1 - d); the time constant, which sets the step, is a factor of its own.
-        """
-        odds = self._impedance / (1 - self._impedance) * stiffness[:, None, None]
-        self._solimp[where, :, :2] = odds / (1 + odds)
-        factors = torch.stack([time_constant * torch.ones_like(damping), damping], -1)
-        self._solref[where] = self._reference * factors[:, None]
-        self._creep[where] = self._nominal_creep * (friction * torch.ones_like(damping)) ** -0.5
-
-    def bend(self, where: torch.Tensor, length: torch.Tensor, turn: torch.Tensor) -> None:
-        """Let fingertips reach length (n, 2) m further than the hand's drawing says, and turn them by vectors (n, 2, 3) rad, in the fingers' frames."""
-        (position, rotation), (old, before) = self._place, self._tip_place
-        position[where[:, None], self._tips, 2] = old[:, 2] + length
-        half = torch.cat([torch.ones_like(turn[..., :1]), turn / 2], -1)
-        rotation[where[:, None], self._tips] = quaternion_multiply(
-            half / half.norm(dim=-1, keepdim=True), before.expand_as(half)
-        )
-
-    def support(self, where: torch.Tensor, shares: torch.Tensor) -> None:
-        """Let the object stand on the table on patches whose sides are shares (n, 3) of its own."""
-        for axis, geom in enumerate(self._supports):
-            sides = [k for k in range(3) if k != axis]
-            self._size[where[:, None], geom, sides] = (
-                self._half_size[sides] * shares[:, sides] * self.scale[where, None]
-            )
 
     def take_overflowed(self) -> torch.Tensor:
         """Number () of worlds that lacked room for a contact or a constraint since the last call: these were

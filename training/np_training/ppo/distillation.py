@@ -20,6 +20,7 @@ from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.observation import normalised_keypoints, student_observation
 from np_policy.other_size import SIZES, carried_over, known_domain, known_in_place
 from np_policy.weights import load, save
+from np_training.checkpoints import read_state
 from np_training.contracts import trained_contract
 from np_training.environment import contact
 from np_training.environment.environment import as_seen, corners, pre_contact_state
@@ -170,7 +171,7 @@ def distil(
 def distil_checkpoint(arguments: argparse.Namespace, refuse: Callable[[str], NoReturn]) -> dict:
     """Distil the checkpoint that the command line names; what its last line says. refuse: told, in a line, of an object that the
     domain has not."""
-    state = torch.load(arguments.checkpoint, map_location=arguments.device, weights_only=True)
+    state = read_state(arguments.checkpoint, arguments.device)
     setting = setting_of(state)
     try:
         domain = domain_of(chosen(setting, domain=arguments.domain, object=arguments.object))

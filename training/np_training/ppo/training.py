@@ -11,6 +11,7 @@ from pathlib import Path
 
 import torch
 
+from np_training.checkpoints import CheckpointError, read_state
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.physics.config import physics_for
 from np_training.ppo import distributed
@@ -25,7 +26,10 @@ from np_training.train_options import CHECKPOINT
 
 
 def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
-    """The trainer that the command line asks for, from its checkpoint where there is one."""
+    """The trainer that the command line asks for, from its checkpoint where there is one. Raises CheckpointError."""
+    checkpoint = arguments.out / CHECKPOINT
+    source = arguments.resume or (checkpoint if checkpoint.exists() else None)
+    state = read_state(source, device if distributed.size() == 1 else "cpu") if source else None
     environment = Environment(
         arguments.played,
         device,
@@ -71,12 +75,6 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
         target_kl=arguments.target_kl,
     )
     trainer = Trainer(environment, config, ppo)
-    checkpoint = arguments.out / CHECKPOINT
-    source = arguments.resume or (checkpoint if checkpoint.exists() else None)
-    state = None
-    if source:
-        place = device if distributed.size() == 1 else "cpu"
-        state = torch.load(source, map_location=place, weights_only=True)
     state = distributed.furthest(state, trainer.environment.device)
     if state is not None:
         check_same_run(state, trainer, source if arguments.resume is None else None)
@@ -95,13 +93,13 @@ def make_trainer(arguments: argparse.Namespace, device: str) -> Trainer:
 
 
 def check_same_run(state: dict, trainer: Trainer, found: Path | None) -> None:
-    """Raise ValueError where a checkpoint that was found, not named, is of another task: two runs share a
+    """Raise CheckpointError where a checkpoint that was found, not named, is of another task: two runs share a
     folder."""
     theirs = setting_of(state)
     names = "domain", "object", "start", "controller", "reward", "max_opening"
     other = [name for name in names if theirs[name] != trainer.setting[name]]
     if found and other:
-        raise ValueError(
+        raise CheckpointError(
             f"{found}: expected a checkpoint of {trainer.setting}, got one of {theirs}; name another "
             "--out, or start from it with --resume"
         )

@@ -21,6 +21,7 @@ from np_description.weights_header import read_metadata, tensors_sha256
 from np_policy.contract import KINDS, POST_CONTACT, PRE_CONTACT
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256
+from np_training.checkpoints import read_state
 from np_training.contracts import trained_contract
 from np_training.ppo.learner import learning_rate
 from np_training.report import PHYSICS_STEPS, Run, read_run
@@ -221,8 +222,10 @@ def release(
 
 def release_run(arguments: argparse.Namespace, refuse: Callable[[str], NoReturn]) -> dict:
     """Release the run that the command line names; what its last line says. refuse: told, in a line, why it cannot be released."""
-    run = read_run(arguments.run)
-    state = torch.load(arguments.run / "checkpoint.pt", map_location="cpu", weights_only=True)
+    try:
+        run, state = read_run(arguments.run), read_state(arguments.run / "checkpoint.pt", "cpu")
+    except ValueError as error:
+        refuse(str(error))
     machine = arguments.machine or f"{run.config.get('processes', 1)} x {run.config.get('device', 'unknown')}"
     command = arguments.command or shlex.join(
         ["python", "-m", "np_training.train", *run.config.get("command", [""])[1:]]

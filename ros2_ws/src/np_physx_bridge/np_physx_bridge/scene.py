@@ -15,7 +15,6 @@ import numpy as np
 from np_description.contact import RUBBER_STIFFNESS, ContactModel
 from np_description.scene import OBJECT, TIP
 from np_physx_bridge.shapes import (
-    PLANE_BIT,
     along,
     from_x,
     lie_on_edges,
@@ -219,7 +218,7 @@ class Translator:
             material = self._physx.PhysxMaterial(friction, friction, 0.0)
             shapes = self._shapes(geom, material)
             for shape in shapes:
-                shape.set_collision_groups([kind | (PLANE_BIT if is_plane else 0), affinity, int(is_plane), 0])
+                shape.set_collision_groups([kind, affinity, int(is_plane), 0])
             if is_object and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
                 of_box = (
                     self._physx,

@@ -28,11 +28,11 @@ def progress_plot(episode: EpisodeData) -> str:
     with style():
         figure, (top, bottom) = _figure(2, 3.6, episode)
         _line(top, episode.distance, 100, "#1f5fa8")
-        top.axhline(100 * episode.domain.tolerance_position, color="#2f8f3a", ls="--", lw=1)
+        _tolerance(top, 100 * episode.domain.tolerance_position, "cm")
         top.set_ylabel("distance (cm)")
         _line(bottom, episode.angle, 180 / np.pi, "#a8461f")
         if episode.domain.tolerance_angle is not None:
-            bottom.axhline(np.degrees(episode.domain.tolerance_angle), color="#2f8f3a", ls="--", lw=1)
+            _tolerance(bottom, np.degrees(episode.domain.tolerance_angle), "deg")
         bottom.set_ylabel("angle (deg)")
         for axes in (top, bottom):
             axes.set_ylim(bottom=0)
@@ -181,6 +181,11 @@ def _figure(rows: int, height: float, episode: EpisodeData):
 
 def _line(axes, series: Series, factor: float, colour: str, **options) -> None:
     axes.plot(series.time, factor * series.values, color=colour, lw=1.4, **options)
+
+
+def _tolerance(axes, value: float, unit: str) -> None:
+    axes.axhline(value, color="#2f8f3a", ls="--", lw=1, label=f"tolerance, {value:.2g} {unit}")
+    axes.legend(fontsize=7, frameon=False, loc="upper right")
 
 
 def _convex_order(points: np.ndarray) -> np.ndarray:

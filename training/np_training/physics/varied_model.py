@@ -1,0 +1,140 @@
+"""What differs between the worlds of a batched simulator: friction, masses, sizes, stiffness of contacts, fingertips, patches.
+
+MuJoCo Warp keeps an array of a model's field for every world where it is told to; PyTorch tensors alias these arrays here. Whatever is
+not set is as nominal, and everything is set in terms of the nominal: nothing adds up from one episode to the next.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import torch
+import warp as wp
+
+from np_description.domains import Domain
+from np_description.penetration import kind_of
+from np_description.rotations import quaternion_multiply
+from np_description.scene import OBJECT, SUPPORT, SUPPORT_PROUD, SUPPORT_SHARE, TIP
+
+# A body's mass has to change together with that of its subtree, which centres of mass are divided by.
+FIELDS = (
+    "geom_friction",
+    "body_mass",
+    "body_subtreemass",
+    "body_inertia",
+    "geom_solimp",
+    "geom_solref",
+    "geom_size",
+    "geom_pos",
+    "geom_quat",
+)
+"""Of the model, that MuJoCo Warp has to keep for every world."""
+
+
+class VariedModel:
+    """What the model of each world has of its own.
+
+    friction (worlds, geoms, 3), mass (worlds, bodies) kg, subtree_mass (worlds, bodies) kg, inertia (worlds, bodies, 3) kg m2 about the
+    principal axes: the simulator's own arrays; scale (worlds,): size of the object, as `resize` has it; object_body: its index.
+    """
+
+    def __init__(self, batched, model: mujoco.MjModel, domain: Domain, supports: bool, device: torch.device) -> None:
+        """batched: MuJoCo Warp's model of `model` with FIELDS for every world; supports: whether the object has patches to stand on."""
+        self.friction, self.mass, self.subtree_mass, self.inertia, self._solimp, self._solref, self._size, *place = (
+            wp.to_torch(getattr(batched, name)) for name in FIELDS
+        )
+        worlds, self._nominal_creep = len(self.mass), float(model.opt.impratio) ** -0.5
+        # Of a world's own too, beside the fields of the model.
+        batched.opt.impratio_invsqrt = wp.full(
+            worlds, self._nominal_creep, dtype=float, device=batched.geom_friction.device
+        )
+        self._creep = wp.to_torch(batched.opt.impratio_invsqrt)
+        self._tips = [geom for geom in range(model.ngeom) if model.geom(geom).name.endswith(f"_{TIP}")]
+        self._place, self._tip_place = place, [array[0, self._tips].clone() for array in place]
+        self._impedance = torch.tensor(model.geom_solimp[:, :2], dtype=torch.float32, device=device)
+        self._reference = torch.tensor(model.geom_solref, dtype=torch.float32, device=device)
+        self.object_body = model.body(OBJECT).id
+        self._object_mass, self._whole_mass = float(model.body_mass[self.object_body]), float(model.body_mass.sum())
+        self._object_inertia = torch.tensor(model.body_inertia[self.object_body], dtype=torch.float32, device=device)
+        fixed = {"table", *(box.name for box in domain.obstacles)}
+        names = [model.geom(geom).name for geom in range(model.ngeom)]
+        # Indices of the geoms of the surroundings, of the fingers and of housing and links, and their friction.
+        self._rubbing = [
+            (torch.tensor(geoms, device=device), torch.tensor(model.geom_friction[geoms, 0]).to(self.friction))
+            for geoms in (
+                [geom for geom, name in enumerate(names) if name in fixed],
+                [geom for geom, name in enumerate(names) if kind_of(name) == "finger"],
+                [geom for geom, name in enumerate(names) if kind_of(name) in ("housing", "link")],
+            )
+        ]
+        self._supports = [model.geom(f"{SUPPORT}{axis}").id for axis in range(3)] if supports else []
+        self._half_size = torch.tensor(domain.half_size, dtype=torch.float32, device=device)
+        self.scale = torch.ones(worlds, device=device)
+        self._object_geom = model.geom(OBJECT).id
+
+    def randomise(
+        self,
+        where: torch.Tensor,
+        table: torch.Tensor,
+        finger: torch.Tensor,
+        mass: torch.Tensor,
+        housing: torch.Tensor | None = None,
+    ) -> None:
+        """Scale nominal friction of the surroundings, of the fingers and (None: not) of housing and links, and the object's
+        mass, by factors (n,)."""
+        for (geoms, friction), factor in zip(self._rubbing, (table, finger, housing)):
+            if factor is not None:
+                self.friction[where[:, None], geoms, 0] = friction * factor[:, None]
+        self.mass[where, self.object_body] = self._object_mass * mass
+        self.subtree_mass[where, self.object_body] = self._object_mass * mass
+        self.subtree_mass[where, 0] = self._whole_mass + self._object_mass * (mass - 1)
+        self._turn_inertia(where)
+
+    def resize(self, where: torch.Tensor, scale: torch.Tensor) -> None:
+        """Make the object `scale` (n,) times as large as it is nominally, up to LARGEST; it weighs what it weighed.
+        What it stands on is as large as ever before `support` is called."""
+        self.scale[where] = scale
+        self._size[where, self._object_geom] = self._half_size * scale[:, None]
+        for axis, geom in enumerate(self._supports):
+            self._size[where, geom] = self._half_size * SUPPORT_SHARE * scale[:, None]
+            self._size[where, geom, axis] = self._half_size[axis] * scale + SUPPORT_PROUD
+        self._turn_inertia(where)
+
+    def _turn_inertia(self, where: torch.Tensor) -> None:
+        factor = self.mass[where, self.object_body] / self._object_mass * self.scale[where].square()
+        self.inertia[where, self.object_body] = self._object_inertia * factor[:, None]
+
+    def stiffen(
+        self,
+        where: torch.Tensor,
+        stiffness: torch.Tensor,
+        damping: torch.Tensor,
+        time_constant: torch.Tensor | float = 1.0,
+        friction: torch.Tensor | float = 1.0,
+    ) -> None:
+        """Scale stiffness, damping ratio and time constant of every contact, and impratio, how much stiffer friction is, by factors (n,).
+
+        At rest a contact gives way by (1 - d) / d of what it would without its spring's share d of the impedance, so that
+        stiffness is scaled by scaling d / (1 - d); the time constant, which sets the step, is a factor of its own.
+        """
+        odds = self._impedance / (1 - self._impedance) * stiffness[:, None, None]
+        self._solimp[where, :, :2] = odds / (1 + odds)
+        factors = torch.stack([time_constant * torch.ones_like(damping), damping], -1)
+        self._solref[where] = self._reference * factors[:, None]
+        self._creep[where] = self._nominal_creep * (friction * torch.ones_like(damping)) ** -0.5
+
+    def bend(self, where: torch.Tensor, length: torch.Tensor, turn: torch.Tensor) -> None:
+        """Let fingertips reach length (n, 2) m further than the hand's drawing says, and turn them by vectors (n, 2, 3) rad, in the fingers' frames."""
+        (position, rotation), (old, before) = self._place, self._tip_place
+        position[where[:, None], self._tips, 2] = old[:, 2] + length
+        half = torch.cat([torch.ones_like(turn[..., :1]), turn / 2], -1)
+        rotation[where[:, None], self._tips] = quaternion_multiply(
+            half / half.norm(dim=-1, keepdim=True), before.expand_as(half)
+        )
+
+    def support(self, where: torch.Tensor, shares: torch.Tensor) -> None:
+        """Let the object stand on the table on patches whose sides are shares (n, 3) of its own."""
+        for axis, geom in enumerate(self._supports):
+            sides = [k for k in range(3) if k != axis]
+            self._size[where[:, None], geom, sides] = (
+                self._half_size[sides] * shares[:, sides] * self.scale[where, None]
+            )
