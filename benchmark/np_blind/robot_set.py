@@ -19,7 +19,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from np_blind.robot_answering import ORACLES, Judging, Turns, answered, is_diagnosed, settle_all
-from np_blind.robot_cases import SET, make_key, read_key
+from np_blind.robot_before import play_before
+from np_blind.robot_cases import SET, Robot, make_key, read_key
 from np_blind.robot_figures import figures
 from np_blind.robot_queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_blind.robot_sizes import find_robots
@@ -67,6 +68,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         metavar="EFFECT",
         help="not corrected, but trained for: what corrections did not have yet when a key was sealed",
     )
+    parser.add_argument(
+        "--before", action="store_true", help="only what asks no doctor: what robots lose, and by which effect"
+    )
     parser.add_argument("--answered", action="store_true", help="figures of the rows that are there, and do no more")
     parser.add_argument(
         "--within",
@@ -112,6 +116,8 @@ def judge(options: argparse.Namespace) -> dict:
     sealed = check(key) if is_locked else digest(key)
     options.out.mkdir(parents=True, exist_ok=True)
     robots = read_key(options.key)[options.first : options.last]
+    if options.before:
+        return _before(robots, options)
     if options.diagnosed:
         robots = [robot for robot in robots if is_diagnosed(options.out, robot)]
     # A later doctor may judge what an earlier one has answered, for it is asked nothing.
@@ -159,6 +165,14 @@ def judge(options: argparse.Namespace) -> dict:
     results = options.out / "robots.json"
     results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return {"robots": len(rows), "figures": found["figures"], "wall_s": found["wall_s"], "results": str(results)}
+
+
+def _before(robots: list[Robot], options: argparse.Namespace) -> dict:
+    """What robots lose, before any doctor is asked."""
+    judging = Judging(options.out, options.seed, options.episodes, 0, None)
+    with workers(options.jobs, options.cluster) as pool:
+        queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, time.time() + options.within)
+        return {"episodes": options.episodes, "rows": play_before(robots, judging, queue)}
 
 
 def _command(options: argparse.Namespace) -> str:

@@ -164,6 +164,18 @@ def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
     assert robot_answering.answered(robots, judging) == [row]
 
 
+def test_what_robots_lose_is_known_before_a_doctor_is_asked(tmp_path, monkeypatch):
+    from np_blind import robot_answering
+    from np_blind.robot_before import play_before
+
+    robots = stand_ins(monkeypatch, None)
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, None, oracle="none")
+    (row,) = play_before(robots, judging, Queue(Here(), 1))
+    assert row["loss"]["value"] == pytest.approx(0.4) and max(row["ablation"].values()) > 0
+    assert play_before(robots, judging, Queue(Here(), 1, 0.0)) == [row]  # kept
+    assert not robot_answering.is_diagnosed(tmp_path, robots[0])
+
+
 def test_without_training_a_row_says_what_corrections_bring_back(tmp_path, monkeypatch):
     from np_blind import robot_answering
 
@@ -444,7 +456,7 @@ def test_a_robot_that_is_not_found_costs_the_others_nothing(tmp_path, monkeypatc
 
     monkeypatch.setattr(playing, "play", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
     monkeypatch.setattr(robot_sizes, "find_robot", find)
-    found, why = robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)
+    found, why, late = robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)
     assert found == pytest.approx([0.4]) and why == ["robot 1: none"]
     monkeypatch.setattr(playing, "play", None)  # all of it is kept
     assert robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)[0] == found

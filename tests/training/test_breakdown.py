@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from np_description.domains import BUMP, CARD, DOMAINS
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix
-from np_training.tasks.breakdown import goal_region, groups, groups_of_tasks
+from np_training.tasks.breakdown import goal_region, groups, groups_of_tasks, said
 from np_training.tasks.poses import Poses, quarter_tips, sample_poses, sample_tasks
 
 
@@ -26,6 +26,16 @@ def test_every_task_of_the_bump_is_in_one_group_of_each_kind():
     for kind in ("tips", "goal"):
         assert (sum(mask.int() for name, mask in masks.items() if name.startswith(kind)) == 1).all()
     assert all(mask.float().mean() > 0.1 for mask in masks.values())
+
+
+def test_groups_are_said_in_words():
+    masks = [
+        *groups_of_tasks(BUMP, *sample_tasks(BUMP, 10, torch.Generator())),
+        *groups_of_tasks(CARD, *sample_tasks(CARD, 10, torch.Generator())),
+    ]
+    words = [said(name) for name in masks]
+    assert words[:4] == ["0 quarter turns over", "1 quarter turn over", "2 quarter turns over", "goal region 0"]
+    assert "turned by up to 45 degrees" in words and said("push_far") == "push far"
 
 
 def test_a_domain_without_a_choice_has_no_groups():

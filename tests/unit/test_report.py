@@ -222,6 +222,7 @@ def test_a_report_is_called_by_its_domain_and_says_where_the_angle_does_not_coun
         text = (tmp_path / "r.html").read_text()
         assert f"<h1>{title}</h1>" in text and ("° (position only)" in text) is said
         assert ("(position only)" in dict(sections[0].facts)["angle to goal"]) is said
+        assert "tolerance, 1 cm" in text and ("tolerance, 5.7 deg" in text) is not said
     write_report(tmp_path / "r.html", [card, wall])
     assert "<h1>Card and wall episodes</h1>" in (tmp_path / "r.html").read_text()
 

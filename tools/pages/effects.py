@@ -1,11 +1,6 @@
-"""docs/reference/effects.md: the catalogue of effects, from the records of np_effects or the tables before them."""
+"""docs/reference/effects.md: the catalogue of effects, from the records of np_effects."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
-from importlib.resources import files
-
-import yaml
 
 import np_effects
 from pages.markdown import head, table
@@ -25,15 +20,10 @@ effect at all, base to wrist. Carried by: the simulated arm of the bridge, the d
 
 def page() -> str:
     """The page: one table of all effects."""
-    records = getattr(np_effects, "RECORDS", None)
-    if records is None:
-        return head("Effects", "the catalogue", INTRODUCTION) + table(
-            ("effect", "module", "model", "parameters"), tabulated()
-        )
     header = ("effect", "module", "where", "model", "parameters", "visible", "carried by")
     return (
         head("Effects", "the records of np_effects", f"{INTRODUCTION} {RECORDED}")
-        + table(header, (recorded(record) for record in records.values()))
+        + table(header, (recorded(record) for record in np_effects.RECORDS.values()))
         + parts("Camera and keypoints", VIEW, np_effects.VIEW_RECORDS)
         + parts("Contact, object and table", SCENE, np_effects.SCENE_RECORDS)
     )
@@ -81,14 +71,3 @@ def recorded(record) -> tuple[str, ...]:
         visible,
         ", ".join(record.carriers),
     )
-
-
-def tabulated() -> Iterator[tuple[str, ...]]:
-    """The rows of the patch's own table of names with the doctor's catalogue, where there are no records."""
-    from np_description.patch import PARAMETERS
-
-    text = (files("np_diagnosis") / "data" / "gap_effects.yaml").read_text(encoding="utf-8")
-    catalogue = {entry["id"]: entry for entry in yaml.safe_load(text)["effects"]}
-    for name, parameters in PARAMETERS.items():
-        named = ", ".join(f"`{parameter}`" for parameter in parameters)
-        yield f"`{name}`", catalogue[name]["module"], catalogue[name]["model"], named

@@ -17,6 +17,7 @@ from pathlib import Path
 from np_record.report.pages import page, svg
 from np_training.ppo.log import read_log
 from np_training.reports.curves import draw_curves, reached
+from np_training.tasks.breakdown import said
 
 PHYSICS_STEPS = 20  # a policy step, where the configuration does not say
 
@@ -30,6 +31,12 @@ class Run:
     config: dict
     evaluations: list[dict]
     videos: list[Path]
+
+    @property
+    def title(self) -> str:
+        """What it is called: by its domain, where the configuration says it, and its folder."""
+        domain = self.config.get("setting", {}).get("domain", "")
+        return f"Training of {self.path.name}" + (f" ({domain})" if domain not in ("", self.path.name) else "")
 
     @property
     def facts(self) -> list[tuple[str, str]]:
@@ -83,7 +90,7 @@ def write_report(run: Run, path: Path) -> None:
     """Write the report of a run."""
     videos = [(file.stem, base64.b64encode(file.read_bytes()).decode()) for file in run.videos]
     config = json.dumps(run.config, indent=1)
-    text = page("np_training", run=run, curves=svg(draw_curves(run.rows)), videos=videos, config=config)
+    text = page("np_training", run=run, curves=svg(draw_curves(run.rows)), videos=videos, config=config, said=said)
     path.write_text(text, encoding="utf-8")
 
 

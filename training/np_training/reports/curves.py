@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from np_record.report.pages import style
 from np_training.ppo.curriculum import STAGES
+from np_training.tasks.breakdown import said
 
 GROUPS = ("tips", "goal")  # of a domain's own tasks (np_training.tasks.breakdown), by the beginning of their names
 LEAST_PRACTICE = 0.05  # share of practice below which its kinds have too few episodes for a rate
@@ -39,7 +40,7 @@ def reached(rows: Rows, success: float) -> dict[str, float] | None:
 def draw_curves(rows: Rows) -> Figure:
     """Success, stage, reward terms, episodes, contacts, optimisation and speed against policy steps."""
     with style():
-        figure = Figure(figsize=(11, 9.5), layout="constrained")
+        figure = Figure(figsize=(11, 10.5), layout="constrained")
         axes = figure.subplots(3, 2, sharex=True).flat
         for ax, draw in zip(axes, (_success, _rewards, _ends, _contacts, _optimisation, _speed)):
             draw(ax, rows)
@@ -75,8 +76,9 @@ def _lines(ax: Axes, rows: Rows, names: dict[str, str], scale: float = 1.0) -> N
         values = scale * column(rows, name)
         if np.isfinite(values).any():
             ax.plot(column(rows, "steps") / 1e6, values, label=label, linewidth=1)
-    if ax.lines:
-        ax.legend(fontsize=8)
+    if ax.lines:  # above the axes: nothing is hidden behind it
+        place = {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": 3, "frameon": False}
+        ax.legend(fontsize=7, handlelength=1.2, columnspacing=1, borderpad=0, **place)
 
 
 def _success(ax: Axes, rows: Rows) -> None:
@@ -88,11 +90,12 @@ def _success(ax: Axes, rows: Rows) -> None:
         values = np.where(practised, column(rows, name), np.nan)
         label = None if number else "practice, each kind"
         ax.plot(steps, values, color="0.82", linewidth=0.6, label=label)
-    _lines(ax, rows, {"success": "all", **{name: name[len("success_") :] for name in own}})
+    _lines(ax, rows, {"success": "all", **{name: said(name[len("success_") :]) for name in own}})
     ax.set(ylabel="success of ended episodes", ylim=(0, 1.02))
     stage = ax.twinx()
     stage.step(steps, column(rows, "stage"), color="0.5", where="post", linewidth=1)
-    stage.set(ylabel=f"stage ({STAGES + 1}: randomised)", ylim=(0, STAGES + 1.3))
+    stage.set_ylabel(f"stage, grey ({STAGES + 1}: randomised)", color="0.4")
+    stage.set_ylim(0, STAGES + 1.3)
     stage.grid(False)
 
 
