@@ -71,11 +71,12 @@ def lie_on_edges(physx: ModuleType, box, half_size, material, pose, outward=ALL_
     half, place = np.asarray(half_size), box.get_local_pose()
     rods = []
     for axis in range(3):
-        length = half[axis] / RODS  # of half a rod
+        count = max(1, min(RODS, int(half[axis] / (2 * EDGE_RADIUS))))  # none shorter than four radii, where the edge is not
+        length = half[axis] / count  # of half a rod
         middles = SIGNS[SIGNS[:, axis] > 0] * (half - EDGE_RADIUS - RECESS)
         middles[:, axis] = 0.0
         for middle in middles[_outside(middles, outward)]:
-            for along_it in np.linspace(-1, 1, RODS) * (half[axis] - length):
+            for along_it in np.linspace(length - half[axis], half[axis] - length, count):
                 middle[axis] = along_it
                 rod = physx.PhysxCollisionShapeCapsule(EDGE_RADIUS, max(length - EDGE_RADIUS, 1e-5), material)
                 rods.append(placed(rod, place * pose(middle, from_x(np.eye(3)[axis]))))
