@@ -93,14 +93,14 @@ ifdef PYTEST_ARGS
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)
 else
 	@$(ACTIVATE) ruff format --quiet --check . && ruff check --quiet .
-	@$(ACTIVATE) export OMP_NUM_THREADS=1; \
+	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; \
 		python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not slow" -k "unit or not ($(REAL_TIME))" \
 			|| failed=1; \
 		python -m pytest -m "not slow" -k "$(REAL_TIME)" $(GRAPHS) || failed=1; exit $${failed:-0}
 endif
 
 test-slow: setup ## the slowest tests, which say least beyond those of `make test`
-	@$(ACTIVATE) export OMP_NUM_THREADS=1; exec python -m pytest -n 2 --dist worksteal -m slow
+	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; exec python -m pytest -n 2 --dist worksteal -m slow
 
 # What a robot's network protocol needs is installed only here: nobody else does.
 .venv/.hardware: requirements-hardware.txt .venv/.installed

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -26,8 +27,17 @@ except ImportError:
     os.environ["PYTHONPATH"] = os.pathsep.join([*sources, os.environ.get("PYTHONPATH", "")])
 
 
-# Of two workers that take file by file, none begins a minute's work when the other has nothing left.
-LONGEST = ("test_commands", "test_distributed", "test_reproducible", "test_diagnosis", "test_faults")
+# Of two workers that take file by file, none begins a minute's work when the other has nothing left. The second compiles the
+# physics of training, a minute too, which files side by side would each do for themselves.
+LONGEST = ("test_commands", "test_physics", "test_reproducible", "test_diagnosis", "test_faults", "test_another_arm")
+LARGE = ("torch", "scipy.stats", "mujoco_warp", "matplotlib.pyplot")
+
+
+def pytest_configure(config):
+    """On a clean checkout every worker would compile the same 50 MB of Python: each begins with another package."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    for n in range(len(LARGE) if worker else 0):
+        import_module(LARGE[(n + int(worker.lstrip("gw"))) % len(LARGE)])
 
 
 def pytest_collection_modifyitems(items):

@@ -1,7 +1,9 @@
-"""`pip_progress.py COUNT pip install ...`: runs pip and says how far it is, with the time left; pip itself is silent for minutes.
+"""`pip_progress.py COUNT pip install ... [--and pip install ...]`: runs pip, or several beside one another, and says how far it is,
+with the time left; pip itself is silent for minutes.
 
 A package is half done when pip has found it and done when it is unpacked. On a terminal one line is drawn over; elsewhere a line
-comes every tenth. Needs nothing but Python, for it runs before anything is installed. The exit status is pip's.
+comes every tenth. Needs nothing but Python, for it runs before anything is installed. The exit status is that of the first pip
+that failed.
 """
 
 from __future__ import annotations
@@ -45,8 +47,16 @@ def found(line: str) -> str:
     return rest.split()[0] if first == "Collecting" and rest else ""
 
 
-def run(count: int, command: list[str], folder: Path) -> int:
-    """Run pip, which unpacks to `folder`; its exit status."""
+def apart(arguments: list[str]) -> list[list[str]]:
+    """The commands between which `--and` stands."""
+    commands: list[list[str]] = [[]]
+    for one in arguments:
+        commands.append([]) if one == "--and" else commands[-1].append(one)
+    return commands
+
+
+def run(count: int, commands: list[list[str]], folder: Path) -> int:
+    """Run pips, which unpack to `folder`; the exit status of the first that failed."""
     is_live = sys.stderr.isatty()
     bar, before = Bar(2 * count, is_live, time.monotonic()), installed(folder)
     names: list[str] = []
@@ -59,17 +69,24 @@ def run(count: int, command: list[str], folder: Path) -> int:
             if text := bar.text(len(names) + unpacked, what, time.monotonic()):
                 print(f"\r\033[K{text}" if is_live else text, end="" if is_live else "\n", file=sys.stderr, flush=True)
 
-    watcher = threading.Thread(target=watch, daemon=True)
-    watcher.start()
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as pip:
+    def listen(pip: subprocess.Popen) -> None:
         for line in pip.stdout:
-            names += [name] if (name := found(line)) else []
+            names.extend([name] if (name := found(line)) else [])
+
+    pips = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for command in commands]
+    listeners = [threading.Thread(target=listen, args=[pip]) for pip in pips]
+    watcher = threading.Thread(target=watch, daemon=True)
+    for thread in (watcher, *listeners):
+        thread.start()
+    for thread in listeners:
+        thread.join()
+    statuses = [pip.wait() for pip in pips]
     done.set()
     watcher.join()
     if is_live:
         print("\r\033[K", end="", file=sys.stderr, flush=True)
-    return pip.returncode
+    return next((status for status in statuses if status), 0)
 
 
 if __name__ == "__main__":
-    sys.exit(run(int(sys.argv[1]), sys.argv[2:], Path(sysconfig.get_path("purelib"))))
+    sys.exit(run(int(sys.argv[1]), apart(sys.argv[2:]), Path(sysconfig.get_path("purelib"))))

@@ -7,7 +7,7 @@ are here.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,6 +60,12 @@ class Targets:
 
     def __len__(self) -> int:
         return len(self.position)
+
+    def until(self, seconds: float) -> Targets:
+        """What is asked for in the first `seconds` of it."""
+        rows = slice(int(min(seconds / LIMITS.period, len(self))))
+        names = ("position", "velocity", "acceleration", "gains")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 def make_targets(plan: Sequence[Segment]) -> Targets:

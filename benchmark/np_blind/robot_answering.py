@@ -156,7 +156,7 @@ def _settle(row: dict, keep: Callable[[], None], robot: Robot, judging: Judging,
     queue.check()
     begun = Event()  # from here on the oracle finds what both play
     with ThreadPoolExecutor(2) as beside:
-        without = beside.submit(_without, robot, judging, queue.ranked(ENGINE))
+        without = beside.submit(without_each, robot, judging, queue.ranked(ENGINE))
         oracle = beside.submit(_oracle, robot, judging, begun, queue, turn) if judging.asks_oracle(robot) else None
         try:
             patch, row["diagnosis"] = _diagnosed(robot, judging, queue.ranked(DOCTOR))
@@ -178,7 +178,7 @@ def _settle(row: dict, keep: Callable[[], None], robot: Robot, judging: Judging,
         finally:
             begun.set()
             if "engine" in row:  # also where training died
-                row["ablation"] = _ablation(robot, row["engine"], without.result())
+                row["ablation"] = ablation_of(robot, row["engine"], without.result())
                 keep()
         if oracle is not None:
             row["engine"]["oracle"] = oracle.result()
@@ -216,7 +216,7 @@ def _diagnosed(robot: Robot, judging: Judging, pool: Executor) -> tuple[Patch, d
     return load_patch(found), json.loads(told.read_text(encoding="utf-8"))
 
 
-def _reality(robot: Robot) -> Cell:
+def reality_of(robot: Robot) -> Cell:
     return Cell(robot.domain, "physx", text_of(robot.patch), seed=TASKS)
 
 
@@ -235,7 +235,7 @@ def _rehearsal(robot: Robot, judging: Judging, folder: Path, queue: Queue, tell=
     return Rehearsal(
         Cell(robot.domain, seed=TASKS),
         folder,
-        _reality(robot),
+        reality_of(robot),
         judging.episodes,
         judging.share_episodes if tell else 0,
         name=f"{robot.folder} " if tell else f"{robot.folder} oracle ",
@@ -247,9 +247,9 @@ def _rehearsal(robot: Robot, judging: Judging, folder: Path, queue: Queue, tell=
     )
 
 
-def _without(robot: Robot, judging: Judging, pool: Executor) -> dict[str, list[float]]:
+def without_each(robot: Robot, judging: Judging, pool: Executor) -> dict[str, list[float]]:
     """Scores of the old policies in PhysX without each of the true effects, where there are several."""
-    effects, reality = robot.patch.effects, _reality(robot)
+    effects, reality = robot.patch.effects, reality_of(robot)
     others = {e.effect: Patch(tuple(other for other in effects if other is not e)) for e in effects if len(effects) > 1}
     cells = {f"without_{name}": replace(reality, effects=text_of(patch)) for name, patch in others.items()}
     folder = judging.out / robot.folder / "episodes"
@@ -257,7 +257,7 @@ def _without(robot: Robot, judging: Judging, pool: Executor) -> dict[str, list[f
     return {name: played[f"without_{name}"] for name in others}
 
 
-def _ablation(robot: Robot, engine: dict, without: dict[str, list[float]]) -> dict[str, float]:
+def ablation_of(robot: Robot, engine: dict, without: dict[str, list[float]]) -> dict[str, float]:
     """What each true effect costs in PhysX: success without it, less success with all."""
     others = {name: succeeds(each) for name, each in without.items()} or {robot.effects[0].effect: engine["nominal"]}
     return {name: float(np.mean(each) - np.mean(engine["before"])) for name, each in others.items()}

@@ -23,6 +23,9 @@ AT_ONCE = 1024  # cases that a cluster is handed
 class TimeOver(Exception):
     """Nothing more is begun."""
 
+    def __str__(self) -> str:
+        return "the time was over"
+
 
 class Queue:
     """Hands a pool at most `at_once` cases at a time, those of a lower rank first. until: Unix s from which none is begun any more: futures of

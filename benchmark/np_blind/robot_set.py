@@ -19,7 +19,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from np_blind.robot_answering import ORACLES, Judging, Turns, answered, is_diagnosed, settle_all
-from np_blind.robot_cases import SET, make_key, read_key
+from np_blind.robot_before import play_before
+from np_blind.robot_cases import SET, Robot, make_key, read_key
 from np_blind.robot_figures import figures
 from np_blind.robot_queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_blind.robot_sizes import find_robots
@@ -41,6 +42,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of the set (default: %(default)s)")
     parser.add_argument("--seal", action="store_true", help="find the robots, write the key and put down its hash")
     parser.add_argument("--pairs", type=int, default=32, help="--seal: episodes by which a loss is measured")
+    parser.add_argument("--as-found", action="store_true", help="--seal: also where the time is over for some robots")
     parser.add_argument("--from", dest="first", type=int, default=0, help="the first robot of this call")
     parser.add_argument("--to", dest="last", type=int, help="the one after the last")
     parser.add_argument("--episodes", type=int, default=200, help="of every figure (default: %(default)s)")
@@ -65,6 +67,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         default=[],
         metavar="EFFECT",
         help="not corrected, but trained for: what corrections did not have yet when a key was sealed",
+    )
+    parser.add_argument(
+        "--before", action="store_true", help="only what asks no doctor: what robots lose, and by which effect"
     )
     parser.add_argument("--answered", action="store_true", help="figures of the rows that are there, and do no more")
     parser.add_argument(
@@ -92,8 +97,10 @@ def seal(options: argparse.Namespace) -> dict:
     until = time.time() + options.within
     with workers(options.jobs, options.cluster) as pool:
         queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, until)
-        robots, not_found = find_robots(options.robots, options.seed, queue.ranked(ENGINE), options.pairs, played)
-    if not robots:
+        robots, not_found, late = find_robots(options.robots, options.seed, queue.ranked(ENGINE), options.pairs, played)
+    if late:
+        not_found.append(f"the time was over for robots {late}, the same command goes on with them")
+    if not robots or (late and not options.as_found):
         raise ValueError("; ".join(not_found))
     key = make_key(robots, options.seed)
     options.key.parent.mkdir(parents=True, exist_ok=True)
@@ -109,6 +116,8 @@ def judge(options: argparse.Namespace) -> dict:
     sealed = check(key) if is_locked else digest(key)
     options.out.mkdir(parents=True, exist_ok=True)
     robots = read_key(options.key)[options.first : options.last]
+    if options.before:
+        return _before(robots, options)
     if options.diagnosed:
         robots = [robot for robot in robots if is_diagnosed(options.out, robot)]
     # A later doctor may judge what an earlier one has answered, for it is asked nothing.
@@ -158,6 +167,14 @@ def judge(options: argparse.Namespace) -> dict:
     return {"robots": len(rows), "figures": found["figures"], "wall_s": found["wall_s"], "results": str(results)}
 
 
+def _before(robots: list[Robot], options: argparse.Namespace) -> dict:
+    """What robots lose, before any doctor is asked."""
+    judging = Judging(options.out, options.seed, options.episodes, 0, None)
+    with workers(options.jobs, options.cluster) as pool:
+        queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, time.time() + options.within)
+        return {"episodes": options.episodes, "rows": play_before(robots, judging, queue)}
+
+
 def _command(options: argparse.Namespace) -> str:
     """What plays the same again."""
     said = f"python -m np_blind.robot_set --robots {options.robots} --seed {options.seed} --episodes {options.episodes}"
@@ -177,7 +194,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; what is finished is kept, the same command goes on with the rest", file=sys.stderr)
         return INTERRUPTED
-    except (SealError, OSError, ValueError) as error:
+    except (SealError, OSError, ValueError, TimeOver) as error:
         print(f"robot_set: {error}", file=sys.stderr)
         return 2 if isinstance(error, SealError) else 1
     print(json.dumps(told))

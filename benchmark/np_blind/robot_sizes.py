@@ -1,4 +1,5 @@
-"""How large the effects of a withheld robot are: found by halving, in pairs of episodes in PhysX, until it loses as much as it shall."""
+"""How large the effects of a withheld robot are: looked for from where such effects begin to cost something, in pairs of episodes in PhysX, until
+it loses as much as it shall."""
 
 from __future__ import annotations
 
@@ -9,15 +10,23 @@ from pathlib import Path
 
 import numpy as np
 
-from np_blind.robot_cases import DOMAINS, LOSS, Robot, drawn
+from np_blind.robot_cases import DOMAINS, LOSS, MOST, Robot, drawn
+from np_blind.robot_queue import TimeOver
 from np_bringup.rehearsal.playing import Cell, play_all, succeeds, text_of
 from np_effects.patch import Patch
 from np_record.command import Progress
 
 TASKS = 700  # seed of the tasks by which sizes are found: none that a robot is judged by
 MIDDLE = (0.15, 0.33)  # of the loss, so that with as few episodes it is within LOSS
-FIRST = 0.4  # size that is tried first; effects that are larger cost most of success, and those episodes last longest
-HALVINGS = 5
+FIRST, FACTOR = (
+    1 / MOST,
+    1.4,
+)  # size that is tried first, an edge; by which it goes on while all were too small, or too large
+TRIED, STRICT = (
+    7,
+    3,
+)  # sizes at most of a draw; of these so many have to lose what is in MIDDLE, later ones what is within LOSS
+CLOSE = 1.02  # ratio of a size that loses too much and one that loses too little, from which nothing is between them
 ATTEMPTS = 10
 LOOKS = ((8, 0.0, 0.6), (16, 0.05, 0.48))
 """(pairs, least and largest loss between which more pairs are played): what lies outside is not in MIDDLE by its standard error or two."""
@@ -51,25 +60,31 @@ def find_robot(number: int, seed: int, loss: Callable[[str, Patch], float], epis
     """The robot of a number: the first draw that loses enough at some size, with that size. Raises ValueError where none does."""
     for attempt in range(ATTEMPTS):
         domain, of_size = drawn(number, seed, attempt)
-        size, low, high = FIRST, 0.0, None
-        for _ in range(HALVINGS + 2):
+        size, low, high = FIRST, None, None
+        for tried in range(TRIED):
             found = loss(domain, of_size(size))
-            if MIDDLE[0] <= found <= MIDDLE[1]:
+            least, most = MIDDLE if tried < STRICT else LOSS
+            if least <= found <= most:
                 return Robot(number, domain, of_size(size).effects, round(found, 4), episodes)
-            if found > MIDDLE[1]:
+            if found > most:
                 high = size
             elif size == 1.0:  # the largest that is tried
                 break
             else:
                 low = size
-            size = 1.0 if high is None else (low + high) / 2
+            if low and high and high / low < CLOSE:
+                break
+            size = min(size * FACTOR, 1.0) if high is None else high / FACTOR if low is None else (low * high) ** 0.5
     raise ValueError(
         f"robot {number} of seed {seed}: no draw of {ATTEMPTS} loses {LOSS[0]:g} to {LOSS[1]:g} of success"
     )
 
 
-def find_robots(count: int, seed: int, pool: Executor, episodes: int, folder: Path) -> tuple[list[Robot], list[str]]:
-    """The robots of a set, all of them searched for at once, and why others were not found. folder: of what is played."""
+def find_robots(
+    count: int, seed: int, pool: Executor, episodes: int, folder: Path
+) -> tuple[list[Robot], list[str], list[int]]:
+    """The robots of a set, all of them searched for at once; why others were not found; and for which the time was over. folder: of what is
+    played."""
     measured, progress = Measured(pool, episodes, folder), Progress(count, "robots")
     progress.show(0)
     threads = ThreadPoolExecutor(count)
@@ -81,4 +96,5 @@ def find_robots(count: int, seed: int, pool: Executor, episodes: int, folder: Pa
         threads.shutdown(wait=False, cancel_futures=True)
     errors = [future.exception() for future in asked]
     found = [future.result() for future, error in zip(asked, errors) if error is None]
-    return found, [str(error) or f"robot {n}: the time was over" for n, error in enumerate(errors) if error is not None]
+    late = [n for n, error in enumerate(errors) if isinstance(error, TimeOver)]
+    return found, [str(error) for error in errors if error is not None and not isinstance(error, TimeOver)], late

@@ -113,7 +113,10 @@ def motion(case: Case, found: Whole, kept: Given, fresh: Sequence[TaskRecording]
     """px by which corners are seen off their prediction, mean over the windows of recordings that no stage has heard: as believed, with the
     patch that is given, with all that is true, and with everything that was measured, named or not."""
     tried = {"believed": Patch(), "patch": kept.patch, "truth": case.patch, "at_once": at_once(found).patch}
-    off = {name: errors(fresh, one) for name, one in tried.items()}
+    off: dict[str, np.ndarray] = {}
+    for name, one in tried.items():  # what is the same is simulated once
+        same = next((other for other in off if tried[other] == one), None)
+        off[name] = errors(fresh, one) if same is None else off[same]
     known = np.all([np.isfinite(values) for values in off.values()], axis=0)
     removed = share(off["believed"][known], off["patch"][known])
     return {

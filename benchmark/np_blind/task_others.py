@@ -2,7 +2,8 @@
 
 A baseline hears the recording that the doctor hears. paper: the paper's identification of the arm; residual: a learned residual; cma: CMA-ES over
 seven numbers at once. Answers lie in a folder a case, and a call asks what --out lacks; JOBS cases at a time, or those of a Dask cluster. Needs SAPIEN
-(`make physx`). The last line printed is one JSON object.
+(`make physx`). With --doctor, the folder of the set, its answers to the same cases stand beside them: the doctor's, and those of everything at
+once. The last line printed is one JSON object.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ from pathlib import Path
 
 import numpy as np
 
+from np_blind.task_answering import NAME as ANSWER
 from np_blind.task_answering import answered, publish, settle_all
 from np_blind.task_cases import Case, draw
 from np_blind.task_figures import HARM, rates, share_of_true
 from np_record.workers import HELP, SINGLE_THREAD, workers
 
 METHODS = ("paper", "residual", "cma")
+BESIDE = ("doctor", "at once")
 NAME = "others.json"  # of the answers to a case, in its folder
 
 
@@ -73,9 +76,26 @@ def _asked(method: str, recording, number: int, seconds: float, fresh, known: Ma
     return {"named": told.named, "found": dict(told.found), **told.more, "motion": motion}
 
 
+def beside(row: Mapping, answer: Mapping) -> dict:
+    """A row with what the set's own answer to its case has: of the doctor, and of everything at once. Of a class the doctor is taken to name the
+    true member, if it is one."""
+    gap, motion = row["gap"], answer["motion"]
+    told = (
+        ([next((one for one in ids if one in gap), ids[0]) for ids in answer["named"]], "patch"),
+        (answer["at_once"], "at_once"),
+    )
+    kept = {one: motion[one] for one in ("windows", "believed", "truth")}
+    found = {name: {"named": named, "motion": {**kept, "after": motion[of]}} for name, (named, of) in zip(BESIDE, told)}
+    return {**row, "methods": {**row["methods"], **found}}
+
+
 def figures(rows: Sequence[Mapping], method: str) -> dict:
     """As of the doctor (`task_figures`): right effects and nothing else, false alarms, harm, and the share of held-out motion removed."""
-    asked = [{**row, **row.get("methods", {}).get(method, {})} for row in rows]
+    asked = [
+        {**row, **row.get("methods", {}).get(method, {})}
+        for row in rows
+        if row.get("error") or method in row.get("methods", {})
+    ]
     ok = [row for row in asked if not row.get("error") and "motion" in row]
     names = [row for row in ok if row["named"] is not None]
     moved = [row["motion"] for row in ok if row["motion"]["windows"]]
@@ -102,6 +122,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, required=True, help="of the set")
     parser.add_argument("--seconds", type=float, default=600.0, help="of CMA's search, a case (default: %(default)s)")
     parser.add_argument("--answered", action="store_true", help="score what is answered, and ask nothing")
+    parser.add_argument("--doctor", type=Path, help="folder of the set with the doctor's answers, to stand beside")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--cluster", default="", help=HELP)
     parser.add_argument("--out", type=Path, required=True, help="folder; what is there already is not done again")
@@ -115,7 +136,10 @@ def main(arguments: list[str] | None = None) -> int:
         asked = partial(ask, methods=tuple(options.methods), seconds=options.seconds)
         with workers(options.jobs, options.cluster) as pool:
             rows = settle_all(cases, options.seed, options.out, pool, asked, NAME)
-    methods = [method for method in METHODS if any(method in row.get("methods", {}) for row in rows)]
+    if options.doctor:
+        own = {row["case"]: row for row in answered(cases, options.doctor, ANSWER) if not row.get("error")}
+        rows = [beside(row, own[row["case"]]) if "methods" in row and row["case"] in own else row for row in rows]
+    methods = [one for one in (*METHODS, *BESIDE) if any(one in row.get("methods", {}) for row in rows)]
     results, found = options.out / NAME, {method: figures(rows, method) for method in methods}
     command = f"task_others --cases {options.of} --seed {options.seed} --out FOLDER"
     publish(results, command, options.seed, drawn=options.of, figures=found, rows=rows)

@@ -226,7 +226,7 @@ def test_a_recording_that_cannot_be_made_fails_its_own_case_only(tmp_path, monke
 
 @pytest.mark.parametrize("which", ["locked", "locked_changes"])
 def test_a_sealed_set_is_not_begun_where_the_doctor_does_not_start(which, tmp_path, monkeypatch):
-    monkeypatch.setattr(rehearsal, "MOTIONS", ("triangle_fast",))
+    monkeypatch.setattr(rehearsal, "MOTIONS", ("sinusoid_7",))
     asking = Asking(tmp_path, shlex.join([sys.executable, "-c", "import no_such_package"]), 60.0)
     with pytest.raises(SealError, match="no_such_package"):
         rehearsal.rehearse(which, 600, asking, workers)

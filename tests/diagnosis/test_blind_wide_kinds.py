@@ -80,7 +80,7 @@ def test_every_new_kind_changes_what_is_recorded():
     own = (1, WIDE_FROM, 2, 0)  # the same background for all
     faults = [Fault(name, joints[-1], 5.0) for name, (_, joints) in WIDE.items()]
     cases = [Case(0, "null", (), own)] + [Case(i, "stranger", (f,), own) for i, f in enumerate(faults, 1)]
-    record = run(make_physics(cases)[0], make_targets(suite(["reference"])), None)
+    record = run(make_physics(cases)[0], make_targets(suite(["reference"])).until(4.0), None)
     for i, fault in enumerate(faults, 1):
         seen = [
             np.abs(getattr(record, part)[:, i] - getattr(record, part)[:, 0]).max(axis=0) / unit

@@ -57,6 +57,18 @@ def test_a_baseline_is_scored_as_the_doctor_is_and_one_that_names_nothing_is_not
     assert set(silent) == {"does harm to held-out motion", "errors", share}
 
 
+def test_beside_a_baseline_stands_what_the_doctor_answered_to_the_case():
+    late = row("single", {"camera_latency": {}}, "residual", named=None, motion={})
+    motion = {"windows": 9, "believed": 2.0, "patch": 1.2, "truth": 1.0, "at_once": 1.5}
+    answer = {"named": [["camera_latency", "clock_offset"]], "at_once": ["object_mass"], "motion": motion}
+    rows = [task_others.beside(late, answer)]
+    assert list(rows[0]["methods"]) == ["residual", "doctor", "at once"]
+    told, at_once = (task_others.figures(rows, method) for method in ("doctor", "at once"))
+    assert told["right effects, singles"]["value"] == 1.0 and at_once["right effects, singles"]["value"] == 0.0
+    share = "held-out motion: share of what the true effects remove"
+    assert told[share]["value"] == pytest.approx(0.8) and at_once[share]["value"] == pytest.approx(0.5)
+
+
 def test_a_case_is_recorded_once_for_all_baselines_and_one_that_fails_takes_none_with_it(tmp_path, monkeypatch):
     made = []
 

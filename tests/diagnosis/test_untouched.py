@@ -12,7 +12,7 @@ from np_description.panda import NOMINAL
 from np_description.phases import EXCITE, PhaseState
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix, yaw_quaternion
 from np_diagnosis.chain.scatter import scatter
-from np_diagnosis.chain.task.near import hand
+from np_diagnosis.chain.task.near import Hand, hand
 from np_diagnosis.chain.task.recording import TaskRecording, spans_of
 from np_diagnosis.chain.task.untouched import untouched
 from np_diagnosis.chain.track import Track
@@ -120,6 +120,16 @@ def test_a_camera_that_is_knocked_while_the_hand_is_down_jumps():
     begin, end = way(TWICE)[1][1]
     found = untouched(recorded(moved=knocked((begin + end) / 2)))
     assert found.verdict == "unexplained" and "the picture jumps" in found.doubt
+
+
+def test_a_tip_that_is_quick_for_a_moment_excuses_no_jump_before_and_after():
+    """A fast stroke lasts half a second of four in which the tip is at the object."""
+    time = np.arange(0.0, 6.0, 0.01)
+    speed = np.where((time > 3.0) & (time < 3.2), 0.1, 0.03)
+    (begin, end), *others = Hand(time, (time > 1.0) & (time < 5.0), speed).quick
+    assert not others and 2.7 < begin < 3.0 and 3.2 < end < 3.8
+    away = np.where((time > 5.5) & (time < 5.7), 0.3, speed)  # and where it is not at the object nothing is quick
+    assert Hand(time, (time > 1.0) & (time < 5.0), away).quick == [(begin, end)]
 
 
 def test_an_object_that_goes_while_the_hand_touches_the_table_is_not_left_alone():

@@ -60,6 +60,33 @@ def test_a_size_is_found_that_loses_enough():
     assert MIDDLE[0] <= robot.loss <= MIDDLE[1] and robot.effects[0].effect != first
 
 
+@pytest.mark.parametrize("edge", (0.35, 0.4, 0.55))
+def test_from_an_edge_a_size_is_not_far(edge):
+    from np_blind.robot_cases import LOSS, drawn
+    from np_blind.robot_sizes import TRIED, find_robot
+
+    whole = sum(abs(v) for e in drawn(1, 5, 0)[1](1.0).effects for v in e.parameters.values())
+    asked = []
+
+    def steep(domain, patch):  # nothing, and 6 % of the size later everything
+        size = sum(abs(v) for e in patch.effects for v in e.parameters.values()) / whole
+        asked.append(size)
+        return float(np.clip((size / edge - 0.98) / 0.06, 0, 1))
+
+    robot = find_robot(1, 5, steep, 24)
+    assert LOSS[0] <= robot.loss <= LOSS[1] and len(asked) <= TRIED and max(asked) < 2 * edge
+
+
+def test_nothing_is_sealed_while_robots_are_being_found(tmp_path, monkeypatch):
+    from np_blind import robot_set
+
+    monkeypatch.setattr(playing, "play", losing({}))
+    monkeypatch.setattr(robot_set, "missing", lambda: "")
+    monkeypatch.setattr(robot_set, "workers", lambda jobs, cluster: nullcontext(Here()))
+    arguments = ["--seal", "--robots", "2", "--seed", "1", "--pairs", "8", "--out", str(tmp_path / "set")]
+    assert robot_set.main([*arguments, "--within", "-1"]) == 1 and not list(tmp_path.glob("*.json"))
+
+
 def test_fewer_pairs_are_played_where_fewer_say_enough(tmp_path, monkeypatch):
     from np_blind.robot_sizes import Measured
 
@@ -135,6 +162,18 @@ def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
     assert row["ablation"] == pytest.approx({"coulomb_friction": 0.2, "gripper_friction": 0.1})
     assert sum(row["engine"]["oracle"]) == sum(row["engine"]["adopted"]) == 9
     assert robot_answering.answered(robots, judging) == [row]
+
+
+def test_what_robots_lose_is_known_before_a_doctor_is_asked(tmp_path, monkeypatch):
+    from np_blind import robot_answering
+    from np_blind.robot_before import play_before
+
+    robots = stand_ins(monkeypatch, None)
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, None, oracle="none")
+    (row,) = play_before(robots, judging, Queue(Here(), 1))
+    assert row["loss"]["value"] == pytest.approx(0.4) and max(row["ablation"].values()) > 0
+    assert play_before(robots, judging, Queue(Here(), 1, 0.0)) == [row]  # kept
+    assert not robot_answering.is_diagnosed(tmp_path, robots[0])
 
 
 def test_without_training_a_row_says_what_corrections_bring_back(tmp_path, monkeypatch):
@@ -417,7 +456,7 @@ def test_a_robot_that_is_not_found_costs_the_others_nothing(tmp_path, monkeypatc
 
     monkeypatch.setattr(playing, "play", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
     monkeypatch.setattr(robot_sizes, "find_robot", find)
-    found, why = robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)
+    found, why, late = robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)
     assert found == pytest.approx([0.4]) and why == ["robot 1: none"]
     monkeypatch.setattr(playing, "play", None)  # all of it is kept
     assert robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)[0] == found

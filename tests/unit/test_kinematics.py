@@ -48,6 +48,21 @@ def test_the_end_effector_is_where_mujoco_puts_it(q):
 
 
 @settings(max_examples=50)
+@given(joints, shifts, turns)
+def test_one_configuration_is_what_it_is_as_a_row_of_many(q, shift, turn):
+    """Numbers of one are dealt with one by one, arrays of many by NumPy."""
+    rows = np.stack([q, NOMINAL.ready])
+    for function in (forward_kinematics, hand_pose, lambda q: [jacobian(q)]):
+        for one, many in zip(function(q), function(rows)):
+            np.testing.assert_allclose(one, many[0], atol=1e-14)
+    position, rotation = forward_kinematics(q)
+    goal = position + shift, matrix_from_vector(turn) @ rotation
+    many = solve_ik(rows, *(np.stack([part, part]) for part in goal))[0]
+    np.testing.assert_allclose(solve_ik(q, *goal), many, atol=1e-9)
+    assert (vector_from_matrix(goal[1]) == vector_from_matrix(goal[1][None])[0]).all()
+
+
+@settings(max_examples=50)
 @given(joints)
 def test_the_end_effector_is_where_pinocchio_puts_it(q):
     model = build_model()

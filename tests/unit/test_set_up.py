@@ -34,6 +34,17 @@ def test_the_exit_status_and_the_errors_are_those_of_pip(tmp_path):
         assert done.returncode == status and "no such thing" in done.stderr and not done.stdout
 
 
+def test_pips_beside_one_another_both_run_and_one_that_fails_is_told(tmp_path):
+    def pip(name, status):
+        return [sys.executable, "-c", f"open({str(tmp_path / name)!r}, 'w'); import sys; sys.exit({status})"]
+
+    for first, second in ((0, 3), (4, 0), (0, 0)):
+        command = [sys.executable, str(SCRIPT), "1", *pip("a", first), "--and", *pip("b", second)]
+        assert subprocess.run(command).returncode == first + second
+        for name in "ab":
+            (tmp_path / name).unlink()
+
+
 def test_progress_is_told_while_pip_works(tmp_path):
     folder = tmp_path / "site-packages"
     folder.mkdir()
@@ -53,7 +64,7 @@ def text(*args):
     if "1 of 2 installed" in line: pathlib.Path({str(tmp_path)!r}, "told").touch()
     return line
 pip_progress.Bar.text = text
-sys.exit(pip_progress.run(2, [sys.executable, "-c", {slow!r}], pathlib.Path({str(folder)!r})))
+sys.exit(pip_progress.run(2, [[sys.executable, "-c", {slow!r}]], pathlib.Path({str(folder)!r})))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0 and "50 %  1 of 2 installed" in done.stderr

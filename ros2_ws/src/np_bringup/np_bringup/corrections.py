@@ -116,9 +116,12 @@ class CorrectedDriver:
         self._weights = (Dynamics(), Dynamics(arm.panda())) if weighs else None
         delay = float(arm.per_joint("command_delay", "delay").max())
         self._ahead = Foretold(delay, Dynamics(arm.panda())) if delay > 0 else None
+        self._is_none = not arm.effects
 
     def read(self, measured: Measurement) -> Measurement:
         """What the encoders say, without what they say too much, when a command that is given now will act."""
+        if self._is_none:
+            return measured
         position, velocity = measured.position.copy(), measured.velocity.copy()
         position[:7] -= self._zero
         if self._ahead is not None:
@@ -127,6 +130,8 @@ class CorrectedDriver:
 
     def drive(self, torque: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         """What to ask of the drives (7,) Nm for `torque` (7,) Nm without gravity. q (7,) rad: as `read` has it; dq (7,) rad/s."""
+        if self._is_none:
+            return torque
         if self._ahead is not None:
             self._ahead.give(torque)
         asked = torque - self._offset

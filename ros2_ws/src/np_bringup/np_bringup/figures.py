@@ -50,6 +50,28 @@ def static_figures() -> dict[str, object]:
     return static_bench.figures(static_bench.results())
 
 
+def alone_figures(domain: Domain, weights: str) -> dict[str, object]:
+    """An episode in one process, by engine: processor time of a control period, ticks and plan shared out, beside the engine's own step in it."""
+    from np_bringup.one_process import OneProcess
+    from np_physx_bridge.library import missing
+
+    figures: dict[str, object] = {}
+    for name in ("mujoco", *([] if missing() else ["physx"])):
+        played, spent = OneProcess(domain, name, weights=weights), []
+        played.time_engine(spent.append)
+        began = time.process_time()
+        result = played.play(0)
+        whole = time.process_time() - began
+        figures[name] = {
+            "success": result.success,
+            "processor_s": round(whole, 2),
+            "period_us": round(whole / len(spent) * 1e6),
+            "peer": "the engine's step alone",
+            "peer_period_us": round(sum(spent) / len(spent) * 1e6),
+        }
+    return figures
+
+
 def renderer_figures(domain: Domain, repeats: int = 30) -> dict[str, object]:
     """One image by each way of drawing; they are each other's peers. None where a way does not work here."""
     from np_sim_bridge.renderer import egl_works, make_renderer

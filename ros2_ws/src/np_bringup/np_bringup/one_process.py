@@ -7,6 +7,7 @@ is called in the same order, without messages, so that an episode is not the gra
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +84,24 @@ class OneProcess:
     def domain(self) -> Domain:
         """Whose episodes they are."""
         return self._domain
+
+    def time_engine(self, take: Callable[[float], None]) -> None:
+        """From now on `take` is told the processor time s of every step of the engine."""
+        make = self._engine
+
+        def timed(*arguments, **options):
+            engine = make(*arguments, **options)
+            step = engine.step
+
+            def measured(*given) -> None:
+                began = time.process_time()
+                step(*given)
+                take(time.process_time() - began)
+
+            engine.step = measured
+            return engine
+
+        self._engine = timed
 
     def play(self, number: int, scenario: int = 0) -> Result:
         """One episode."""

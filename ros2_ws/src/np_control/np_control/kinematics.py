@@ -11,8 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from np_control.one_configuration import chain_of_one, pose_and_jacobian_of_one
 from np_description.panda import NOMINAL, PandaModel
-from np_description.rotations import cross, matrix_from_quaternion, namespace, vector_from_matrix
+from np_description.rotations import cross, is_one, matrix_from_quaternion, namespace, vector_from_matrix
 
 IK_ITERATIONS = 3
 IK_DAMPING = 0.03  # lambda; singular values of the Panda's Jacobian in the workspace are 0.1 to 2
@@ -37,7 +38,10 @@ def _like(panda: PandaModel, q):
 
 
 def _chain(q, panda: PandaModel):
-    """Origins (list of (..., 3)) and rotations of the seven joint frames after their rotation, then hand, tcp."""
+    """Origins (9 of (..., 3)) and rotations of the seven joint frames after their rotation, then hand, tcp."""
+    if is_one(q):
+        origins, rotations = chain_of_one(q, panda)
+        return np.array(origins), np.array(rotations).reshape(9, 3, 3)
     xp = namespace(q)
     offsets, turns, *_ = _like(panda, q)
     position = xp.zeros_like(q[..., :3])
@@ -74,6 +78,8 @@ def jacobian(q, panda: PandaModel = NOMINAL):
 
 
 def _pose_and_jacobian(q, panda: PandaModel):
+    if is_one(q):
+        return pose_and_jacobian_of_one(q, panda)
     xp = namespace(q)
     origins, rotations = _chain(q, panda)
     axes = [rotation[..., :, 2] for rotation in rotations[:7]]
@@ -99,7 +105,7 @@ def solve_ik(
         error = xp.concatenate([position - at, turn], axis=-1)
         transposed = matrix_transpose(matrix)
         step = transposed @ _solve(matrix @ transposed + identity, error[..., None])
-        q = xp.clip(q + step[..., 0], lower, upper)
+        q = xp.minimum(xp.maximum(q + step[..., 0], lower), upper)
     return q
 
 

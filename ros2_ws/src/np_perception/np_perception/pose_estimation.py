@@ -8,6 +8,7 @@ where no such pose explains the keypoints as well as a free one does, the object
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -141,28 +142,24 @@ class _Fit:
         self.points, self.camera = points, camera
         self._view = np.asarray(camera.rotation), np.asarray(camera.position)
 
+    @cached_property
+    def _rays(self) -> np.ndarray:
+        """Directions (n, 3) of the keypoints in the base frame."""
+        flat = (self.pixels - (self.camera.cx, self.camera.cy)) / (self.camera.fx, self.camera.fy)
+        return np.concatenate([flat, np.ones((len(flat), 1))], axis=1) @ self._view[0].T
+
     def resting_starts(self, surface: float) -> list[tuple[np.ndarray, np.ndarray]]:
         """For each face down at a height m, the best position (3,) and rotation (3, 3), in closed form.
 
         The height of every corner is known then, so its pixel gives its x, y; a planar rigid alignment gives the rest.
         """
-        view, eye = self._view
-        rays = (
-            np.concatenate(
-                [
-                    (self.pixels - (self.camera.cx, self.camera.cy)) / (self.camera.fx, self.camera.fy),
-                    np.ones((len(self.pixels), 1)),
-                ],
-                axis=1,
-            )
-            @ view.T
-        )
+        eye, rays = self._view[1], self._rays
+        weights = self.scores / self.scores.sum()
         starts = []
         for turn in _FACES_DOWN:
             local = self.points @ turn.T
             z = surface - local[:, 2].min()
             seen = eye[:2] + rays[:, :2] * ((local[:, 2] + z - eye[2]) / rays[:, 2])[:, None]
-            weights = self.scores / self.scores.sum()
             centre, middle = weights @ seen, weights @ local[:, :2]
             a, b = local[:, :2] - middle, seen - centre
             yaw = np.arctan2(weights @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), weights @ (a * b).sum(axis=1))
@@ -190,11 +187,12 @@ class _Fit:
         4.3 ms of CPU time; its Huber loss is of each coordinate, while a wrong keypoint is off in both.)
         """
         free = [0, 1, 5] if planar else list(range(6))
+        least = 1e-6 * np.eye(len(free))
         for _ in range(_ITERATIONS):
             residual, matrix = self._linearise(position, rotation)
             matrix = matrix[:, free]
             weights = np.repeat(self._weights(residual), 2)
-            normal = matrix.T @ (weights[:, None] * matrix) + 1e-6 * np.eye(len(free))
+            normal = matrix.T @ (weights[:, None] * matrix) + least
             step = np.zeros(6)
             step[free] = np.linalg.solve(normal, matrix.T @ (weights * residual.ravel()))
             position, rotation = position + step[:3], matrix_from_vector(step[3:]) @ rotation

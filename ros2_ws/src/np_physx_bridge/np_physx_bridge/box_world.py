@@ -16,10 +16,10 @@ from np_physx_bridge.scene import (
     coefficient,
     scene,
 )
-from np_physx_bridge.shapes import PLANE_BIT, stand_on_corners
+from np_physx_bridge.shapes import SURROUNDINGS_BIT, stand_on_corners
 from np_sim_bridge.box_world import GRAVITY, STEP, TIP_RADIUS, BoxOnTable
 
-BOX, FINGER, TABLE = 1, 2, 4  # collision bits: the finger touches the box only
+TABLE, BOX, FINGER = SURROUNDINGS_BIT, 2, 4  # collision bits: the finger touches the box only
 FINGER_MASS = 1.1  # kg, with the arm behind it
 STIFFNESS, DAMPING, PRESSING_DAMPING = 1e5, 6e2, 50.0  # N/m, N s/m, as the finger of the other engine is led
 
@@ -57,7 +57,7 @@ class PhysxBoxWorld:
         material = self._physx.PhysxMaterial(own, own, 0.0)
         shapes = [make(*size, material)]
         is_plane = kind == TABLE
-        shapes[0].set_collision_groups([kind | (PLANE_BIT if is_plane else 0), affinity, int(is_plane), 0])
+        shapes[0].set_collision_groups([kind, affinity, int(is_plane), 0])
         if is_object:
             shapes += stand_on_corners(self._physx, shapes[0], size[0], material, self._sapien.Pose)
         for shape in shapes:

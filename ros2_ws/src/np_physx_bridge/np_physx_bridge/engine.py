@@ -50,7 +50,7 @@ class PhysxEngine:
         self.model = load_model(
             domain, timestep=self._timestep, camera=camera, panda=panda, contact=contact, change=change
         )
-        self._ready, self._limit = panda.ready, panda.torque_limit
+        self._ready, self._limit, self._least = panda.ready, panda.torque_limit, -panda.torque_limit
         self._friction = panda.frictionloss
         # As the scene's joints have it: the arm's viscous damping is no part of its drives, the fingers' is.
         self._damping = panda.damping
@@ -74,6 +74,9 @@ class PhysxEngine:
             self._parts.set_root_pose(self._sapien.Pose(start.position, start.quaternion))
         order = [joint.name for joint in self.articulation.get_active_joints()]
         self._dofs = len(order)
+        self._force = np.zeros(
+            len(order), dtype=np.float32
+        )  # in PhysX's order; where nothing is asked for it stays none
         self._order = np.array([order.index(name) for name in STATE_NAMES])
         self._drives = [joints[name] for name in STATE_NAMES[len(JOINT_NAMES) :]]
         for joint, limit in zip([joints[name] for name in JOINT_NAMES], self._friction):
@@ -125,29 +128,24 @@ class PhysxEngine:
         """As in Engine."""
         arm = len(JOINT_NAMES)
         # Halves of numpy.clip, sums of squares: at 500 Hz what Python does here costs as much as what PhysX does.
-        self._effort[:arm] = np.maximum(np.minimum(torque, self._limit), -self._limit)
-        force = np.zeros(len(STATE_NAMES))
+        driven = np.maximum(np.minimum(torque, self._limit), self._least)
         if opening != self._opening:
             self._opening = opening
             for joint in self._drives:
                 joint.set_drive_target(opening)
         for _ in range(self._substeps):
-            servo = FINGER_STIFFNESS * (opening - self._position[arm:]) - FINGER_DAMPING * self._velocity[arm:]
-            self._effort[arm:] = np.maximum(np.minimum(servo, FINGER_FORCE), -FINGER_FORCE)
-            force[:arm] = self._effort[:arm] + extra - self._damping * self._velocity[:arm]
-            self.articulation.set_qf(self._as_articulation(force))
+            fingers = self._position[arm:].tolist(), self._velocity[arm:].tolist()
+            self._force[self._order[:arm]] = driven + extra - self._damping * self._velocity[:arm]
+            self.articulation.set_qf(self._force)
             self._system.step()
             self._start = None
             self._read()
+        servo = [FINGER_STIFFNESS * (opening - x) - FINGER_DAMPING * v for x, v in zip(*fingers)]
+        self._effort[:arm], self._effort[arm:] = driven, [max(min(f, FINGER_FORCE), -FINGER_FORCE) for f in servo]
         pose = self.object.entity.pose
-        for name, values in (
-            ("joints", self._position),
-            ("speeds", self._velocity),
-            (OBJECT, pose.p),
-            (OBJECT, pose.q),
-        ):
-            if not isfinite(values @ values):
-                raise FloatingPointError(f"{name} not finite")
+        parts = (("joints", self._position), ("speeds", self._velocity), (OBJECT, pose.p), (OBJECT, pose.q))
+        if not isfinite(sum(values @ values for _, values in parts)):
+            raise FloatingPointError(f"{next(name for name, v in parts if not isfinite(v @ v))} not finite")
 
     def _read(self) -> None:
         self._position = np.asarray(self.articulation.get_qpos(), float)[self._order]

@@ -8,26 +8,29 @@ import numpy as np
 
 SAGITTA = 1e-4  # m
 CORNER_RADIUS, EDGE_RADIUS = 2.5e-4, 5e-4  # m
+# Rods along one edge, each with friction by its own load; m, by which rods are below the faces, so that corners carry where they can; m, by
+# which what is left of the box for an obstacle's corner is smaller.
+RODS, RECESS, CORE = 6, 2e-5, 5e-4
 # m; proud by .42 of its radius and more, a sphere covers the box's corner, which would touch first otherwise.
 TIP_CORNER_RADIUS, TIP_CORNER_PROUD = 1e-4, 4.5e-5
 SURROUNDINGS_BIT = 1  # of table and obstacles, as in the compiled scene
-PLANE_BIT = 1 << 10  # of what only a plane touches
+ALL_ROUND = np.zeros(3)
 SIGNS = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), -1).reshape(-1, 3).astype(np.float32)  # of a box's corners, (8, 3)
 
 
-def stand_on_corners(physx: ModuleType, box, half_size, material, pose) -> list:
-    """Spheres in the corners of a box, which from then on touch planes in its place; all else touches the box.
+def stand_on_corners(physx: ModuleType, box, half_size, material, pose, outward=ALL_ROUND) -> list:
+    """Spheres in the corners of a box, which from then on touch table and obstacles in its place; all else touches the box.
 
-    A face of a box on a plane is one patch, whose friction PhysX takes to be the same everywhere in it, wherever it is pressed. A card
+    A face of a box on another is one patch, whose friction PhysX takes to be the same everywhere in it, wherever it is pressed. A card
     that a fingertip presses beside its middle and draws is then turned about the tip, by 44 degrees over 60 mm, where the law of Coulomb
     turns it not at all: friction has its centre where the load has. Each sphere has friction of its own, by its own load
-    (`np_sim_bridge.static_bench.drag_off_centre`). half_size (3,) m; pose: the library's Pose.
+    (`np_sim_bridge.static_bench.drag_off_centre`). half_size (3,) m; pose: the library's Pose; outward (3,): as for `lie_on_edges`.
     """
     groups = box.get_collision_groups()
-    box.set_collision_groups([groups[0], groups[1], groups[2] | 1, groups[3]])  # of those that pass planes by
-    corners = _corners(physx, box, half_size, material, pose, CORNER_RADIUS)
+    box.set_collision_groups([0, groups[1] & ~SURROUNDINGS_BIT, groups[2], groups[3]])
+    corners = _corners(physx, box, half_size, material, pose, CORNER_RADIUS, signs=SIGNS[_outside(SIGNS, outward)])
     for corner in corners:
-        corner.set_collision_groups([0, PLANE_BIT, 0, 0])
+        corner.set_collision_groups([0, SURROUNDINGS_BIT, 0, 0])
     return corners
 
 
@@ -45,29 +48,44 @@ def press_with_corners(physx: ModuleType, box, half_size, material, pose) -> lis
     return corners
 
 
-def _corners(physx: ModuleType, box, half_size, material, pose, radius: float, proud: float = 0.0) -> list:
+def _corners(physx: ModuleType, box, half_size, material, pose, radius: float, proud=0.0, signs=SIGNS) -> list:
     """Spheres in the corners of a box, `proud` m of its faces."""
     place, inner = box.get_local_pose(), np.asarray(half_size) - radius + proud
-    return [placed(physx.PhysxCollisionShapeSphere(radius, material), place * pose(s * inner)) for s in SIGNS]
+    return [placed(physx.PhysxCollisionShapeSphere(radius, material), place * pose(s * inner)) for s in signs]
 
 
-def lie_on_edges(physx: ModuleType, box, half_size, material, pose) -> list:
-    """Rods along the edges of a box, which touch the boxes of the surroundings before the edges do.
+def _outside(places: np.ndarray, outward) -> np.ndarray:
+    """Which (n,) of some places (n, 3) on a box are on the face to which `outward` points; all, if it points nowhere."""
+    return places @ outward > 0 if np.any(outward) else np.full(len(places), True)
+
+
+def lie_on_edges(physx: ModuleType, box, half_size, material, pose, outward=ALL_ROUND) -> list:
+    """Rods along the edges of a box, which touch the boxes of the surroundings in its place, and what is left of it for their corners.
 
     Where edges of two boxes cross, PhysX takes the normal of a face: it pushes aside, and lets the one fall through the other, a cube up to
-    21 mm deep into the bump. Of a rod and a box it finds the true one. half_size (3,) m; pose: the library's Pose.
+    21 mm deep into the bump. Of a rod and a box it finds the true one. Friction of a rod that is pressed at one end acts at both, as that of
+    a face does: where a pressed cube hangs over the bump it turned three times as far as it should. So each edge has several, end to end.
+    half_size (3,) m; pose: the library's Pose; outward (3,): from the middle of the object to a box that is only a face of it, whose other
+    edges are inside.
     """
     half, place = np.asarray(half_size), box.get_local_pose()
     rods = []
     for axis in range(3):
-        for signs in SIGNS[SIGNS[:, axis] > 0]:
-            middle = signs * (half - EDGE_RADIUS)
-            middle[axis] = 0.0
-            rod = physx.PhysxCollisionShapeCapsule(EDGE_RADIUS, half[axis] - EDGE_RADIUS, material)
-            rod.set_local_pose(place * pose(middle, from_x(np.eye(3)[axis])))
-            rod.set_collision_groups([0, SURROUNDINGS_BIT, 1, 0])
-            rods.append(rod)
-    return rods
+        count = max(
+            1, min(RODS, int(half[axis] / (2 * EDGE_RADIUS)))
+        )  # none shorter than four radii, where the edge is not
+        length = half[axis] / count  # of half a rod
+        middles = SIGNS[SIGNS[:, axis] > 0] * (half - EDGE_RADIUS - RECESS)
+        middles[:, axis] = 0.0
+        for middle in middles[_outside(middles, outward)]:
+            for along_it in np.linspace(length - half[axis], half[axis] - length, count):
+                middle[axis] = along_it
+                rod = physx.PhysxCollisionShapeCapsule(EDGE_RADIUS, max(length - EDGE_RADIUS, 1e-5), material)
+                rods.append(placed(rod, place * pose(middle, from_x(np.eye(3)[axis]))))
+    core = placed(physx.PhysxCollisionShapeBox(np.maximum(half - CORE, 0.5 * half), material), place)
+    for shape in (*rods, core):
+        shape.set_collision_groups([0, SURROUNDINGS_BIT, 1, 0])
+    return [*rods, core]
 
 
 def along(radius: float, half_length: float) -> np.ndarray:

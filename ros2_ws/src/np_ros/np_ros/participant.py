@@ -13,6 +13,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
+from np_ros.interrupts import interrupts_wait
 from np_ros.links import Links
 from np_ros.services import Services
 from np_ros.spin import Spinner
@@ -89,4 +90,5 @@ class Participant:
         self._supervisor.wait(spun, timeout, what)
 
     def _spin_once(self) -> None:
-        self._spinner.spin_once(_SPIN)
+        with interrupts_wait():
+            self._spinner.spin_once(_SPIN)

@@ -12,6 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
 from np_ros import qos as profiles
+from np_ros.interrupts import interrupts_wait
 from np_ros.services import Services
 from np_ros.spin import Spinner
 
@@ -76,7 +77,8 @@ class Peer:
 
     def spin_once(self, timeout: float = 0.05) -> None:
         """Wait up to `timeout` s and run the callbacks that are ready."""
-        self._spinner.spin_once(timeout)
+        with interrupts_wait():
+            self._spinner.spin_once(timeout)
 
     def wait_until(
         self, condition: Callable[[], object], timeout: float | None = None, what: str = "the condition"

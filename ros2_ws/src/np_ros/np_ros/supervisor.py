@@ -29,6 +29,8 @@ STOP_SEQUENCE = ((signal.SIGINT, 8.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3
 """What a process gets, and how long s it may take, until it has ended."""
 
 _LAST_LINES = 12
+# MuJoCo, imported, looks for a library of windows in a process of its own, a tenth of a second in each node; none opens one.
+_UNASKED = {"MUJOCO_GL": "disable"}
 
 
 class NodeDied(RuntimeError):
@@ -142,7 +144,7 @@ class Supervisor:
                     stdin=subprocess.DEVNULL,
                     stdout=log,
                     stderr=subprocess.STDOUT,
-                    env={**os.environ, **self.environment, **(environment or {})},
+                    env={**_UNASKED, **os.environ, **self.environment, **(environment or {})},
                     # Own session: Ctrl-C in the terminal reaches only us, who stop the nodes in order.
                     # If we are killed outright, the kernel ends the nodes.
                     start_new_session=True,

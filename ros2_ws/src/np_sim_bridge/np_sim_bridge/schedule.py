@@ -6,7 +6,6 @@ All times are integers of nanoseconds, so that no run can drift from another by 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 
 from np_control.safety.limits import PERIOD_NS as PERIOD
 
@@ -46,5 +45,11 @@ class Schedule:
         """Whether an image is taken at this stamp (ns): at ticks, and the periods nearest to k/image_rate."""
         if self.is_policy_tick(stamp):
             return True
-        index = round(Fraction(stamp * self.image_rate, SECOND))
-        return round(Fraction(index * SECOND, self.image_rate * PERIOD)) * PERIOD == stamp
+        index = _nearest(stamp * self.image_rate, SECOND)
+        return _nearest(index * SECOND, self.image_rate * PERIOD) * PERIOD == stamp
+
+
+def _nearest(a: int, b: int) -> int:
+    """a / b rounded, halves to the even neighbour."""
+    whole, rest = divmod(a, b)
+    return whole + (2 * rest > b or (2 * rest == b and whole % 2))

@@ -147,7 +147,7 @@ class Simulation:
             position, velocity, _ = self.engine.joints()
             torque = self._effects.drive(torque, position[:7])
             extra = self._effects.extra(position[:7], velocity[:7])
-        self._led += float(np.clip(self._opening - self._led, -_TRAVEL, _TRAVEL))
+        self._led += min(max(self._opening - self._led, -_TRAVEL), _TRAVEL)
         self.stamp += PERIOD
         try:
             self.engine.step(torque, extra, self._led)

@@ -143,6 +143,7 @@ def main(arguments: list[str] | None = None) -> int:
     parts = {
         "simulation": lambda: figures.simulation_figures(domain),
         "static": figures.static_figures,
+        "one_process": lambda: figures.alone_figures(find_domain("wall"), options.weights),
         "renderer": lambda: figures.renderer_figures(domain),
         "detector": lambda: figures.detector_figures(domain, options.weights),
         "policy": lambda: figures.policy_figures(domain, options.weights),

@@ -84,6 +84,11 @@ class SafetyLimits:
         return self.period_ns * 1e-9
 
     @cached_property
+    def torque_step(self) -> float:
+        """Nm, by which torque may change in a period."""
+        return self.torque_rate * self.period
+
+    @cached_property
     def cruise(self) -> np.ndarray:
         """Greatest speed (7,) rad/s that the guards allow."""
         return self.speed_fraction * self.velocity
@@ -155,8 +160,10 @@ def torque_bounds(limits: SafetyLimits, q: np.ndarray, dq: np.ndarray) -> tuple[
 
 @lru_cache(maxsize=2)
 def _bounds_at(limits: SafetyLimits, q: bytes, dq: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """`torque_bounds` of one arm, found once where controller and backend guard the same state in one process."""
-    return torque_bounds(limits, np.frombuffer(q), np.frombuffer(dq))
+    """`torque_bounds` of one arm, found once where controller and backend guard the same state in one process; raises as `limit_torque`."""
+    state = np.frombuffer(q), np.frombuffer(dq)
+    check_finite(q=state[0], dq=state[1])
+    return torque_bounds(limits, *state)
 
 
 def _torque_towards(limits: SafetyLimits, room: np.ndarray) -> np.ndarray:
@@ -185,14 +192,15 @@ def limit_torque(
     Walls and speed come first, then the torque limit, then the rate, which therefore always holds: a faster
     jump would trip the real robot. Raises Refusal(not_finite).
     """
-    check_finite(torque=torque, q=q, dq=dq)
+    check_finite(torque=torque)
     if q.ndim == 1:
         lower, upper = _bounds_at(limits, np.asarray(q, float).tobytes(), np.asarray(dq, float).tobytes())
     else:
+        check_finite(q=q, dq=dq)
         lower, upper = torque_bounds(limits, q, dq)
     lawful = clamp_torque(limits, torque)
     guarded = np.minimum(np.maximum(lawful, lower), upper)
-    step = limits.torque_rate * limits.period
+    step = limits.torque_step
     slewed = np.minimum(np.maximum(guarded, previous - step), previous + step)
     if not np.count_nonzero(slewed != torque):
         return slewed, []

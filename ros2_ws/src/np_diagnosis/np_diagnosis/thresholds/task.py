@@ -212,6 +212,9 @@ class Untouching:
     slow: float = threshold(
         0.06, "m/s", "of a tip whose object goes no faster than a step tells", "drags and pushes: .03"
     )
+    early: float = threshold(
+        0.15, "s", "before a tip is faster than that, in which a step is not judged yet: stamps and medians", JUDGEMENT
+    )
     window: int = threshold(9, "images", "of which a median is taken", NUMERICS)
     corners: int = threshold(4, "corners", "that are seen in all images of a stretch", JUDGEMENT)
 

@@ -37,15 +37,9 @@ class Hand:
 
     @property
     def quick(self) -> list[tuple[float, float]]:
-        """(begin, end) s of those in which it moves the object faster than a step of the picture is judged by."""
-        return [
-            stretch
-            for stretch in self._stretches(self.is_near)
-            if (self.speed > UNTOUCHED.slow)[self.is_near & self._within(stretch)].any()
-        ]
-
-    def _within(self, stretch: tuple[float, float]) -> np.ndarray:
-        return (self.time >= stretch[0]) & (self.time <= stretch[1])
+        """(begin, end) s between which it moves the object faster than a step of the picture is judged by, and what it does is seen."""
+        moves = self._stretches(self.is_near & (self.speed > UNTOUCHED.slow))
+        return [(begin - UNTOUCHED.early, end) for begin, end in moves]
 
     def _stretches(self, rows: np.ndarray) -> list[tuple[float, float]]:
         found = np.flatnonzero(rows)
