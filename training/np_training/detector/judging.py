@@ -99,7 +99,9 @@ def evaluate(
     seed: int,
     pictures: Path | None,
     visited: torch.Tensor | None = None,
-    only: Sequence[str] = tuple(SETS),
+    only: Sequence[str] = tuple(
+        name for name in SETS if name not in LIKE
+    ),  # meshes are only there if they were installed
 ) -> dict:
     """The figures of the sets, `visited` states among them; the sheet of the shifted one goes to `pictures`."""
     detector = KeypointDetector(domain, folder)

@@ -20,6 +20,7 @@ from np_description.rotations import cross, matrix_from_vector, quaternion_from_
 
 FARTHEST = 3.0  # m; the camera is about 1 m from the workspace
 MIN_POINTS = 6
+FLOOR = -0.01  # m, height below which no corner of an object can be; the table's own is known to some millimetres
 _GOOD = 1.0  # px, error of a fit that needs no second look
 _HUBER = 1.5  # px, residual from which a keypoint counts less
 _ITERATIONS = 30
@@ -67,11 +68,13 @@ def estimate_pose(
     min_score: float = 0.3,
     max_rms: float = 4.0,
     camera: Camera = CAMERA,
+    floor: float = -np.inf,
 ) -> PoseEstimate:
     """The object's pose from keypoints (8, 3): u px, v px, score 0..1, in the order of np_description.keypoints.
 
-    min_score: keypoints below it are left out; max_rms px: a worse fit is refused. Raises PoseError with fewer than
-    MIN_POINTS usable keypoints or without a pose that explains them.
+    min_score: keypoints below it are left out; max_rms px: a worse fit is refused; floor m: no corner is lower, so that of two
+    corners that are off by 3 px no card is taken to be 3 cm below the table. Raises PoseError with fewer than MIN_POINTS usable
+    keypoints or without a pose that explains them.
     """
     keypoints = np.asarray(keypoints, float)
     good = usable(keypoints, min_score)
@@ -92,7 +95,8 @@ def estimate_pose(
     free = fit.refine(*resting[:2], planar=False)
     if resting[2] > _GOOD or not _explains(resting, free):  # or both are in a wrong valley
         free = _best([free, *(fit.refine(*start, planar=False) for start in fit.free_starts())])
-    is_resting = _explains(resting, free)
+    lowest = (box_keypoints(domain.half_size, free[0], quaternion_from_matrix(free[1])))[:, 2].min()
+    is_resting = _explains(resting, free) or (lowest < floor and resting[2] <= max_rms)
     position, rotation, rms = resting if is_resting else free
     if not rms <= max_rms:
         raise PoseError(f"expected a pose that reprojects within {max_rms:g} px rms, the best is off by {rms:.1f} px")

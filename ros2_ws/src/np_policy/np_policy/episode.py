@@ -15,7 +15,7 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, is_lost, is_success, pose_error
 from np_description.phases import ACTIVE, APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED, PhaseState
-from np_perception.pose_estimation import MIN_POINTS, PoseError, are_enough, estimate_pose, project_keypoints
+from np_perception.pose_estimation import FLOOR, MIN_POINTS, PoseError, are_enough, estimate_pose, project_keypoints
 
 SECOND = 1_000_000_000
 
@@ -267,7 +267,8 @@ class Episode:
         try:
             if keypoints is None:
                 raise PoseError(f"fewer than {MIN_POINTS} usable keypoints")
-            pose = estimate_pose(keypoints, config.domain, min_score=config.min_score, camera=config.camera).pose
+            how = {"min_score": config.min_score, "camera": config.camera, "floor": FLOOR}
+            pose = estimate_pose(keypoints, config.domain, **how).pose
         except PoseError as error:
             self.distance = self.angle = float("nan")
             self._sure = self._near = 0
