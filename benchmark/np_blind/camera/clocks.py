@@ -138,7 +138,7 @@ def drawn(draws: int, seed: int, tell: Callable[[str], None], base: Rig | None =
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(prog="np_blind.camera.clocks", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m np_blind.camera.clocks", description=__doc__.split("\n")[0])
     parser.add_argument("--real", type=Path, help="the published streams.npz (default: synthetic recordings only)")
     parser.add_argument("--draws", type=int, default=200, help="synthetic recordings (default 200)")
     parser.add_argument("--seed", type=int, default=0)

@@ -112,7 +112,7 @@ def _judged(kind: str, gap: Truth, truth: Truth, found: View) -> dict:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(prog="np_blind.camera.views", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m np_blind.camera.views", description=__doc__.split("\n")[0])
     parser.add_argument(
         "--draws", type=int, default=40, help="of each kind, with a measured pose and without (default 40)"
     )
