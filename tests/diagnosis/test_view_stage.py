@@ -114,9 +114,7 @@ def test_how_it_lies_is_told_from_its_corners(domain):
 
 
 # Each with either object: what they tell differs in what both effects and objects are, flat or high.
-@pytest.mark.parametrize(
-    ("effect", "domain"), [*zip(GAPS, [CARD, BUMP] * 4), ("camera_place", BUMP), ("camera_turn", CARD)]
-)
+@pytest.mark.parametrize(("effect", "domain"), [*zip(GAPS, [CARD, BUMP] * 4)])
 def test_what_is_off_is_found_within_its_interval(effect, domain):
     rng = np.random.default_rng([7, list(GAPS).index(effect), domain is CARD])
     truth = GAPS[effect] + usual(rng)
@@ -132,7 +130,7 @@ def test_what_is_off_is_found_within_its_interval(effect, domain):
 
 @pytest.mark.parametrize("detector", [Detector(), UNMEASURED], ids=["measured", "unmeasured"])
 def test_where_nothing_is_off_nothing_is_named(detector):
-    for seed in range(8):
+    for seed in range(4):  # np_blind.camera.views counts over many
         rng = np.random.default_rng([8, seed])
         found = view(places(Case(usual(rng), detector, (CARD, BUMP)[seed % 2], 8), rng))
         assert found.verdict in ("no_gap", "undetermined") and not found.named
@@ -277,12 +275,12 @@ def test_from_bags_to_words(tmp_path, monkeypatch, capsys):
 def test_the_command_that_measures_it_counts_what_is_found(tmp_path, monkeypatch, capsys):
     chosen = {kind: views.KINDS[kind] for kind in ("clean", "table_height", "wild")}
     monkeypatch.setattr(views, "KINDS", chosen)
-    assert views.main(["--draws", "2", "--seed", "3", "--out", str(tmp_path / "views.json")]) == 0
+    assert views.main(["--draws", "1", "--seed", "3", "--out", str(tmp_path / "views.json")]) == 0
     found = json.loads(capsys.readouterr().out.splitlines()[-1])
     measured = found["figures"][0]
     assert measured["measured"] and measured["kinds"]["table_height"]["right"] == 1.0
     assert measured["kinds"]["clean"]["wrong"] == 0.0 and measured["kinds"]["wild"]["unexplained"] == 1.0
-    assert measured["sizes"] == 2 and len(json.loads((tmp_path / "views.json").read_text())["rows"]) == 12
+    assert measured["sizes"] == 1 and len(json.loads((tmp_path / "views.json").read_text())["rows"]) == 6
 
 
 def test_a_page_is_drawn_where_nothing_can_be_said():
