@@ -64,6 +64,13 @@ def probe(graph):
     probe.close()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def shared(tmp_path_factory):
+    """The folder that all workers of a run have in common."""
+    base = tmp_path_factory.getbasetemp()
+    os.environ["NP_TESTS_SHARED"] = str(base.parent if "PYTEST_XDIST_WORKER" in os.environ else base)
+
+
 @pytest.fixture(scope="session")
 def untrained(tmp_path_factory):
     """A folder with untrained weights of every network of the card graph."""

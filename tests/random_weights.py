@@ -14,5 +14,5 @@ def write_weights(folder: Path, controller: str = "impedance") -> Path:
     """Policies, made for `controller`, and a detector for the card; the student wants a pose that can be reached.
     The folder."""
     write_policies(folder, CARD, controller=controller)
-    write_detector(folder, score=3.0)
+    write_detector(folder)
     return folder

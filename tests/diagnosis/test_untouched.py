@@ -80,7 +80,7 @@ def test_the_hand_is_at_the_object_where_it_is_low_and_there():
     assert not hand(recorded(BESIDE[:1])).touching
 
 
-@pytest.mark.parametrize("lift", [-0.015, 0.015])
+@pytest.mark.parametrize("lift", [-0.015, 0.012])  # from .016 on the way from one touch to the next is below it
 def test_a_table_that_was_felt_elsewhere_is_where_the_object_stands(lift):
     made = recorded()
     known = hand(made, lift=lift).touching

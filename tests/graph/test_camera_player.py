@@ -47,7 +47,7 @@ def listening(probe):
 
 
 def test_pictures_become_keypoints_with_their_own_stamps(graph, listening, tmp_path):
-    write_detector(tmp_path / "weights", score=4.0)
+    write_detector(tmp_path / "weights")
     images = write_pictures(tmp_path / "pictures")
     keypoints = listening.collect("keypoints", PointCloud2)
     graph.run("np_perception", "keypoint_detector", {"weights": str(tmp_path / "weights"), "mode": "lockstep"})

@@ -23,7 +23,7 @@ TOPIC = "camera/image_raw"
 def weights(tmp_path_factory):
     """A detector whose scores are high."""
     folder = tmp_path_factory.mktemp("weights")
-    write_detector(folder, score=4.0)
+    write_detector(folder)
     return folder
 
 

@@ -125,6 +125,10 @@ def test_no_file_and_half_a_file_are_refused_by_name(tmp_path):
     path.write_text(path.read_text()[:300])
     with pytest.raises(CalibrationError, match="camera.yaml"):
         load(path)
+    path.write_text("position: [1")
+    with pytest.raises(CalibrationError, match="while parsing") as raised:
+        load(path)
+    assert "\n" not in str(raised.value)
 
 
 def test_the_bound_of_a_length():

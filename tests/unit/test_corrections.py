@@ -71,6 +71,15 @@ def test_the_arm_does_what_is_asked_of_it(effects):
     assert np.abs(without - asked).max() > 0.3 or effects == (ZERO,)
 
 
+def test_where_nothing_is_to_be_corrected_nothing_is_touched():
+    driver = CorrectedDriver(corrections(Patch()))
+    measured = Measurement(0, np.arange(9.0), np.ones(9), np.zeros(9))
+    torque = np.linspace(-2, 3, 7)
+    assert driver.read(measured) is measured and driver.drive(torque, measured.position[:7], np.ones(7)) is torque
+    told = CorrectedDriver(corrections(Patch((PatchEffect("torque_offset", "panda_joint2", {"offset": 1.0}),))))
+    assert told.read(measured) is not measured and (told.drive(torque, np.zeros(7), np.zeros(7)) != torque).sum() == 1
+
+
 def test_friction_is_met_along_the_motion_and_never_in_full():
     driver = CorrectedDriver(corrections(Patch((FRICTION,))))
     fast, still = np.full(7, 0.5), np.zeros(7)

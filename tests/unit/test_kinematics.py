@@ -12,7 +12,7 @@ from np_control.dynamics import build_model
 from np_control.kinematics import forward_kinematics, hand_pose, jacobian, pose_distance, solve_ik
 from np_description.domains import CARD
 from np_description.panda import NOMINAL, TCP_FRAME
-from np_description.rotations import matrix_from_quaternion, matrix_from_vector, vector_from_matrix
+from np_description.rotations import cross, matrix_from_quaternion, matrix_from_vector, vector_from_matrix
 from np_description.scene import load_model
 
 torch.set_num_threads(1)
@@ -60,6 +60,14 @@ def test_one_configuration_is_what_it_is_as_a_row_of_many(q, shift, turn):
     many = solve_ik(rows, *(np.stack([part, part]) for part in goal))[0]
     np.testing.assert_allclose(solve_ik(q, *goal), many, atol=1e-9)
     assert (vector_from_matrix(goal[1]) == vector_from_matrix(goal[1][None])[0]).all()
+
+
+def test_one_rotation_is_what_it_is_as_a_row_of_many():
+    vectors = np.random.default_rng(0).normal(size=(50, 3)) * 10.0 ** np.linspace(-9, 0.5, 50)[:, None]
+    vectors[0] = 0.0
+    for matrix, vector in zip(matrix_from_vector(vectors), vectors):
+        np.testing.assert_allclose(matrix_from_vector(vector), matrix, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(cross(vector, vectors[7]), np.cross(vector, vectors[7]), rtol=0, atol=1e-15)
 
 
 @settings(max_examples=50)

@@ -238,3 +238,10 @@ def test_a_reason_cannot_break_the_page(tmp_path):
 def test_the_command_names_a_broken_bag(tmp_path, capsys):
     assert command.main([str(tmp_path / "nothing")]) == 1
     assert "does not exist" in capsys.readouterr().err
+
+
+def test_the_command_names_a_file_that_cannot_be_written(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    bag, out = record_episode(tmp_path / "bag", count=200), tmp_path / "file" / "report.html"
+    assert command.main([str(bag), "--out", str(out)]) == 1
+    assert f"report: {out}: expected a file that can be written, got: " in capsys.readouterr().err

@@ -51,7 +51,7 @@ def page() -> str:
         size = " x ".join(f"{1e3 * edge:g}" for edge in next(iter(rows)).spec.size)
         parts.append(f"## {name}\n\n{size} mm\n\n")
         cells = (
-            (f"`{r.spec.name}`", f"{1e3 * r.spec.mass:.4g}", r.spec.surface.name, softness(r.spec), str(r.successes))
+            (f"`{r.spec.name}`", f"{1e3 * r.spec.mass:.3g}", r.spec.surface.name, softness(r.spec), str(r.successes))
             for r in rows
         )
         parts.append(table(("object", "mass, g", "surface", "not rigid", f"the paper's, of {TRIES}"), cells))

@@ -193,7 +193,8 @@ def load(path: str | Path) -> Calibration:
     try:
         content = yaml.safe_load(Path(path).read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise CalibrationError(f"calibration {path}: expected a file written by `calibrate`: {error}") from error
+        said = " ".join(str(error).split())  # YAML's errors are of several lines
+        raise CalibrationError(f"calibration {path}: expected a file written by `calibrate`: {said}") from error
     keys = {
         "format",
         "made",

@@ -34,7 +34,7 @@ EVENT = _keep_last(10)
 diagnostics."""
 
 LATCHED = _keep_last(1, latched=True)
-"""What a late joiner must still get: goal_pose, goal_keypoints, episode/phase, camera_info."""
+"""What a late joiner must still get: goal_pose, goal_keypoints, episode/phase."""
 
 RECORDER = _keep_last(5000)
 """The recorder's side of every stream: ten seconds at 500 Hz, for a disk that stalls. More than Fast DDS's

@@ -23,8 +23,12 @@ def main(arguments: list[str] | None = None) -> int:
     except BagError as error:
         print(error, file=sys.stderr)
         return 1
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    write_report(options.out, sections)
+    try:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        write_report(options.out, sections)
+    except OSError as error:
+        print(f"report: {options.out}: expected a file that can be written, got: {error.strerror}", file=sys.stderr)
+        return 1
     print(
         json.dumps(
             {
