@@ -70,11 +70,11 @@ fuzz: setup ## SEED: random and malformed messages on every topic: none of the n
 	@$(ACTIVATE) exec ros2 run np_bringup fuzz --seed $(SEED) $(ARGS)
 
 blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS CLUSTER: the gap doctor against sealed cases, as JSON
-	@$(ACTIVATE) exec python -m np_blind.blind --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) \
+	@$(ACTIVATE) exec python -m np_blind.arm.set --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) \
 		$(ON) $(ARGS)
 
 blind-chain: physx ## CASES=16 SEED=1 JOBS CLUSTER ARGS=--seal: what is beside the arm, in PhysX, against sealed cases, as JSON
-	@$(ACTIVATE) exec python -m np_blind.task_set $(if $(filter-out file,$(origin CASES)),--cases $(CASES)) \
+	@$(ACTIVATE) exec python -m np_blind.chain.set $(if $(filter-out file,$(origin CASES)),--cases $(CASES)) \
 		$(if $(filter-out file,$(origin SEED)),--seed $(SEED)) --jobs $(JOBS) $(ON) $(ARGS)
 
 rehearse: $(if $(filter physx,$(ENGINE)),physx,setup) ## BAG="runs/suite_000 runs/task_000" DOMAIN EPISODES=100 OBJECT SEED JOBS ARGS="--minutes 5": what a gap costs the task, which effect most, trained on with it, judged again; a page

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from arm_generator import Truth, record
 
-from np_blind.loop import make_targets
+from np_blind.arm.loop import make_targets
 from np_control.safety import LIMITS, limit_torque
 from np_diagnosis.arm import link_errors, rigid
 from np_diagnosis.arm.model import panda

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from np_blind.view_cases import Case, Detector, Truth, places
+from np_blind.camera.boxes import Case, Detector, Truth, places
 from np_description.camera import CAMERA
 from np_description.domains import BUMP
 from np_diagnosis.chain.explanations import Explained

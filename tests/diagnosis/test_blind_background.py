@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from np_blind.arms.blind_arm import Plant
-from np_blind.arms.physics import nominal_physics
-from np_blind.arms.rigid_arm import tcp_in_link7
-from np_blind.background import MASS_ERROR, WIDE_DELAY, WIDE_FROM
-from np_blind.cases import Case, draw_cases, make_physics
-from np_blind.faults import HAND, Fault
-from np_blind.patched import patched_physics
+from np_blind.arm.drawn.background import MASS_ERROR, WIDE_DELAY, WIDE_FROM
+from np_blind.arm.drawn.cases import Case, draw_cases, make_physics
+from np_blind.arm.drawn.faults import HAND, Fault
+from np_blind.arm.judged.patched import patched_physics
+from np_blind.arm.plant.blind_arm import Plant
+from np_blind.arm.plant.physics import nominal_physics
+from np_blind.arm.plant.rigid_arm import tcp_in_link7
 from np_description.panda import NOMINAL
 from np_diagnosis.experiments.excitation import READY, SECOND
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from np_blind import task_set
-from np_blind.task_answering import answered, settle_all
-from np_blind.task_cases import draw
+from np_blind.chain import set as task_set
+from np_blind.chain.answering import answered, settle_all
+from np_blind.chain.cases import draw
 from np_description.domains import BUMP
 from np_physx_bridge.library import missing
 from np_record.workers import LOCAL, workers
@@ -68,9 +68,9 @@ def test_the_command_is_made_with_what_make_was_told():
         done = subprocess.run(command, cwd=ROOT, env=own, capture_output=True, text=True, check=True)
         return done.stdout.split("-m ")[-1]
 
-    assert re.fullmatch(r"np_blind\.task_set[\\\s]+--jobs \d+\s*", made())
+    assert re.fullmatch(r"np_blind\.chain\.set[\\\s]+--jobs \d+\s*", made())
     said = made("CASES=3", "SEED=5", "JOBS=2", "CLUSTER=local").split()
-    assert " ".join(said).replace("\\ ", "") == "np_blind.task_set --cases 3 --seed 5 --jobs 2 --cluster local"
+    assert " ".join(said).replace("\\ ", "") == "np_blind.chain.set --cases 3 --seed 5 --jobs 2 --cluster local"
 
 
 def test_a_sealed_set_is_not_spent_where_physx_is_missing_nor_begun_without_its_seal(tmp_path, monkeypatch, capsys):
@@ -86,7 +86,7 @@ def test_a_sealed_set_is_not_spent_where_physx_is_missing_nor_begun_without_its_
 @pytest.mark.skipif(bool(missing()), reason="SAPIEN is an extra: make physx")
 @pytest.mark.timeout(1200)
 def test_a_case_is_made_and_answered_in_a_process_of_its_own(tmp_path):
-    command = [sys.executable, "-m", "np_blind.task_set", "--cases", "1", "--jobs", "1", "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "np_blind.chain.set", "--cases", "1", "--jobs", "1", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])

@@ -8,14 +8,15 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from np_blind import blind, generate
-from np_blind.arm_key import make_key
-from np_blind.arms.physics import nominal_physics
-from np_blind.background import DAY_DELAY, DAY_FRICTION, HOLDS_FROM, WIDE_FROM
-from np_blind.cases import Case, as_it_was, draw_cases, make_physics
-from np_blind.faults import EFFECTS, HELD, PEAK_TOTAL, SPARE, Fault, apply, largest, visible, widen
-from np_blind.scoring import score_case, summary
-from np_blind.tables import GOALS_OF_CHANGES, figures_table
+from np_blind.arm import generate
+from np_blind.arm import set as blind
+from np_blind.arm.drawn.background import DAY_DELAY, DAY_FRICTION, HOLDS_FROM, WIDE_FROM
+from np_blind.arm.drawn.cases import Case, as_it_was, draw_cases, make_physics
+from np_blind.arm.drawn.faults import EFFECTS, HELD, PEAK_TOTAL, SPARE, Fault, apply, largest, visible, widen
+from np_blind.arm.drawn.key import make_key
+from np_blind.arm.judged.scoring import score_case, summary
+from np_blind.arm.judged.tables import GOALS_OF_CHANGES, figures_table
+from np_blind.arm.plant.physics import nominal_physics
 from np_record.bag import Recording
 
 WHICH = "development_changes"

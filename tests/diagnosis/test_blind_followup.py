@@ -6,10 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from np_blind.cases import Case
-from np_blind.faults import Fault
-from np_blind.followup import could_settle, follow_up, is_settled, suggested
-from np_blind.generate import bag_path, make_bags
+from np_blind.arm.drawn.cases import Case
+from np_blind.arm.drawn.faults import Fault
+from np_blind.arm.generate import bag_path, make_bags
+from np_blind.arm.judged.followup import could_settle, follow_up, is_settled, suggested
 from np_description.panda import JOINT_NAMES
 from np_diagnosis.recordings.reading import read
 from np_record.bag import Recording

@@ -7,11 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from np_blind import others
-from np_blind.arm_key import make_key
-from np_blind.cases import draw_cases, make_physics
-from np_blind.scoring import score_case, summary
-from np_blind.tables import figures_table
+from np_blind.arm.drawn.cases import draw_cases, make_physics
+from np_blind.arm.drawn.key import make_key
+from np_blind.arm.judged import others
+from np_blind.arm.judged.scoring import score_case, summary
+from np_blind.arm.judged.tables import figures_table
 from np_description.panda import JOINT_NAMES
 from np_effects.patch import Patch, PatchEffect, dump_patch
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from np_blind.arms.blind_arm import PERIOD
-from np_blind.arms.out_of_catalogue_physics import OutOfCatalogue, off_centre, slipped
-from np_blind.arms.physics import nominal_physics
+from np_blind.arm.plant.blind_arm import PERIOD
+from np_blind.arm.plant.out_of_catalogue_physics import OutOfCatalogue, off_centre, slipped
+from np_blind.arm.plant.physics import nominal_physics
 from np_diagnosis.experiments.excitation import READY
 
 paths = st.lists(st.floats(-3, 3), min_size=5, max_size=80)

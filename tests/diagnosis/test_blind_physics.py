@@ -9,18 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from np_blind.arms.blind_arm import PERIOD, Plant
-from np_blind.arms.hysteresis import bouc_wen, lugre, prandtl
-from np_blind.arms.physics import nominal_physics, stack
-from np_blind.arms.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
-from np_blind.cases import Case, draw_cases, make_physics
-from np_blind.faults import EFFECTS, Fault, soften, visible
-from np_blind.heldout import LOST, gaps, motions
-from np_blind.loop import Diverged, make_targets, run
-from np_blind.out_of_catalogue import ALL_FROM, BEFORE, LATER_FROM, OUT_OF_CATALOGUE
-from np_blind.out_of_catalogue_kinds import FIRST, LATER, NEWEST, SCALE
-from np_blind.patched import patched_physics
-from np_blind.scoring import modules
+from np_blind.arm.drawn.cases import Case, draw_cases, make_physics
+from np_blind.arm.drawn.faults import EFFECTS, Fault, soften, visible
+from np_blind.arm.drawn.out_of_catalogue import ALL_FROM, BEFORE, LATER_FROM, OUT_OF_CATALOGUE
+from np_blind.arm.drawn.out_of_catalogue_kinds import FIRST, LATER, NEWEST, SCALE
+from np_blind.arm.judged.heldout import LOST, gaps, motions
+from np_blind.arm.judged.patched import patched_physics
+from np_blind.arm.judged.scoring import modules
+from np_blind.arm.loop import Diverged, make_targets, run
+from np_blind.arm.plant.blind_arm import PERIOD, Plant
+from np_blind.arm.plant.hysteresis import bouc_wen, lugre, prandtl
+from np_blind.arm.plant.physics import nominal_physics, stack
+from np_blind.arm.plant.rigid_arm import RigidArms, nominal_inertials, tcp_in_link7
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
 from np_description.domains import CARD

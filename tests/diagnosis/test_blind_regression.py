@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from np_blind import regression
-from np_blind.scoring import Score
+from np_blind.arm import regression
+from np_blind.arm.judged.scoring import Score
 
 
 def single(case, right, covered=()):

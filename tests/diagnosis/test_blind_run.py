@@ -11,12 +11,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from np_blind import bags as recordings
-from np_blind import blind, generate, rehearsal
-from np_blind.answering import Asking
-from np_blind.arm_key import make_key
-from np_blind.cases import draw_cases, make_physics
-from np_blind.generate import make_bags
+from np_blind.arm import bags as recordings
+from np_blind.arm import generate
+from np_blind.arm import set as blind
+from np_blind.arm.drawn.cases import draw_cases, make_physics
+from np_blind.arm.drawn.key import make_key
+from np_blind.arm.generate import make_bags
+from np_blind.arm.judged import rehearsal
+from np_blind.arm.judged.answering import Asking
 from np_blind.sealed import SealError, check_doctor, digest
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, PhaseState
@@ -73,7 +75,7 @@ def test_bags_are_those_of_a_session_and_show_no_cause(bags):
 
 def test_no_ros_no_mujoco_and_no_pinocchio_is_needed():
     code = (
-        "import sys, np_blind.blind, np_blind.generate; "
+        "import sys, np_blind.arm.set, np_blind.arm.generate; "
         "unwanted = ('rclpy', 'pinocchio', 'mujoco', 'torch', 'np_diagnosis.diagnosis'); "
         "print([m for m in unwanted if m in sys.modules])"
     )
@@ -85,7 +87,7 @@ def test_the_command_scores_the_doctor(tmp_path):
     command = [
         sys.executable,
         "-m",
-        "np_blind.blind",
+        "np_blind.arm.set",
         "--cases",
         str(COUNT),
         "--set",
@@ -154,7 +156,17 @@ def test_a_case_whose_arm_runs_away_is_published_as_an_error(tmp_path, monkeypat
 
 
 def test_a_locked_key_that_was_not_sealed_is_refused(tmp_path):
-    command = [sys.executable, "-m", "np_blind.blind", "--cases", "3", "--seed", "987", "--out", str(tmp_path / "run")]
+    command = [
+        sys.executable,
+        "-m",
+        "np_blind.arm.set",
+        "--cases",
+        "3",
+        "--seed",
+        "987",
+        "--out",
+        str(tmp_path / "run"),
+    ]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 1 and "put down (--seal) and committed before the doctor runs" in done.stderr
     assert not (tmp_path / "run").exists()

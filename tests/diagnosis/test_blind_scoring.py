@@ -5,14 +5,15 @@ import json
 import numpy as np
 import pytest
 
-from np_blind import robot_cases, task_cases
-from np_blind.arm_key import make_key, seal
-from np_blind.cases import draw_cases, make_physics
-from np_blind.heldout import heldout_gaps
-from np_blind.patched import PatchError, patched_physics, read_patch
-from np_blind.scoring import by_effect, score_case, score_gap, summary
+from np_blind.arm.drawn.cases import draw_cases, make_physics
+from np_blind.arm.drawn.key import make_key, seal
+from np_blind.arm.judged.heldout import heldout_gaps
+from np_blind.arm.judged.patched import PatchError, patched_physics, read_patch
+from np_blind.arm.judged.scoring import by_effect, score_case, score_gap, summary
+from np_blind.arm.judged.tables import GOALS, failures_table, figures_table, plot
+from np_blind.chain import cases as task_cases
+from np_blind.robots import cases as robot_cases
 from np_blind.sealed import KEYS, SealError, check, digest
-from np_blind.tables import GOALS, failures_table, figures_table, plot
 
 JOINT = "panda_joint3"
 

@@ -12,13 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from np_blind import blind, six_hinges, six_motion
-from np_blind.arm_key import make_key
-from np_blind.arms.rigid_arm import RigidArms
-from np_blind.background import WIDE_FROM
-from np_blind.cases import as_it_was, draw_cases, make_physics
-from np_blind.generate import reference_path, shown
-from np_blind.scoring import modules
+from np_blind.arm import set as blind
+from np_blind.arm import six_motion
+from np_blind.arm.drawn import six_hinges
+from np_blind.arm.drawn.background import WIDE_FROM
+from np_blind.arm.drawn.cases import as_it_was, draw_cases, make_physics
+from np_blind.arm.drawn.key import make_key
+from np_blind.arm.generate import reference_path, shown
+from np_blind.arm.judged.scoring import modules
+from np_blind.arm.plant.rigid_arm import RigidArms
 
 WHICH = "development_six"
 MODEL = mujoco.MjModel.from_xml_path(str(six_hinges.MODEL))

@@ -5,18 +5,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from np_blind.arms.blind_arm import PERIOD, Plant
-from np_blind.arms.out_of_catalogue_physics import OutOfCatalogue
-from np_blind.arms.out_of_catalogue_wide_physics import ONSET, POWER, SHALLOW, shown_speed
-from np_blind.arms.physics import nominal_physics
-from np_blind.arms.rigid_arm import JOINTS
-from np_blind.background import WIDE_FROM
-from np_blind.cases import Case, draw_cases, make_physics
-from np_blind.faults import Fault
-from np_blind.loop import make_targets, run
-from np_blind.out_of_catalogue import BEFORE, OLD_BETWEEN, OUT_OF_CATALOGUE, deal
-from np_blind.out_of_catalogue_wide import WIDE
-from np_blind.scoring import modules
+from np_blind.arm.drawn.background import WIDE_FROM
+from np_blind.arm.drawn.cases import Case, draw_cases, make_physics
+from np_blind.arm.drawn.faults import Fault
+from np_blind.arm.drawn.out_of_catalogue import BEFORE, OLD_BETWEEN, OUT_OF_CATALOGUE, deal
+from np_blind.arm.drawn.out_of_catalogue_wide import WIDE
+from np_blind.arm.judged.scoring import modules
+from np_blind.arm.loop import make_targets, run
+from np_blind.arm.plant.blind_arm import PERIOD, Plant
+from np_blind.arm.plant.out_of_catalogue_physics import OutOfCatalogue
+from np_blind.arm.plant.out_of_catalogue_wide_physics import ONSET, POWER, SHALLOW, shown_speed
+from np_blind.arm.plant.physics import nominal_physics
+from np_blind.arm.plant.rigid_arm import JOINTS
 from np_control.safety import LIMITS
 from np_description.panda import NOMINAL
 from np_diagnosis.experiments.excitation import READY, suite

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from bags import record_episode
 
-from np_blind.task_cases import BREATH, GAPS, ORDER, Detector, draw, make_key
-from np_blind.task_figures import figures
-from np_blind.task_judged import judged
-from np_blind.task_reality import Reality
+from np_blind.chain.cases import BREATH, GAPS, ORDER, Detector, draw, make_key
+from np_blind.chain.figures import figures
+from np_blind.chain.judged import judged
+from np_blind.chain.reality import Reality
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, Pose
 from np_description.keypoints import box_keypoints

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from np_blind.clocks import PAIRS, SHIFTS, drawn, half_width
-from np_blind.pose_streams import Motion, Rig, random_motion, record
+from np_blind.camera.clocks import PAIRS, SHIFTS, drawn, half_width
+from np_blind.camera.pose_streams import Motion, Rig, random_motion, record
 from np_description.panda import NOMINAL
 from np_diagnosis.chain.alignment import align, pairs
 from np_diagnosis.chain.clock import compare

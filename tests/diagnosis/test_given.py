@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from np_blind.task_reality import Reality
+from np_blind.chain.reality import Reality
 from np_description.domains import BUMP
 from np_diagnosis.chain.motion import given as motion
 from np_diagnosis.chain.motion.given import Given, given

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from arm_generator import Truth, at, record
 
-from np_blind.arms.physics import nominal_physics
-from np_blind.bags import write_bag
-from np_blind.loop import make_targets, run
+from np_blind.arm.bags import write_bag
+from np_blind.arm.loop import make_targets, run
+from np_blind.arm.plant.physics import nominal_physics
 from np_description.panda import NOMINAL
 from np_diagnosis.arm.model import panda
 from np_diagnosis.checks.omnibus import _outlying, omnibus_test

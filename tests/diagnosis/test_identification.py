@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from np_blind import generate
-from np_blind.cases import Case, make_physics
-from np_blind.faults import Fault
-from np_blind.patched import patched_physics, read_patch
+from np_blind.arm import generate
+from np_blind.arm.drawn.cases import Case, make_physics
+from np_blind.arm.drawn.faults import Fault
+from np_blind.arm.judged.patched import patched_physics, read_patch
 from np_control.impedance import torque
 from np_diagnosis.baselines import methods as baselines
 from np_diagnosis.baselines.budget import Budget

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from np_blind.task_cases import draw
-from np_blind.task_harm import patch_of, told
-from np_blind.task_put_down import ask, is_settled
+from np_blind.chain.cases import draw
+from np_blind.chain.harm import patch_of, told
+from np_blind.chain.put_down import ask, is_settled
 
 TURNED = draw(19, 20)[18]
 

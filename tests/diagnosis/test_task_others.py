@@ -8,9 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from np_blind import task_cma, task_others, task_paper, task_residual
-from np_blind.task_reality import Reality
-from np_blind.task_residual import Course, learn, moved
+from np_blind.chain import others as task_others
+from np_blind.chain.baselines import cma as task_cma
+from np_blind.chain.baselines import paper as task_paper
+from np_blind.chain.baselines import residual as task_residual
+from np_blind.chain.baselines.residual import Course, learn, moved
+from np_blind.chain.reality import Reality
 from np_control.safety import LIMITS
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, Pose
@@ -87,11 +90,11 @@ def test_a_case_is_recorded_once_for_all_baselines_and_one_that_fails_takes_none
     def fails(recording, seed):
         raise ValueError("nothing moves")
 
-    monkeypatch.setattr("np_blind.task_judged.recorded", recorded)
+    monkeypatch.setattr("np_blind.chain.judged.recorded", recorded)
     monkeypatch.setattr("np_diagnosis.chain.motion.stage.errors", lambda recordings, patch: np.array([2.0, 2.0]))
     monkeypatch.setattr(task_others, "workers", threads)
     for method, ask in (("paper", fails), ("residual", told), ("cma", told)):
-        monkeypatch.setattr(f"np_blind.task_{method}.ask", ask)
+        monkeypatch.setattr(f"np_blind.chain.baselines.{method}.ask", ask)
     for _ in range(2):
         assert task_others.main(["--cases", "2", "--seed", "1", "--out", str(tmp_path)]) == 0
     _, second = json.loads((tmp_path / "others.json").read_text())["rows"]

@@ -8,8 +8,8 @@ import pytest
 import yaml
 from bags import record_episode
 
-from np_blind import views
-from np_blind.view_cases import DEGREE, Case, Detector, Truth, pixels, places, usual
+from np_blind.camera import views
+from np_blind.camera.boxes import DEGREE, Case, Detector, Truth, pixels, places, usual
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, WALL, Pose, sample_pose
 from np_description.keypoints import box_keypoints

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from rehearsing import BOTH, FRICTION, WEIGHTS, Here, losing
 
-from np_blind.robot_queue import DOCTOR, ENGINE, Queue, TimeOver
+from np_blind.robots.queue import DOCTOR, ENGINE, Queue, TimeOver
 from np_bringup.rehearsal import playing, stages
 from np_bringup.rehearsal.learning import Learning
 from np_bringup.rehearsal.playing import text_of
@@ -21,7 +21,7 @@ from np_effects.patch import Patch
 
 
 def test_what_is_drawn_is_of_the_seed_and_grows_with_its_size():
-    from np_blind.robot_cases import ORDER, drawn
+    from np_blind.robots.cases import ORDER, drawn
 
     for number in range(len(ORDER)):
         domain, of_size = drawn(number, 5, 0)
@@ -36,7 +36,7 @@ def test_what_is_drawn_is_of_the_seed_and_grows_with_its_size():
 
 
 def test_all_that_is_drawn_is_physical(tmp_path):
-    from np_blind.robot_cases import drawn
+    from np_blind.robots.cases import drawn
     from np_effects.patch import load_patch
 
     for seed in range(6):
@@ -47,8 +47,8 @@ def test_all_that_is_drawn_is_physical(tmp_path):
 
 
 def test_a_size_is_found_that_loses_enough():
-    from np_blind.robot_cases import drawn
-    from np_blind.robot_sizes import MIDDLE, find_robot
+    from np_blind.robots.cases import drawn
+    from np_blind.robots.sizes import MIDDLE, find_robot
 
     def loss(domain, patch):
         values = [abs(v) for e in patch.effects for v in e.parameters.values()]
@@ -62,8 +62,8 @@ def test_a_size_is_found_that_loses_enough():
 
 @pytest.mark.parametrize("edge", (0.35, 0.4, 0.55))
 def test_from_an_edge_a_size_is_not_far(edge):
-    from np_blind.robot_cases import LOSS, drawn
-    from np_blind.robot_sizes import TRIED, find_robot
+    from np_blind.robots.cases import LOSS, drawn
+    from np_blind.robots.sizes import TRIED, find_robot
 
     whole = sum(abs(v) for e in drawn(1, 5, 0)[1](1.0).effects for v in e.parameters.values())
     asked = []
@@ -78,7 +78,7 @@ def test_from_an_edge_a_size_is_not_far(edge):
 
 
 def test_nothing_is_sealed_while_robots_are_being_found(tmp_path, monkeypatch):
-    from np_blind import robot_set
+    from np_blind.robots import set as robot_set
 
     monkeypatch.setattr(playing, "play", losing({}))
     monkeypatch.setattr(robot_set, "missing", lambda: "")
@@ -88,7 +88,7 @@ def test_nothing_is_sealed_while_robots_are_being_found(tmp_path, monkeypatch):
 
 
 def test_fewer_pairs_are_played_where_fewer_say_enough(tmp_path, monkeypatch):
-    from np_blind.robot_sizes import Measured
+    from np_blind.robots.sizes import Measured
 
     asked = []
 
@@ -106,7 +106,7 @@ def test_fewer_pairs_are_played_where_fewer_say_enough(tmp_path, monkeypatch):
 
 
 def test_figures_of_robots():
-    from np_blind.robot_figures import figures, mmrv, pearson
+    from np_blind.robots.figures import figures, mmrv, pearson
 
     def row(before, adopted, oracle, cause, costs, ablation):
         engine = {
@@ -135,8 +135,8 @@ def test_figures_of_robots():
 
 
 def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
-    from np_blind import robot_answering
-    from np_blind.robot_cases import Robot
+    from np_blind.robots import answering as robot_answering
+    from np_blind.robots.cases import Robot
 
     monkeypatch.setattr(playing, "play", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
     asked = []
@@ -149,9 +149,9 @@ def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
         out.mkdir(parents=True, exist_ok=True)
         return {**WEIGHTS, "device": "cpu", "train": {"wall_s": 1.0}}
 
-    monkeypatch.setattr("np_blind.robot_recording.recorded_arm", lambda patch, seed: patch)
-    monkeypatch.setattr("np_blind.robot_recording.recorded_task", lambda patch, seed: seed)
-    monkeypatch.setattr("np_blind.robot_recording.diagnosis", diagnosis)
+    monkeypatch.setattr("np_blind.robots.recording.recorded_arm", lambda patch, seed: patch)
+    monkeypatch.setattr("np_blind.robots.recording.recorded_task", lambda patch, seed: seed)
+    monkeypatch.setattr("np_blind.robots.recording.diagnosis", diagnosis)
     monkeypatch.setattr(stages, "learn", learn)
     judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0))
     robots = [Robot(0, "wall", BOTH.effects, 0.3, 32)]
@@ -165,8 +165,8 @@ def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
 
 
 def test_what_robots_lose_is_known_before_a_doctor_is_asked(tmp_path, monkeypatch):
-    from np_blind import robot_answering
-    from np_blind.robot_before import play_before
+    from np_blind.robots import answering as robot_answering
+    from np_blind.robots.before import play_before
 
     robots = stand_ins(monkeypatch, None)
     judging = robot_answering.Judging(tmp_path, 1, 10, 10, None, oracle="none")
@@ -177,7 +177,7 @@ def test_what_robots_lose_is_known_before_a_doctor_is_asked(tmp_path, monkeypatc
 
 
 def test_without_training_a_row_says_what_corrections_bring_back(tmp_path, monkeypatch):
-    from np_blind import robot_answering
+    from np_blind.robots import answering as robot_answering
 
     robots = stand_ins(monkeypatch, None)  # would raise
     judging = robot_answering.Judging(tmp_path, 1, 10, 10, None, oracle="none")
@@ -190,7 +190,7 @@ def test_without_training_a_row_says_what_corrections_bring_back(tmp_path, monke
 
 
 def test_a_row_that_has_all_is_not_asked_for_again_without_its_weights(tmp_path, monkeypatch):
-    from np_blind import robot_answering
+    from np_blind.robots import answering as robot_answering
 
     robots = stand_ins(monkeypatch, lambda *given: {**WEIGHTS, "device": "cpu", "train": {"wall_s": 1.0}})
     settle = partial(robot_answering.settle_all, robots, queue=Queue(Here(), 1), turn=robot_answering.Turns([]))
@@ -205,8 +205,8 @@ def test_a_row_that_has_all_is_not_asked_for_again_without_its_weights(tmp_path,
 
 
 def test_where_corrections_are_all_the_oracle_takes_no_training(tmp_path, monkeypatch):
-    from np_blind import robot_answering
-    from np_blind.robot_cases import Robot
+    from np_blind.robots import answering as robot_answering
+    from np_blind.robots.cases import Robot
 
     both = stand_ins(monkeypatch, None)  # would raise
     robots = [Robot(0, "wall", (FRICTION,), 0.3, 32)]
@@ -220,8 +220,8 @@ def test_where_corrections_are_all_the_oracle_takes_no_training(tmp_path, monkey
 
 
 def test_no_stage_is_begun_when_the_time_is_over(tmp_path, monkeypatch):
-    from np_blind import robot_answering
-    from np_blind.robot_cases import Robot
+    from np_blind.robots import answering as robot_answering
+    from np_blind.robots.cases import Robot
 
     monkeypatch.setattr(playing, "play", losing({}))
     judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0))
@@ -231,7 +231,7 @@ def test_no_stage_is_begun_when_the_time_is_over(tmp_path, monkeypatch):
 
 
 def test_a_recording_is_what_the_doctor_reads():
-    from np_blind.robot_recording import record_arm
+    from np_blind.robots.recording import record_arm
     from np_diagnosis.arm.model import panda
     from np_diagnosis.checks.plausibility import check
     from np_sim_bridge.mujoco_engine import MujocoEngine
@@ -243,7 +243,7 @@ def test_a_recording_is_what_the_doctor_reads():
 
 
 def test_policies_of_a_matrix_are_ranked_within_a_robot():
-    from np_blind.robot_matrix import figures
+    from np_blind.robots.matrix import figures
 
     rows = [(0, 0.9, 0.5, 0.5), (0, 1.0, 0.3, 0.3), (1, 0.9, 0.8, 0.8), (1, 1.0, 0.9, 0.9)]
     table = [dict(zip(("robot", "nominal", "patched", "engine"), row)) for row in rows]
@@ -253,8 +253,8 @@ def test_policies_of_a_matrix_are_ranked_within_a_robot():
 
 
 def test_a_matrix_that_is_broken_off_has_all_robots_with_fewer_episodes(tmp_path, monkeypatch):
-    from np_blind import robot_matrix
-    from np_blind.robot_cases import Robot, make_key
+    from np_blind.robots import matrix as robot_matrix
+    from np_blind.robots.cases import Robot, make_key
 
     key, policies = tmp_path / "key.json", tmp_path / "policies"
     key.write_text(make_key([Robot(n, "wall", BOTH.effects, 0.3, 32) for n in (0, 1)], 1))
@@ -284,7 +284,7 @@ def test_a_matrix_that_is_broken_off_has_all_robots_with_fewer_episodes(tmp_path
 
 
 def test_who_may_be_last_lets_others_go_first():
-    from np_blind.robot_answering import Turns
+    from np_blind.robots.answering import Turns
 
     turns, order = Turns([0]), []
 
@@ -321,7 +321,7 @@ def test_pages_of_results_say_what_came_of_every_robot():
         "engine": engine,
     }
     rows = [done, {"robot": 1, "domain": "bump", "truth": text_of(BOTH), "error": "the time was over"}]
-    from np_blind.robot_figures import figures
+    from np_blind.robots.figures import figures
 
     about = {"drawn": 12, "episodes": 10, "minutes": 2.0, "gpus": 2, "wall_s": 60.0}
     sealed = {"key_sha256": "a" * 64, "doctor_sha256": "b" * 64}
@@ -376,19 +376,19 @@ def test_when_the_time_is_over_what_waits_is_not_begun_and_what_is_begun_is_kept
 
 def stand_ins(monkeypatch, learn, lost=None):
     """In place of recordings, doctor and training; a robot with two effects, both of which the doctor finds."""
-    from np_blind.robot_cases import Robot
+    from np_blind.robots.cases import Robot
 
     monkeypatch.setattr(playing, "play", losing(lost or {"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
-    monkeypatch.setattr("np_blind.robot_recording.recorded_arm", lambda patch, seed: patch)
-    monkeypatch.setattr("np_blind.robot_recording.recorded_task", lambda patch, seed: seed)
-    monkeypatch.setattr("np_blind.robot_recording.diagnosis", lambda log, tasks: (log, {"arm": "identified"}))
+    monkeypatch.setattr("np_blind.robots.recording.recorded_arm", lambda patch, seed: patch)
+    monkeypatch.setattr("np_blind.robots.recording.recorded_task", lambda patch, seed: seed)
+    monkeypatch.setattr("np_blind.robots.recording.diagnosis", lambda log, tasks: (log, {"arm": "identified"}))
     monkeypatch.setattr(stages, "learn", learn)
     return [Robot(0, "wall", BOTH.effects, 0.3, 32)]
 
 
 def test_where_training_dies_the_row_has_what_is_known(tmp_path, monkeypatch):
-    from np_blind import robot_answering
-    from np_blind.robot_figures import figures
+    from np_blind.robots import answering as robot_answering
+    from np_blind.robots.figures import figures
 
     def learn(*given):
         raise OSError("np_training.train ended with status 1: out of memory")
@@ -409,7 +409,7 @@ def test_where_training_dies_the_row_has_what_is_known(tmp_path, monkeypatch):
 def test_a_training_that_would_not_end_in_time_is_not_begun(tmp_path, monkeypatch):
     import time
 
-    from np_blind import robot_answering
+    from np_blind.robots import answering as robot_answering
 
     robots = stand_ins(monkeypatch, None)  # would raise
     judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle="none")
@@ -419,7 +419,7 @@ def test_a_training_that_would_not_end_in_time_is_not_begun(tmp_path, monkeypatc
 
 
 def test_an_interrupted_loop_ends_what_is_under_way(tmp_path, monkeypatch):
-    from np_blind import robot_answering
+    from np_blind.robots import answering as robot_answering
 
     training, ended = threading.Event(), []
 
@@ -447,7 +447,7 @@ def test_an_interrupted_loop_ends_what_is_under_way(tmp_path, monkeypatch):
 
 
 def test_a_robot_that_is_not_found_costs_the_others_nothing(tmp_path, monkeypatch):
-    from np_blind import robot_sizes
+    from np_blind.robots import sizes as robot_sizes
 
     def find(number, seed, loss, episodes):
         if number:

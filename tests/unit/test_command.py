@@ -89,8 +89,8 @@ SLOW = ("rclpy", "rosbags", "matplotlib", "mujoco", "onnxruntime", "torch", "cv2
 @pytest.mark.parametrize(
     "module",
     [
-        "np_blind.blind",
-        "np_blind.task_set",
+        "np_blind.arm.set",
+        "np_blind.chain.set",
         "np_bringup.commands.bench",
         "np_bringup.commands.calibration_trial",
         "np_bringup.commands.check_backend",
@@ -138,7 +138,7 @@ def test_no_help_imports_torch():
     from help_times import commands
 
     names = commands()
-    assert {"np_training.train", "np_training.detector.release", "np_blind.task_set"} < set(names) and len(names) > 60
+    assert {"np_training.train", "np_training.detector.release", "np_blind.chain.set"} < set(names) and len(names) > 60
     done = subprocess.run([sys.executable, "-c", ALL.format(names=names)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 

@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 from packages import modules
 
-from np_record.topics import TOPICS
-
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 TOLD = [
@@ -92,17 +90,6 @@ def test_the_glossary_names_what_is_there():
             if not known or not all(re.search(rf"\b{name}\b", text(modules()[known[0][0]])) for name in known[0][1:]):
                 missing.append(said)
     assert not missing
-
-
-def test_the_contract_lists_every_topic_that_is_recorded_with_its_type():
-    section = text(STATEMENTS).partition("## Topics")[2].partition("\n#")[0]
-    rows = [row.split("|") for row in re.findall(r"^\| `.*\|$", section, re.MULTILINE)]
-    told = {name: (row[2], "(latched)" in row[1]) for row in rows for name in re.findall(r"`([\w/]+)`", row[1])}
-    assert told.keys() == {topic.name for topic in TOPICS}
-    for topic in TOPICS:
-        kind, is_latched = told[topic.name]
-        assert topic.type.rpartition("/")[2] in kind and topic.type.partition("/")[0] in kind, topic.name
-        assert is_latched == topic.latched, topic.name
 
 
 def test_the_readme_names_the_first_commands():

@@ -22,11 +22,12 @@ from np_description.phases import PhaseState
 from np_record.bag import BagError, Recording
 from np_record.bag_writer import INCOMPLETE, BagWriter
 from np_record.recorder import HORIZON, Sequencer
-from np_record.topics import BY_NAME, TIMELINE
+from np_record.topics import BY_NAME, TIMELINE, TOPICS
 from np_ros.messages import gains_message, joint_state_message, pose_message
 from np_ros.phases import phase_message
 
 PERIOD = 2_000_000
+CONTRACT = Path(__file__).resolve().parents[2] / "docs/reference/graph.md"
 
 
 def state(step: int) -> bytes:
@@ -278,3 +279,14 @@ class FullDevice(FileIO):
 
     def truncate(self, *_):
         return 0
+
+
+def test_the_contract_lists_every_topic_that_is_recorded_with_its_type():
+    section = CONTRACT.read_text(encoding="utf-8").partition("## Topics")[2].partition("\n#")[0]
+    rows = [row.split("|") for row in re.findall(r"^\| `.*\|$", section, re.MULTILINE)]
+    told = {name: (row[2], "(latched)" in row[1]) for row in rows for name in re.findall(r"`([\w/]+)`", row[1])}
+    assert told.keys() == {topic.name for topic in TOPICS}
+    for topic in TOPICS:
+        kind, is_latched = told[topic.name]
+        assert topic.type.rpartition("/")[2] in kind and topic.type.partition("/")[0] in kind, topic.name
+        assert is_latched == topic.latched, topic.name

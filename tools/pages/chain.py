@@ -44,7 +44,7 @@ UNITS = {
 
 
 def task(data: Mapping) -> tuple[str, str]:
-    """Headline and body of `np_blind.task_set`."""
+    """Headline and body of `np_blind.chain.set`."""
     rows, found = data["rows"], data["figures"]
     part = "" if len(rows) == data["drawn"] else f"; {data['drawn'] - len(rows)} have not been run"
     shown = (
@@ -121,7 +121,7 @@ def _number(one: Mapping | None, scale: float) -> str:
 
 
 def clock(data: Mapping) -> tuple[str, str]:
-    """Headline and body of `np_blind.clocks`."""
+    """Headline and body of `np_blind.camera.clocks`."""
     synthetic, real = data["synthetic"], data["real"]
     told, kept = _told(synthetic), _told(real)
     near = sum(abs(row["error_s"]) < 5e-3 for row in kept)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from np_blind.scoring import Score
-from np_blind.tables import failures_table, figures_table
+from np_blind.arm.judged.scoring import Score
+from np_blind.arm.judged.tables import failures_table, figures_table
 from pages.markdown import rate, table
 
 EVERY = "all together"

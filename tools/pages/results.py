@@ -24,6 +24,7 @@ from pages import (
     task_more,
 )
 from pages.markdown import head, paragraph, table
+from pages.renamed import now
 
 SETS = "sets.yaml"
 DRIVER = ("tracking", "approach", "suite", "faults")
@@ -108,7 +109,8 @@ def _set(folder: Path, file: str, title: str, date: str = "", note: str = "", co
     curve = folder / f"{stem}.csv"
     about += [f"[curve]({curve.name})"] if curve.exists() else []
     parts = [head(title, file), ", ".join(part for part in about if part), ".\n\n"]
-    parts += [f"```\n{command}\n```\n\n"] if isinstance(command, str) and kind != "identification" else []
+    if isinstance(command, str) and kind != "identification":
+        parts += [f"```\n{command}\n```\n\n", f"{said}\n\n" if (said := now(command)) else ""]
     parts += [paragraph(words) + "\n\n" for words in (note, data.get("note", "")) if words and kind != "identification"]
     pictures = [f"{stem}{end}" for end in PICTURES if (folder / f"{stem}{end}").exists()]
     parts += [body, *(f"\n![{picture.split('.')[0]}]({picture})\n" for picture in pictures)]

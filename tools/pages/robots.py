@@ -10,7 +10,7 @@ from pages.markdown import table
 
 
 def robots(data: Mapping) -> tuple[str, str]:
-    """Headline and body of `np_blind.robot_set`."""
+    """Headline and body of `np_blind.robots.set`."""
     rows, found = data["rows"], data["figures"]
     headline = f"{len(rows)} of {data['drawn']} robots: " + ", ".join(
         f"{name} {found[name]['value']:.2f} of {found[name]['of']}"
@@ -93,7 +93,7 @@ def _success(each: Sequence[int] | None, predicted: Mapping | None) -> str | Non
 
 
 def matrix(data: Mapping) -> tuple[str, str]:
-    """Headline and body of `np_blind.robot_matrix`."""
+    """Headline and body of `np_blind.robots.matrix`."""
     found = data["figures"]
     headline = "; ".join(
         f"{side}: r {found[side]['r']:.2f}, MMRV {found[side]['mmrv']:.3f}"

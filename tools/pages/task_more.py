@@ -8,7 +8,7 @@ from pages.markdown import table
 
 
 def others(data: Mapping) -> tuple[str, str]:
-    """Headline and body of `np_blind.task_others`."""
+    """Headline and body of `np_blind.chain.others`."""
     methods = data["figures"]
     share = "held-out motion: share of what the true effects remove"
     headline = f"{len(data['rows'])} of {data['drawn']} cases: " + ", ".join(
@@ -43,7 +43,7 @@ def _asked(rows: Iterable[Mapping]) -> Iterable[tuple]:
 
 
 def harm(data: Mapping) -> tuple[str, str]:
-    """Headline and body of `np_blind.task_harm`."""
+    """Headline and body of `np_blind.chain.harm`."""
     told = [(row, row["told"]) for row in data["rows"] if "told" in row]
     worse = [row["case"] for row, one in told if one["patch_removes"][2] < 0]
     headline = f"{len(worse)} of {len(told)} patches surely make the motion worse, of more windows"
@@ -66,7 +66,7 @@ def _shares(one: Mapping) -> tuple:
 
 
 def put_down(data: Mapping) -> tuple[str, str]:
-    """Headline and body of `np_blind.task_put_down`."""
+    """Headline and body of `np_blind.chain.put_down`."""
     settled = data["figures"]["settled by the named experiment"]
     headline = "settled {:.2f} of {}".format(settled["value"], settled["of"])
     rows = (

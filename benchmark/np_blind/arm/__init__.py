@@ -1,0 +1,1 @@
+"""Arms whose cause is sealed: cases, their recordings, and what the doctor of the arm makes of them."""

@@ -1,0 +1,1 @@
+"""The doctor asked of the arms' recordings, and its answers judged."""

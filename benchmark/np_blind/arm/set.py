@@ -1,0 +1,174 @@
+"""`blind`: the doctor against arms whose cause is sealed (docs/reference/blind_test.md).
+
+Makes the bags, runs `diagnose` on each in a process of its own, then opens the key, checks its hash, and
+scores. The last line printed is one JSON object. It needs no ROS.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+from np_blind.arm.drawn.cases import CHANGES, Case, draw_cases
+from np_blind.arm.drawn.key import make_key, seal
+from np_blind.arm.generate import add_options, batches
+from np_blind.arm.judged import others
+from np_blind.arm.judged.answering import Asking, answer_all, is_answered, report_path
+from np_blind.arm.judged.followup import could_settle, is_settled
+from np_blind.arm.judged.heldout import heldout_gaps
+from np_blind.arm.judged.patched import PatchError, patched_physics, read_patch
+from np_blind.arm.judged.rehearsal import rehearse
+from np_blind.arm.judged.scoring import Score, score_case, score_gap, summary
+from np_blind.arm.judged.tables import failures_table, figures_table, plot
+from np_blind.sealed import SealError, check, check_doctor, digest
+from np_record.workers import workers
+
+DOCTOR = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.diagnose"
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(prog="python -m np_blind.arm.set", description=__doc__.split("\n")[0])
+    add_options(parser, "locked")
+    parser.add_argument(
+        "--out", type=Path, help="folder; what is there already is not done again (default: runs/blind/SET_CASES_SEED)"
+    )
+    parser.add_argument("--seal", action="store_true", help="only put down the key's hash, to be committed")
+    parser.add_argument("--keep", action="store_true", help="keep the bags")
+    parser.add_argument("--doctor", default=DOCTOR, help="command that is given BAG [--reference BAG] --out FOLDER")
+    parser.add_argument(
+        "--baselines",
+        action="store_true",
+        help="beside the doctor: the paper's identification, "
+        "mujoco.sysid and no fix (ten minutes and more of CPU a case)",
+    )
+    parser.add_argument("--identify", default=others.COMMAND, help="command of the baselines")
+    parser.add_argument("--timeout", type=float, default=900.0, help="s of wall time for one answer")
+    parser.add_argument("--from", type=int, default=0, dest="first", help="number of the first case to run")
+    parser.add_argument("--to", type=int, dest="last", help="number after that of the last case to run")
+    parser.add_argument(
+        "--within",
+        type=float,
+        default=float("inf"),
+        help="s after which no further case is begun; what is answered is scored",
+    )
+    options = parser.parse_args(arguments)
+    if options.cases < 1 or options.jobs < 1:
+        parser.error("--cases, --jobs: expected at least 1")
+    if options.baselines and options.which in CHANGES:
+        parser.error("--baselines: expected a set of single recordings, not of changes")
+    options.last = options.cases if options.last is None else options.last
+    if not 0 <= options.first < options.last <= options.cases:
+        parser.error(f"--from, --to: expected 0 <= from < to <= {options.cases}")
+    options.out = options.out or Path("runs/blind") / f"{options.which}_{options.cases}_{options.seed}"
+    return options
+
+
+def score(cases: Sequence[Case], entries: Sequence[dict], options: argparse.Namespace, pool: Executor) -> list[Score]:
+    """Score the answered cases against their entries of the key."""
+    scores, patches = [], []
+    for entry in entries:
+        folder, report, patch = report_path(options.out, entry["case"]), None, []
+        error = (folder / "error.txt").read_text()
+        try:
+            if not error:
+                report = json.loads((folder / "report.json").read_text())
+                if options.which not in CHANGES:  # of one arm on two days no motion tells a patch from the change
+                    patch = read_patch(folder / "patch.yaml")
+                    patched_physics([patch])
+            scores.append(score_case(entry, report, error))
+        except (OSError, PatchError, ArithmeticError, LookupError, TypeError, ValueError) as problem:
+            patch = []
+            scores.append(score_case(entry, None, repr(problem)))
+        scores[-1].settled = is_settled(entry, folder)
+        scores[-1].settled_known = scores[-1].settled if could_settle(entry, folder) else None
+        patches.append(patch)
+    if options.which in CHANGES:
+        return scores
+    first, followed = 0, []
+    for part in batches(cases, options.jobs):
+        followed.append(pool.submit(heldout_gaps, part, patches[first : first + len(part)]))
+        first += len(part)
+    gaps = [gap for future in followed for gap in future.result()]
+    for case_score, gap in zip(scores, gaps):
+        score_gap(case_score, *gap)
+    return scores
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point."""
+    options = parse(arguments)
+    crew = partial(workers, cluster=options.cluster) if options.cluster else workers
+    began = time.monotonic()
+    try:
+        if options.seal:
+            print(json.dumps({"key_sha256": seal(options.cases, options.seed, options.which, options.only)}))
+            return 0
+        key = make_key(options.cases, options.seed, options.which, options.only)
+        is_locked = options.which.startswith("locked")
+        sealed = check(key) if is_locked else digest(key)
+        options.out.mkdir(parents=True, exist_ok=True)
+        doctor = check_doctor(options.out, is_locked)
+        cases = draw_cases(options.cases, options.seed, options.which)
+        asking = Asking(
+            options.out.resolve(),
+            options.doctor,
+            options.timeout,
+            options.keep,
+            options.identify if options.baselines else "",
+            time.time() + options.within,
+        )
+        if is_locked and not all(is_answered(options.out, case.number) for case in cases[options.first : options.last]):
+            rehearse(options.which, options.seed, asking, crew)
+        answer_all(cases[options.first : options.last], options.only, asking, options.jobs, crew)
+        (options.out / "key.json").write_text(key)
+        answered = [case for case in cases if is_answered(options.out, case.number)]
+        if not answered:
+            raise ValueError("no case was answered in the time given: call again with the same --out")
+        entries = [json.loads(key)["cases"][case.number] for case in answered]
+        with crew(options.jobs) as pool:
+            scores = score(answered, entries, options, pool)
+            folders = [report_path(options.out, case.number) for case in answered]
+            beside = (
+                others.score_others(entries, answered, folders, batches(answered, options.jobs), pool)
+                if options.baselines
+                else {}
+            )
+    except (SealError, ValueError, OSError) as error:
+        print(f"blind: {error}", file=sys.stderr)
+        return 1
+    figures = {
+        **summary(scores),
+        "drawn": options.cases,
+        "set": options.which,
+        "seed": options.seed,
+        "key_sha256": sealed,
+        "doctor_sha256": doctor,
+        **({"baselines": beside} if beside else {}),
+        "wall_s": round(time.monotonic() - began, 1),
+    }
+    results = {
+        "figures": figures,
+        "cases": [asdict(s) for s in scores],
+        "failures": [s.case for s in scores if s.is_failure],
+    }
+    (options.out / "results.json").write_text(json.dumps(results, indent=1) + "\n")
+    (options.out / "results.md").write_text(figures_table(figures, scores) + "\n" + failures_table(scores))
+    try:
+        plot(figures, scores, options.out / "results.svg")
+    except ImportError as error:  # the figures are worth more than their picture
+        print(f"blind: no results.svg: {error}", file=sys.stderr)
+    print(json.dumps({**figures, "results": str(options.out / "results.json")}))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

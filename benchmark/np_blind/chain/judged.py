@@ -1,0 +1,172 @@
+"""A case of the chain's blind set made, asked and judged."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from np_blind.chain.baselines.at_once import at_once
+from np_blind.chain.cases import Case, Detector
+from np_blind.chain.reality import Reality
+from np_description.camera import CAMERA
+from np_description.domains import BUMP
+from np_diagnosis.chain.force.stage import Believed
+from np_diagnosis.chain.motion.given import Given, given
+from np_diagnosis.chain.motion.stage import errors, share
+from np_diagnosis.chain.motion.windows import FAMILIES
+from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.task.seen import over, pose_between
+from np_diagnosis.chain.together.claims import module_of
+from np_diagnosis.chain.together.whole import Seen, Whole, diagnose, patch
+from np_diagnosis.chain.view_stage.places import places
+from np_effects.patch import Patch
+from np_effects.view_effects import ViewEffects
+
+NOISE, GROSS = 0.15, 0.005  # px and share, of the detector
+HELD_OUT = 500_000  # added to the seed of a recording that no stage hears: other starts, other noise, the same set-up
+FELT_FIRST = "touch_object"  # so that drags press as they should
+
+
+def answer(case: Case, seed: int) -> dict:
+    """A case made, asked and judged."""
+    begun = time.perf_counter()
+    recording, fresh = recorded(case, seed), recorded(case, seed + HELD_OUT, (FELT_FIRST, *FAMILIES))
+    made = time.perf_counter()
+    rests = tuple(place for place, _ in places(recording.track, recording.domain))
+    found = diagnose(Seen((recording,), (recording.track,), rests))
+    asked = time.perf_counter()
+    kept = given([recording], patch(found))
+    moved = motion(case, found, kept, [fresh])
+    done = time.perf_counter()
+    took = {"made_s": made - begun, "asked_s": asked - made, "moved_s": done - asked}
+    return {**judged(case, found), "withheld": list(kept.withheld), "motion": moved, **took}
+
+
+def recorded(case: Case, seed: int, only: tuple[str, ...] = ()) -> TaskRecording:
+    """The task suite, or some of its families, of a case in PhysX."""
+    from np_physx_bridge.engine import PhysxEngine  # where SAPIEN is
+
+    class Pulled(PhysxEngine):
+        """PhysX with a cable on the object, or a magnet under the table."""
+
+        def step(self, torque, extra, opening) -> None:
+            """As in Engine."""
+            place = self.object.entity.pose.p
+            if force := pulls(case, place):
+                self.object.add_force_at_point(np.array(force), place)
+            super().step(torque, extra, opening)
+
+    finding = Detector(
+        seed * 1000 + case.number,
+        NOISE,
+        GROSS,
+        case.stranger("knocked", "turn"),
+        case.stranger("knocked", "at"),
+        case.stranger("breathing", "scale"),
+    )
+    return Reality(BUMP, case.patch, seed * 1000 + case.number, Pulled, finding, case.domain).run(only)
+
+
+def pulls(case: Case, place: Sequence[float]) -> tuple[float, float, float] | None:
+    """N on the object at a place m, by what is out of the catalogue."""
+    if pull := case.stranger("cable", "pull"):
+        way = case.stranger("cable", "way")
+        return pull * float(np.cos(way)), pull * float(np.sin(way)), 0.0
+    if pull := case.stranger("magnet", "pull"):
+        away = np.hypot(place[0] - case.stranger("magnet", "x"), place[1] - case.stranger("magnet", "y"))
+        return 0.0, 0.0, -pull / (1.0 + (float(away) / MAGNET) ** 2)
+    return None
+
+
+MAGNET = 0.05  # m from a magnet at which its pull is half
+
+
+def judged(case: Case, found: Whole) -> dict:
+    """What is right about an answer."""
+    claims = [claim for row in found.rows for claim in row.claims]
+    named = [sorted({one for way in claim.ways for one in way.ids}) for claim in claims]
+    modules = sorted({row.module for row in found.rows if row.claims or row.verdict == "unexplained"})
+    hits = [effect for effect in case.effects if any(effect in ids for ids in named)]
+    wrong = sum(not set(case.effects) & set(ids) for ids in named)
+    return {
+        "case": case.number,
+        "kind": case.kind,
+        "gap": case.gap,
+        "verdict": found.verdict,
+        "rows": {row.module: row.verdict for row in found.rows},
+        "named": named,
+        "said": [" or ".join(way.said for way in claim.ways) for claim in claims],
+        "doubts": found.doubts,
+        "module": modules == sorted({module_of(e) for e in case.effects}) if case.effects else None,
+        "found": hits,
+        "effect": len(hits) == len(case.effects) and not wrong if case.effects else None,
+        "wrong": wrong,
+        "unexplained": found.verdict == "unexplained",
+        "intervals": _intervals(case, found),
+        "at_once": at_once(found).named,
+    }
+
+
+def motion(case: Case, found: Whole, kept: Given, fresh: Sequence[TaskRecording]) -> dict:
+    """px by which corners are seen off their prediction, mean over the windows of recordings that no stage has heard: as believed, with the
+    patch that is given, with all that is true, and with everything that was measured, named or not."""
+    tried = {"believed": Patch(), "patch": kept.patch, "truth": case.patch, "at_once": at_once(found).patch}
+    off: dict[str, np.ndarray] = {}
+    for name, one in tried.items():  # what is the same is simulated once
+        same = next((other for other in off if tried[other] == one), None)
+        off[name] = errors(fresh, one) if same is None else off[same]
+    known = np.all([np.isfinite(values) for values in off.values()], axis=0)
+    removed = share(off["believed"][known], off["patch"][known])
+    return {
+        "windows": int(known.sum()),
+        "lost": int((~known).sum()),
+        **{name: float(values[known].mean()) for name, values in off.items()},
+        "removed": [removed.value, removed.low, removed.high],
+    }
+
+
+def _shown_off(recording: TaskRecording, patch: Patch) -> list[float]:
+    """m (x, y) by which the true camera shows the object's middle elsewhere than it is, where it rests at first."""
+    lift = patch.scene_change().lift
+    place = pose_between(recording, recording.seen_from, recording.seen_from + 1.0, over(CAMERA, lift)).position
+    place = np.array([*place[:2], lift + BUMP.half_size[2]])
+    shown = CAMERA.at_height(CAMERA.rays(ViewEffects(patch).camera.project(place[None])[0]), place[2])
+    return (np.asarray(shown).ravel()[:2] - place[:2]).tolist()
+
+
+def _intervals(case: Case, found: Whole) -> dict[str, dict]:
+    """Every number that was measured beside the truth, its background included."""
+    patch, believed = case.patch, Believed.of(BUMP)
+    change = patch.scene_change()
+    truths = {
+        "table": believed.table * change.table,
+        "finger": believed.finger * change.finger,
+        "mass": believed.mass * change.mass,
+    }
+    told = {}
+    if found.force and found.force.measured:
+        told |= {name: (truths[name], *values) for name, values in found.force.measured.items()}
+    if found.touch and found.touch.explained and "height" in found.touch.explained.bounds:
+        value = found.touch.explained.bounds["height"]
+        told["height"] = (change.lift, value.value, value.low, value.high)
+    if found.lag and found.lag.late:
+        late = sum(e.get("delay") for e in patch.of("camera_latency"))
+        told["late"] = (late, found.lag.late.value, found.lag.late.low, found.lag.late.high)
+    if found.meeting and found.meeting.explained:
+        for axis, off in zip("xy", _shown_off(found.seen.tasks[0], patch)):
+            value = found.meeting.explained.bounds[axis]
+            told[f"picture_{axis}"] = off, value.value, value.low, value.high
+    if found.force and found.force.least_finger is not None:
+        told["least_finger"] = (truths["finger"], found.force.least_finger, found.force.least_finger, np.inf)
+    return {
+        name: {
+            "true": true,
+            "value": value,
+            "low": low,
+            "high": high if np.isfinite(high) else None,
+            "holds": bool(low <= true <= high),
+        }
+        for name, (true, value, low, high) in told.items()
+    }

@@ -1,0 +1,1 @@
+"""Whole withheld robots in PhysX: recorded, diagnosed, rehearsed and judged."""

@@ -1,0 +1,192 @@
+"""Does simulation predict reality? Policies of other days on withheld robots: nominal simulator, patched simulator, and PhysX.
+
+    python -m np_blind.robots.matrix --prepare --policies runs/policies
+    python -m np_blind.robots.matrix --key runs/blind/robots_12_31.json --set runs/blind/robots_12_31 --policies runs/policies --jobs 32
+
+--prepare takes the weights of `data/policies.yaml` out of the history; where there is no history, its folder is enough. --set: the folder of
+`robots.set`, whose diagnoses are the patches. A cell is a file, and is not played again; --within ends a call in time, with the robots that are
+finished, or all of them with fewer episodes. The last line printed is one JSON object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from np_blind.robots.answering import TASKS
+from np_blind.robots.cases import Robot, read_key
+from np_blind.robots.figures import mmrv, pearson
+from np_blind.robots.queue import AT_ONCE, ENGINE, Queue, TimeOver
+from np_bringup.rehearsal.playing import Cell, Kept, play_all, succeeds, text_of
+from np_description.released import WeightsError
+from np_description.weights_header import read_metadata
+from np_effects.patch import load_patch
+from np_policy.contract import KINDS, PRE_CONTACT
+from np_record.command import INTERRUPTED, interrupt_on_sigterm
+from np_record.workers import HELP, SINGLE_THREAD, workers
+
+POLICIES = Path(str(files("np_blind") / "data" / "policies.yaml"))
+ROUND = 10  # episodes of every cell before any cell has more
+SIDES = ("nominal", "patched", "patched_score", "engine")
+"""What a cell's policy has: success by the two simulators, the patched one's mean score (`rehearsal.playing`), and success in PhysX."""
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m np_blind.robots.matrix",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--policies", type=Path, default=Path("runs/policies"), help="folder of weights, DOMAIN/NAME")
+    parser.add_argument("--prepare", action="store_true", help="fill that folder from the history, and do no more")
+    parser.add_argument("--key", type=Path, help="of the robots")
+    parser.add_argument("--set", type=Path, help="folder of robots.set")
+    parser.add_argument("--episodes", type=int, default=50, help="of every cell (default: %(default)s)")
+    parser.add_argument("--within", type=float, default=float("inf"), help="s after which no episode is begun")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--cluster", default="", help=HELP)
+    parser.add_argument("--out", type=Path, default=Path("runs/blind/matrix"))
+    options = parser.parse_args(arguments)
+    if not options.prepare and not (options.key and options.set):
+        parser.error("expected --key and --set, or --prepare")
+    return options
+
+
+def prepare(folder: Path) -> list[str]:
+    """Weights of every policy of the list, with a contract where theirs had none yet; their folders. Raises OSError without the history."""
+    from np_training.contracts import add_contract  # slow
+
+    made = []
+    for domain, policies in yaml.safe_load(POLICIES.read_text(encoding="utf-8")).items():
+        for policy in policies:
+            place = folder / domain / policy["name"]
+            place.mkdir(parents=True, exist_ok=True)
+            for kind in KINDS:
+                name = f"{kind}_{domain}.safetensors"
+                revision = policy.get("chooses", policy["revision"]) if kind == PRE_CONTACT else policy["revision"]
+                command = ["git", "-C", str(POLICIES.parent), "show", f"{revision}:weights/{name}"]
+                done = subprocess.run(command, capture_output=True)
+                if done.returncode:
+                    raise OSError(f"{revision}:weights/{name}: {done.stderr.decode().strip()}")
+                (place / name).write_bytes(done.stdout)
+                if "contract" not in read_metadata(place / name):
+                    add_contract(place / name, "impedance")
+            made.append(str(place))
+    return made
+
+
+def cells_of(robots: Sequence[Robot], diagnoses: Path, policies: Path) -> dict[str, Cell]:
+    """Cells by name: `nominal_DOMAIN_POLICY`, and of each robot `patched_NUMBER_POLICY` and `engine_NUMBER_POLICY`."""
+    cells = {}
+    for robot in robots:
+        patch = text_of(load_patch(diagnoses / robot.folder / "patch.yaml"))
+        for place in sorted((policies / robot.domain).iterdir()):
+            weights = str(place.resolve())
+            cells[f"nominal_{robot.domain}_{place.name}"] = Cell(robot.domain, weights=weights, seed=TASKS)
+            cells[f"patched_{robot.number}_{place.name}"] = Cell(
+                robot.domain, effects=patch, weights=weights, seed=TASKS
+            )
+            cells[f"engine_{robot.number}_{place.name}"] = Cell(
+                robot.domain, "physx", text_of(robot.patch), weights, seed=TASKS
+            )
+    return cells
+
+
+def rounds(episodes: int) -> list[int]:
+    """Episodes of every cell after each of the rounds in which the matrix is played."""
+    return [*range(ROUND, episodes, ROUND), episodes]
+
+
+def figures(table: Sequence[Mapping]) -> dict:
+    """r over all cells, MMRV of the policies of a robot in the mean over robots, and the mean error, of both simulators, and of the scores in the
+    patched one.
+
+    table: rows with robot, policy, and success by side.
+    """
+    found = {}
+    for side in (side for side in SIDES[:-1] if all(side in row for row in table)):
+        robots = sorted({row["robot"] for row in table})
+        own = [[(r[side], r["engine"]) for r in table if r["robot"] == robot] for robot in robots]
+        predicted, real = (np.array([row[name] for row in table], float) for name in (side, "engine"))
+        found[side] = {
+            "r": pearson(predicted, real),
+            "mmrv": float(np.mean([mmrv(*zip(*pairs)) for pairs in own])),
+            # A score is no share of episodes: it ranks.
+            "mean_absolute_error": None if side == "patched_score" else float(np.abs(predicted - real).mean()),
+        }
+    return {**found, "cells": len(table), "robots": len(robots)}
+
+
+def play(options: argparse.Namespace) -> dict:
+    """Every cell, and what they say of the robots that are finished. Raises OSError where none is."""
+    robots = [r for r in read_key(options.key) if (options.set / r.folder / "patch.yaml").exists()]
+    cells = cells_of(robots, options.set, options.policies)
+    until = time.time() + options.within
+    with suppress(TimeOver), workers(options.jobs, options.cluster) as pool:
+        queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, until)
+        for episodes in rounds(options.episodes):  # so that what there is when the time is over is of all robots
+            play_all(cells, episodes, options.out, queue.ranked(ENGINE), f"matrix, {episodes} episodes")
+    kept, table = Kept(options.out, cells), []
+    for episodes in reversed(rounds(options.episodes)):
+        scores = {name: kept.of(name, episodes) for name in cells if not kept.missing(name, episodes)}
+        own = [[_row(r, place, scores) for place in sorted((options.policies / r.domain).iterdir())] for r in robots]
+        whole = [row for rows in own if all(rows) for row in rows]
+        if len(whole) > len(table):
+            table, played = whole, episodes
+    if not table:
+        raise OSError(f"{options.set}: expected robots with a patch.yaml, and time to play them, got {len(robots)}")
+    command = f"python -m np_blind.robots.matrix --key KEY --set SET --policies POLICIES --episodes {options.episodes}"
+    date = datetime.now(UTC).strftime("%Y-%m-%d")
+    found = {"date": date, "command": command, "episodes": played, "figures": figures(table), "table": table}
+    results = options.out / "matrix" / "matrix.json"
+    results.parent.mkdir(parents=True, exist_ok=True)
+    results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    return {**found["figures"], "results": str(results)}
+
+
+def _row(robot: Robot, place: Path, scores: Mapping[str, Sequence[float]]) -> dict | None:
+    """What a policy has on a robot by side; None where one is not known."""
+    names = {
+        "nominal": f"nominal_{robot.domain}_{place.name}",
+        "patched": f"patched_{robot.number}_{place.name}",
+        "engine": f"engine_{robot.number}_{place.name}",
+    }
+    if any(name not in scores for name in names.values()):
+        return None
+    row = {"robot": robot.number, "domain": robot.domain, "policy": place.name}
+    row |= {side: float(np.mean(succeeds(scores[name]))) for side, name in names.items()}
+    return row | {"patched_score": round(float(np.mean(scores[names["patched"]])), 4)}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point."""
+    options = parse(arguments)
+    interrupt_on_sigterm()
+    os.environ.update(SINGLE_THREAD)
+    try:
+        told = {"policies": prepare(options.policies)} if options.prepare else play(options)
+    except KeyboardInterrupt:
+        print("interrupted; cells that are finished are kept", file=sys.stderr)
+        return INTERRUPTED
+    except (OSError, ValueError, WeightsError) as error:
+        print(f"robots.matrix: {error}", file=sys.stderr)
+        return 1
+    print(json.dumps(told))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

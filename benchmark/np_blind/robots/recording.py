@@ -1,0 +1,98 @@
+"""What a withheld robot's lab records of it: both suites in PhysX in one process, and what the doctor makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from np_blind.chain.reality import TORQUE_NOISE, Reality
+from np_control.controller import Controller
+from np_control.impedance import damping
+from np_control.safety import LIMITS, SafetyFilter
+from np_description.domains import BUMP, CARD
+from np_description.panda import JOINT_NAMES
+from np_description.phases import EXCITE, PhaseState
+from np_diagnosis.chain.motion.given import given
+from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.together.whole import Seen
+from np_diagnosis.chain.together.whole import diagnose as diagnose_chain
+from np_diagnosis.chain.together.whole import patch as patch_of_chain
+from np_diagnosis.chain.view_stage.places import places
+from np_diagnosis.diagnosis import diagnose as diagnose_arm
+from np_diagnosis.experiments.excitation import end_of, schedule, suite
+from np_diagnosis.recordings.reading import SECOND
+from np_diagnosis.recordings.signals import Commands, Log
+from np_diagnosis.simulation.patching import tried_patch
+from np_effects.patch import Patch
+from np_sim_bridge.engine import MakeEngine
+from np_sim_bridge.simulation import Simulation
+
+SETTLING = 1_000_000_000  # ns at rest before the plan
+
+
+def record_arm(patch: Patch, seed: int, engine: MakeEngine, only: tuple[str, ...] = ()) -> Log:
+    """The excitation suite, or parts of it, as the graph records it: states, and the controller's answers to them."""
+    arm = Simulation(CARD, seed=seed, patch=patch, engine=engine)
+    controller, guard, rng = Controller(), SafetyFilter(), np.random.default_rng([seed, 2])
+    guard.start(arm.measure().position[:7])
+    plan = suite(only)
+    starts, end, sent = schedule(plan, SETTLING), end_of(plan, SETTLING), 0
+    gains = plan[0].gains
+    states, answers, phases = [], [], []
+    while arm.stamp < end:
+        now = arm.measure()
+        q, dq = now.position[:7], now.velocity[:7]
+        controller.observe(now.stamp, q, dq)
+        if sent < len(plan) and now.stamp >= starts[sent]:
+            phases.append((now.stamp / SECOND, PhaseState(EXCITE, experiment=plan[sent].name)))
+            controller.follow(plan[sent].trajectory, now.stamp, plan[sent].gains)
+            gains, sent = plan[sent].gains, sent + 1
+        said = controller.answer()
+        states.append((q, dq, now.effort[:7] + TORQUE_NOISE * rng.standard_normal(7)))
+        answers.append((said.position, said.velocity, said.torque, *gains))
+        guard.offer(now.stamp, JOINT_NAMES, said.position, said.velocity, said.torque, now=now.stamp)
+        arm.step(guard.apply(now.stamp, q, dq).torque)
+    q, dq, effort = (np.array(column) for column in zip(*states))
+    target, velocity, torque, stiffness, ratio = (np.array(column) for column in zip(*answers))
+    time, half = LIMITS.period * np.arange(len(q)), LIMITS.period / 2
+    commands = Commands(np.arange(len(q)), target, velocity, torque, time + half, stiffness, damping(stiffness, ratio))
+    return Log("suite", time, q, dq, effort, time - half, False, commands, phases=tuple(phases))
+
+
+def recorded_arm(patch: Patch, seed: int) -> Log:
+    """The excitation suite in PhysX."""
+    from np_physx_bridge.engine import PhysxEngine  # where SAPIEN is
+
+    return record_arm(patch, seed, PhysxEngine)
+
+
+def recorded_task(patch: Patch, seed: int) -> TaskRecording:
+    """The task suite in PhysX, with the bump's cube, for which it is made, whatever the robot's task is: frictions are changed by shares, of every
+    object alike. A robot that presses too hard has it up to there."""
+    from np_physx_bridge.engine import PhysxEngine
+
+    return Reality(BUMP, patch, seed, PhysxEngine).run(is_cut=True)
+
+
+def diagnosis(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Patch, dict]:
+    """What the doctor finds in recordings of a robot, of which it is told nothing; verdicts by doctor. log: None where it was not to be had."""
+    found, left_out, verdict = Patch(), [], "not recorded"
+    if log is not None:
+        try:
+            arm = diagnose_arm([log])
+            verdict, (found, left_out, _) = arm.verdict, tried_patch(arm)
+        except ValueError as error:
+            verdict = f"refused: {error}"
+    rests = tuple(place for task in tasks for place, _ in places(task.track, task.domain))
+    seen = Seen(tuple(tasks), tuple(task.track for task in tasks), rests)
+    chain = diagnose_chain(seen, panda=found.panda())
+    kept = given(tasks, patch_of_chain(chain), panda=found.panda())
+    told = {
+        "arm": verdict,
+        "chain": chain.verdict,
+        "rows": {row.module: row.verdict for row in chain.rows},
+        "doubts": chain.doubts,
+        "not_patched": [*left_out, *kept.withheld],
+    }
+    return Patch((*found.effects, *kept.patch.effects)), told
