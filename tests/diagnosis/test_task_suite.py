@@ -15,7 +15,7 @@ from np_diagnosis.chain.contact_force import Motion, force_covariance, forces
 from np_diagnosis.chain.explanations import Measured, explain
 from np_diagnosis.chain.force.readings import Reading
 from np_diagnosis.chain.force.slide import Slide, slows
-from np_diagnosis.chain.force.stage import Believed, judge
+from np_diagnosis.chain.force.stage import Believed, hops, judge
 from np_diagnosis.experiments.task.contacts import DEEPER, SLOW
 from np_diagnosis.experiments.task.path import Leg, OutOfReach, segment, tip_of
 from np_diagnosis.experiments.task.room import Lain, Room
@@ -319,8 +319,8 @@ def test_strokes_that_slip_in_one_proportion_are_the_fingertips(finger):
 
 
 def test_strokes_that_hop_or_one_that_slips_say_no_fingertip():
-    hops = [replace(one, force=ratio * one.normal) for one, ratio in zip(slips(1.0, (1.2, 4.3)), (0.8, 0.5))]
-    for seen in (hops, slips(0.5, (4.3,))):
+    hopped = [replace(one, force=ratio * one.normal) for one, ratio in zip(slips(1.0, (1.2, 4.3)), (0.8, 0.5))]
+    for seen in (hopped, slips(0.5, (4.3,))):
         found = judge(readings() + seen, BELIEVED)
         assert found.verdict == "no_gap" and "finger" not in found.measured and "finger" in found.explained.unseen
 
@@ -353,9 +353,16 @@ def test_strokes_that_a_tip_of_their_proportion_would_have_led_say_that_it_hops(
     strong = [replace(one, force=0.5 * one.normal, follows=0.7) for one in slips(0.62, (3.7, 5.5))]
     weight = BELIEVED.mass * 9.81
     led = [replace(one, force=BELIEVED.table * (one.normal + weight), follows=0.95) for one in strong]
-    hops, true = (judge(readings() + weak + more, BELIEVED) for more in (strong, led))
-    assert "finger" not in hops.measured and not [n for n in hops.explained.named if n.effect == "gripper_friction"]
+    hopped, true = (judge(readings() + weak + more, BELIEVED) for more in (strong, led))
+    assert "finger" not in hopped.measured and not [n for n in hopped.explained.named if n.effect == "gripper_friction"]
     assert true.measured["finger"][0] == pytest.approx(0.62, rel=0.05)
+
+
+def test_a_tip_that_leads_the_object_nowhere_slips_whatever_pushes_say_of_the_table():
+    """Without a drag that leads the object, table and mass are one product, here .32 and 183 g for .39 and 144 g: such a tip would lead it."""
+    nowhere = slips(0.42, (1.3, 1.9, 3.4, 5.2, 9.8, 16.8))
+    partly = [replace(one, follows=0.5) for one in nowhere]
+    assert hops(partly, 0.42, 0.32, 0.183) and not hops(nowhere, 0.42, 0.32, 0.183)
 
 
 def test_a_scrape_says_what_the_fingertip_holds_at_least():

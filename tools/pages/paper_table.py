@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from np_bringup.paper_table import OURS, TITLES
 from pages.markdown import rate, table
 
 LISTED = 100  # failures, at most
@@ -16,7 +17,7 @@ def tabled(data: Mapping) -> tuple[str, str]:
     rows = [
         (
             row["domain"],
-            f"`{row['object']}`",
+            _played_by(row),
             *(_cell(row["scenarios"].get(str(n), (0, 0))) for n in (1, 2, 3)),
             rate(row["success"], row["ci95"]) if row["episodes"] else "not played",
             *([_first(row)] if again else []),
@@ -42,14 +43,13 @@ def tabled(data: Mapping) -> tuple[str, str]:
         ("rows of", "episodes", "success, 95 % Wilson interval", *first, "the paper's of the same rows"),
         (
             (
-                name.removeprefix("ours").strip() or "all",
+                _whose(name),
                 one["episodes"],
                 rate(one["success"], one["ci95"]),
                 *([_first(one)] if again else []),
-                _papers(data["rows"], name.removeprefix("ours").strip()),
+                _papers(data["rows"], *name.split(" ")),
             )
             for name, one in data["totals"].items()
-            if name.startswith("ours")
         ),
     )
     if total["reasons"]:
@@ -74,7 +74,7 @@ def tabled(data: Mapping) -> tuple[str, str]:
             (
                 (
                     e["domain"],
-                    f"`{e['object']}`",
+                    _played_by(e),
                     e["scenario"],
                     e["episode"],
                     e["contacts"],
@@ -91,6 +91,16 @@ def tabled(data: Mapping) -> tuple[str, str]:
     return f"{total['successes']} of {total['episodes']} ({total['ci95'][0]:.2f} to {total['ci95'][1]:.2f})", body
 
 
+def _played_by(row: Mapping) -> str:
+    return f"`{row['object']}`" + (f", {TITLES[row['method']]}" if row["method"] != OURS else "")
+
+
+def _whose(name: str) -> str:
+    """What a total called "ours", "ours bump", "osc" ... is of."""
+    method, *domain = name.split(" ")
+    return ", ".join([*(domain or ["all"]), *([TITLES[method]] if method != OURS else [])])
+
+
 def _cell(counted: tuple[int, int]) -> str:
     return "{} of {}".format(*counted) if counted[1] else ""
 
@@ -103,8 +113,12 @@ def _paper(row: Mapping) -> str:
     return "" if row["paper_successes"] is None else f"{row['paper_successes']} of {row['paper_tries']}"
 
 
-def _papers(rows: list[Mapping], domain: str) -> str:
-    mine = [r for r in rows if r["method"] == "ours" and domain in ("", r["domain"]) and r["episodes"]]
+def _papers(rows: list[Mapping], method: str, domain: str = "") -> str:
+    mine = [
+        r
+        for r in rows
+        if r["method"] == method and domain in ("", r["domain"]) and r["episodes"] and r["paper_successes"] is not None
+    ]
     if not mine:
         return ""
     successes, tries = (sum(r[f"paper_{name}"] for r in mine) for name in ("successes", "tries"))

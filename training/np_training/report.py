@@ -17,7 +17,7 @@ from pathlib import Path
 from np_record.report.pages import page, svg
 from np_training.ppo.log import read_log
 from np_training.reports.curves import draw_curves, reached
-from np_training.tasks.breakdown import said
+from np_training.reports.words import said
 
 PHYSICS_STEPS = 20  # a policy step, where the configuration does not say
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from np_record.report.pages import style
 from np_training.ppo.curriculum import STAGES
-from np_training.tasks.breakdown import said
+from np_training.reports.words import said
 
 GROUPS = ("tips", "goal")  # of a domain's own tasks (np_training.tasks.breakdown), by the beginning of their names
 LEAST_PRACTICE = 0.05  # share of practice below which its kinds have too few episodes for a rate

@@ -40,17 +40,6 @@ def groups(domain: Domain, tips: torch.Tensor, goal_position: torch.Tensor) -> d
     return masks
 
 
-def said(group: str) -> str:
-    """A group's name in words."""
-    kind, number = group.rstrip("0123456789"), group[len(group.rstrip("0123456789")) :]
-    words = {
-        "tips": f"{number} quarter turns over" if number != "1" else "1 quarter turn over",
-        "goal": f"goal region {number}",
-        "turn": f"turned by up to {number} degrees",
-    }
-    return words.get(kind, group.replace("_", " "))
-
-
 def groups_of_tasks(domain: Domain, starts: Poses, goals: Poses) -> dict[str, torch.Tensor]:
     """`groups` of tasks (n,), and where the domain says how far a goal is turned turn45, turn90, ...: by more than the one before and
     by up to so many degrees."""

@@ -124,12 +124,20 @@ def _found(asked: list[Cell], setting: Setting) -> tuple[dict[Cell, Played], dic
     """What there is of the cells, and what it was played with. Raises ValueError where cells were played with different code or weights."""
     there = {cell: found(cell, setting) for cell in asked}
     told = ("code_sha256", "revision", "weights_sha256")
-    kinds = {json.dumps({k: s[k] for k in told if k in s}, sort_keys=True) for _, s in there.values() if s}
-    if len({json.dumps(json.loads(kind) | {"revision": ""}, sort_keys=True) for kind in kinds}) > 1:
-        raise ValueError(
-            f"--show: expected cells of the same code and weights, found {len(kinds)} kinds in {setting.out}"
-        )
-    return {cell: played for cell, (played, _) in there.items()}, json.loads(min(kinds, default="{}"))
+    kinds = {
+        method: {
+            json.dumps({k: s[k] for k in told if k in s}, sort_keys=True)
+            for cell, (_, s) in there.items()
+            if s and cell.method == method
+        }
+        for method in {cell.method for cell in asked}
+    }
+    for of_one in kinds.values():  # methods have weights of their own
+        if len({json.dumps(json.loads(kind) | {"revision": ""}, sort_keys=True) for kind in of_one}) > 1:
+            raise ValueError(
+                f"--show: expected cells of the same code and weights, found {len(of_one)} kinds in {setting.out}"
+            )
+    return {cell: played for cell, (played, _) in there.items()}, json.loads(min(kinds.get(OURS, ()), default="{}"))
 
 
 def _so_far(played) -> str:

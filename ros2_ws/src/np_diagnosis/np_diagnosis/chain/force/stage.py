@@ -114,7 +114,7 @@ def _with_finger(
     if len(slips) > 1 and np.ptp(logs) < FORCE.proportion:
         own = np.array([np.hypot(r.deviation / r.force, r.normal_deviation / r.normal) for r in slips]) ** 2
         mean = float(np.average(logs, weights=1 / own))
-        if not _hops(every, np.exp(mean), *np.exp(value) * (believed.table, believed.mass)):
+        if not hops(every, np.exp(mean), *np.exp(value) * (believed.table, believed.mass)):
             finger = mean - np.log(believed.finger)
             variance = float(1 / np.sum(1 / own)) + FORCE.proportion**2 / 4 / len(slips)
     whole = np.zeros((3, 3))
@@ -122,12 +122,12 @@ def _with_finger(
     return np.append(value, finger), whole
 
 
-def _hops(every: Sequence[Reading], finger: float, table: float, mass: float) -> bool:
+def hops(every: Sequence[Reading], finger: float, table: float, mass: float) -> bool:
     """Whether tips with coefficient `finger` are not what slips: pressed by more than an object of such a mass on such a table resists, they would
-    hold it and lead it along, and strokes by more do not."""
+    hold it and lead it along, and strokes by more lead it a part of the way. One that leads it nowhere slips, and is of that proportion itself."""
     holds = table * mass * GRAVITY / max(finger - table, 1e-3)
-    lost = [r for r in every if r.kind == "drag" and r.normal > FORCE.surely * holds and r.follows < FORCE.follows]
-    return len(lost) > 1
+    more = [r for r in every if r.kind == "drag" and r.normal > FORCE.surely * holds]
+    return sum(FORCE.slips <= r.follows < FORCE.follows for r in more) > 1
 
 
 def _is_led(reading: Reading) -> bool:
