@@ -120,7 +120,7 @@ def test_every_comparison_runs_and_says_so_in_its_checkpoint(tmp_path, monkeypat
     monkeypatch.setattr(
         "sys.argv", ["train", "--domain", "bump", "--worlds", "4", "--device", "cpu", "--out", str(tmp_path)]
     )
-    with pytest.raises(ValueError, match="expected a checkpoint of .*'start': 'contact'.* got one of .*'right'"):
+    with pytest.raises(SystemExit, match="expected a checkpoint of .*'start': 'contact'.* got one of .*'right'"):
         train.main()
 
 

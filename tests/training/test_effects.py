@@ -286,10 +286,11 @@ class TestViewAndScene:
                 PatchEffect("object_mass", "object", {"relative": 0.5}),
             )
         )
-        nominal, heavy = (BatchedPhysics(WALL, 2, "cpu", PhysicsConfig(effects=p)) for p in (Patch(), patch))
-        assert torch.allclose(heavy.mass[:, heavy.object_body], 1.5 * nominal.mass[:, nominal.object_body])
-        rubbing = [p._rubbing[1][1].unique() for p in (heavy, nominal)]
-        assert torch.allclose(rubbing[0], 0.6 * rubbing[1])
+        physics = [BatchedPhysics(WALL, 2, "cpu", PhysicsConfig(effects=p)) for p in (Patch(), patch)]
+        nominal, heavy = (one.varied.mass[:, one.varied.object_body] for one in physics)
+        assert torch.allclose(heavy, 1.5 * nominal)
+        nominal, slippery = (one.varied._rubbing[1][1].unique() for one in physics)
+        assert torch.allclose(slippery, 0.6 * nominal)
 
     def test_a_table_at_another_height_is_refused(self):
         with pytest.raises(ValueError, match="table_height at environment"):

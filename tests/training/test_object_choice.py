@@ -82,7 +82,7 @@ def test_an_object_goes_from_the_training_to_everything_that_comes_of_it(tmp_pat
     state = torch.load(checkpoint, weights_only=True)
     assert state["setting"]["object"] == text
     assert json.loads((folder / "config.json").read_text())["setting"]["object"] == text
-    with pytest.raises(ValueError, match="expected a checkpoint of .*'object': 'default'.* got one of .*my cube"):
+    with pytest.raises(SystemExit, match="expected a checkpoint of .*'object': 'default'.* got one of .*my cube"):
         run(monkeypatch, capsys, train, *training)
 
     line = run(

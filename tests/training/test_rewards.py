@@ -193,7 +193,7 @@ def test_a_run_with_the_papers_reward_says_so(tmp_path, monkeypatch, capsys):
     header = (tmp_path / "log.csv").read_text().splitlines()[0].split(",")
     assert {"reward_corners", "reward_fingers"} < set(header) and "reward_turn" not in header
     monkeypatch.setattr(sys, "argv", [*options, "--iterations", "1"])
-    with pytest.raises(ValueError, match="expected a checkpoint of .*'reward': 'potentials'.* got one of .*'paper'"):
+    with pytest.raises(SystemExit, match="expected a checkpoint of .*'reward': 'potentials'.* got one of .*'paper'"):
         train.main()
 
 

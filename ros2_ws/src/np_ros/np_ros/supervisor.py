@@ -176,7 +176,12 @@ class Supervisor:
         """
         deadline = time.monotonic() + timeout
         while not condition():
-            self.check()
+            try:
+                self.check()
+            except NodeDied:
+                if condition():  # that it ended is what was waited for
+                    return
+                raise
             if time.monotonic() > deadline:
                 raise TimeoutError(f"expected {what} within {timeout:g} s; it did not come")
 
