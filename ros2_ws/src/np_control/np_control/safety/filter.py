@@ -92,16 +92,13 @@ class SafetyFilter:
 
         Raises Refusal, counted, and leaves everything as it was, where the command must not be carried out.
         """
-        try:  # `counting` costs as much as half of the checks
+        with self.refusals.counting():
             self.watchdog.check_may_move()
             last = None if self._command is None else self._command.stamp
             command = check_command(self.limits, stamp, names, position, velocity, effort, now=now, last=last)
             if self.state is State.READY:
                 self._check_start(command)
             self.watchdog.command(now)
-        except Refusal as refusal:
-            self.refusals.add(refusal)
-            raise
         self._command, self._target = command, command.position
 
     def apply(self, now: int, q: np.ndarray, dq: np.ndarray) -> Applied:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from enum import StrEnum
 from math import isfinite
 
@@ -49,20 +48,16 @@ class Refusals:
     def __init__(self):
         self.counts = dict.fromkeys(Reason, 0)
         self.last = ""
+        self._counting = _Counting(self)
 
     def add(self, refusal: Refusal) -> None:
         """Count one refusal."""
         self.counts[refusal.reason] += 1
         self.last = str(refusal)
 
-    @contextmanager
-    def counting(self) -> Iterator[None]:
+    def counting(self) -> AbstractContextManager[None]:
         """Count a Refusal raised inside, and let it pass."""
-        try:
-            yield
-        except Refusal as refusal:
-            self.add(refusal)
-            raise
+        return self._counting
 
     @property
     def total(self) -> int:
@@ -72,6 +67,20 @@ class Refusals:
     def nonzero(self) -> dict[str, int]:
         """Counts of the reasons that occurred."""
         return {str(reason): count for reason, count in self.counts.items() if count}
+
+
+class _Counting:
+    """What `Refusals.counting` gives: it is entered at 500 Hz, where a generator costs as much as half of the checks inside."""
+
+    def __init__(self, refusals: Refusals):
+        self._refusals = refusals
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind, error, trace) -> None:
+        if isinstance(error, Refusal):
+            self._refusals.add(error)
 
 
 def check_finite(**arrays: np.ndarray) -> None:
