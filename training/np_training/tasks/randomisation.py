@@ -128,10 +128,12 @@ STRANGE = dataclasses.replace(
 RESTRAINED = dataclasses.replace(STRANGE, limit_margin=(0.6, 0.85))
 """STRANGE, by a robot that stops itself sooner: drawn at .75 to .95, joint 3 still came to .98 of its speed in the other engine."""
 
-JOSTLED = dataclasses.replace(RESTRAINED, shove=0.02, shove_velocity=0.25, shove_rotation=3.0)
+_SHOVES = {"shove": 0.02, "shove_velocity": 0.25, "shove_rotation": 3.0}
+
+JOSTLED = dataclasses.replace(RESTRAINED, **_SHOVES)
 """RESTRAINED, and SHOVED's pushes that end otherwise: in the other engine the cube comes to lie turned where no episode of ours ends up."""
 
-SHOVED = dataclasses.replace(SERVOED, shove=0.02, shove_velocity=0.25, shove_rotation=3.0)
+SHOVED = dataclasses.replace(SERVOED, **_SHOVES)
 """SERVOED, and pushes that end otherwise: where a finger meets an edge, two engines, and two step lengths of one, throw the object apart
 by a centimetre now and then (docs/decisions/policies.md). Ours: some 10 mm of sliding, or a third of what tips the cube over."""
 

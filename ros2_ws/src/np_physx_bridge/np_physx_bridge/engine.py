@@ -74,9 +74,8 @@ class PhysxEngine:
             self._parts.set_root_pose(self._sapien.Pose(start.position, start.quaternion))
         order = [joint.name for joint in self.articulation.get_active_joints()]
         self._dofs = len(order)
-        self._force = np.zeros(
-            len(order), dtype=np.float32
-        )  # in PhysX's order; where nothing is asked for it stays none
+        # In PhysX's order; where nothing is asked for it stays none.
+        self._force = np.zeros(len(order), dtype=np.float32)
         self._order = np.array([order.index(name) for name in STATE_NAMES])
         self._drives = [joints[name] for name in STATE_NAMES[len(JOINT_NAMES) :]]
         for joint, limit in zip([joints[name] for name in JOINT_NAMES], self._friction):

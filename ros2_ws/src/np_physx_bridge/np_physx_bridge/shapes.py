@@ -71,9 +71,8 @@ def lie_on_edges(physx: ModuleType, box, half_size, material, pose, outward=ALL_
     half, place = np.asarray(half_size), box.get_local_pose()
     rods = []
     for axis in range(3):
-        count = max(
-            1, min(RODS, int(half[axis] / (2 * EDGE_RADIUS)))
-        )  # none shorter than four radii, where the edge is not
+        # None is shorter than four radii, where the edge is not.
+        count = max(1, min(RODS, int(half[axis] / (2 * EDGE_RADIUS))))
         length = half[axis] / count  # of half a rod
         middles = SIGNS[SIGNS[:, axis] > 0] * (half - EDGE_RADIUS - RECESS)
         middles[:, axis] = 0.0
