@@ -406,6 +406,32 @@ def test_where_training_dies_the_row_has_what_is_known(tmp_path, monkeypatch):
     assert "error" not in row and sum(row["engine"]["adopted"]) == 9  # the same again goes on
 
 
+def test_the_oracle_is_trained_while_the_doctor_is_asked_and_once(tmp_path, monkeypatch):
+    from np_blind.robots import answering as robot_answering
+
+    oracle, begun = threading.Event(), []
+
+    def learn(domain, patch, out, how, *rest):
+        begun.append(out.name)
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "learned.json").write_text(json.dumps(WEIGHTS | {"device": "cpu", "train": {"wall_s": 1.0}}))
+        oracle.set()
+        return json.loads((out / "learned.json").read_text())
+
+    def diagnosis(log, tasks):
+        assert oracle.wait(10.0)
+        return log, {"arm": "identified"}
+
+    robots = stand_ins(monkeypatch, learn)
+    monkeypatch.setattr("np_blind.robots.recording.diagnosis", diagnosis)
+    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle_first=True)
+    for episodes in (10, 20):
+        judging = replace(judging, episodes=episodes)
+        (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+        assert "error" not in row and sum(row["engine"]["oracle"]) == 0.9 * episodes
+    assert begun == ["oracle", "robot_00"]
+
+
 def test_a_training_that_would_not_end_in_time_is_not_begun(tmp_path, monkeypatch):
     import time
 

@@ -21,7 +21,7 @@ from np_blind.robots.queue import DOCTOR, ENGINE, REHEARSAL, Queue, TimeOver
 from np_bringup.corrections import corrections
 from np_bringup.rehearsal.learning import Learning, carried, warm
 from np_bringup.rehearsal.playing import Cell, patch_of, play_all, succeeds, text_of
-from np_bringup.rehearsal.stages import KEPT, Rehearsal, rehearse
+from np_bringup.rehearsal.stages import KEPT, Rehearsal, rehearse, trained
 from np_effects.patch import Patch, dump_patch, load_patch
 from np_record.command import Progress
 from np_record.whole_file import write_whole
@@ -62,7 +62,7 @@ class Turns:
 class Judging:
     """How robots are judged. seed: of the set; episodes, share_episodes: of every figure, and of every subset of the effects found; how:
     training, None: all but that; oracle: one of ORACLES, `corrected` where it takes no training; out: folder; left: effects that are left to training,
-    by id."""
+    by id; oracle_first: what is trained with true effects, for which nobody has to be asked, is begun while doctors still are."""
 
     out: Path
     seed: int
@@ -71,21 +71,23 @@ class Judging:
     how: Learning | None
     oracle: str = "all"
     left: tuple[str, ...] = ()
+    oracle_first: bool = False
 
     def asks_oracle(self, robot: Robot) -> bool:
         """Whether the same is done with a robot's true effects."""
         if self.oracle == "all" and self.how is not None:
             return True
-        return self.oracle != "none" and not carried(corrections(robot.patch, self.left).remaining)[0].effects
+        return self.oracle != "none" and not self.trains(robot.patch)
+
+    def trains(self, patch: Patch) -> bool:
+        """Whether there is anything in a patch that policies are trained for."""
+        return bool(carried(corrections(patch, self.left).remaining)[0].effects)
 
     def is_done(self, robot: Robot, row: Mapping) -> bool:
         """Whether a row has all that is asked for: its weights may lie on another machine."""
         if row.get("episodes") != self.episodes or row.get("error") or "adopted" not in row["engine"]:
             return False
-        is_trained = (
-            row["engine"]["after"] is not None
-            or not carried(corrections(patch_of(row["found"]), self.left).remaining)[0].effects
-        )
+        is_trained = row["engine"]["after"] is not None or not self.trains(patch_of(row["found"]))
         return (is_trained or self.how is None) and ("oracle" in row["engine"] or not self.asks_oracle(robot))
 
 
@@ -102,11 +104,13 @@ def settle_all(robots: Sequence[Robot], judging: Judging, queue: Queue, turn: Tu
     try:
         domains = sorted({robot.domain for robot in robots})
         waits = not any(is_diagnosed(judging.out, robot) for robot in robots)  # for a diagnosis: nobody trains before
-        if waits and judging.how is not None and judging.how.gpu is not None:
+        if waits and judging.how is not None and judging.how.gpu is not None and not judging.oracle_first:
             for domain in domains:
                 threads.submit(warm, domain, judging.out / "warm" / domain, judging.how, lambda: queue.is_over)
         nominal = threads.submit(nominal_success, domains, judging, queue.ranked(REHEARSAL))
-        asked = [threads.submit(settle, robot, judging, nominal, queue, turn) for robot in robots]
+        # Those that have to be trained for first: they are what takes longest.
+        ordered = sorted(robots, key=lambda robot: not judging.trains(robot.patch))
+        asked = [threads.submit(settle, robot, judging, nominal, queue, turn) for robot in ordered]
         for number, _ in enumerate(as_completed(asked, queue.left(GRACE)), 1):
             progress.show(number)
     except TimeoutError:  # of what is under way the rows have what was known before
@@ -275,7 +279,10 @@ def _after(told: dict) -> dict[str, list[int] | None]:
 
 def _oracle(robot: Robot, judging: Judging, begun: Event, queue: Queue, turn: Turns) -> list[int]:
     """Success in PhysX of what the same comes to with the true effects."""
+    last = partial(turn, last=True)
+    what = partial(_rehearsal, robot, judging, judging.out / robot.folder / "oracle", queue)
+    if judging.oracle_first and judging.how is not None and judging.trains(robot.patch):
+        trained(what(), robot.patch, judging.how, last)
     begun.wait()
-    what = _rehearsal(robot, judging, judging.out / robot.folder / "oracle", queue)
-    told = rehearse(what, robot.patch, judging.how, queue.ranked(ENGINE), partial(turn, last=True))
+    told = rehearse(what(), robot.patch, judging.how, queue.ranked(ENGINE), last)
     return _after(told)["adopted"]

@@ -53,6 +53,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         "--oracle", choices=ORACLES, default="all", help="robots with which the same is done with the true effects"
     )
     parser.add_argument(
+        "--oracle-first", action="store_true", help="train with the true effects while doctors are still asked"
+    )
+    parser.add_argument(
         "--no-training",
         dest="train_on",
         action="store_false",
@@ -134,6 +137,7 @@ def judge(options: argparse.Namespace) -> dict:
         else None,
         options.oracle,
         tuple(options.leave),
+        options.oracle_first,
     )
     until = time.time() + options.within
     begun = time.monotonic()
@@ -182,6 +186,7 @@ def _command(options: argparse.Namespace) -> str:
     )
     said += f" --share-episodes {options.share_episodes} --minutes {options.minutes:g} --each-gpu {options.each_gpu}"
     said += ("" if options.train_on else " --no-training") + f" --oracle {options.oracle} --jobs {options.jobs}"
+    said += " --oracle-first" if options.oracle_first else ""
     said += f" --leave {' '.join(options.leave)}" if options.leave else ""
     return said + (f" --train {' '.join(options.train)}" if options.train else "")
 

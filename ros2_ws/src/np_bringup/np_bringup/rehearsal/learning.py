@@ -24,6 +24,7 @@ from np_ros.parent import end_with_parent
 ON_CPU = ("--device", "cpu", "--worlds", "128")
 DISTIL_SHARE = 0.15  # of the time for training; the student is taught on from the one that is there
 START = 45.0  # s that both take besides; where no kernels are kept yet a minute more
+DONE = "learned.json"
 SAVE_EVERY = "30"  # s between checkpoints, with which a training that is killed goes on
 
 
@@ -53,6 +54,12 @@ def carried(patch: Patch) -> tuple[Patch, list[str]]:
     return Patch(tuple(kept)), left
 
 
+def learned(out: Path) -> dict | None:
+    """What `learn` has come to in a folder; None where it has not yet."""
+    done = out / DONE
+    return json.loads(done.read_text(encoding="utf-8")) if done.exists() else None
+
+
 def learn(
     domain: str,
     patch: Patch,
@@ -67,9 +74,8 @@ def learn(
     Done once out/learned.json is there. is_over: asked every second whether it shall end at once. Raises OSError, with the last words, where
     training ends with an error or there is no checkpoint to go on from, and Ended.
     """
-    done = out / "learned.json"
-    if done.exists():
-        return json.loads(done.read_text(encoding="utf-8"))
+    if (known := learned(out)) is not None:
+        return known
     begun = time.monotonic()
     folder = weights_folder(weights)
     checkpoint = folder / f"training_{domain}.pt"
@@ -105,7 +111,7 @@ def learn(
         "device": "cpu" if how.gpu is None else f"cuda {how.gpu}",
         "wall_s": round(time.monotonic() - begun, 1),
     }
-    done.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    (out / DONE).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return found
 
 

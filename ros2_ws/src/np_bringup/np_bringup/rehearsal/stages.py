@@ -22,7 +22,7 @@ from threading import Event
 import numpy as np
 
 from np_bringup.corrections import corrections
-from np_bringup.rehearsal.learning import Learning, carried, learn
+from np_bringup.rehearsal.learning import Learning, carried, learn, learned
 from np_bringup.rehearsal.playing import Cell, play_all, succeeds, text_of
 from np_bringup.rehearsal.shares import joined, mean_and_interval, parts, shapley, subsets, with_intervals
 from np_effects.patch import Patch, dump_patch, load_patch
@@ -109,7 +109,7 @@ def rehearse(what: Rehearsal, patch: Patch, how: Learning | None, pool: Executor
     """
     begun = time.monotonic()
     corrected = corrections(patch, what.left)
-    trained_with, left_out = carried(corrected.remaining)
+    trained_with, left_out = trained_for(what, patch)
     told_of = "" if corrected.is_none else text_of(Patch(tuple(e for e in patch.effects if e.effect not in what.left)))
 
     def say(played: dict, costs: dict, learned: dict | None, after: dict) -> dict:
@@ -120,7 +120,7 @@ def rehearse(what: Rehearsal, patch: Patch, how: Learning | None, pool: Executor
         what.tell(told)
         return told
 
-    with _begun(what, trained_with, how, turn) as learning:
+    with _begun(what, patch, how, turn) as learning:
         cells = {"nominal": what.robot, "patched": what.patched(patch)}
         if what.reality is not None:
             cells["reality"] = what.reality
@@ -131,9 +131,33 @@ def rehearse(what: Rehearsal, patch: Patch, how: Learning | None, pool: Executor
         costs = _costs(what, parts(patch), played, pool) if patch.effects and what.share_episodes else {}
         told = say(played, costs, None, {})
         if trained_with.effects and how is not None:
-            learned = learning()
-            told = say(played, costs, learned, _chosen(what, patch, told_of, learned, pool))
+            new = learning()
+            told = say(played, costs, new, _chosen(what, patch, told_of, new, pool))
     return told
+
+
+def trained_for(what: Rehearsal, patch: Patch) -> tuple[Patch, list[str]]:
+    """The part of a patch that policies are trained on with, and what neither corrections nor training have, in words."""
+    return carried(corrections(patch, what.left).remaining)
+
+
+def trained(
+    what: Rehearsal, patch: Patch, how: Learning, turn: Turn | None = None, is_over: Callable[[], bool] = lambda: False
+) -> dict:
+    """What training comes to (`learning.learn`), when it is its turn; what is there already waits for none. Also before a rehearsal, which then
+    finds it."""
+    if (known := learned(what.out)) is not None:
+        return known
+    with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
+        what.go_on(how.seconds)
+        return learn(
+            what.robot.domain,
+            trained_for(what, patch)[0],
+            what.out,
+            replace(how, gpu=gpu),
+            what.robot.weights,
+            lambda: is_over() or what.is_over(),
+        )
 
 
 @contextmanager
@@ -143,12 +167,9 @@ def _begun(what: Rehearsal, patch: Patch, how: Learning | None, turn: Turn | Non
     interrupted = Event()
 
     def train() -> dict:
-        with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
-            what.go_on(how.seconds)
-            weights, is_over = what.robot.weights, lambda: interrupted.is_set() or what.is_over()
-            return learn(what.robot.domain, patch, what.out, replace(how, gpu=gpu), weights, is_over)
+        return trained(what, patch, how, turn, interrupted.is_set)
 
-    if not (what.beside and patch.effects and how is not None):
+    if not (what.beside and how is not None and trained_for(what, patch)[0].effects):
         yield train
         return
     with ThreadPoolExecutor(1) as thread:
