@@ -283,6 +283,25 @@ def test_a_matrix_that_is_broken_off_has_all_robots_with_fewer_episodes(tmp_path
     assert found["episodes"] == 20 and {row["engine"] for row in found["table"]} == {14 / 20}
 
 
+def test_a_matrix_takes_the_released_policies_episodes_from_the_set(tmp_path):
+    from np_blind.robots.answering import TASKS, reality_of
+    from np_blind.robots.cases import Robot
+    from np_blind.robots.matrix import scores_of_released
+
+    robots = [Robot(n, "wall", BOTH.effects, 0.3, 32) for n in (0, 1)]
+    nominal = playing.Cell("wall", seed=TASKS)
+    cells = {"patched": replace(nominal, effects=text_of(BOTH)), "reality": reality_of(robots[0])}
+    for number, episodes in ((0, 20), (1, 10)):
+        (tmp_path / f"robot_0{number}").mkdir()
+        (tmp_path / f"robot_0{number}" / "patch.yaml").write_text(text_of(BOTH))
+        kept = playing.Kept(tmp_path / f"robot_0{number}" / "episodes", cells)
+        for name, score in (("patched", 0.75), ("reality", 0.5)):
+            kept.add(name, range(episodes), [score] * episodes)
+    playing.Kept(tmp_path / "nominal", {"wall_mujoco": nominal}).add("wall_mujoco", range(20), [1.0] * 20)
+    names = ("nominal_wall_released", "patched_0_released", "engine_0_released")
+    assert scores_of_released(robots, tmp_path, 20) == dict(zip(names, ([1.0] * 20, [0.75] * 20, [0.5] * 20)))
+
+
 def test_who_may_be_last_lets_others_go_first():
     from np_blind.robots.answering import Turns
 

@@ -4,7 +4,7 @@
     python -m np_blind.robots.matrix --key runs/blind/robots_12_31.json --set runs/blind/robots_12_31 --policies runs/policies --jobs 32
 
 --prepare takes the weights of `data/policies.yaml` out of the history; where there is no history, its folder is enough. --set: the folder of
-`robots.set`, whose diagnoses are the patches. A cell is a file, and is not played again; --within ends a call in time, with the robots that are
+`robots.set`, whose diagnoses are the patches, and whose episodes are those of the released policies, one more. A cell is a file, and is not played again; --within ends a call in time, with the robots that are
 finished, or all of them with fewer episodes. The last line printed is one JSON object.
 """
 
@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
@@ -25,7 +26,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from np_blind.robots.answering import TASKS
+from np_blind.robots.answering import TASKS, reality_of
 from np_blind.robots.cases import Robot, read_key
 from np_blind.robots.figures import mmrv, pearson
 from np_blind.robots.queue import AT_ONCE, ENGINE, Queue, TimeOver
@@ -39,6 +40,7 @@ from np_record.workers import HELP, SINGLE_THREAD, workers
 
 POLICIES = Path(str(files("np_blind") / "data" / "policies.yaml"))
 ROUND = 10  # episodes of every cell before any cell has more
+RELEASED = "released"  # the policy of the project's own weights, whose episodes `robots.set` has played already
 SIDES = ("nominal", "patched", "patched_score", "engine")
 """What a cell's policy has: success by the two simulators, the patched one's mean score (`rehearsal.playing`), and success in PhysX."""
 
@@ -105,6 +107,23 @@ def cells_of(robots: Sequence[Robot], diagnoses: Path, policies: Path) -> dict[s
     return cells
 
 
+def scores_of_released(robots: Sequence[Robot], diagnoses: Path, episodes: int) -> dict[str, list[float]]:
+    """Scores of the project's own weights by the names of their cells, of those of which `robots.set` has played so many episodes."""
+    found = {}
+    for robot in robots:
+        patch, own = text_of(load_patch(diagnoses / robot.folder / "patch.yaml")), diagnoses / robot.folder / "episodes"
+        believed = Cell(robot.domain, seed=TASKS)
+        for name, folder, file, cell in (
+            (f"nominal_{robot.domain}", diagnoses / "nominal", f"{robot.domain}_mujoco", believed),
+            (f"patched_{robot.number}", own, "patched", replace(believed, effects=patch)),
+            (f"engine_{robot.number}", own, "reality", reality_of(robot)),
+        ):
+            kept = Kept(folder, {file: cell})
+            if not kept.missing(file, episodes):
+                found[f"{name}_{RELEASED}"] = kept.of(file, episodes)
+    return found
+
+
 def rounds(episodes: int) -> list[int]:
     """Episodes of every cell after each of the rounds in which the matrix is played."""
     return [*range(ROUND, episodes, ROUND), episodes]
@@ -142,7 +161,11 @@ def play(options: argparse.Namespace) -> dict:
     kept, table = Kept(options.out, cells), []
     for episodes in reversed(rounds(options.episodes)):
         scores = {name: kept.of(name, episodes) for name in cells if not kept.missing(name, episodes)}
-        own = [[_row(r, place, scores) for place in sorted((options.policies / r.domain).iterdir())] for r in robots]
+        own = [[_row(r, p.name, scores) for p in sorted((options.policies / r.domain).iterdir())] for r in robots]
+        released = scores_of_released(robots, options.set, episodes)
+        for robot, rows in zip(robots, own):
+            if row := _row(robot, RELEASED, released):
+                rows.append(row)
         whole = [row for rows in own if all(rows) for row in rows]
         if len(whole) > len(table):
             table, played = whole, episodes
@@ -157,16 +180,16 @@ def play(options: argparse.Namespace) -> dict:
     return {**found["figures"], "results": str(results)}
 
 
-def _row(robot: Robot, place: Path, scores: Mapping[str, Sequence[float]]) -> dict | None:
+def _row(robot: Robot, policy: str, scores: Mapping[str, Sequence[float]]) -> dict | None:
     """What a policy has on a robot by side; None where one is not known."""
     names = {
-        "nominal": f"nominal_{robot.domain}_{place.name}",
-        "patched": f"patched_{robot.number}_{place.name}",
-        "engine": f"engine_{robot.number}_{place.name}",
+        "nominal": f"nominal_{robot.domain}_{policy}",
+        "patched": f"patched_{robot.number}_{policy}",
+        "engine": f"engine_{robot.number}_{policy}",
     }
     if any(name not in scores for name in names.values()):
         return None
-    row = {"robot": robot.number, "domain": robot.domain, "policy": place.name}
+    row = {"robot": robot.number, "domain": robot.domain, "policy": policy}
     row |= {side: float(np.mean(succeeds(scores[name]))) for side, name in names.items()}
     return row | {"patched_score": round(float(np.mean(scores[names["patched"]])), 4)}
 
