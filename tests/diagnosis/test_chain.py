@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from np_blind.chain.figures import figures
 from np_blind.chain.judged import judged
 from np_blind.chain.reality import Reality
 from np_description.camera import CAMERA
+from np_description.contact import STEADY
 from np_description.domains import BUMP, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
@@ -232,7 +234,7 @@ def test_images_of_a_detector_without_noise_are_not_said_to_be_repeated(spread, 
 
 def test_a_patch_that_is_right_predicts_taps_better_and_its_opposite_worse():
     aside, other = (Patch((PatchEffect("camera_extrinsics", "camera", {"x": x, "y": x}),)) for x in (0.01, -0.01))
-    recording = Reality(BUMP, aside, 3, MujocoEngine).run(("tap",))
+    recording = Reality(BUMP, aside, 3, partial(MujocoEngine, contact=STEADY)).run(("tap",))
     right, wrong = predict([recording], aside), predict([recording], other)
     assert right.windows == 2 and right.after < 0.7 * right.before and right.removed.low > 0.3
     assert right.by_effect == {"camera_extrinsics": right.removed.value}

@@ -333,11 +333,11 @@ def test_an_object_that_lags_and_a_face_that_is_held_down_do_not_feign_a_mass():
 
 
 def test_intervals_hold_where_forces_share_errors():
-    """Drags and pushes each way are off by .02 N in common, and a slow slide takes up to 8 % less than its coefficient."""
+    """Drags and pushes each way are off by .02 N in common, and a slow slide takes what its coefficient says within 2.6 %."""
     rng, held = np.random.default_rng(8), {"table": 0, "mass": 0}
     for seed in range(60):
         table, mass = np.exp(rng.uniform(-0.4, 0.4, 2))
-        law, shared = rng.uniform(0.92, 1.0), rng.normal(0.0, 0.02, 3)
+        law, shared = rng.uniform(0.974, 1.026), rng.normal(0.0, 0.02, 3)
         made = readings(table * law, mass, seed=seed, kinds=("drag", "push"))
         groups = [0 if r.kind == "drag" else 1 + k % 2 for k, r in enumerate(made)]
         made = [replace(r, group=str(g), force=r.force + shared[g]) for r, g in zip(made, groups)]

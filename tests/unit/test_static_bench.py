@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from np_description.contact import HARD, SOFT, find_contact
+from np_description.contact import HARD, SOFT, STEADY, find_contact
 from np_sim_bridge import static_bench as bench
+from np_sim_bridge.box_world import TIP_RADIUS, BoxOnTable
 
 MAKE = bench.mujoco(HARD)
 
@@ -22,6 +23,31 @@ def test_pressed_hard_nothing_sinks_in():
 def test_a_card_under_a_pressed_fingertip_comes_along():
     assert bench.drag(MAKE)["followed_mm"] > 0.9 * 30.0
     assert bench.drag(bench.mujoco(SOFT))["followed_mm"] < 0.5 * 30.0
+
+
+def led(contact):
+    """mm that a cube goes along under a fingertip that presses it by 2 N and is drawn 60 mm at 30 mm/s, new ways every 2 ms."""
+    above = np.array([0.0, 0.0, 2 * bench.CUBE.half_size[2] + TIP_RADIUS])
+    world = bench.mujoco(contact)(BoxOnTable(bench.CUBE.half_size, bench.CUBE.mass, tuple(above), pressing=True))
+    world.lead(above, press=2.0)
+    world.step(1.0)
+    for k in range(1000):
+        world.lead(above + [6e-5 * k, 0.0, 0.0], press=2.0)
+        world.step(0.002)
+    return 1e3 * world.pose().position[0]
+
+
+def test_a_tip_stays_on_what_it_leads_where_force_grows_from_the_first_touch_and_hops_where_it_does_not():
+    assert led(STEADY) > 58.0
+    assert led(HARD) < 50.0
+
+
+def test_a_steady_contact_is_as_hard_as_a_hard_one_and_holds_what_is_pulled():
+    make = bench.mujoco(STEADY)
+    rows = {row["force"]: row for row in bench.press(make)["rows"]}
+    assert rows[20.0]["finger_mm"] < 0.5 and rows[20.0]["table_mm"] < 0.25
+    assert abs(bench.creep(make, STEADY.table)["mm_per_s"]) < 0.1
+    assert bench.slide(make, STEADY.table, 0.0)["of_true"] == pytest.approx(1.0, abs=0.02)
 
 
 def test_friction_is_that_of_coulomb_in_every_direction():

@@ -131,7 +131,7 @@ def load_patch(path: str | Path) -> Patch:
     try:
         raw = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError) as error:
-        raise ValueError(f"effects {path}: expected a patch.yaml, got: {error}") from error
+        raise ValueError(f"effects {path}: expected a patch.yaml, got: {' '.join(str(error).split())}") from error
     if not isinstance(raw, Mapping) or not isinstance(raw.get("effects"), list):
         raise ValueError(f"effects {path}: expected a mapping with the list 'effects', got {raw!r:.80}")
     if raw.get("arm", PANDA) != PANDA:

@@ -36,7 +36,10 @@ class Value:
             scale = scale if self.value >= 0 else -scale
         value, (low, high) = scale * self.value, sorted((scale * self.low, scale * self.high))
         digits = _digits(high - low, value)
-        return f"{value:.{digits}f} {unit} ({low:.{digits}f} to {high:.{digits}f}){word}".replace("_", " ")
+        said, lowest, highest = (
+            f"{round(number, digits) + 0.0:.{digits}f}" for number in (value, low, high)
+        )  # no "-0.0"
+        return f"{said} {unit} ({lowest} to {highest}){word}".replace("_", " ")
 
 
 def say(record: EffectRecord | ViewRecord, component: str, values: Mapping[str, Value], nominal: str) -> str:

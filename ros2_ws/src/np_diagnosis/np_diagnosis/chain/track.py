@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from np_description.keypoints import COUNT
-from np_diagnosis.recordings.reading import SECOND, ContractViolation
+from np_diagnosis.recordings.reading import SECOND, ContractViolation, violated
 from np_diagnosis.thresholds import THRESHOLDS
 
 TRACK = THRESHOLDS.track
@@ -55,14 +55,14 @@ def read_track(path: str | Path, least_score: float = TRACK.score) -> Track:
     from np_record.bulk import decoded
     from np_ros.messages import BadMessage, keypoints_array
 
-    name = f"bag {path}"
+    name = f"bag {Path(path)}"
     try:
         with Recording(path, required=("keypoints",)) as recording:
             messages = recording.rows("keypoints")["keypoints"]
             found = np.array([keypoints_array(decoded(f"{name}: keypoints", m)) for m in messages])
             stamps = np.array([m.stamp for m in messages], dtype=np.int64)
     except (BagError, BadMessage) as error:
-        raise ContractViolation(f"{name}: {error}") from error
+        raise violated(path, error) from error
     if not len(stamps):
         raise ContractViolation(f"{name}: expected keypoints, got none")
     return Track(name, (stamps - stamps[0]) / SECOND, found[:, :, :2], found[:, :, 2] >= least_score)

@@ -38,6 +38,12 @@ class ContractViolation(ValueError):
     """A recording that cannot mean what its topics or columns claim; says what was expected and found."""
 
 
+def violated(path: str | Path, error: Exception) -> ContractViolation:
+    """What is wrong with a bag, which is named once: most errors begin with it."""
+    name, said = f"bag {Path(path)}", str(error)
+    return ContractViolation(said if said.startswith(name) else f"{name}: {said}")
+
+
 def read(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
     """A log of an arm's joints from a rosbag2 folder, or from an .npz file (`read_npz`). Raises ContractViolation."""
     return read_npz(path, len(joints)) if Path(path).suffix == ".npz" else read_bag(path, joints)
@@ -52,7 +58,7 @@ def read_bag(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
     where `target_gains` are recorded.
     """
     is_panda = tuple(joints) == JOINT_NAMES
-    name = f"bag {path}"
+    name = f"bag {Path(path)}"
     try:
         with Recording(path, required=("joint_states",)) as recording:
             raw = recording.rows("joint_states", "effort_command", "motor_states", "target_gains", *PHASE_TOPICS)
@@ -66,7 +72,7 @@ def read_bag(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
             gains = [_gains(name, m, len(joints)) for m in raw.get("target_gains", ())]
             phases = phase_changes(name, raw)
     except (BagError, BulkError) as error:
-        raise ContractViolation(str(error)) from error
+        raise violated(path, error) from error
     _check_times(name, stamp / SECOND, PERIOD if is_panda else None)
     time = (stamp - stamp[0]) / SECOND
     period = PERIOD if is_panda else float(np.median(np.diff(time)))

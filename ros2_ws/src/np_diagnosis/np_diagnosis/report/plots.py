@@ -30,7 +30,7 @@ def gap_plot(diagnosis: Diagnosis) -> str:
         figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
         axes = figure.add_subplot()
         place = np.arange(len(joints))
-        axes.bar(place - 0.2, gap.before_joint, 0.4, color=BEFORE, label="nominal simulator")
+        axes.bar(place - 0.2, gap.before_joint, 0.4, color=BEFORE, label=_before(diagnosis))
         axes.bar(place + 0.2, gap.after_joint, 0.4, color=AFTER, label="effects added")
         axes.hlines(gap.floor_joint, place - 0.45, place + 0.45, color=FLOOR, lw=2, label="floor")
         axes.set_xticks(place, joints, fontsize=8)
@@ -38,6 +38,10 @@ def gap_plot(diagnosis: Diagnosis) -> str:
         axes.grid(False, axis="x")
         figure.legend(fontsize=8, loc="outside upper right", ncols=3, frameon=False)
         return svg(figure)
+
+
+def _before(diagnosis: Diagnosis) -> str:
+    return "as it was before" if diagnosis.context.reference else "nominal simulator"
 
 
 def residual_plot(diagnosis: Diagnosis) -> str:
@@ -73,7 +77,7 @@ def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: fl
         for axes in panels[len(diagnosis.context.arm) :]:
             axes.axis("off")
         for text, colour, height in (
-            ("nominal simulator", BEFORE, 0.6),
+            (_before(diagnosis), BEFORE, 0.6),
             ("effects added, held out", AFTER, 0.4),
         ):
             panels[-1].text(0.1, height, text, color=colour, weight="bold", transform=panels[-1].transAxes)

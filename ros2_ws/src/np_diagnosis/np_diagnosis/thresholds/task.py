@@ -74,11 +74,14 @@ class Forcing:
         "two engines, tips of 1.0 and .5",
     )
     common: float = threshold(0.018, "N", "error that drags, or pushes one way, have in common", JUDGEMENT)
+    usually: float = threshold(
+        4.0, "readings", "that usual errors count as, beside how far off those of a recording are", JUDGEMENT
+    )
     law: tuple[float, float] = threshold(
-        (-0.035, 0.035),
+        (0.0, 0.015),
         "1",
         "log friction of a slow slide against the coefficient: mean, deviation",
-        "two engines: -9 to 0 %",
+        "two engines, under a tip that does not hop: -1.5 to .2 %",
     )
     table: tuple[float, float] = spreads(0.04, 0.35, "1", "log friction with the table", "10 to 20 % between set-ups")
     mass: tuple[float, float] = spreads(0.015, 0.35, "1", "log mass", "scales: 3 %; 30 % of a gap")
@@ -181,7 +184,7 @@ class Moving:
         (-0.035, 0.0, 0.035),
         "1",
         "by which the table's friction is more than the patch says, over which windows are averaged",
-        "as the law of a slow slide differs between two engines",
+        "within which a weak stroke holds the object or slips by chance",
     )
     draws: int = threshold(1000, "draws", "of windows, for the interval of a share", NUMERICS)
 

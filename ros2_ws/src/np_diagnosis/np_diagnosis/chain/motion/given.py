@@ -30,7 +30,7 @@ def given(
     """Of a patch and the recordings of one object that it was found in; all of it without any.
 
     An effect is asked beside those that stay: with it, and without. The worst goes first, for two that are wrong may hide each other. Two
-    engines differ by as much as an effect of usual size changes in a window, so only what is surely worse goes (`_is_worse`).
+    engines differ by as much as an effect of usual size changes in a window, so only what is surely worse goes (`_worse`).
     """
     withheld: dict[str, Value] = {}
     after = errors(recordings, patch, camera, panda) if recordings and patch.effects else None
@@ -40,8 +40,9 @@ def given(
             rest = Patch(tuple(e for e in patch.effects if e is not one))
             without = errors(recordings, rest, camera, panda)
             known = np.isfinite(without) & np.isfinite(after)
-            if known.any() and _is_worse(without[known], after[known]):
-                worse.append((share(without[known], after[known]), one.effect, rest, without))
+            removed = _worse(without[known], after[known]) if known.any() else None
+            if removed is not None:
+                worse.append((removed, one.effect, rest, without))
         if not worse:
             break
         removed, effect, patch, after = min(worse, key=lambda one: one[0].value)
@@ -49,9 +50,10 @@ def given(
     return Given(patch, withheld)
 
 
-def _is_worse(without: np.ndarray, after: np.ndarray) -> bool:
-    """Whether windows (n,) px are surely worse after, in 95 % of draws of them: their sum; or what is left of one, on geometric average, where the
-    sum is no better. A few windows in which a tip hops are most of a sum, and hide that nearly all others are worse; what is better in sum
-    stays, for one tap that comes right is worth many drags."""
+def _worse(without: np.ndarray, after: np.ndarray) -> Value | None:
+    """The share of the error of windows (n,) px that is gone after, where that is surely less than none, in 95 % of draws of them: of their sum; or of
+    what is left of one, on geometric average, where the sum is no better. A few windows in which a tip slips or holds by chance are most of a
+    sum, and hide that nearly all others are worse; what is better in sum stays, for one tap that comes right is worth many drags."""
     removed = share(without, after)
-    return removed.high < 0 or (removed.value < 0 and typical(without, after).high < 0)
+    is_worse = removed.high < 0 or (removed.value < 0 and typical(without, after).high < 0)
+    return removed if is_worse else None

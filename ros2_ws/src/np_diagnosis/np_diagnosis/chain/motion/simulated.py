@@ -9,6 +9,7 @@ import numpy as np
 
 from np_control.dynamics import Dynamics
 from np_description.camera import CAMERA, Camera
+from np_description.contact import STEADY
 from np_description.domains import Domain, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL, PandaModel
@@ -31,7 +32,7 @@ class Simulated:
     """A set-up with the effects of a patch, in which windows are predicted.
 
     The hand is led along the way that was measured, softly, so that what it presses by is what its torques say: a stiff hand would
-    press by what two simulators' contacts give way. camera: that is believed in; panda: the arm with its own gap; rougher: share by which
+    press by what two simulators' contacts give way. Contacts are steady, or a pressed tip that moves would hop. camera: that is believed in; panda: the arm with its own gap; rougher: share by which
     the table's friction is more than the patch says.
     """
 
@@ -48,7 +49,8 @@ class Simulated:
         self._domain, self._view = domain, ViewEffects(patch, camera)
         self._late = sum(e.get("delay") for e in patch.of("camera_latency"))
         self._late += sum(e.get("offset") for e in patch.of("clock_offset"))
-        self._engine = MujocoEngine(domain, panda=panda, change=self._change)
+        contact = replace(STEADY, hand=domain.contact.hand)
+        self._engine = MujocoEngine(domain, panda=panda, contact=contact, change=self._change)
         self._gravity = Dynamics(panda).gravity
 
     def error(self, window: Window) -> float:

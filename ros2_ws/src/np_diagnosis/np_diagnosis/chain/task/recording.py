@@ -11,7 +11,7 @@ from np_description.domains import Domain
 from np_description.phases import EXCITE
 from np_diagnosis.chain.track import Track, read_track
 from np_diagnosis.experiments.task.suite import FAMILIES
-from np_diagnosis.recordings.reading import SECOND, ContractViolation, read_bag
+from np_diagnosis.recordings.reading import SECOND, ContractViolation, read_bag, violated
 from np_diagnosis.recordings.signals import Log
 
 
@@ -65,7 +65,7 @@ def read_task(path: str | Path) -> TaskRecording:
             domain = recorded_domain(recording.information)
             first, seen = (recording.rows(topic)[topic][0].stamp for topic in ("joint_states", "keypoints"))
     except (BagError, ValueError) as error:
-        raise ContractViolation(f"bag {path}: {error}") from error
+        raise violated(path, error) from error
     spans = spans_of(log)
     if not spans:
         raise NoSuite(f"bag {path}: expected experiments of the task suite ({', '.join(FAMILIES)}), got none")

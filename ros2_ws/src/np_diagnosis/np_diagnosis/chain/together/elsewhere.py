@@ -100,7 +100,8 @@ def _read(path: Path, what: str, command: str, keys: tuple[str, ...]) -> dict:
         told = json.loads(path.read_text(encoding="utf-8"))
         missing = [key for key in keys if key not in told]
     except (OSError, ValueError, TypeError) as error:
-        raise ContractViolation(f"{what} {path}: expected what `{command}` wrote, got: {error!r}") from error
+        got = getattr(error, "strerror", None) or error
+        raise ContractViolation(f"{what} {path}: expected what `{command}` wrote, got: {got}") from error
     if missing:
         raise ContractViolation(f"{what} {path}: expected what `{command}` wrote, got no {missing[0]}")
     return told

@@ -14,7 +14,7 @@ from np_description.keypoints import COUNT
 from np_description.panda import BASE_FRAME
 from np_description.rotations import matrix_from_quaternion
 from np_diagnosis.chain.track import Track, read_track, rests
-from np_diagnosis.recordings.reading import SECOND, ContractViolation
+from np_diagnosis.recordings.reading import SECOND, ContractViolation, violated
 from np_diagnosis.thresholds import THRESHOLDS
 
 PLACES = THRESHOLDS.places
@@ -73,7 +73,7 @@ def read_places(path: str | Path, calibration: str = "", measured: bool = True) 
             rows = recording.rows("object_pose").get("object_pose", ()) if measured else ()
             poses = [(m.stamp, *pose_arrays(m.decode(), BASE_FRAME)) for m in rows]
     except (BagError, BadMessage, ValueError) as error:
-        raise ContractViolation(f"{name}: {error}") from error
+        raise violated(path, error) from error
     if used and not calibration:
         raise ContractViolation(f"{name}: expected the calibration that it was made with, {used}, got none")
     time = (np.array([stamp for stamp, _, _ in poses], float) - first) / SECOND
