@@ -125,6 +125,12 @@ class Lagging:
     corners: int = threshold(5, "corners", "of an image, at least", JUDGEMENT)
     least: int = threshold(3, "pushes", "that say the same", JUDGEMENT)
     wrong: float = threshold(1.0, "px", "from which on a corner of an image counts less", JUDGEMENT)
+    rows: tuple[float, float] = threshold(
+        (0.008, 0.008),
+        "s",
+        "from a picture's first row to its last: usual, deviation",
+        "a global shutter: 0; others read our part of a frame at 30 Hz in 10 to 22 ms (published)",
+    )
     far_off: float = threshold(2.0, "1", "deviations from the others from which on a push counts less", JUDGEMENT)
     own: float = threshold(0.001, "s", "error of one push, at least: it turns, and comes to rest softly", JUDGEMENT)
     common: float = threshold(0.001, "s", "error of all pushes: stamps are of states and images", JUDGEMENT)
