@@ -13,7 +13,7 @@ from np_description.camera import CAMERA
 GROSS = 6.0  # px, of a corner that is somewhere else
 SMEARED = 0.15  # of the way that a corner goes in an exposure: half the deviation of an even smear
 STAYS = 0.95  # memory, from image to image, of what the hand hides
-GOOD, DIM, UNSEEN = 1.0, 0.4, 0.1  # scores: policies ask for .5, and a pose that is only planned from for .3
+GOOD, DIM = 1.0, 0.4  # scores: policies ask for .5, and a pose that is only planned from for .3
 DIMMED = 0.5  # share of the corners that are dim in the darkest image of an exposure that hunts
 
 
@@ -43,7 +43,7 @@ class Finding:
         inside = ((found > -0.5) & (found < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=1)
         is_lost = covered & (ndtr(self._lost.next()[:, 0]) < quirks.lost)
         score = np.where(rng.random(8) < DIMMED * darkness, DIM, GOOD)
-        return np.column_stack([found, np.where(is_lost, UNSEEN, score) * inside])
+        return np.column_stack([found, np.where(is_lost, DIM, score) * inside])
 
 
 class _Remembered:

@@ -12,7 +12,7 @@ class Quirks:
     """rows s: from the picture's first row to its last; exposure s: of each row; jitter s: standard deviation of a stamp, which is more
     often a little early and now and then late; lens: k1, k2, p1, p2 of Brown and Conrady that a calibration has left; noise px, memory: of a
     corner's error that remembers the image before; white px: of one that does not; gross: share of corners that are somewhere else; lost:
-    share of the images in which a corner behind the hand is not found; beneath px: by which it is off where it is."""
+    share of the images in which a corner behind the hand has no score that counts; beneath px: by which it is off, score or not."""
 
     rows: float = 0.0
     exposure: float = 0.0

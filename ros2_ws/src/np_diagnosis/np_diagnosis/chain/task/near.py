@@ -9,6 +9,7 @@ from scipy.ndimage import median_filter
 
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
+from np_description.keypoints import COUNT
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.chain.task.seen import pose_between
 from np_diagnosis.experiments.task.room import Lain
@@ -69,9 +70,17 @@ def _middles(recording: TaskRecording, camera: Camera, height: float) -> tuple[n
     """s of the log (n,) and places (n, 2) m of the object's middle, `height` m over the table, of images that show all corners well enough."""
     track = recording.track
     known = track.usable.sum(axis=1) >= UNTOUCHED.corners
-    if not known.any():
+    seen = [c for c in range(COUNT) if track.usable[:, c].any()]
+    if not known.any() or not seen:
         raise ContractViolation("the object is not seen")
-    usable = track.usable[known][..., None]
-    pixels = (track.pixels[known] * usable).sum(axis=1) / usable.sum(axis=1)
+    corners = [
+        _filled(track.time, track.pixels[:, c], track.usable[:, c]) for c in seen
+    ]  # all of them, or the middle goes
+    pixels = np.mean(corners, axis=0)[known]
     pixels = median_filter(pixels, size=(UNTOUCHED.window, 1), mode="nearest")  # a corner that is found wrongly
     return track.time[known] + recording.seen_from, camera.at_height(camera.rays(pixels), height)
+
+
+def _filled(time: np.ndarray, pixels: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Pixels (n, 2) of a corner; while it is hidden it goes straight from where it was to where it is afterwards."""
+    return np.column_stack([np.interp(time, time[usable], pixels[usable, axis]) for axis in range(2)])

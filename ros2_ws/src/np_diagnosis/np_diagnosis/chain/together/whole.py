@@ -14,6 +14,7 @@ from np_diagnosis.chain.force.slide import slides
 from np_diagnosis.chain.force.stage import Believed, Forces, judge
 from np_diagnosis.chain.scatter import Scatter, scatter
 from np_diagnosis.chain.task.astray import turned
+from np_diagnosis.chain.task.covered import without_covered
 from np_diagnosis.chain.task.lag import Lag, lag
 from np_diagnosis.chain.task.meeting import Meeting, meet
 from np_diagnosis.chain.task.recording import TaskRecording
@@ -99,6 +100,8 @@ def diagnose(
     Of several recordings of the task suite the first is felt by touch, forces are taken together, and delays are those of the first.
     """
     doubts: dict[str, str] = {}
+    tasks, tracks = without_covered(seen.tasks, seen.tracks, camera)
+    seen = replace(seen, tasks=tasks, tracks=tracks)
     tell("scatter")
     scattered = _tried(doubts, "scatter", lambda: _scattered(seen.tracks))
     tell("view")
