@@ -238,7 +238,8 @@ class Untouching:
         0.15, "s", "before a tip is faster than that, in which a step is not judged yet: stamps and medians", JUDGEMENT
     )
     window: int = threshold(9, "images", "of which a median is taken", NUMERICS)
-    corners: int = threshold(4, "corners", "that are seen in all images of a stretch", JUDGEMENT)
+    corners: int = threshold(4, "corners", "that are seen in a stretch", JUDGEMENT)
+    shown: float = threshold(0.7, "1", "share of a stretch's images in which a corner that is seen counts", JUDGEMENT)
     unlike: float = threshold(
         2.0, "1", "times the most that each corner's own scatter makes of it, that scatter goes up and down", JUDGEMENT
     )

@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 from np_diagnosis.chain.track import Track
 from np_diagnosis.thresholds import THRESHOLDS
 
-UNTOUCHED, TRACK = THRESHOLDS.untouched, THRESHOLDS.track
+UNTOUCHED = THRESHOLDS.untouched
 
 
 def unsteady(track: Track, stretches: Iterable[slice]) -> float:
@@ -34,7 +34,7 @@ def unsteady(track: Track, stretches: Iterable[slice]) -> float:
 
 def _sizes(track: Track, images: slice) -> np.ndarray | None:
     """Log px (n, c) of each corner's distance from where it is in the images about; None of a stretch that is too short."""
-    steady = track.usable[images].mean(axis=0) > 0.5
+    steady = track.usable[images].mean(axis=0) > UNTOUCHED.shown
     if images.stop - images.start < 3 * UNTOUCHED.window or steady.sum() < UNTOUCHED.corners:
         return None
     pixels = track.pixels[images][:, steady]

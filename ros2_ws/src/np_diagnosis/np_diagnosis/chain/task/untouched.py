@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 from np_description.camera import CAMERA, Camera
 from np_diagnosis.chain.findings import effects
 from np_diagnosis.chain.scatter import Scatter
-from np_diagnosis.chain.task.near import Hand, hand
+from np_diagnosis.chain.task.near import Hand, filled, hand
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.chain.task.steady import unsteady
 from np_diagnosis.recordings.reading import ContractViolation
@@ -90,11 +90,12 @@ def _way(recording: TaskRecording, begin: float, end: float) -> tuple[float, flo
     of noise of such a way, by what corners do each for itself. None where too little is seen."""
     track, images = recording.track, _images(recording, begin, end)
     taken = track.time + recording.seen_from
-    steady = track.usable[images].all(axis=0)
+    steady = track.usable[images].mean(axis=0) > UNTOUCHED.shown
     if images.stop - images.start < 3 * UNTOUCHED.window or steady.sum() < UNTOUCHED.corners:
         return None
     half = UNTOUCHED.window // 2  # at either end, where a filter has fewer images to take a median of
-    smooth = median_filter(track.pixels[images][:, steady], size=(UNTOUCHED.window, 1, 1))[half:-half]
+    shown = [filled(taken[images], track.pixels[images, c], track.usable[images, c]) for c in np.flatnonzero(steady)]
+    smooth = median_filter(np.stack(shown, axis=1), size=(UNTOUCHED.window, 1, 1))[half:-half]
     off = smooth - np.median(smooth, axis=0)
     together = np.median(off, axis=1)
     noise = np.sqrt(np.pi / 2 * np.mean((off - together[:, None]) ** 2) / steady.sum())  # of a median
