@@ -96,5 +96,7 @@ def _middles(recording: TaskRecording, camera: Camera, height: float) -> tuple[n
 
 
 def filled(time: np.ndarray, pixels: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Pixels (n, 2) of a corner; while it is hidden it goes straight from where it was to where it is afterwards."""
-    return np.column_stack([np.interp(time, time[usable], pixels[usable, axis]) for axis in range(2)])
+    """Pixels (n, 2) of a corner; while it is hidden it goes straight from where it was to where it is afterwards, by medians of some images."""
+    known = median_filter(pixels[usable], size=(UNTOUCHED.window, 1), mode="nearest")
+    between = np.column_stack([np.interp(time, time[usable], axis) for axis in known.T])
+    return np.where(usable[:, None], pixels, between)
