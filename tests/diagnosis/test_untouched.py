@@ -1,5 +1,6 @@
 """Does the picture keep still while nothing touches the object? Recordings made of the suite's own plans, whatever their experiments are called."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,6 +13,7 @@ from np_description.panda import NOMINAL
 from np_description.phases import EXCITE, PhaseState
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix, yaw_quaternion
 from np_diagnosis.chain.scatter import scatter
+from np_diagnosis.chain.task.covered import uncovered, without_covered
 from np_diagnosis.chain.task.near import Hand, hand
 from np_diagnosis.chain.task.recording import TaskRecording, spans_of
 from np_diagnosis.chain.task.untouched import untouched
@@ -172,3 +174,38 @@ def test_strong_noise_is_no_motion_where_a_stretch_begins_and_ends(seed):
     rng = np.random.default_rng(seed)
     made = recorded(moved=lambda t, one: one + 2.5 * rng.standard_normal((8, 2)))
     assert untouched(made, scatter=scatter(made.track)).verdict == "no_gap"
+
+
+def flickers(period):
+    rng = np.random.default_rng(6)
+    return lambda t, one: one + 0.8 * max(0.0, np.sin(2 * np.pi * t / period)) * rng.standard_normal((8, 2))
+
+
+@pytest.mark.parametrize("period", [1.0, 3.0])
+def test_corners_that_are_noisier_together_at_some_moments_are_unexplained(period):
+    found = untouched(recorded(moved=flickers(period)))
+    assert found.verdict == "unexplained" and "from moment to moment" in found.doubt
+
+
+def test_corners_that_are_noisier_each_at_its_own_moments_are_well():
+    rng, phases = np.random.default_rng(7), np.linspace(0, 2 * np.pi, 9)[:8]
+
+    def each(t, one):
+        return one + (0.8 * np.maximum(0.0, np.sin(np.pi * t + phases)))[:, None] * rng.standard_normal((8, 2))
+
+    assert untouched(recorded(moved=each)).verdict == "no_gap"
+
+
+def test_corners_behind_the_hand_do_not_count_and_those_before_it_do():
+    """The hand comes down at the object's top: what lies behind it, seen from the camera, is hidden then, and only then."""
+    made = recorded()
+    found, (tasks, tracks) = uncovered(made), without_covered([made], [made.track, replace(made.track, name="other")])
+    time, ((begin, end), _) = made.track.time, way(TWICE)[1]
+    far, near = (
+        pick(box_keypoints(np.asarray(BUMP.half_size), LAIN.position, LAIN.quaternion)[:, 0])
+        for pick in (np.argmin, np.argmax)
+    )
+    down = (time > (begin + end) / 2 - 0.3) & (time < (begin + end) / 2 + 0.3)
+    assert found.track.usable[time < 1.0].all() and found.track.usable[:, near].all()
+    assert not found.track.usable[down].all() and found.track.usable.mean() > 0.8
+    assert tracks[0] is tasks[0].track and tracks[1].usable.all() and far != near

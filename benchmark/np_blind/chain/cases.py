@@ -12,8 +12,10 @@ from math import radians
 
 import numpy as np
 
+from np_blind.camera import quirks
+from np_blind.camera.film import Film, Strange
+from np_blind.camera.quirks import Quirks
 from np_blind.sealed import SCHEMA
-from np_description.camera import CAMERA, Camera
 from np_description.domains import BUMP, Domain
 from np_description.panda import NOMINAL
 from np_effects import SCENE_RECORDS, VIEW_RECORDS
@@ -21,9 +23,6 @@ from np_effects.patch import Patch, PatchEffect
 
 SET = "task"
 OUT = "out"
-BREATH = 7.0  # s, in which a lens that hunts goes out of focus and back
-MEMORY = 0.8  # of a detector's error, from image to image
-GROSS = 6.0  # px, of a corner that is wrong
 RECORDS = {**SCENE_RECORDS, **VIEW_RECORDS}
 Gap = dict[str, float]
 
@@ -51,13 +50,14 @@ USUAL = Usual()
 class Case:
     """kind: clean, single, pair (of effects of the catalogue), or out of it; gap: by effect, or by what is out of the catalogue, its
     parameters; usual: what any set-up has besides, by effect, component and parameters; longer: m, by which the object's edges are longer than
-    they are believed to be."""
+    they are believed to be; camera: what a camera and its detector have that are well."""
 
     number: int
     kind: str
     gap: dict[str, Gap] = field(default_factory=dict)
     usual: tuple[tuple[str, str, Gap], ...] = ()
     longer: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    camera: Quirks = Quirks()
 
     @property
     def domain(self) -> Domain:
@@ -79,6 +79,17 @@ class Case:
     def stranger(self, name: str, quantity: str) -> float:
         """Of what is out of the catalogue, a quantity; 0 where it is not there."""
         return self.gap.get(name, {}).get(quantity, 0.0)
+
+    def film(self, seed: int) -> Film:
+        """The camera of a recording with such a seed."""
+        strange = Strange(
+            knocked=self.stranger("knocked", "turn"),
+            at=self.stranger("knocked", "at"),
+            breathing=self.stranger("breathing", "scale"),
+            hunting=self.stranger("hunting", "period"),
+            dark=self.stranger("hunting", "dark"),
+        )
+        return Film(np.array(self.domain.half_size), self.camera, self.patch, seed, strange)
 
 
 def _either(rng: np.random.Generator, low: float, high: float) -> float:
@@ -110,11 +121,13 @@ GAPS: dict[str, Callable[[np.random.Generator], Gap]] = {
     },
     "knocked": lambda rng: {"turn": _either(rng, radians(0.5), radians(1.0)), "at": float(rng.uniform(40, 100))},
     "breathing": lambda rng: {"scale": float(rng.uniform(0.01, 0.02))},
+    "hunting": lambda rng: {"period": float(rng.uniform(1.0, 3.0)), "dark": float(rng.uniform(3, 6))},
 }
 """Of 3 to 8 times the limit of an effect, as far as a simulator takes it. cable: N, that pulls the object all the time, in a direction rad;
 magnet: N, that pull the object down over a place of the table (m), and less with the distance; knocked: rad, by which the camera turns to the
-side at a moment s; breathing: share, by which the picture grows and shrinks every BREATH s, about its middle."""
-OUT_OF_CATALOGUE = ("cable", "magnet", "knocked", "breathing")
+side at a moment s; breathing: share, by which the picture grows and shrinks every 7 s, about its middle; hunting: s, in which exposure and gain go up
+and down, and how many times noisier corners are in the darkest images, half of whose corners no policy would take."""
+OUT_OF_CATALOGUE = ("cable", "magnet", "knocked", "breathing", "hunting")
 CONFOUNDED = ("table_friction", "object_mass")
 """A pair that pushes hold as one product."""
 ORDER = (
@@ -122,7 +135,7 @@ ORDER = (
     "table_friction", "gripper_friction", "table_height camera_extrinsics", "knocked", "keypoint_noise", "",
     "table_friction object_mass", "camera_latency", "object_mass", "magnet", "camera_extrinsics", "gripper_friction table_height",
     "", "table_friction", "keypoint_outliers", "breathing", "object_mass camera_latency", "table_height", "",
-    "gripper_friction", "camera_extrinsics camera_latency",
+    "gripper_friction", "camera_extrinsics camera_latency", "hunting",
 )  # fmt: skip
 """What is other in the cases of a set, over and over: any beginning of it has some of all kinds."""
 
@@ -157,7 +170,7 @@ def _case(number: int, names: Sequence[str], seed: int) -> Case:
     ]
     usual = ((e, c, _rounded(p)) for e, c, p in (*scene, *arm) if e not in gap)
     longer = _rounded({axis: USUAL.edge * rng.standard_normal() for axis in "xyz"}).values()
-    return Case(number, kind, gap, tuple(usual), tuple(longer))
+    return Case(number, kind, gap, tuple(usual), tuple(longer), quirks.draw(rng))
 
 
 def _rounded(gap: Gap) -> Gap:
@@ -169,34 +182,3 @@ def make_key(count: int, seed: int) -> str:
     """The key as JSON text."""
     cases = [{"case": c.number, **{k: v for k, v in asdict(c).items() if k != "number"}} for c in draw(count, seed)]
     return json.dumps({"schema": SCHEMA, "set": SET, "seed": seed, "cases": cases}, indent=1, sort_keys=True) + "\n"
-
-
-class Detector:
-    """Errors of a detector and a camera of their own: first-order memory of the image before, now and then a corner that is wrong; a
-    camera that is knocked once, or whose lens hunts. noise, gross: px, and share of corners; knocked: rad to the side, from `at` s on;
-    breathing: share."""
-
-    def __init__(
-        self,
-        seed: int,
-        noise: float,
-        gross: float,
-        knocked: float = 0.0,
-        at: float = 0.0,
-        breathing: float = 0.0,
-        camera: Camera = CAMERA,
-    ):
-        self._rng = np.random.default_rng([seed, 7])
-        self._noise, self._gross = noise, gross
-        self._shift, self._at, self._breathing = camera.fx * float(np.tan(knocked)), at, breathing
-        self._middle = np.array([camera.cx, camera.cy])
-        self._left = np.zeros((8, 2))
-
-    def __call__(self, time: float, pixels: np.ndarray) -> np.ndarray:
-        """Pixels (8, 2) as they are found at a time s."""
-        new = np.sqrt(1 - MEMORY**2) * self._noise * self._rng.standard_normal((8, 2))
-        self._left = MEMORY * self._left + new
-        wrong = self._rng.random((8, 1)) < self._gross
-        shift = np.array([self._shift * (time > self._at), 0.0])
-        shift = shift + self._breathing * np.sin(2 * np.pi * time / BREATH) * (pixels - self._middle)
-        return pixels + self._left + shift + wrong * GROSS * self._rng.standard_normal((8, 2))

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from np_blind.chain.baselines.at_once import at_once
-from np_blind.chain.cases import Case, Detector
+from np_blind.chain.cases import Case
 from np_blind.chain.reality import Reality
 from np_description.camera import CAMERA
 from np_description.domains import BUMP
@@ -24,7 +24,6 @@ from np_diagnosis.chain.view_stage.places import places
 from np_effects.patch import Patch
 from np_effects.view_effects import ViewEffects
 
-NOISE, GROSS = 0.15, 0.005  # px and share, of the detector
 HELD_OUT = 500_000  # added to the seed of a recording that no stage hears: other starts, other noise, the same set-up
 FELT_FIRST = "touch_object"  # so that drags press as they should
 
@@ -58,15 +57,8 @@ def recorded(case: Case, seed: int, only: tuple[str, ...] = ()) -> TaskRecording
                 self.object.add_force_at_point(np.array(force), place)
             super().step(torque, extra, opening)
 
-    finding = Detector(
-        seed * 1000 + case.number,
-        NOISE,
-        GROSS,
-        case.stranger("knocked", "turn"),
-        case.stranger("knocked", "at"),
-        case.stranger("breathing", "scale"),
-    )
-    return Reality(BUMP, case.patch, seed * 1000 + case.number, Pulled, finding, case.domain).run(only)
+    own = seed * 1000 + case.number
+    return Reality(BUMP, case.patch, own, Pulled, case.film(own), case.domain).run(only)
 
 
 def pulls(case: Case, place: Sequence[float]) -> tuple[float, float, float] | None:

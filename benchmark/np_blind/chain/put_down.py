@@ -19,20 +19,23 @@ from scipy.spatial.transform import Rotation
 from np_blind.camera.boxes import Case as Scene
 from np_blind.camera.boxes import Truth, put_down
 from np_blind.chain.answering import answered, publish
-from np_blind.chain.cases import Case, Detector, draw
+from np_blind.chain.cases import Case, draw
 from np_blind.chain.figures import rates
-from np_blind.chain.judged import GROSS, NOISE
-from np_blind.chain.reality import PIXEL_NOISE
 from np_description.camera import CAMERA
-from np_description.domains import BUMP
+from np_description.domains import BUMP, Pose
 from np_description.keypoints import box_keypoints
+from np_description.panda import NOMINAL
 from np_description.rotations import wxyz_from_xyzw
 from np_diagnosis.chain.track import Track
 from np_diagnosis.chain.view_stage.places import Place, places
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.view_effects import ViewEffects
 
 COUNT, RESTS, RATE = 8, 3.0, 30  # places; s at each; images a second
-HIDDEN = 1.0  # s between two places, of which there is no image
+HIDDEN, SETTLED = (
+    1.0,
+    0.4,
+)  # s between two places, of which there is no image, and s before the next from which on the object lies there
 MARGIN = 4.0  # px of the picture's edge within which no corner is
 MEASURED = 5e-4, np.radians(0.15)  # m and rad, standard deviations of a pose that is measured
 PICTURE = "camera_extrinsics"
@@ -58,32 +61,31 @@ def is_settled(case: Case, named: list[list[str]]) -> bool:
 def recorded(case: Case, seed: int) -> list[Place]:
     """The places, each with the pose that was measured."""
     rng = np.random.default_rng([seed, case.number, 11])
-    camera = ViewEffects(case.patch, CAMERA, seed)
-    detector = Detector(seed * 1000 + case.number, NOISE, GROSS)
+    film = case.film(seed * 1000 + case.number)
     half, lift = np.asarray(case.domain.half_size), case.patch.scene_change().lift
     scene = Scene(Truth(height=lift, size=case.longer), domain=BUMP)
-    times, pixels, poses = [], [], []
+    images, poses = [], []
     for number in range(COUNT):
         corners = np.full((8, 3), np.inf)
-        while not _is_inside(corners, camera):
+        while not _is_inside(corners, case):
             _, middle, turn = put_down(scene, scene.truth, rng)
             corners = box_keypoints(half, middle, wxyz_from_xyzw(turn.as_quat()))
-        for image in range(round(RESTS * RATE)):
-            time = number * (RESTS + HIDDEN) + image / RATE
-            shown = camera.keypoints(
-                lambda at, there=corners: np.repeat(there[None], len(at), axis=0), round(time * 1e9)
-            )
-            times.append(time)
-            pixels.append(detector(time, shown) + PIXEL_NOISE * rng.standard_normal((8, 2)))
-            poses.append((middle, turn))
-    track = Track("put down", np.array(times), np.array(pixels), np.ones((len(times), 8), bool))
-    return [_measured(place, *poses[images.start], rng) for place, images in places(track, BUMP)]
+        lies = Pose(middle, wxyz_from_xyzw(turn.as_quat()))
+        begin, count = number * (RESTS + HIDDEN), round(RESTS * RATE)
+        film.look(round((begin - SETTLED) * 1e9), lies, NOMINAL.ready, False)
+        for image in range(count + round(SETTLED * RATE)):  # those at the end wait for the last that were due
+            made = film.look(round((begin + image / RATE) * 1e9), lies, NOMINAL.ready, image < count)
+            images += made
+            poses += [(middle, turn)] * len(made)
+    times, found = np.array([stamp for stamp, _ in images]) / 1e9, np.array([one for _, one in images])
+    track = Track("put down", times - times[0], found[..., :2], found[..., 2] >= THRESHOLDS.track.score)
+    return [_measured(place, *poses[at.start], rng) for place, at in places(track, BUMP)]
 
 
-def _is_inside(corners: np.ndarray, camera: ViewEffects) -> bool:
+def _is_inside(corners: np.ndarray, case: Case) -> bool:
     if not np.isfinite(corners).all():
         return False
-    seen = camera.camera.project(corners)[0]
+    seen = ViewEffects(case.patch, CAMERA).camera.project(corners)[0]
     return bool(((seen > MARGIN) & (seen < np.array([CAMERA.width, CAMERA.height]) - MARGIN)).all())
 
 

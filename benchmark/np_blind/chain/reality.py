@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -11,16 +11,18 @@ from np_control.controller import Answer, Controller
 from np_control.impedance import damping
 from np_control.safety import LIMITS, SafetyFilter
 from np_description.camera import CAMERA
-from np_description.domains import Domain
+from np_description.domains import Domain, Pose
 from np_description.panda import JOINT_NAMES
 from np_description.phases import EXCITE, PhaseState
 from np_diagnosis.chain.task.recording import TaskRecording, spans_of
 from np_diagnosis.chain.track import Track
 from np_diagnosis.experiments.excitation import Segment, end_of, schedule
+from np_diagnosis.experiments.task.path import still
 from np_diagnosis.experiments.task.suite import Situation, task_suite
 from np_diagnosis.experiments.task.witness import OutOfPicture, Witness
 from np_diagnosis.recordings.reading import SECOND
 from np_diagnosis.recordings.signals import Commands, Log
+from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.patch import Patch
 from np_effects.view_effects import ViewEffects
 from np_perception.seen_corners import SeenCorners
@@ -30,8 +32,36 @@ from np_sim_bridge.simulation import Simulation
 
 TORQUE_NOISE = 0.03  # Nm, white, of a joint's torque sensor
 WITNESSED = 10 * PERIOD  # ns between states that the suite's guard looks at
+FIRST = 0.5  # s, in which the first images come
 PIXEL_NOISE = 0.3  # px, of a corner in an image
-Finding = Callable[[float, np.ndarray], np.ndarray]
+Images = list[tuple[int, np.ndarray]]
+"""Stamps ns and keypoints (8, 3) u px, v px, score."""
+
+
+class Eye(Protocol):
+    """A camera and its detector."""
+
+    def look(self, stamp: int, pose: Pose, q: np.ndarray, is_due: bool) -> Images:
+        """See `PlainEye.look`."""
+
+
+class PlainEye:
+    """The product's own simulated camera, with white noise."""
+
+    def __init__(self, half: np.ndarray, patch: Patch, seed: int):
+        self._view, self._rng = ViewEffects(patch, CAMERA, seed), np.random.default_rng([seed, 6])
+        self._corners = SeenCorners(half, self._view.oldest)
+
+    def look(self, stamp: int, pose: Pose, q: np.ndarray, is_due: bool) -> Images:
+        """Of the state at `stamp` ns, later than any before: the object's pose, joints (7,) rad, and whether an image is to have that stamp.
+        What is ready by now."""
+        if not is_due:
+            return []
+        self._corners.keep(stamp, pose)
+        seen = self._view.keypoints(self._corners.at, stamp)
+        seen = seen + PIXEL_NOISE * self._rng.standard_normal(seen.shape)
+        inside = ((seen > -0.5) & (seen < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=1)
+        return [(stamp, np.column_stack([seen, inside.astype(float)]))]
 
 
 @dataclass
@@ -47,9 +77,8 @@ class _Kept:
 class Reality:
     """A simulated robot with a task, which can be led through plans and remembers what it measured.
 
-    domain: that is believed in; patch: what is other than the doctor believes; seed: of task and noise; engine: builds the physics; finding:
-    what becomes of corners (8, 2) px that the camera shows at a time s, beside white noise; true: the domain as it is, where its object is of
-    another size than believed.
+    domain: that is believed in; patch: what is other than the doctor believes; seed: of task and noise; engine: builds the physics; eye: the
+    camera (default: `PlainEye`); true: the domain as it is, where its object is of another size than believed.
     """
 
     def __init__(
@@ -58,15 +87,14 @@ class Reality:
         patch: Patch,
         seed: int,
         engine: MakeEngine,
-        finding: Finding = lambda time, pixels: pixels,
+        eye: Eye | None = None,
         true: Domain | None = None,
     ):
         self.domain, self._rng = domain, np.random.default_rng([seed, 1])
         self._simulation = Simulation(true or domain, seed=seed, patch=patch, engine=engine)
         self._controller, self._filter, self._schedule = Controller(), SafetyFilter(), Schedule(10, 30)
-        self._view = ViewEffects(patch, CAMERA, seed)
-        self._corners = SeenCorners(np.asarray((true or domain).half_size), self._view.oldest)
-        self._kept, self._finding = _Kept(), finding
+        self._eye = eye or PlainEye(np.asarray((true or domain).half_size), patch, seed)
+        self._kept = _Kept()
         self._filter.start(self._simulation.measure().position[:7])
         self._witness = Witness(domain)
         self._note()
@@ -74,6 +102,8 @@ class Reality:
     def run(self, only: tuple[str, ...] = (), is_cut: bool = False) -> TaskRecording:
         """The suite, or some of its families, and what was recorded of it: up to where the object has left the picture. is_cut: up to where the
         suite's guard ends it, too, which raises RuntimeError else."""
+        if not self._witness.has_seen(0):  # an image is ready once its last row is read
+            self._lead([still("transfer", self._simulation.measure().position[:7], FIRST)])
         plans = task_suite(self.domain, self._situation(), only)
         plan = next(plans)
         while plan is not None:
@@ -117,13 +147,10 @@ class Reality:
         self._kept.joints.append(np.stack([measured.position[:7], measured.velocity[:7], measured.effort[:7] + noise]))
         if stamp % WITNESSED == 0 and (problem := self._witness.feel(*self._kept.joints[-1])):
             raise RuntimeError(problem)
-        if self._schedule.is_image_due(stamp):
-            self._corners.keep(stamp, self._simulation.object_pose())
-            seen = self._view.keypoints(self._corners.at, stamp)
-            seen = self._finding(stamp / SECOND, seen) + PIXEL_NOISE * self._rng.standard_normal(seen.shape)
-            inside = ((seen > -0.5) & (seen < np.array([CAMERA.width, CAMERA.height]) - 0.5)).all(axis=1)
-            self._kept.images.append((stamp, np.column_stack([seen, inside.astype(float)])))
-            self._witness.see(*self._kept.images[-1])
+        is_due = self._schedule.is_image_due(stamp)
+        for image in self._eye.look(stamp, self._simulation.object_pose(), measured.position[:7], is_due):
+            self._kept.images.append(image)
+            self._witness.see(*image)
 
     def _recording(self) -> TaskRecording:
         time = np.array(self._kept.stamps) / SECOND
@@ -134,7 +161,7 @@ class Reality:
         )
         stamps, found = zip(*self._kept.images)
         seen, found = np.array(stamps) / SECOND, np.array(found)
-        track = Track("task", seen - seen[0], found[..., :2], found[..., 2] > 0)
+        track = Track("task", seen - seen[0], found[..., :2], found[..., 2] >= THRESHOLDS.track.score)
         return TaskRecording(log, track, float(seen[0]), self.domain, spans_of(log))
 
     def _commands(self) -> Commands:

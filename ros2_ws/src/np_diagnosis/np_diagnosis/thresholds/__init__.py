@@ -64,6 +64,7 @@ class Thresholds:
     tapping: task.Tapping = task.Tapping()
     motion: task.Moving = task.Moving()
     untouched: task.Untouching = task.Untouching()
+    covered: task.Covering = task.Covering()
     felt: task.Felt = task.Felt()
 
 

@@ -122,9 +122,15 @@ class Lagging:
     turned: float = threshold(radians(8.0), "rad", "by which an object may turn that goes along", JUDGEMENT)
     far: float = threshold(0.012, "m", "that the object goes, at least", JUDGEMENT)
     images: int = threshold(12, "images", "of a push, at least", JUDGEMENT)
-    corners: int = threshold(5, "corners", "of an image, at least", JUDGEMENT)
+    corners: int = threshold(4, "corners", "of an image, at least: three numbers are asked of eight", JUDGEMENT)
     least: int = threshold(3, "pushes", "that say the same", JUDGEMENT)
     wrong: float = threshold(1.0, "px", "from which on a corner of an image counts less", JUDGEMENT)
+    rows: tuple[float, float] = threshold(
+        (0.008, 0.008),
+        "s",
+        "from a picture's first row to its last: usual, deviation",
+        "a global shutter: 0; others read our part of a frame at 30 Hz in 10 to 22 ms (published)",
+    )
     far_off: float = threshold(2.0, "1", "deviations from the others from which on a push counts less", JUDGEMENT)
     own: float = threshold(0.001, "s", "error of one push, at least: it turns, and comes to rest softly", JUDGEMENT)
     common: float = threshold(0.001, "s", "error of all pushes: stamps are of states and images", JUDGEMENT)
@@ -190,6 +196,19 @@ class Moving:
 
 
 @dataclass(frozen=True)
+class Covering:
+    """Corners that the hand hides (chain/task/covered.py)."""
+
+    first: float = threshold(1.0, "s", "of images that tell how the object lies", JUDGEMENT)
+    beside: float = threshold(
+        0.006, "m", "about the hand, within which it may hide a corner: images are late", JUDGEMENT
+    )
+    before: float = threshold(
+        0.985, "1", "of the way to a corner, up to which something hides it: what touches its face does not", JUDGEMENT
+    )
+
+
+@dataclass(frozen=True)
 class Untouching:
     """Whether an object rests in the picture that nothing touches (chain/task/untouched.py)."""
 
@@ -219,7 +238,14 @@ class Untouching:
         0.15, "s", "before a tip is faster than that, in which a step is not judged yet: stamps and medians", JUDGEMENT
     )
     window: int = threshold(9, "images", "of which a median is taken", NUMERICS)
-    corners: int = threshold(4, "corners", "that are seen in all images of a stretch", JUDGEMENT)
+    corners: int = threshold(4, "corners", "that are seen in a stretch", JUDGEMENT)
+    shown: float = threshold(0.7, "1", "share of a stretch's images in which a corner that is seen counts", JUDGEMENT)
+    unlike: float = threshold(
+        2.0, "1", "times the most that each corner's own scatter makes of it, that scatter goes up and down", JUDGEMENT
+    )
+    uneven: float = threshold(
+        1.25, "1", "factor, one standard deviation, by which scatter goes up and down from moment to moment", JUDGEMENT
+    )
 
 
 @dataclass(frozen=True)

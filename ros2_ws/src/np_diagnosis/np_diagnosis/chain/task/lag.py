@@ -2,6 +2,9 @@
 
 Where it comes to rest says where on the tip's way it touches; how far behind that it is seen while both move is the delay.
 A scale of the picture that is off shows as another share of the way, and is fitted with it.
+
+Rows of a picture may be read one after another, so that how late an object is seen depends on where in the picture it is. The delay is that of the
+picture's middle row, in the middle of its exposure; how long the rows take is no gap, is between nothing and a frame, and is fitted with the delay.
 """
 
 from __future__ import annotations
@@ -30,13 +33,14 @@ STEP = 1e-4  # m, rad, of a derivative
 class Led:
     """A push. time (n,) s of images; way (n,) m of the place that the tip touches, along the
     push, from where it came to rest; at (m,) s and tip (m,) m: the tip's way,
-    from where that came to rest."""
+    from where that came to rest. row: where in the picture it is seen meanwhile, as a share of the picture's height below its middle."""
 
     name: str
     time: np.ndarray
     way: np.ndarray
     at: np.ndarray
     tip: np.ndarray
+    row: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,22 +76,26 @@ def judge(pushes: tuple[Led, ...]) -> Lag:
             kept,
             f"{len(each)} pushes led the object as they should; {LAG.least} are needed",
         )
-    value, own = _mean(np.array(each), np.array([deviation for (_, deviation, _), _ in good]))
+    deviations, rows = np.array([fit[1] for fit, _ in good]), np.array([one.row for one in kept])
+    value, own = _middle(np.array(each), deviations, rows)
     deviation = float(np.hypot(own, LAG.common))
     late = Value(value, value - HALF_WIDTH * deviation, value + HALF_WIDTH * deviation)
     return Lag("ambiguous" if late.low > LAG.seen or late.high < -LAG.seen else "no_gap", late, each, kept)
 
 
-def _mean(late: np.ndarray, deviation: np.ndarray) -> tuple[float, float]:
-    """Mean of numbers (n,) with deviations (n,), and its deviation. One that is far off the others counts for as little as it should."""
-    deviation = np.hypot(deviation, LAG.own)
-    middle = float(np.median(late))
+def _middle(late: np.ndarray, deviation: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
+    """Delay s of the picture's middle row, with its deviation, of delays (n,) of pushes with deviations (n,) that were seen in `rows` (n,), shares of
+    the picture's height. One that is far off the others counts for as little as it should."""
+    deviation, (usual, spread) = np.hypot(deviation, LAG.own), LAG.rows
+    columns, off = np.column_stack([np.ones(len(rows)), -rows]), late + usual * rows  # lower rows are of later moments
+    found, left = np.array([np.median(off), 0.0]), np.zeros(len(late))  # s, and s by which rows take longer than usual
     for _ in range(20):
-        off = (late - middle) / deviation
-        weights = 1 / deviation**2 / np.maximum(1.0, np.abs(off) / LAG.far_off)
-        middle = float(weights @ late / weights.sum())
-    scatter = float(weights @ off**2 / weights.sum()) * len(late) / max(len(late) - 1, 1)
-    return middle, float(np.sqrt(max(1.0, scatter) / weights.sum()))
+        left = (off - columns @ found) / deviation
+        weights = 1 / deviation**2 / np.maximum(1.0, np.abs(left) / LAG.far_off)
+        precision = columns.T @ (weights[:, None] * columns) + np.diag([0.0, spread**-2])
+        found = np.linalg.solve(precision, columns.T @ (weights * off))
+    scatter = float(weights @ left**2 / weights.sum()) * len(late) / max(len(late) - 1, 1)
+    return float(found[0]), float(np.sqrt(max(1.0, scatter) * np.linalg.inv(precision)[0, 0]))
 
 
 def _late(one: Led) -> tuple[float, float, float]:
@@ -127,7 +135,9 @@ def _led(recording: TaskRecording, name: str, camera: Camera) -> Led | None:
     going = known & (moved > LAG.begun) & (np.arange(len(way)) > np.argmax(moved > LAG.begun))
     if going.sum() < LAG.images or np.nanmax(moved) < LAG.far or np.nanmax(np.abs(turned)) > LAG.turned:
         return None
-    return Led(name, taken[images][going], way[going], rest.time, (rest.tip - rest.at) @ ahead)
+    usable = recording.track.usable[images][going]
+    row = float(recording.track.pixels[images][going][usable][:, 1].mean() - camera.cy) / camera.height
+    return Led(name, taken[images][going], way[going], rest.time, (rest.tip - rest.at) @ ahead, row)
 
 
 def _way(recording: TaskRecording, images: np.ndarray, rest: Pose, ahead: np.ndarray, camera: Camera):

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
+from np_description.keypoints import COUNT
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.chain.task.seen import pose_between
+from np_diagnosis.chain.track import Track
 from np_diagnosis.experiments.task.room import Lain
 from np_diagnosis.experiments.task.tip import RADIUS, lowest
 from np_diagnosis.recordings.reading import ContractViolation
@@ -65,13 +67,36 @@ def hand(recording: TaskRecording, camera: Camera = CAMERA, lift: float = 0.0) -
     return Hand(time, low & (away < lain.reach + RADIUS + UNTOUCHED.beside), np.hypot(*along.T))
 
 
+def untouched_track(recording: TaskRecording, camera: Camera = CAMERA) -> Track:
+    """The track, of whose images none counts in which the hand is at the object; all of it where the object is not seen at first."""
+    track = recording.track
+    try:
+        touching = hand(recording, camera).touching
+    except ContractViolation:
+        return track
+    taken, usable = track.time + recording.seen_from, track.usable.copy()
+    for begin, end in touching:
+        usable[(taken >= begin) & (taken < end)] = False
+    return replace(track, usable=usable)
+
+
 def _middles(recording: TaskRecording, camera: Camera, height: float) -> tuple[np.ndarray, np.ndarray]:
     """s of the log (n,) and places (n, 2) m of the object's middle, `height` m over the table, of images that show all corners well enough."""
     track = recording.track
     known = track.usable.sum(axis=1) >= UNTOUCHED.corners
-    if not known.any():
+    seen = [c for c in range(COUNT) if track.usable[:, c].any()]
+    if not known.any() or not seen:
         raise ContractViolation("the object is not seen")
-    usable = track.usable[known][..., None]
-    pixels = (track.pixels[known] * usable).sum(axis=1) / usable.sum(axis=1)
+    corners = [
+        filled(track.time, track.pixels[:, c], track.usable[:, c]) for c in seen
+    ]  # all of them, or the middle goes
+    pixels = np.mean(corners, axis=0)[known]
     pixels = median_filter(pixels, size=(UNTOUCHED.window, 1), mode="nearest")  # a corner that is found wrongly
     return track.time[known] + recording.seen_from, camera.at_height(camera.rays(pixels), height)
+
+
+def filled(time: np.ndarray, pixels: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Pixels (n, 2) of a corner; while it is hidden it goes straight from where it was to where it is afterwards, by medians of some images."""
+    known = median_filter(pixels[usable], size=(UNTOUCHED.window, 1), mode="nearest")
+    between = np.column_stack([np.interp(time, time[usable], axis) for axis in known.T])
+    return np.where(usable[:, None], pixels, between)

@@ -11,9 +11,10 @@ from np_description.camera import CAMERA, Camera
 from np_description.domains import Pose
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.recordings.reading import ContractViolation
-from np_perception.pose_estimation import PoseError, estimate_pose
+from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose
 
 IMAGES = 8  # of which the median is taken
+GUESSED = 0.3  # score of a corner that is hidden, where too few others are seen for a pose
 
 
 def over(camera: Camera, height: float) -> Camera:
@@ -36,12 +37,19 @@ def pose_between(recording: TaskRecording, begin: float, end: float, camera: Cam
 
 def _pose(recording: TaskRecording, images: np.ndarray, name: str, camera: Camera) -> Pose:
     track = recording.track
-    masked = np.where(track.usable[images][..., None], track.pixels[images], np.nan)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a corner that is never usable has no median
-        corners = np.nanmedian(masked, axis=0)
+    corners = _medians(np.where(track.usable[images][..., None], track.pixels[images], np.nan))
     scores = np.isfinite(corners).all(axis=1).astype(float)
+    if scores.sum() < MIN_POINTS:  # the hand hides some: what a detector makes of these counts a little
+        scores[scores == 0] = GUESSED
+        corners = np.where(np.isfinite(corners), corners, _medians(track.pixels[images]))
+        scores *= np.isfinite(corners).all(axis=1)
     try:
         return estimate_pose(np.column_stack([np.nan_to_num(corners), scores]), recording.domain, camera=camera).pose
     except PoseError as error:
         raise ContractViolation(f"{name}: {error}") from error
+
+
+def _medians(pixels: np.ndarray) -> np.ndarray:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a corner that is never usable has no median
+        return np.nanmedian(pixels, axis=0)

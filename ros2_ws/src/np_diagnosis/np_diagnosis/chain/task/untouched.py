@@ -13,8 +13,9 @@ from scipy.ndimage import median_filter
 from np_description.camera import CAMERA, Camera
 from np_diagnosis.chain.findings import effects
 from np_diagnosis.chain.scatter import Scatter
-from np_diagnosis.chain.task.near import Hand, hand
+from np_diagnosis.chain.task.near import Hand, filled, hand
 from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.task.steady import unsteady
 from np_diagnosis.recordings.reading import ContractViolation
 from np_diagnosis.thresholds import THRESHOLDS
 
@@ -40,7 +41,8 @@ def untouched(
     """Of a recording of the task suite. camera, lift: as of `near.hand`; scatter: of its corners: what noise that is named makes of a picture
     that keeps still is no motion. Raises ContractViolation where the hand is at the object all the time."""
     own = hand(recording, camera, lift)
-    ways = [way for begin, end in _between(recording, own) if (way := _way(recording, begin, end))]
+    free = list(_between(recording, own))
+    ways = [way for begin, end in free if (way := _way(recording, begin, end))]
     if not ways:
         raise ContractViolation("the hand was at the object, or hid it, all the time")
     moved, at, _ = max(ways)
@@ -53,6 +55,10 @@ def untouched(
     if step > max(UNTOUCHED.step, UNTOUCHED.surely * usual, by_chance):
         doubt = f"the picture jumps by {step:.1f} px at {when:.0f} s, faster than the hand moves the object"
         return Untouched("unexplained", step, when, doubt)
+    factor = unsteady(recording.track, [_images(recording, begin, end) for begin, end in free])
+    if factor > UNTOUCHED.uneven:
+        doubt = f"corners of an object at rest scatter by {factor:.1f} times more or less from moment to moment: light or exposure changes"
+        return Untouched("unexplained", moved, at, doubt)
     return Untouched("no_gap", moved, at)
 
 
@@ -74,22 +80,27 @@ def _between(recording: TaskRecording, own: Hand) -> Iterator[tuple[float, float
         begin = max(begin, last)
 
 
+def _images(recording: TaskRecording, begin: float, end: float) -> slice:
+    """Images between two moments, s of the log."""
+    return slice(*np.searchsorted(recording.track.time + recording.seen_from, [begin, end]).tolist())
+
+
 def _way(recording: TaskRecording, begin: float, end: float) -> tuple[float, float, float] | None:
     """px by which the corners together go from their middle place in a stretch, by medians over some images; s at which they are farthest; px
     of noise of such a way, by what corners do each for itself. None where too little is seen."""
-    track = recording.track
+    track, images = recording.track, _images(recording, begin, end)
     taken = track.time + recording.seen_from
-    images = np.flatnonzero((taken >= begin) & (taken < end))
-    steady = track.usable[images].all(axis=0)
-    if len(images) < 3 * UNTOUCHED.window or steady.sum() < UNTOUCHED.corners:
+    steady = track.usable[images].mean(axis=0) > UNTOUCHED.shown
+    if images.stop - images.start < 3 * UNTOUCHED.window or steady.sum() < UNTOUCHED.corners:
         return None
     half = UNTOUCHED.window // 2  # at either end, where a filter has fewer images to take a median of
-    smooth = median_filter(track.pixels[images][:, steady], size=(UNTOUCHED.window, 1, 1))[half:-half]
+    shown = [filled(taken[images], track.pixels[images, c], track.usable[images, c]) for c in np.flatnonzero(steady)]
+    smooth = median_filter(np.stack(shown, axis=1), size=(UNTOUCHED.window, 1, 1))[half:-half]
     off = smooth - np.median(smooth, axis=0)
     together = np.median(off, axis=1)
     noise = np.sqrt(np.pi / 2 * np.mean((off - together[:, None]) ** 2) / steady.sum())  # of a median
     way = np.linalg.norm(together, axis=1)
-    return float(way.max()), float(taken[images[half + way.argmax()]]), float(noise)
+    return float(way.max()), float(taken[images.start + half + way.argmax()]), float(noise)
 
 
 def _step(recording: TaskRecording, own: Hand, is_noisy: bool) -> tuple[float, float, float, float]:

@@ -14,8 +14,10 @@ from np_diagnosis.chain.force.slide import slides
 from np_diagnosis.chain.force.stage import Believed, Forces, judge
 from np_diagnosis.chain.scatter import Scatter, scatter
 from np_diagnosis.chain.task.astray import turned
+from np_diagnosis.chain.task.covered import without_covered
 from np_diagnosis.chain.task.lag import Lag, lag
 from np_diagnosis.chain.task.meeting import Meeting, meet
+from np_diagnosis.chain.task.near import untouched_track
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.chain.task.seen import over
 from np_diagnosis.chain.task.untouched import Untouched, untouched
@@ -99,8 +101,10 @@ def diagnose(
     Of several recordings of the task suite the first is felt by touch, forces are taken together, and delays are those of the first.
     """
     doubts: dict[str, str] = {}
+    tasks, tracks = without_covered(seen.tasks, seen.tracks, camera)
+    seen = replace(seen, tasks=tasks, tracks=tracks)
     tell("scatter")
-    scattered = _tried(doubts, "scatter", lambda: _scattered(seen.tracks))
+    scattered = _tried(doubts, "scatter", lambda: _scattered(seen, camera))
     tell("view")
     viewed = _tried(doubts, "view", lambda: view(seen.places, camera)) if seen.places else None
     if not seen.places:
@@ -249,9 +253,13 @@ def _why(module: str, whole: Whole) -> str:
     return whole.doubts.get(stage[module], "the recording narrows none of its numbers")
 
 
-def _scattered(tracks: Sequence[Track]) -> Scatter | None:
-    """Of the longest track."""
-    return scatter(max(tracks, key=lambda track: len(track.time))) if tracks else None
+def _scattered(seen: Seen, camera: Camera) -> Scatter | None:
+    """Of the longest track; of one of the task suite, while the hand is not at the object: what it presses may rock, and seem to rest."""
+    if not seen.tracks:
+        return None
+    longest = max(seen.tracks, key=lambda track: len(track.time))
+    own = next((task for task in seen.tasks if task.track.name == longest.name), None)
+    return scatter(untouched_track(own, camera) if own else longest)
 
 
 def _tried(doubts: dict[str, str], stage: str, ask: Callable):
