@@ -240,6 +240,8 @@ def test_a_patch_that_is_right_predicts_taps_better_and_its_opposite_worse():
     assert right.windows == 2 and right.after < 0.7 * right.before and right.removed.low > 0.3
     assert right.by_effect == {"camera_extrinsics": right.removed.value}
     assert wrong.after > wrong.before and wrong.removed.value < 0
+    nothing = predict([recording], Patch())
+    assert nothing.before == nothing.after == right.before and not nothing.by_effect and nothing.removed.value == 0
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.04])

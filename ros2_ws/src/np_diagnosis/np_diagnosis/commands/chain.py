@@ -105,7 +105,7 @@ def main(arguments: list[str] | None = None) -> int:
     kept = given(seen.tasks, patch(found), camera, panda)
     mended = kept.patch
     moved = fresh or seen.tasks
-    predicted = predict(moved, mended, camera, panda, bool(fresh)) if moved and mended.effects else None
+    predicted = predict(moved, mended, camera, panda, bool(fresh)) if moved else None
     told = document(found, [str(bag) for bag in options.bags], kept, predicted)
     check(told)
     if options.out:
