@@ -16,7 +16,7 @@ from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion
 from np_physx_bridge.engine import PhysxEngine
 from np_physx_bridge.library import missing, sapien
-from np_physx_bridge.scene import Translator
+from np_physx_bridge.scene import Translator, steps_for
 from np_policy.collision import CollisionModel
 from np_sim_bridge.mujoco_engine import MujocoEngine
 from np_sim_bridge.simulation import Simulation
@@ -96,8 +96,26 @@ def test_the_lightest_soft_card_follows_a_tip_as_in_the_other_engine():
     how = {"depth": 0.02, "beside": (0.025, 0.0), "along": (0.0, 0.05)}
     there, here = (drawn(engine, domain, HARD, **how)[0] for engine in (MujocoEngine, PhysxEngine))
     assert there[399, 0] - there[0, 0] > 0.02  # pushed by the hand that comes down beside its middle
-    assert np.abs(here - there)[[399, 699, 899]].max() < 0.004
+    assert np.abs(here - there)[[399, 699, 899]].max() < 0.005
     assert here[:, 2].max() < domain.half_size[2] + 5e-4
+
+
+@in_physx
+@pytest.mark.parametrize("mass", [0.001, 0.0025])
+def test_a_hand_that_presses_hard_does_not_go_through_what_is_light(mass):
+    """In steps of 2 ms 72 passes of the solver hand 20 N through 8 g, not through 1 g: the tip stood 6 mm deep in such a card, did not move it and
+    threw it up by 14 mm when it left. With more steps it is drawn along as in MuJoCo."""
+    rigid = replace(domain_with("card", "tissue").object, mass=mass, compliance=None)
+    domain = replace(place_in(DOMAINS["card"], rigid), obstacles=())
+    there, here = (drawn(engine, domain, HARD, depth=0.02)[0] for engine in (MujocoEngine, PhysxEngine))
+    assert there[699, 0] - there[0, 0] > 0.04
+    assert np.abs(here - there)[[399, 699, 899]].max() < 0.01
+    assert here[:, 2].max() < domain.half_size[2] + 5e-4
+
+
+def test_only_what_is_light_has_more_steps_than_the_bridge_asks_for():
+    assert [steps_for(mass, is_rigid=True) for mass in (0.38, 0.03, 0.008, 0.005, 0.001)] == [1, 1, 1, 2, 4]
+    assert [steps_for(mass, is_rigid=False) for mass in (0.03, 0.009, 0.005, 0.001)] == [1, 1, 2, 2]
 
 
 @in_both_contacts
@@ -165,12 +183,12 @@ def test_a_soft_object_is_a_function_of_seed_episode_and_torques(engine):
 
 
 def push_part(made, name: str, force: list[float]) -> None:
-    """A force, N, in the base frame, at the middle of a part, for the next step."""
+    """A force, N, in the base frame, at the middle of a part, for the next step; PhysX forgets it after the first of its own."""
     if isinstance(made, MujocoEngine):
         made.data.xfrc_applied[made.model.body(name).id, :3] = force
         return
     links = {link.joint.name: link for link in made.object.articulation.get_links()}
-    links[name].add_force_torque(force, [0, 0, 0])
+    links[name].add_force_torque(made._substeps * np.array(force), [0, 0, 0])
 
 
 @in_both

@@ -21,7 +21,7 @@ from np_description.panda import (
 from np_description.scene import FINGER_DAMPING, FINGER_STIFFNESS, OBJECT, contact_of, load_model
 from np_description.scene_change import UNCHANGED, SceneChange
 from np_physx_bridge.library import sapien
-from np_physx_bridge.scene import STICTION, Translator, scene
+from np_physx_bridge.scene import STICTION, Translator, scene, steps_for
 from np_sim_bridge.schedule import PERIOD, SECOND
 
 
@@ -46,9 +46,8 @@ class PhysxEngine:
     ):
         self._sapien = sapien()
         contact = contact or replace(HARD, hand=domain.contact.hand)
-        self._timestep, self._substeps = PERIOD / SECOND / substeps, substeps
         self.model = load_model(
-            domain, timestep=self._timestep, camera=camera, panda=panda, contact=contact, change=change
+            domain, timestep=PERIOD / SECOND / substeps, camera=camera, panda=panda, contact=contact, change=change
         )
         self._ready, self._limit, self._least = panda.ready, panda.torque_limit, -panda.torque_limit
         self._friction = panda.frictionloss
@@ -58,6 +57,9 @@ class PhysxEngine:
         self._contact = change.contact(contact_of(domain, contact))
         first = self.model.joint(OBJECT).id + 1
         self._part_names = [self.model.joint(joint).name for joint in range(first, self.model.njnt)]
+        mass = float(self.model.body_subtreemass[self.model.body(OBJECT).id])
+        self._substeps = substeps * steps_for(mass, is_rigid=not self._part_names)
+        self._timestep = PERIOD / SECOND / self._substeps
 
     def _dof(self, joint: str) -> int:
         return int(self.model.joint(joint).dofadr[0])
