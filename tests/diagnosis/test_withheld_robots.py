@@ -134,6 +134,22 @@ def test_figures_of_robots():
     assert mmrv([0.5, 0.1, 0.9], [0.2, 0.4, 0.6]) == pytest.approx((0.2 + 0.2) / 3)
 
 
+def test_shares_that_return_have_an_interval_and_a_picture(tmp_path):
+    from np_blind.robots.figures import figures
+    from np_blind.robots.plot import plot_robots
+
+    engine = {"nominal": [1] * 10, "before": [1] * 5 + [0] * 5, "adopted": [1] * 8 + [0] * 2, "after": None}
+    row = {"engine": engine, "ablation": {"payload": 0.5}, "costs": {}, "cause": None, "kept": "corrected"}
+    name = "lost success that returns, median"
+    assert "ci95" not in figures([row] * 5)[name]
+    found = figures([row] * 12)[name]
+    low, high = found["ci95"]
+    assert found["value"] == pytest.approx(0.6) and 0.3 < low < 0.6 < high < 0.9
+    told = {"robot": 3, "domain": "wall", "success": {"patched": {"value": 0.5}, "patched_corrected": {"value": 0.8}}}
+    plot_robots([row | told, {"engine": {}}], tmp_path / "robots.svg")
+    assert (tmp_path / "robots.svg").stat().st_size > 1000
+
+
 def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
     from np_blind.robots import answering as robot_answering
     from np_blind.robots.cases import Robot
@@ -160,6 +176,9 @@ def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
     assert "error" not in row, row["error"]
     assert asked == [[1000, 1001]]
     assert row["ablation"] == pytest.approx({"coulomb_friction": 0.2, "gripper_friction": 0.1})
+    assert row["ablation_scores"] == pytest.approx(row["ablation"])  # the stand-in's scores are 0 and 1
+    taken = {name.partition(" at ")[0]: cost["taken_out"]["value"] for name, cost in row["costs"].items()}
+    assert taken == pytest.approx(row["ablation"])
     assert sum(row["engine"]["oracle"]) == sum(row["engine"]["adopted"]) == 9
     assert robot_answering.answered(robots, judging) == [row]
 
@@ -250,6 +269,9 @@ def test_policies_of_a_matrix_are_ranked_within_a_robot():
     found = figures(table)
     assert found["patched"] == pytest.approx({"r": 1.0, "mmrv": 0.0, "mean_absolute_error": 0.0})
     assert found["nominal"]["mmrv"] == pytest.approx(0.1) and found["cells"] == 4
+    more = [{**row, "robot": row["robot"] + 2 * number} for number in range(3) for row in table]
+    low, high = figures(more)["nominal"]["mmrv_ci95"]
+    assert figures(more)["patched"]["r_ci95"] == pytest.approx([1.0, 1.0]) and low < 0.1 < high
 
 
 def test_a_matrix_that_is_broken_off_has_all_robots_with_fewer_episodes(tmp_path, monkeypatch):
@@ -281,6 +303,7 @@ def test_a_matrix_that_is_broken_off_has_all_robots_with_fewer_episodes(tmp_path
     assert asked == [10, 20, 25] and told["robots"] == 2 and told["cells"] == 4
     found = json.loads((tmp_path / "out" / "matrix" / "matrix.json").read_text())
     assert found["episodes"] == 20 and {row["engine"] for row in found["table"]} == {14 / 20}
+    assert (tmp_path / "out" / "matrix" / "matrix.svg").stat().st_size > 1000
 
 
 def test_a_matrix_takes_the_released_policies_episodes_from_the_set(tmp_path):

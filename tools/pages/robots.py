@@ -23,7 +23,7 @@ def robots(data: Mapping) -> tuple[str, str]:
             (
                 name,
                 one["value"],
-                "{:.2f} to {:.2f}".format(*one["ci95"]) if "ci95" in one else None,
+                _interval(one.get("ci95")),
                 one["of"],
                 ", ".join(f"{value:.2f}" for value in one.get("each", ())) or None,
             )
@@ -85,6 +85,10 @@ def _patch(text: str) -> str:
     return "; ".join(said) or "nothing"
 
 
+def _interval(both: Sequence[float] | None) -> str | None:
+    return "{:.2f} to {:.2f}".format(*both) if both else None
+
+
 def _success(each: Sequence[int] | None, predicted: Mapping | None) -> str | None:
     if each is None:
         return None
@@ -101,11 +105,15 @@ def matrix(data: Mapping) -> tuple[str, str]:
         if found[side]["r"] is not None
     )
     body = table(
-        ("simulator", "r", "MMRV", "mean error"),
+        ("simulator", "r", "95 %", "MMRV", "95 %", "mean error"),
         (
             (
                 side.replace("_score", ", by score"),
-                *(found[side][name] for name in ("r", "mmrv", "mean_absolute_error")),
+                found[side]["r"],
+                _interval(found[side].get("r_ci95")),
+                found[side]["mmrv"],
+                _interval(found[side].get("mmrv_ci95")),
+                found[side]["mean_absolute_error"],
             )
             for side in ("patched", "patched_score", "nominal")
             if side in found

@@ -20,7 +20,7 @@ from np_blind.robots.cases import DOMAINS, Robot
 from np_blind.robots.queue import DOCTOR, ENGINE, REHEARSAL, Queue, TimeOver
 from np_bringup.corrections import corrections
 from np_bringup.rehearsal.learning import Learning, carried, warm
-from np_bringup.rehearsal.playing import Cell, patch_of, play_all, succeeds, text_of
+from np_bringup.rehearsal.playing import Cell, Kept, patch_of, play_all, succeeds, text_of
 from np_bringup.rehearsal.stages import KEPT, Rehearsal, rehearse, trained
 from np_effects.patch import Patch, dump_patch, load_patch
 from np_record.command import Progress
@@ -182,7 +182,7 @@ def _settle(row: dict, keep: Callable[[], None], robot: Robot, judging: Judging,
         finally:
             begun.set()
             if "engine" in row:  # also where training died
-                row["ablation"] = ablation_of(robot, row["engine"], without.result())
+                row |= ablations(robot, judging, nominal.result()[f"{robot.domain}_physx"], without.result())
                 keep()
         if oracle is not None:
             row["engine"]["oracle"] = oracle.result()
@@ -261,10 +261,18 @@ def without_each(robot: Robot, judging: Judging, pool: Executor) -> dict[str, li
     return {name: played[f"without_{name}"] for name in others}
 
 
-def ablation_of(robot: Robot, engine: dict, without: dict[str, list[float]]) -> dict[str, float]:
-    """What each true effect costs in PhysX: success without it, less success with all."""
-    others = {name: succeeds(each) for name, each in without.items()} or {robot.effects[0].effect: engine["nominal"]}
-    return {name: float(np.mean(each) - np.mean(engine["before"])) for name, each in others.items()}
+def ablations(
+    robot: Robot, judging: Judging, nominal: Sequence[float], without: Mapping[str, Sequence[float]]
+) -> dict[str, dict[str, float]]:
+    """What each true effect costs in PhysX, as `ablation` of success and `ablation_scores`: without it, less with all. Scores: nominal, and
+    without each of several; those with all are kept."""
+    kept = Kept(judging.out / robot.folder / "episodes", {"reality": reality_of(robot)})
+    before = kept.of("reality", judging.episodes)
+    others = without or {robot.effects[0].effect: nominal}
+    return {
+        "ablation": {n: float(np.mean(succeeds(each)) - np.mean(succeeds(before))) for n, each in others.items()},
+        "ablation_scores": {n: float(np.mean(each) - np.mean(before)) for n, each in others.items()},
+    }
 
 
 def _after(told: dict) -> dict[str, list[int] | None]:

@@ -7,7 +7,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 
 import numpy as np
 
-from np_blind.robots.answering import Judging, ablation_of, nominal_success, reality_of, without_each
+from np_blind.robots.answering import Judging, ablations, nominal_success, reality_of, without_each
 from np_blind.robots.cases import Robot
 from np_blind.robots.queue import ENGINE, REHEARSAL, Queue, TimeOver
 from np_bringup.rehearsal.playing import play_all, succeeds
@@ -29,7 +29,13 @@ def play_before(robots: Sequence[Robot], judging: Judging, queue: Queue) -> list
                 continue
             engine = {"nominal": succeeds(believed[f"{robot.domain}_physx"]), "before": succeeds(own)}
             loss = mean_and_interval(np.subtract(engine["nominal"], engine["before"], dtype=float))
-            rows.append({"robot": robot.number, "loss": loss, "ablation": ablation_of(robot, engine, others)})
+            rows.append(
+                {
+                    "robot": robot.number,
+                    "loss": loss,
+                    **ablations(robot, judging, believed[f"{robot.domain}_physx"], others),
+                }
+            )
     return rows
 
 

@@ -10,7 +10,7 @@ from scipy.stats import spearmanr
 from np_bringup.rehearsal.shares import mean_and_interval
 from np_record.intervals import wilson_interval
 
-DRAWS, ENOUGH = 1000, 6  # of the bootstrap over effects, and how many these have to be
+DRAWS, ENOUGH = 1000, 6  # of the bootstrap over effects or robots, and how many these have to be
 LEAST_LOSS = 0.05  # of success, below which there is nothing to return
 
 
@@ -22,6 +22,7 @@ def figures(rows: Sequence[Mapping]) -> dict:
     oracle = [row for row in done if row["engine"].get("oracle")]
     named = [named_top(row) for row in judged]
     pairs = [pair for row in judged for pair in cost_pairs(row)]
+    ablated = [p for row in judged if "ablation_scores" in row for p in cost_pairs(row, "taken_out", "ablation_scores")]
     worse = [_gained(row["engine"]["adopted"], row) for row in done]
     return {
         "top cause named": {
@@ -30,27 +31,15 @@ def figures(rows: Sequence[Mapping]) -> dict:
             "of": len(named),
         },
         "rank correlation of costs with ablation": _rank(pairs),
-        "lost success that returns, median": _median(
-            [_returned(row, row["engine"]["adopted"]) for row in done if _loss(row) > LEAST_LOSS]
+        "rank correlation of ablations, by scores": _rank(ablated),
+        "lost success that returns, median": _returns([row for row in done if _loss(row) > LEAST_LOSS], "adopted"),
+        "with corrections alone, median": _returns(
+            [row for row in done if _loss(row) > LEAST_LOSS and "corrected" in row["engine"]], "corrected"
         ),
-        "with corrections alone, median": _median(
-            [
-                _returned(row, row["engine"].get("corrected") or row["engine"]["before"])
-                for row in done
-                if _loss(row) > LEAST_LOSS and "corrected" in row["engine"]
-            ]
+        "of the oracle's, median": _returns(
+            [row for row in oracle if _share(row, "oracle") > LEAST_LOSS], "adopted", "oracle"
         ),
-        "of the oracle's, median": _median(
-            [
-                float(np.mean(row["engine"]["adopted"]) - np.mean(row["engine"]["before"]))
-                / max(float(np.mean(row["engine"]["oracle"]) - np.mean(row["engine"]["before"])), 1e-9)
-                for row in oracle
-                if _returned(row, row["engine"]["oracle"]) > LEAST_LOSS
-            ]
-        ),
-        "the oracle's own return, median": _median(
-            [_returned(row, row["engine"]["oracle"]) for row in oracle if _loss(row) > LEAST_LOSS]
-        ),
+        "the oracle's own return, median": _returns([row for row in oracle if _loss(row) > LEAST_LOSS], "oracle"),
         "worse than before": {"value": sum(each["value"] < 0 for each in worse), "of": len(worse)},
         "worse beyond doubt": {"value": sum(each["ci95"][1] < 0 for each in worse), "of": len(worse)},
         "new policies adopted": {"value": sum(_has_new(row) for row in trained), "of": len(trained)},
@@ -64,13 +53,14 @@ def named_top(row: Mapping) -> bool:
     return row["cause"] is not None and row["cause"].partition(" at ")[0] == top
 
 
-def cost_pairs(row: Mapping) -> list[tuple[float, float]]:
-    """(what a rehearsal says that it costs, what it costs in PhysX) of each true effect; one that was not found costs nothing."""
+def cost_pairs(row: Mapping, kind: str = "score", real: str = "ablation") -> list[tuple[float, float]]:
+    """(what a rehearsal says that it costs, what it costs in PhysX) of each true effect; one that was not found costs nothing. kind, real: which
+    of the figures of either."""
     said: dict[str, float] = {}
     for name, cost in row["costs"].items():
         effect = name.partition(" at ")[0]
-        said[effect] = said.get(effect, 0.0) + cost.get("score", cost)["value"]
-    return [(said.get(effect, 0.0), cost) for effect, cost in row["ablation"].items()]
+        said[effect] = said.get(effect, 0.0) + cost.get(kind, cost)["value"]
+    return [(said.get(effect, 0.0), cost) for effect, cost in row[real].items()]
 
 
 def _has_new(row: Mapping) -> bool:
@@ -81,8 +71,31 @@ def _loss(row: Mapping) -> float:
     return float(np.mean(row["engine"]["nominal"]) - np.mean(row["engine"]["before"]))
 
 
-def _returned(row: Mapping, after: Sequence[bool]) -> float:
-    return float(np.mean(after) - np.mean(row["engine"]["before"])) / max(_loss(row), 1e-9)
+def _share(row: Mapping, after: str, of: str = "nominal", numbers: Sequence[int] | slice = slice(None)) -> float:
+    """What of the success between `before` and `of` there is with `after`, in some episodes; where nothing was told, that is `before`."""
+    engine = row["engine"]
+    before, gained, most = (
+        float(np.mean(np.array(engine[name] or engine["before"], float)[numbers])) for name in ("before", after, of)
+    )
+    return (gained - before) / max(most - before, 1e-9)
+
+
+def _returns(rows: Sequence[Mapping], after: str, of: str = "nominal") -> dict:
+    """Median share over robots, with its 95 % interval by the bootstrap over robots and the pairs of each."""
+    told = _median([_share(row, after, of) for row in rows])
+    if len(rows) < ENOUGH:
+        return told
+    rng, medians = np.random.default_rng(0), []
+    for _ in range(DRAWS):
+        some = (rows[i] for i in rng.integers(len(rows), size=len(rows)))
+        medians.append(np.median([_share(row, after, of, _drawn(rng, row)) for row in some]))
+    return {**told, "ci95": np.quantile(medians, [0.025, 0.975]).tolist()}
+
+
+def _drawn(rng: np.random.Generator, row: Mapping) -> np.ndarray:
+    """Numbers of a robot's episodes, as many as it has, with repetition."""
+    count = len(row["engine"]["before"])
+    return rng.integers(count, size=count)
 
 
 def _gained(after: Sequence[bool], row: Mapping) -> dict:

@@ -28,7 +28,8 @@ import yaml
 
 from np_blind.robots.answering import TASKS, reality_of
 from np_blind.robots.cases import Robot, read_key
-from np_blind.robots.figures import mmrv, pearson
+from np_blind.robots.figures import DRAWS, ENOUGH, mmrv, pearson
+from np_blind.robots.plot import plot_matrix
 from np_blind.robots.queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_bringup.rehearsal.playing import Cell, Kept, play_all, succeeds, text_of
 from np_description.released import WeightsError
@@ -131,22 +132,35 @@ def rounds(episodes: int) -> list[int]:
 
 def figures(table: Sequence[Mapping]) -> dict:
     """r over all cells, MMRV of the policies of a robot in the mean over robots, and the mean error, of both simulators, and of the scores in the
-    patched one.
+    patched one; of r and MMRV 95 % intervals too, by the bootstrap over robots, where there are several.
 
     table: rows with robot, policy, and success by side.
     """
     found = {}
+    robots = sorted({row["robot"] for row in table})
     for side in (side for side in SIDES[:-1] if all(side in row for row in table)):
-        robots = sorted({row["robot"] for row in table})
-        own = [[(r[side], r["engine"]) for r in table if r["robot"] == robot] for robot in robots]
-        predicted, real = (np.array([row[name] for row in table], float) for name in (side, "engine"))
+        own = [np.array([(r[side], r["engine"]) for r in table if r["robot"] == robot], float) for robot in robots]
+        predicted, real = np.concatenate(own).T
+        violations = np.array([mmrv(*pairs.T) for pairs in own])
         found[side] = {
             "r": pearson(predicted, real),
-            "mmrv": float(np.mean([mmrv(*zip(*pairs)) for pairs in own])),
+            "mmrv": float(violations.mean()),
             # A score is no share of episodes: it ranks.
             "mean_absolute_error": None if side == "patched_score" else float(np.abs(predicted - real).mean()),
         }
+        if len(robots) >= ENOUGH:
+            found[side] |= _intervals(own, violations)
     return {**found, "cells": len(table), "robots": len(robots)}
+
+
+def _intervals(own: Sequence[np.ndarray], violations: np.ndarray) -> dict[str, list[float]]:
+    """Of r and MMRV, with robots drawn with repetition. own: of each robot (policies, 2) predicted, real; violations: MMRV of each."""
+    drawn = np.random.default_rng(0).integers(len(own), size=(DRAWS, len(own)))
+    r = [pearson(*np.concatenate([own[i] for i in some]).T) for some in drawn]
+    return {
+        "r_ci95": np.quantile([one for one in r if one is not None], [0.025, 0.975]).tolist(),
+        "mmrv_ci95": np.quantile(violations[drawn].mean(axis=1), [0.025, 0.975]).tolist(),
+    }
 
 
 def play(options: argparse.Namespace) -> dict:
@@ -177,6 +191,8 @@ def play(options: argparse.Namespace) -> dict:
     results = options.out / "matrix" / "matrix.json"
     results.parent.mkdir(parents=True, exist_ok=True)
     results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    with suppress(ImportError):
+        plot_matrix(table, results.with_suffix(".svg"))
     return {**found["figures"], "results": str(results)}
 
 

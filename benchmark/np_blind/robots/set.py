@@ -22,6 +22,7 @@ from np_blind.robots.answering import ORACLES, Judging, Turns, answered, is_diag
 from np_blind.robots.before import play_before
 from np_blind.robots.cases import SET, Robot, make_key, read_key
 from np_blind.robots.figures import figures
+from np_blind.robots.plot import plot_robots
 from np_blind.robots.queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_blind.robots.sizes import find_robots
 from np_blind.sealed import KEYS, SealError, answered_by, check, check_doctor, digest, put_down
@@ -168,6 +169,8 @@ def judge(options: argparse.Namespace) -> dict:
     }
     results = options.out / "robots.json"
     results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    with suppress(ImportError):  # the figures are worth more than their picture
+        plot_robots(rows, results.with_suffix(".svg"))
     return {"robots": len(rows), "figures": found["figures"], "wall_s": found["wall_s"], "results": str(results)}
 
 

@@ -200,7 +200,8 @@ def _chosen(what: Rehearsal, patch: Patch, told_of: str, learned: dict, pool: Ex
 
 
 def _costs(what: Rehearsal, blamed: dict[str, Patch], played: dict, pool: Executor) -> dict[str, dict]:
-    """What each part of the patch costs in the patched simulator."""
+    """What each part of the patch costs in the patched simulator: its share of success, of the score, and the score that comes back where it alone
+    is taken out."""
     names = list(blamed)
     count = min(what.share_episodes, what.episodes) if len(names) > 1 else what.episodes
     asked = {some: f"subset_{sum(1 << names.index(name) for name in some)}" for some in subsets(names)}
@@ -210,7 +211,10 @@ def _costs(what: Rehearsal, blamed: dict[str, Patch], played: dict, pool: Execut
     scores = {some: np.array(success[label], float) for some, label in asked.items()}
     lost = with_intervals(shapley(names, {some: np.array(succeeds(each), float) for some, each in scores.items()}))
     # Where success is at 1 with every effect, room for it is what tells them apart.
-    return {name: {**lost[name], "score": score} for name, score in with_intervals(shapley(names, scores)).items()}
+    every = frozenset(names)
+    taken = {name: mean_and_interval(scores[every - {name}] - scores[every]) for name in names}
+    shares = with_intervals(shapley(names, scores))
+    return {name: {**lost[name], "score": score, "taken_out": taken[name]} for name, score in shares.items()}
 
 
 KEPT = {"before": "patched", "corrected": "patched_corrected", "trained": "patched_after"}
