@@ -1,4 +1,4 @@
-"""Results of contact: engines against rigid theory, and what the doctor says of real pushes."""
+"""Results of contact: engines against rigid theory, and what the doctor says of real pushes and of things that slide."""
 
 from __future__ import annotations
 
@@ -32,6 +32,33 @@ def pushes(data: Mapping) -> tuple[str, str]:
     asked = {"all new ones": data["new_together"], **data["new_alone"], **data["reference_alone"]}
     rows = [(name, found["verdict"], "; ".join(_said(one) for one in found["named"])) for name, found in asked.items()]
     return headline, body + table(("pushes", "verdict", "named, with 95 % interval"), rows)
+
+
+def slid(data: Mapping) -> tuple[str, str]:
+    """Headline and body of real tosses and of a real tray."""
+    tosses, tray = data["tosses"], data["tray"]
+    mu, low, high = tosses["friction"]
+    more, *bounds = (100 * share for share in tosses["relative"])
+    headline = f"tosses: friction {mu:.3f} ({low:.3f} to {high:.3f}); tray: {tray['verdict']}"
+    halves = " and ".join(f"{one:.3f} ({least:.3f} to {most:.3f})" for one, least, most in tosses["halves"])
+    body = (
+        f"*Tosses.* {tosses['slides']} free slides in {tosses['tosses']} tosses: friction {mu:.3f} ({low:.3f} to {high:.3f}), "
+        f"{tosses['spread']:.3f} from slide to slide; every other slide {halves}; the table is level within "
+        f"{1e3 * max(map(abs, tosses['tilt'])):.1f} mrad. Against what the authors simulate it with, .18: {', '.join(tosses['named']) or 'nothing'}, "
+        f"{more:.0f} % more ({bounds[0]:.0f} to {bounds[1]:.0f}). Nothing is said of the mass, on which a free slide does not depend.\n\n"
+    )
+    groups = ((n, one["groups"], one["held"], f"{one['half_width']:.4f}") for n, one in tosses["groups"].items())
+    body += table(("slides", "groups", "intervals that hold what all say", "half of an interval, median"), groups)
+    body += (
+        f"\n*Tray.* {tray['verdict']}: {tray['doubt']}.\n\n" if tray["doubt"] else f"\n*Tray.* {tray['verdict']}.\n\n"
+    )
+    runs = (
+        (name, f"{1e3 * r['way']:.1f}", f"{r['friction']:.2f}", f"{1e3 * r['delay']:.0f}", f"{r['left']:.2f}")
+        for name, r in tray["runs"].items()
+    )
+    return headline, body + table(
+        ("run", "way of the block, mm", "coefficient", "camera behind the hand, ms", "left of the way"), runs
+    )
 
 
 def _said(named: Mapping) -> str:

@@ -51,6 +51,7 @@ KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = 
     ("doctor_", "", "doctor", doctor.clean_arm),
     ("chain_clock", "", "doctor", chain.clock),
     ("chain_pushes", "", "doctor", contact.pushes),
+    ("chain_slid", "", "doctor", contact.slid),
     ("task_locked_", "", "blind set", chain.task),
     ("task_others_", "", "blind set", task_more.others),
     ("task_harm_", "", "blind set", task_more.harm),

@@ -125,6 +125,10 @@ class Lagging:
     corners: int = threshold(4, "corners", "of an image, at least: three numbers are asked of eight", JUDGEMENT)
     least: int = threshold(3, "pushes", "that say the same", JUDGEMENT)
     wrong: float = threshold(1.0, "px", "from which on a corner of an image counts less", JUDGEMENT)
+    play: float = threshold(
+        0.0005, "m", "to either side, by which a tip that sways the object gives way or slips", "rubber of 10 kN/m, 4 N"
+    )
+    follows: float = threshold(0.8, "1", "share of a tip's sway that the object goes along, at least", "as of drags")
     rows: tuple[float, float] = threshold(
         (0.008, 0.008),
         "s",

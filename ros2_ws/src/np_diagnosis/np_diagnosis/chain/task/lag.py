@@ -15,32 +15,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from np_description.camera import CAMERA, Camera
-from np_description.domains import Pose
-from np_description.keypoints import box_keypoints
-from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
-from np_diagnosis.chain.task.led import rested
+from np_diagnosis.chain.task.led import Led, rested, row_of, way_of
 from np_diagnosis.chain.task.recording import TaskRecording
+from np_diagnosis.chain.task.sway import played, swayed
 from np_diagnosis.experiments.task.tip import RADIUS
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.saying import Value
 
 LAG = THRESHOLDS.lag
 HALF_WIDTH = 1.959964
-STEP = 1e-4  # m, rad, of a derivative
-
-
-@dataclass(frozen=True, eq=False)
-class Led:
-    """A push. time (n,) s of images; way (n,) m of the place that the tip touches, along the
-    push, from where it came to rest; at (m,) s and tip (m,) m: the tip's way,
-    from where that came to rest. row: where in the picture it is seen meanwhile, as a share of the picture's height below its middle."""
-
-    name: str
-    time: np.ndarray
-    way: np.ndarray
-    at: np.ndarray
-    tip: np.ndarray
-    row: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +39,10 @@ class Lag:
 
 
 def lag(recording: TaskRecording, camera: Camera = CAMERA) -> Lag:
-    """Of the slow pushes and shoves of a recording."""
+    """Of the slow pushes and shoves of a recording, and of an object that is swayed."""
     names = [name for family in ("push", "shove") for name in recording.named(family)]
     pushes = tuple(one for name in names if (one := _led(recording, name, camera)))
-    return judge(pushes)
+    return judge(pushes + swayed(recording, camera))
 
 
 def judge(pushes: tuple[Led, ...]) -> Lag:
@@ -68,7 +51,7 @@ def judge(pushes: tuple[Led, ...]) -> Lag:
     fits = [_late(one) for one in pushes]
     good = [(fit, one) for fit, one in zip(fits, pushes) if fit[2] < LAG.left and abs(fit[0]) < 0.99 * LAG.within]
     each, kept = tuple(late for (late, _, _), _ in good), tuple(one for _, one in good)
-    if len(each) < LAG.least:
+    if sum(one.counts for one in kept) < LAG.least:
         return Lag(
             "undetermined",
             None,
@@ -99,21 +82,24 @@ def _middle(late: np.ndarray, deviation: np.ndarray, rows: np.ndarray) -> tuple[
 
 
 def _late(one: Led) -> tuple[float, float, float]:
-    """s by which the images of a push are late, with its deviation, and m that is left of the object's way."""
+    """s by which the images of a push or a sway are late, with its deviation, and m that is left of the object's way."""
 
     def off(x: np.ndarray) -> np.ndarray:
-        """x: delay in ms, scale in %, place of rest in mm."""
-        led = (1 + 1e-2 * x[1]) * np.interp(one.time - 1e-3 * x[0], one.at, one.tip) + 1e-3 * x[2]
-        return np.append((led - one.way) / LAG.way, x[1] / LAG.scale)  # or the scale would stand in for the delay
+        """x: delay in ms, scale in %, place of rest in mm; of a sway its play in mm."""
+        tip = played(one.tip, 1e-3 * abs(x[3])) if one.periods else one.tip
+        led = (1 + 1e-2 * x[1]) * np.interp(one.time - 1e-3 * x[0], one.at, tip) + 1e-3 * x[2]
+        usual = [x[1] / LAG.scale, *(x[3:] / (1e3 * LAG.play))]  # or these would stand in for the delay
+        return np.append((led - one.way) / LAG.way, usual)
 
-    starts = [np.array([delay, 0.0, 0.0]) for delay in np.arange(-100.0, 1e3 * LAG.within, 20.0)]
+    first, scale = ([0.1], [0.1]) if one.periods else ([], [])
+    starts = [np.array([delay, 0.0, 0.0, *first]) for delay in np.arange(-100.0, 1e3 * LAG.within, 20.0)]
     start = min(starts, key=lambda x: float(off(x) @ off(x)))
-    found = least_squares(off, start, loss="soft_l1", diff_step=1e-2, x_scale=(10.0, 1.0, 0.3))
+    found = least_squares(off, start, loss="soft_l1", diff_step=1e-2, x_scale=(10.0, 1.0, 0.3, *scale))
     variance = np.linalg.inv(found.jac.T @ found.jac)[0, 0] * max(1.0, 2 * found.cost / len(one.time))
     return (
         1e-3 * float(found.x[0]),
         1e-3 * float(np.sqrt(variance)),
-        LAG.way * float(np.sqrt(np.mean(off(found.x)[:-1] ** 2))),
+        LAG.way * float(np.sqrt(np.mean(off(found.x)[: len(one.time)] ** 2))),
     )
 
 
@@ -124,7 +110,7 @@ def _led(recording: TaskRecording, name: str, camera: Camera) -> Led | None:
         return None
     taken, ahead = recording.track.time + recording.seen_from, rest.ahead
     images = np.flatnonzero((taken > rest.begin) & (taken < rest.leaves))
-    moved_by, turned = _way(recording, images, rest.pose, ahead, camera)
+    moved_by, turned = way_of(recording, images, rest.pose, ahead, camera)
     # What goes with the tip is where it touches, which a turning object's middle does not.
     lever = rest.at + RADIUS * ahead - rest.pose.position
     aside = float(lever @ [-ahead[1], ahead[0], 0.0])
@@ -135,39 +121,5 @@ def _led(recording: TaskRecording, name: str, camera: Camera) -> Led | None:
     going = known & (moved > LAG.begun) & (np.arange(len(way)) > np.argmax(moved > LAG.begun))
     if going.sum() < LAG.images or np.nanmax(moved) < LAG.far or np.nanmax(np.abs(turned)) > LAG.turned:
         return None
-    usable = recording.track.usable[images][going]
-    row = float(recording.track.pixels[images][going][usable][:, 1].mean() - camera.cy) / camera.height
+    row = row_of(recording, images[going], camera)
     return Led(name, taken[images][going], way[going], rest.time, (rest.tip - rest.at) @ ahead, row)
-
-
-def _way(recording: TaskRecording, images: np.ndarray, rest: Pose, ahead: np.ndarray, camera: Camera):
-    """m (n,) by which the object is along `ahead` (3,) from where it rests, and rad (n,) by which it is turned, by the corners of each
-    image; NaN where too few are usable."""
-    half = np.asarray(recording.domain.half_size)
-    across, found = np.array([-ahead[1], ahead[0], 0.0]), np.full((len(images), 2), np.nan)
-
-    def project(x: np.ndarray) -> np.ndarray:
-        turn = matrix_from_vector(np.array([0.0, 0.0, x[2]])) @ matrix_from_quaternion(rest.quaternion)
-        corners = box_keypoints(half, rest.position + x[0] * ahead + x[1] * across, quaternion_from_matrix(turn))
-        return camera.project(corners)[0]
-
-    for row, image in enumerate(images):
-        usable = recording.track.usable[image]
-        if usable.sum() < LAG.corners:
-            continue
-        seen = recording.track.pixels[image]
-
-        def off(x: np.ndarray, seen=seen, usable=usable) -> np.ndarray:
-            return (project(x) - seen)[usable].ravel()
-
-        x, weights = np.zeros(3), np.ones(2 * usable.sum())
-        for _ in range(
-            5
-        ):  # Gauss and Newton: the picture is nearly a plane; a corner that is found wrongly counts less
-            here = off(x)
-            columns = np.column_stack([(off(x + STEP * unit) - here) / STEP for unit in np.eye(3)])
-            x = x - np.linalg.lstsq(columns * weights[:, None], here * weights, rcond=None)[0]
-            far = np.linalg.norm(off(x).reshape(-1, 2), axis=1)
-            weights = np.repeat(np.sqrt(np.minimum(1.0, LAG.wrong / np.maximum(far, 1e-9))), 2)
-        found[row] = x[0], x[2]
-    return found.T

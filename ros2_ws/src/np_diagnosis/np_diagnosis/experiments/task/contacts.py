@@ -1,4 +1,4 @@
-"""What the tip does to table and object: touch, drag from above, push, shove, tap, scrape. Each is one segment that begins and ends high up."""
+"""What the tip does to table and object: touch, drag and sway from above, push, shove, tap, scrape. Each is one segment that begins and ends high up."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from np_diagnosis.experiments.excitation import Segment
-from np_diagnosis.experiments.task.path import Leg, OutOfReach, segment, sinking
+from np_diagnosis.experiments.task.path import Leg, OutOfReach, Swing, segment, sinking
 from np_diagnosis.experiments.task.room import Lain, Room, is_reachable
 from np_diagnosis.experiments.task.tip import EDGE, GRIP, RADIUS, leading_yaw
 
@@ -19,6 +19,8 @@ DEEPER = 0.008  # m below a surface, as it is believed to be, down to which the 
 HELD_UP = 0.003  # m over there, at which a tip was stopped: one that is free is less far off
 STROKE, STROKE_SPEED = 0.028, 0.03  # m and m/s of a drag
 BEHIND = 0.02  # m behind the middle, where a drag presses: a tall object would tip over its leading edge
+SWAY, SWAYS, SWAY_FORCE = 0.012, (1.6, 4), 9.0
+"""m to either side; period s and how many; N by which a tip leads an object that it sways: as the strongest of drags, so that it does not slip."""
 HEADINGS = (np.array([1.0, 0.0]), np.array([-1.0, 0.0]), np.array([0.0, 1.0]), np.array([0.0, -1.0]))
 OVER = 0.015  # m over obstacles
 LEAVE = 0.012  # m by which the tip backs off
@@ -91,6 +93,23 @@ def drag(name: str, q: np.ndarray, lain: Lain, room: Room, top: float, force: fl
         ]
     legs += [Leg(high, FAST)]
     return segment(name, q, high, legs, 0.0)
+
+
+def sway(name: str, q: np.ndarray, lain: Lain, room: Room, top: float) -> Segment:
+    """Press the object's top, felt at `top` m, in its middle, and lead it to and fro."""
+    middle = lain.centre[:2]
+    high = np.array([*middle, max(top, room.clearance) + CLEAR])
+    at = segment(name, q, high, [Leg(np.array([*middle, top]), FAST)], 0.0).positions[-1]
+    for way in HEADINGS[::2]:
+        if room.holds(lain, SWAY * way) and room.holds(lain, -SWAY * way):
+            legs = [
+                Leg(np.array([*middle, top + BEFORE]), FAST),
+                Leg(np.array([*middle, top - sinking(at, SWAY_FORCE)]), SLOW_TOUCH, rest=0.3),
+                Swing(SWAY * np.array([*way, 0.0]), *SWAYS, rest=0.6),
+                Leg(high, FAST),
+            ]
+            return segment(name, q, high, legs, 0.0)
+    raise OutOfReach(f"{name}: no room to sway the object in")
 
 
 def push(

@@ -37,14 +37,25 @@ class Leg:
     stop: float = RAMP
 
 
-def segment(name: str, start: np.ndarray, begin: np.ndarray, legs: Sequence[Leg], yaw: float) -> Segment:
+@dataclass(frozen=True, eq=False)
+class Swing:
+    """To and fro about where the tip is, by `way` (3,) m to either side, a sinusoid of `count` periods s that grows from rest within the first
+    half of one and ends likewise; `rest` s after it."""
+
+    way: np.ndarray
+    period: float
+    count: int
+    rest: float = 0.0
+
+
+def segment(name: str, start: np.ndarray, begin: np.ndarray, legs: Sequence[Leg | Swing], yaw: float) -> Segment:
     """The legs from `begin` (3,) m, the tip's end, with the hand upright at a yaw rad.
 
     start: joints (7,) rad near the beginning. Raises OutOfReach.
     """
     points = [np.asarray(begin, float)[None]]
     for leg in legs:
-        points.append(_way(points[-1][-1], leg))
+        points.append((_swing if isinstance(leg, Swing) else _way)(points[-1][-1], leg))
     path, rotation = np.concatenate(points) + [0.0, 0.0, BEYOND], upright(yaw)
     positions, q = [], start
     for number, point in enumerate(path):
@@ -107,3 +118,12 @@ def _way(start: np.ndarray, leg: Leg) -> np.ndarray:
     share = np.interp(np.linspace(0.0, duration, count + 1)[1:], fine, way / way[-1]) if count else np.zeros(0)
     rest = np.ones(round(leg.rest * RATE))
     return start + np.concatenate([share, rest])[:, None] * (leg.end - start)
+
+
+def _swing(start: np.ndarray, swing: Swing) -> np.ndarray:
+    """Points (n, 3) m, one a knot."""
+    duration = swing.count * swing.period
+    time = np.arange(1, round(duration * RATE) + 1) / RATE
+    grown = np.minimum(*(least_jerk(t / (swing.period / 2))[0] for t in (time, duration - time)))
+    share = np.concatenate([grown * np.sin(2 * np.pi * time / swing.period), np.zeros(round(swing.rest * RATE))])
+    return start + share[:, None] * swing.way

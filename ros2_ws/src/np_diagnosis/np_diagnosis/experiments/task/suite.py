@@ -14,7 +14,7 @@ from np_diagnosis.experiments.task import contacts
 from np_diagnosis.experiments.task.path import OutOfReach, joined, still
 from np_diagnosis.experiments.task.room import Lain, Room
 
-FAMILIES = ("view", "touch_table", "touch_object", "drag", "push", "shove", "tap", "scrape")
+FAMILIES = ("view", "touch_table", "touch_object", "drag", "sway", "push", "shove", "tap", "scrape")
 """In the order in which they are made: what is felt first is used by what comes after."""
 DRAGS = (0.0, 1.5, 2.5, 5.0, 9.0)
 """N, by which the object is pressed: none, the same way in the air, for comparison; little, so that a smooth fingertip slips more than once on
@@ -84,6 +84,10 @@ def _plans(room: Room, now: Situation, families: list[str]) -> Plans:
             lain = Lain.of(room.domain, now.pose)
             if plan := _joined(now, lambda: contacts.drag(f"drag_{number}", now.q, lain, room, top, force)):
                 now = yield plan
+    if "sway" in families:
+        lain = Lain.of(room.domain, now.pose)
+        if plan := _joined(now, lambda: contacts.sway("sway", now.q, lain, room, top)):
+            now = yield plan
     if lain.height < FLATTEST:
         return
     for number, (share, speed) in enumerate(PUSHES if "push" in families else (), 1):
