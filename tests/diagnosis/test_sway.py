@@ -15,12 +15,14 @@ from np_diagnosis.chain.task.lag import lag
 from np_diagnosis.chain.task.recording import TaskRecording, spans_of
 from np_diagnosis.chain.task.sway import swayed
 from np_diagnosis.chain.track import Track
-from np_diagnosis.experiments.task.contacts import SWAY, SWAYS
-from np_diagnosis.experiments.task.path import Swing, segment, tip_of
+from np_diagnosis.experiments.task.contacts import SWAY, SWAYS, sway
+from np_diagnosis.experiments.task.path import OutOfReach, Swing, segment, tip_of
+from np_diagnosis.experiments.task.room import Lain, Room
 from np_diagnosis.experiments.task.suite import Situation, task_suite
 from np_diagnosis.recordings.signals import Log
 
-LAIN = Pose(np.array([0.5, -0.14, 0.045]), yaw_quaternion(np.asarray(0.2)))
+LAIN = Pose(np.array([0.5, -0.05, CARD.half_size[2]]), yaw_quaternion(np.asarray(0.2)))
+TALL = Pose(np.array([0.5, -0.14, 0.045]), LAIN.quaternion)
 
 
 def planned(domain, pose):
@@ -31,7 +33,7 @@ def planned(domain, pose):
 @cache
 def led():
     """The suite's own sway: times (n,) s, joints (n, 7) and the tip's way (n, 3)."""
-    plan = planned(BUMP, LAIN)
+    plan = planned(CARD, LAIN)
     state = np.arange(0.0, plan.times[-1], 0.01)
     joints = np.column_stack([np.interp(state, plan.times, joint) for joint in plan.positions.T])
     return state, joints, np.array([tip_of(q) for q in joints])
@@ -49,12 +51,12 @@ def recorded(late=0.0, follows=1.0, behind=0.0, noise=0.15, seed=1):
         way[k] = way[k - 1] + (left * max(0.0, 1 - behind / max(far, 1e-9)) if pressed[k] else 0.0)
     time = np.arange(0.0, state[-1], 1 / 30)
     places = np.column_stack([np.interp(time - late, state, axis) for axis in way.T])
-    half = np.asarray(BUMP.half_size)
+    half = np.asarray(CARD.half_size)
     corners = [box_keypoints(half, LAIN.position + [x, y, 0.0], LAIN.quaternion) for x, y in places]
     pixels = CAMERA.project(np.array(corners))[0] + noise * rng.standard_normal((len(time), 8, 2))
     phases = ((0.0, PhaseState(EXCITE, experiment="sway")),)
     log = Log("made", state, joints, 0 * joints, 0 * joints, state, False, phases=phases)
-    return TaskRecording(log, Track("made", time, pixels, np.ones((len(time), 8), bool)), 0.0, BUMP, spans_of(log))
+    return TaskRecording(log, Track("made", time, pixels, np.ones((len(time), 8), bool)), 0.0, CARD, spans_of(log))
 
 
 def test_a_swing_is_a_sinusoid_that_begins_and_ends_at_rest():
@@ -67,14 +69,19 @@ def test_a_swing_is_a_sinusoid_that_begins_and_ends_at_rest():
     assert np.abs(along[time > 6.4]).max() < 5e-4 and np.abs(made.velocities[[0, -1]]).max() < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("domain", "pose"), [(BUMP, LAIN), (CARD, Pose(np.array([0.5, 0.0, CARD.half_size[2]]), LAIN.quaternion))]
-)
-def test_a_sway_is_planned_on_flat_objects_as_on_tall_ones_about_where_they_are_seen(domain, pose):
-    tips = np.array([tip_of(q) for q in planned(domain, pose).positions])
+def test_a_sway_is_about_where_a_flat_object_is_seen_and_presses_it():
+    tips = np.array([tip_of(q) for q in planned(CARD, LAIN).positions])
     low = tips[tips[:, 2] < tips[:, 2].min() + 1e-3]
-    assert np.abs(low[:, :2] - pose.position[:2]).max() == pytest.approx(SWAY, abs=1e-3)
-    assert low[:, 2].max() < 2 * pose.position[2]
+    assert np.abs(low[:, :2] - LAIN.position[:2]).max() == pytest.approx(SWAY, abs=1e-3)
+    assert low[:, 2].max() < 2 * LAIN.position[2]
+
+
+def test_an_object_that_would_rock_is_not_swayed():
+    """A cube of 9 cm that is led by its top with friction of .58 with the table tips over its edge."""
+    with pytest.raises(StopIteration):
+        planned(BUMP, TALL)
+    with pytest.raises(OutOfReach, match="would rock"):
+        sway("sway", NOMINAL.ready, Lain.of(BUMP, TALL), Room(BUMP, CAMERA), 0.09)
 
 
 @pytest.mark.parametrize("late", [0.0, 0.03, 0.12])
@@ -82,7 +89,7 @@ def test_a_sway_tells_the_delay_by_itself(late):
     made = recorded(late)
     (only,), found = swayed(made), lag(made)
     assert only.counts >= SWAYS[1] - 1
-    assert found.late.value == pytest.approx(late, abs=0.002) and found.late.high - found.late.low < 0.01
+    assert found.late.value == pytest.approx(late, abs=0.004) and found.late.high - found.late.low < 0.025
     assert found.verdict == ("ambiguous" if late else "no_gap")
 
 
@@ -96,10 +103,10 @@ def test_an_object_that_goes_along_by_half_says_no_delay():
 def test_an_object_that_stays_behind_where_the_tip_turns_back_is_not_taken_for_one_that_is_late(behind, late):
     """A millimetre of play looks like 30 ms in a sinusoid's phase."""
     found = lag(recorded(late, behind=behind))
-    assert found.late.low <= late <= found.late.high and abs(found.late.value - late) < 0.004
+    assert found.late.low <= late <= found.late.high and abs(found.late.value - late) < 0.008
 
 
 def test_a_recording_of_before_has_none():
     made = recorded()
-    old = TaskRecording(made.log, made.track, 0.0, BUMP, {"push_1": made.spans["sway"]})
+    old = TaskRecording(made.log, made.track, 0.0, CARD, {"push_1": made.spans["sway"]})
     assert swayed(old) == ()

@@ -51,7 +51,9 @@ def plans(only=()):
 def test_every_family_is_planned_and_segments_join():
     made = list(plans())
     names = [plan[-1].name for plan in made]
-    assert {name.rsplit("_", 1)[0] if name not in FAMILIES else name for name in names} == set(FAMILIES)
+    assert {name.rsplit("_", 1)[0] if name not in FAMILIES else name for name in names} == set(FAMILIES) - {
+        "sway"
+    }  # a cube would rock
     q = NOMINAL.ready
     for plan in made:
         for one in plan:

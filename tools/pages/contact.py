@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pages.markdown import table
+from pages.markdown import paragraph, table
 
 
 def static_bench(data: Mapping) -> tuple[str, str]:
@@ -41,12 +41,13 @@ def slid(data: Mapping) -> tuple[str, str]:
     more, *bounds = (100 * share for share in tosses["relative"])
     headline = f"tosses: friction {mu:.3f} ({low:.3f} to {high:.3f}); tray: {tray['verdict']}"
     halves = " and ".join(f"{one:.3f} ({least:.3f} to {most:.3f})" for one, least, most in tosses["halves"])
-    body = (
+    body = paragraph(
         f"*Tosses.* {tosses['slides']} free slides in {tosses['tosses']} tosses: friction {mu:.3f} ({low:.3f} to {high:.3f}), "
         f"{tosses['spread']:.3f} from slide to slide; every other slide {halves}; the table is level within "
         f"{1e3 * max(map(abs, tosses['tilt'])):.1f} mrad. Against what the authors simulate it with, .18: {', '.join(tosses['named']) or 'nothing'}, "
-        f"{more:.0f} % more ({bounds[0]:.0f} to {bounds[1]:.0f}). Nothing is said of the mass, on which a free slide does not depend.\n\n"
+        f"{more:.0f} % more ({bounds[0]:.0f} to {bounds[1]:.0f}). Nothing is said of the mass, on which a free slide does not depend."
     )
+    body += "\n\n"
     groups = ((n, one["groups"], one["held"], f"{one['half_width']:.4f}") for n, one in tosses["groups"].items())
     body += table(("slides", "groups", "intervals that hold what all say", "half of an interval, median"), groups)
     body += (

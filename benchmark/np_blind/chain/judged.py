@@ -16,6 +16,7 @@ from np_diagnosis.chain.force.stage import Believed
 from np_diagnosis.chain.motion.given import Given, given
 from np_diagnosis.chain.motion.stage import errors, share
 from np_diagnosis.chain.motion.windows import FAMILIES
+from np_diagnosis.chain.task.covered import uncovered
 from np_diagnosis.chain.task.recording import TaskRecording
 from np_diagnosis.chain.task.seen import over, pose_between
 from np_diagnosis.chain.together.claims import module_of
@@ -31,7 +32,8 @@ FELT_FIRST = "touch_object"  # so that drags press as they should
 def answer(case: Case, seed: int) -> dict:
     """A case made, asked and judged."""
     begun = time.perf_counter()
-    recording, fresh = recorded(case, seed), recorded(case, seed + HELD_OUT, (FELT_FIRST, *FAMILIES))
+    recording = uncovered(recorded(case, seed))
+    fresh = recorded(case, seed + HELD_OUT, (FELT_FIRST, *FAMILIES))
     made = time.perf_counter()
     rests = tuple(place for place, _ in places(recording.track, recording.domain))
     found = diagnose(Seen((recording,), (recording.track,), rests))

@@ -96,7 +96,7 @@ def main(arguments: list[str] | None = None) -> int:
             elsewhere.append(of_arm(options.arm))
             panda = load_patch(options.arm / "patch.yaml").panda()
         elsewhere += [of_clock(folder) for folder in options.clock] + [of_pushes(file) for file in options.pushes]
-        seen = read_seen(options.bags, options.calibration, not options.without_pose)
+        seen = read_seen(options.bags, options.calibration, not options.without_pose, camera)
         fresh = read_held_out(options.held_out, seen)
         found = diagnose(seen, camera, panda, elsewhere, tell)
     except (CalibrationError, ContractViolation, ValueError) as violation:

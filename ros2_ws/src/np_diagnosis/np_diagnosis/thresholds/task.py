@@ -128,6 +128,12 @@ class Lagging:
     play: float = threshold(
         0.0005, "m", "to either side, by which a tip that sways the object gives way or slips", "rubber of 10 kN/m, 4 N"
     )
+    sways: float = threshold(
+        0.004,
+        "s",
+        "error of a sway beside: what slips under the tip is no play alone",
+        "a card in two engines: -9 to 4 ms",
+    )
     follows: float = threshold(0.8, "1", "share of a tip's sway that the object goes along, at least", "as of drags")
     rows: tuple[float, float] = threshold(
         (0.008, 0.008),

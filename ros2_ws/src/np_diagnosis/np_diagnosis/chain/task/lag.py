@@ -59,7 +59,8 @@ def judge(pushes: tuple[Led, ...]) -> Lag:
             kept,
             f"{len(each)} pushes led the object as they should; {LAG.least} are needed",
         )
-    deviations, rows = np.array([fit[1] for fit, _ in good]), np.array([one.row for one in kept])
+    deviations = np.array([np.hypot(fit[1], LAG.sways if one.periods else 0.0) for fit, one in good])
+    rows = np.array([one.row for one in kept])
     value, own = _middle(np.array(each), deviations, rows)
     deviation = float(np.hypot(own, LAG.common))
     late = Value(value, value - HALF_WIDTH * deviation, value + HALF_WIDTH * deviation)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from np_description.camera import CAMERA, Camera
+from np_diagnosis.chain.task.covered import uncovered
 from np_diagnosis.chain.task.recording import NoSuite, TaskRecording, read_task
 from np_diagnosis.chain.together.whole import Seen
 from np_diagnosis.chain.track import read_track
@@ -12,17 +14,19 @@ from np_diagnosis.chain.view_stage.places import read_places
 from np_diagnosis.recordings.reading import ContractViolation
 
 
-def read_seen(bags: Sequence[str | Path], calibration: str = "", measured: bool = True) -> Seen:
-    """Rosbag2 recordings in the order of time; calibration, measured: as of `read_places`. Raises ContractViolation for one that has no
-    keypoints, or is of another object than the first."""
+def read_seen(
+    bags: Sequence[str | Path], calibration: str = "", measured: bool = True, camera: Camera = CAMERA
+) -> Seen:
+    """Rosbag2 recordings in the order of time; calibration, measured: as of `read_places`; camera: that is believed in. Raises ContractViolation for
+    one that has no keypoints, or is of another object than the first."""
     tasks, tracks, places = [], [], []
     for bag in bags:
-        tracks.append(read_track(bag))
-        places += read_places(bag, calibration, measured)
         try:
-            tasks.append(read_task(bag))
-        except NoSuite:
-            continue  # an episode: it is seen, and not felt
+            tasks.append(uncovered(read_task(bag), camera))
+            tracks.append(tasks[-1].track)
+        except NoSuite:  # an episode: it is seen, and not felt
+            tracks.append(read_track(bag))
+        places += read_places(bag, calibration, measured, tracks[-1])
     _of_one_object(tasks)
     return Seen(tuple(tasks), tuple(tracks), tuple(places))
 

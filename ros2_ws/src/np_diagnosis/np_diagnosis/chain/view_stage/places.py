@@ -55,8 +55,10 @@ class Place:
         return np.isfinite(self.pixels).all(axis=1) & np.isfinite(self.error)
 
 
-def read_places(path: str | Path, calibration: str = "", measured: bool = True) -> list[Place]:
-    """The places of a rosbag2 recording, none where the object never rests.
+def read_places(
+    path: str | Path, calibration: str = "", measured: bool = True, track: Track | None = None
+) -> list[Place]:
+    """The places of a rosbag2 recording, none where the object never rests. track: its own, where corners that do not count are known.
 
     calibration: file of the camera that is believed in, without which a recording that was made with one is refused; measured: with the
     poses of `object_pose`, where it has them. Raises ContractViolation.
@@ -65,7 +67,7 @@ def read_places(path: str | Path, calibration: str = "", measured: bool = True) 
     from np_record.bag import BagError, Recording  # slow
     from np_ros.messages import BadMessage, pose_arrays
 
-    name, track = f"bag {path}", read_track(path)
+    name, track = f"bag {path}", track or read_track(path)
     try:
         with Recording(path, required=("keypoints",)) as recording:
             domain, used = recorded_domain(recording.information), recording.information.get("calibration", "")

@@ -21,6 +21,7 @@ STROKE, STROKE_SPEED = 0.028, 0.03  # m and m/s of a drag
 BEHIND = 0.02  # m behind the middle, where a drag presses: a tall object would tip over its leading edge
 SWAY, SWAYS, SWAY_FORCE = 0.012, (1.6, 4), 9.0
 """m to either side; period s and how many; N by which a tip leads an object that it sways: as the strongest of drags, so that it does not slip."""
+ROCKS = 1.6  # times the friction with the table that is believed, up to which an object may not tip over an edge when its top is led
 HEADINGS = (np.array([1.0, 0.0]), np.array([-1.0, 0.0]), np.array([0.0, 1.0]), np.array([0.0, -1.0]))
 OVER = 0.015  # m over obstacles
 LEAVE = 0.012  # m by which the tip backs off
@@ -96,7 +97,10 @@ def drag(name: str, q: np.ndarray, lain: Lain, room: Room, top: float, force: fl
 
 
 def sway(name: str, q: np.ndarray, lain: Lain, room: Room, top: float) -> Segment:
-    """Press the object's top, felt at `top` m, in its middle, and lead it to and fro."""
+    """Press the object's top, felt at `top` m, in its middle, and lead it to and fro. Raises OutOfReach for one that is so tall that it would rock:
+    a drag presses it behind its middle for that, which a sway cannot both ways."""
+    if ROCKS * room.domain.contact.table * lain.height > min(distance for _, distance in lain.sides()):
+        raise OutOfReach(f"{name}: the object would rock on its edges")
     middle = lain.centre[:2]
     high = np.array([*middle, max(top, room.clearance) + CLEAR])
     at = segment(name, q, high, [Leg(np.array([*middle, top]), FAST)], 0.0).positions[-1]
