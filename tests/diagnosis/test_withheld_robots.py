@@ -106,7 +106,8 @@ def test_fewer_pairs_are_played_where_fewer_say_enough(tmp_path, monkeypatch):
 
 
 def test_figures_of_robots():
-    from np_blind.robots.figures import figures, mmrv, pearson
+    from np_blind.robots.figures import figures
+    from np_blind.robots.prediction import mmrv, pearson
 
     def row(before, adopted, oracle, cause, costs, ablation):
         engine = {
@@ -148,6 +149,10 @@ def test_shares_that_return_have_an_interval_and_a_picture(tmp_path):
     told = {"robot": 3, "domain": "wall", "success": {"patched": {"value": 0.5}, "patched_corrected": {"value": 0.8}}}
     plot_robots([row | told, {"engine": {}}], tmp_path / "robots.svg")
     assert (tmp_path / "robots.svg").stat().st_size > 1000
+    other = told | {"success": {"patched": {"value": 0.4}}}
+    found = figures([row | one for one in [told] * 3 + [other] * 3])  # .5 and .8 of .5 before; corrected is not known
+    assert found["mean error of stages"]["value"] == pytest.approx(0.05) and found["mean error of stages"]["of"] == 6
+    assert found["r of stages"]["value"] is None and found["MMRV of stages"]["value"] == 0
 
 
 def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):

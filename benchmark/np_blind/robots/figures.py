@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import spearmanr
 
+from np_blind.robots.prediction import DRAWS, ENOUGH, predicted
 from np_bringup.rehearsal.shares import mean_and_interval
 from np_record.intervals import wilson_interval
 
-DRAWS, ENOUGH = 1000, 6  # of the bootstrap over effects or robots, and how many these have to be
 LEAST_LOSS = 0.05  # of success, below which there is nothing to return
+STAGES = {"patched": "before", "patched_corrected": "corrected", "patched_after": "after"}
+"""What the patched simulator foretells of a robot, and what it is called in PhysX."""
 
 
 def figures(rows: Sequence[Mapping]) -> dict:
@@ -40,6 +42,7 @@ def figures(rows: Sequence[Mapping]) -> dict:
             [row for row in oracle if _share(row, "oracle") > LEAST_LOSS], "adopted", "oracle"
         ),
         "the oracle's own return, median": _returns([row for row in oracle if _loss(row) > LEAST_LOSS], "oracle"),
+        **prediction_of_stages(judged),
         "worse than before": {"value": sum(each["value"] < 0 for each in worse), "of": len(worse)},
         "worse beyond doubt": {"value": sum(each["ci95"][1] < 0 for each in worse), "of": len(worse)},
         "new policies adopted": {"value": sum(_has_new(row) for row in trained), "of": len(trained)},
@@ -128,16 +131,21 @@ def _rank(pairs: Sequence[tuple[float, float]]) -> dict:
     return {**told, "ci95": [float(low), float(high)]}
 
 
-def pearson(predicted: Sequence[float], real: Sequence[float]) -> float | None:
-    """Pearson's r of success predicted and measured; None where one of them does not vary."""
-    if len(predicted) < 2 or np.ptp(predicted) == 0 or np.ptp(real) == 0:
-        return None
-    return float(np.corrcoef(predicted, real)[0, 1])
-
-
-def mmrv(predicted: Sequence[float], real: Sequence[float]) -> float:
-    """Mean maximum rank violation of policies (Li et al., Evaluating real-world robot manipulation policies in simulation, 2024): of each policy
-    the largest difference in reality to another one that the simulator ranks the other way round, on average."""
-    p, r = np.asarray(predicted, float), np.asarray(real, float)
-    violated = (p[:, None] < p[None]) != (r[:, None] < r[None])
-    return float((np.abs(r[:, None] - r[None]) * violated).max(axis=1).mean())
+def prediction_of_stages(rows: Sequence[Mapping]) -> dict:
+    """What the patched simulator foretells of robots as they are, corrected, and with new policies, beside PhysX."""
+    own = []
+    for row in rows:
+        pairs = [
+            (row["success"][told]["value"], float(np.mean(row["engine"][real])))
+            for told, real in STAGES.items()
+            if told in row.get("success", {}) and row["engine"].get(real)
+        ]
+        own += [np.array(pairs)] if pairs else []
+    found = predicted(own) if own else {}
+    said = {"r": "r of stages", "mean_absolute_error": "mean error of stages", "mmrv": "MMRV of stages"}
+    count = sum(map(len, own))
+    return {
+        text: {"value": found.get(name), "of": count}
+        | ({"ci95": found[f"{name}_ci95"]} if f"{name}_ci95" in found else {})
+        for name, text in said.items()
+    }

@@ -28,8 +28,8 @@ import yaml
 
 from np_blind.robots.answering import TASKS, reality_of
 from np_blind.robots.cases import Robot, read_key
-from np_blind.robots.figures import DRAWS, ENOUGH, mmrv, pearson
 from np_blind.robots.plot import plot_matrix
+from np_blind.robots.prediction import predicted
 from np_blind.robots.queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_bringup.rehearsal.playing import Cell, Kept, play_all, succeeds, text_of
 from np_description.released import WeightsError
@@ -136,31 +136,15 @@ def figures(table: Sequence[Mapping]) -> dict:
 
     table: rows with robot, policy, and success by side.
     """
-    found = {}
     robots = sorted({row["robot"] for row in table})
-    for side in (side for side in SIDES[:-1] if all(side in row for row in table)):
-        own = [np.array([(r[side], r["engine"]) for r in table if r["robot"] == robot], float) for robot in robots]
-        predicted, real = np.concatenate(own).T
-        violations = np.array([mmrv(*pairs.T) for pairs in own])
-        found[side] = {
-            "r": pearson(predicted, real),
-            "mmrv": float(violations.mean()),
-            # A score is no share of episodes: it ranks.
-            "mean_absolute_error": None if side == "patched_score" else float(np.abs(predicted - real).mean()),
-        }
-        if len(robots) >= ENOUGH:
-            found[side] |= _intervals(own, violations)
-    return {**found, "cells": len(table), "robots": len(robots)}
-
-
-def _intervals(own: Sequence[np.ndarray], violations: np.ndarray) -> dict[str, list[float]]:
-    """Of r and MMRV, with robots drawn with repetition. own: of each robot (policies, 2) predicted, real; violations: MMRV of each."""
-    drawn = np.random.default_rng(0).integers(len(own), size=(DRAWS, len(own)))
-    r = [pearson(*np.concatenate([own[i] for i in some]).T) for some in drawn]
-    return {
-        "r_ci95": np.quantile([one for one in r if one is not None], [0.025, 0.975]).tolist(),
-        "mmrv_ci95": np.quantile(violations[drawn].mean(axis=1), [0.025, 0.975]).tolist(),
+    found = {
+        side: predicted([np.array([(r[side], r["engine"]) for r in table if r["robot"] == robot]) for robot in robots])
+        for side in SIDES[:-1]
+        if all(side in row for row in table)
     }
+    if "patched_score" in found:  # a score is no share of episodes: it ranks
+        found["patched_score"] = {k: None if "error" in k else value for k, value in found["patched_score"].items()}
+    return {**found, "cells": len(table), "robots": len(robots)}
 
 
 def play(options: argparse.Namespace) -> dict:
