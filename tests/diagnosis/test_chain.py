@@ -183,6 +183,19 @@ def test_a_late_image_is_patched_though_its_class_is_not_split():
     assert whole.verdict == "ambiguous" and "at the timing: images show the scene" in document(whole, [])["sentence"]
 
 
+@pytest.mark.parametrize("other, is_given", [("camera_extrinsics", True), ("keypoint_bias", False)])
+def test_one_effect_is_patched_though_place_and_turn_are_not_told_apart(other, is_given):
+    turn = Way("camera_turn", ("camera_extrinsics",), {}, "the camera is turned", {"turn_y": 0.015})
+    claim = Claim("view", (turn, Way("other", (other,), {}, "or something else", {"x": 0.01})), 9.0)
+    found = diagnose(Seen((), (still(),), ()))
+    rows = [
+        replace(row, verdict="identified", claims=(claim,), share=1.0) if row.module == "camera" else row
+        for row in found.rows
+    ]
+    given = {e.effect: e.parameters for e in patch(replace(found, rows=tuple(rows))).effects}
+    assert given == ({"camera_extrinsics": {"turn_y": 0.015}} if is_given else {})
+
+
 def test_a_bag_that_is_none_is_refused_by_name(tmp_path, capsys):
     assert command.main([str(tmp_path / "nothing")]) == 2
     assert "nothing" in json.loads(capsys.readouterr().out)["error"]
