@@ -142,6 +142,9 @@ def test_the_hand_tells_a_higher_table_from_a_lower_camera():
     touched = made.of_felt(felt(0.008), "touch")
     (one,) = made.settled([seen_either(0.008), *touched], felt(0.008))
     assert one.stage == "touch" and one.ways[0].module == "table"
+    off = Claim("meeting", (Way("camera_turn", ("camera_extrinsics",), {}, "", {"turn_x": 0.01}),), 9.0)
+    assert {c.stage for c in made.settled([seen_either(0.008), off, *touched], felt(0.008))} == {"touch", "meeting"}
+    assert {c.stage for c in made.settled([seen_either(0.008), off], felt(0.0))} == {"view"}  # which says more of it
     untold = made.settled([seen_either(0.008)], None)
     assert len(untold[0].ways) == 2 and not untold[0].is_one
 
