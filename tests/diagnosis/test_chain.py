@@ -142,6 +142,9 @@ def test_the_hand_tells_a_higher_table_from_a_lower_camera():
     touched = made.of_felt(felt(0.008), "touch")
     (one,) = made.settled([seen_either(0.008), *touched], felt(0.008))
     assert one.stage == "touch" and one.ways[0].module == "table"
+    off = Claim("meeting", (Way("camera_turn", ("camera_extrinsics",), {}, "", {"turn_x": 0.01}),), 9.0)
+    assert {c.stage for c in made.settled([seen_either(0.008), off, *touched], felt(0.008))} == {"touch", "meeting"}
+    assert {c.stage for c in made.settled([seen_either(0.008), off], felt(0.0))} == {"view"}  # which says more of it
     untold = made.settled([seen_either(0.008)], None)
     assert len(untold[0].ways) == 2 and not untold[0].is_one
 
@@ -181,6 +184,19 @@ def test_a_late_image_is_patched_though_its_class_is_not_split():
     (entry,) = patch(whole).effects
     assert entry.effect == "camera_latency" and entry.parameters["delay"] == pytest.approx(0.03, abs=0.006)
     assert whole.verdict == "ambiguous" and "at the timing: images show the scene" in document(whole, [])["sentence"]
+
+
+@pytest.mark.parametrize("other, is_given", [("camera_extrinsics", True), ("keypoint_bias", False)])
+def test_one_effect_is_patched_though_place_and_turn_are_not_told_apart(other, is_given):
+    turn = Way("camera_turn", ("camera_extrinsics",), {}, "the camera is turned", {"turn_y": 0.015})
+    claim = Claim("view", (turn, Way("other", (other,), {}, "or something else", {"x": 0.01})), 9.0)
+    found = diagnose(Seen((), (still(),), ()))
+    rows = [
+        replace(row, verdict="identified", claims=(claim,), share=1.0) if row.module == "camera" else row
+        for row in found.rows
+    ]
+    given = {e.effect: e.parameters for e in patch(replace(found, rows=tuple(rows))).effects}
+    assert given == ({"camera_extrinsics": {"turn_y": 0.015}} if is_given else {})
 
 
 def test_a_bag_that_is_none_is_refused_by_name(tmp_path, capsys):

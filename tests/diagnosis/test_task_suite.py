@@ -320,6 +320,15 @@ def test_strokes_that_slip_in_one_proportion_are_the_fingertips(finger):
     assert low <= finger <= high and high - low < 0.3 * finger
 
 
+def test_a_weak_stroke_is_not_asked_to_agree_better_than_it_can():
+    strong = slips(0.48, (3.2, 5.1, 6.3))
+    weak = [replace(one, force=0.56 * one.normal, deviation=0.05) for one in slips(0.48, (1.1,))]
+    found = judge(readings() + strong + weak, BELIEVED)
+    assert [one.effect for one in found.explained.named] == ["gripper_friction"]
+    sure = [replace(one, force=0.62 * one.normal) for one in slips(0.48, (8.0,))]
+    assert "finger" not in judge(readings() + strong + sure, BELIEVED).measured
+
+
 def test_strokes_that_hop_or_one_that_slips_say_no_fingertip():
     hopped = [replace(one, force=ratio * one.normal) for one, ratio in zip(slips(1.0, (1.2, 4.3)), (0.8, 0.5))]
     for seen in (hopped, slips(0.5, (4.3,))):

@@ -93,10 +93,11 @@ def _with_finger(
     slips = [r for r in every if r.kind == "drag" and abs(r.follows) < FORCE.slips]
     logs = np.array([np.log(max(r.force, 1e-3) / r.normal) for r in slips])
     finger, variance = 0.0, UNKNOWN**2
-    if len(slips) > 1 and np.ptp(logs) < FORCE.proportion:
+    if len(slips) > 1:
         own = np.array([np.hypot(r.deviation / r.force, r.normal_deviation / r.normal) for r in slips]) ** 2
         mean = float(np.average(logs, weights=1 / own))
-        if not hops(every, np.exp(mean), *np.exp(value) * (believed.table, believed.mass)):
+        agree = np.abs(logs - mean) < np.hypot(FORCE.proportion / 2, 2 * np.sqrt(own))  # a weak stroke says little
+        if agree.all() and not hops(every, np.exp(mean), *np.exp(value) * (believed.table, believed.mass)):
             finger = mean - np.log(believed.finger)
             variance = float(1 / np.sum(1 / own)) + FORCE.proportion**2 / 4 / len(slips)
     whole = np.zeros((3, 3))

@@ -163,19 +163,23 @@ def of_meeting(meeting: Meeting | None, turn: np.ndarray | None = None) -> list[
 
 def settled(claims: list[Claim], touch: Felt | None) -> list[Claim]:
     """Claims in the light of one another: the hand feels the table and the camera does not move it. An explanation of the view that has the
-    table elsewhere than it was felt is none; one that has it there is the one, and counts once."""
-    if any(c.stage == "view" and c.ways[0].module == "camera" for c in claims):
-        claims = [c for c in claims if c.stage != "meeting"]  # the same gap, of which the view says more
+    table elsewhere than it was felt is none; one that has it there is the one, and counts once. A camera that the view still names then is the
+    gap that the meeting shows, of which the view says more."""
     claims = _once(claims)
-    if touch is None or touch.explained is None or touch.verdict in ("undetermined", "unexplained"):
-        return claims
+    if touch is not None and touch.explained is not None and touch.verdict not in ("undetermined", "unexplained"):
+        claims = _by_touch(claims, touch)
+    if any(c.stage == "view" and c.ways[0].module == "camera" for c in claims):
+        claims = [c for c in claims if c.stage != "meeting"]
+    return claims
+
+
+def _by_touch(claims: list[Claim], touch: Felt) -> list[Claim]:
     found: list[Claim] = []
+    told = {n.effect for n in touch.explained.named if not n.rivals}
     for claim in claims:
         if claim.stage == "view":
             ways = tuple(way for way in claim.ways if not _contradicted(way, touch))
-            told = {n.effect for n in touch.explained.named if not n.rivals}
-            ways = tuple(way for way in ways if way.name in told) or ways
-            claim = replace(claim, ways=ways)
+            claim = replace(claim, ways=tuple(way for way in ways if way.name in told) or ways)
         if claim.ways:
             found.append(claim)
     felt = {claim.ways[0].name for claim in found if claim.stage == "touch" and claim.is_one}

@@ -169,8 +169,8 @@ def patch(whole: Whole) -> Patch:
     for row in whole.rows:
         for claim in row.claims:
             way = claim.ways[0]
-            # A late image is late either way, and a picture that is off is off, where it was looked at.
-            is_told = claim.stage in ("lag", "clock", "meeting") or (len(claim.ways) == 1 and len(way.ids) == 1)
+            # A late image is late either way, and a picture that is off is off, where it was looked at, by whichever of place and turn.
+            is_told = claim.stage in ("lag", "clock", "meeting") or claim.is_one
             if row.verdict != "unexplained" and is_told and way.parameters:
                 entries.setdefault(way.ids[0], {}).update(way.parameters)
     found = (PatchEffect(effect, "", values) for effect, values in entries.items())
