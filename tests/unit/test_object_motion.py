@@ -16,7 +16,7 @@ from np_description.panda import NOMINAL
 from np_description.rotations import matrix_from_quaternion
 from np_physx_bridge.engine import PhysxEngine
 from np_physx_bridge.library import missing, sapien
-from np_physx_bridge.scene import Translator, steps_for
+from np_physx_bridge.scene import Translator
 from np_policy.collision import CollisionModel
 from np_sim_bridge.mujoco_engine import MujocoEngine
 from np_sim_bridge.simulation import Simulation
@@ -111,11 +111,6 @@ def test_a_hand_that_presses_hard_does_not_go_through_what_is_light(mass):
     assert there[699, 0] - there[0, 0] > 0.04
     assert np.abs(here - there)[[399, 699, 899]].max() < 0.01
     assert here[:, 2].max() < domain.half_size[2] + 5e-4
-
-
-def test_only_what_is_light_has_more_steps_than_the_bridge_asks_for():
-    assert [steps_for(mass, is_rigid=True) for mass in (0.38, 0.03, 0.008, 0.005, 0.001)] == [1, 1, 1, 2, 4]
-    assert [steps_for(mass, is_rigid=False) for mass in (0.03, 0.009, 0.005, 0.001)] == [1, 1, 2, 2]
 
 
 @in_both_contacts

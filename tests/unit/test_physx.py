@@ -24,7 +24,7 @@ from np_physx_bridge.scene import PAD_MASS, SURFACING, Translator, coefficient, 
 from np_physx_bridge.shapes import CORE, RECESS, RODS
 from np_sim_bridge import static_bench as bench
 from np_sim_bridge.mujoco_engine import MujocoEngine
-from np_sim_bridge.schedule import PERIOD
+from np_sim_bridge.schedule import PERIOD, SECOND
 from np_sim_bridge.simulation import Simulation
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason=missing() or "PhysX is here")
@@ -299,7 +299,7 @@ def test_a_hand_that_comes_down_on_a_card_is_stopped_by_the_table():
             )
         )
         engine.step(ZERO, ZERO, 0.0045)
-    rate = np.diff(heights) / engine._timestep
+    rate = np.diff(heights) / (PERIOD / SECOND)
     assert rate[0] == pytest.approx(-0.128, abs=0.003)
     assert 0.0034 < min(heights) < 0.005
     assert 0.0 < rate.max() < 0.6 * 0.128

@@ -37,10 +37,11 @@ POSITION_ITERATIONS, VELOCITY_ITERATIONS = 40, 1  # with fewer, a box that is pu
 OBJECT_ITERATIONS = 72
 # Of several bodies: with 40 a soft card of 1 g held fast under a tip that drew it 29 mm in MuJoCo, and leapt by 5 to 8 mm when it was let go.
 PARTS_ITERATIONS = 120
-# kg, of what one step of 2 ms bears between arm and table. All that one pass of the solver hands through a body is its mass times a speed, so what
-# is lighter is pressed through (1 g, 20 N: the tip 6 mm in it, and it leaps by 14), and has as many more, shorter steps. But of more than so
-# many passes in 2 ms single precision makes a contact that comes and goes: with 576 a card of any mass slips under a tip that had drawn it along.
-LIGHT, MOST_PASSES = 7e-3, 288
+# kg, of what one step of 2 ms bears between arm and table. All that one pass of the solver hands through a body is its mass times a speed: what is
+# lighter resists a tip of 10 N that draws it slowly by less than Coulomb's friction (5 g by .87 of it, 1 g by .65, with four steps .8), is pressed
+# through at 20 N (1 g: 6 mm, and it leaps), and has as many more, shorter steps. But of more than so many passes in 2 ms single precision makes a
+# contact that comes and goes: with 576 a card of any mass slips under a tip that had drawn it along.
+LIGHT, MOST_PASSES = 1e-2, 288
 STICTION = 1e4  # N s/m, Nm s/rad: slope of Coulomb friction about standstill, until its limit is reached
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
