@@ -46,7 +46,7 @@ def answer(case: Case, seed: int) -> dict:
 
 
 def recorded(case: Case, seed: int, only: tuple[str, ...] = ()) -> TaskRecording:
-    """The task suite, or some of its families, of a case in PhysX."""
+    """The task suite, or some of its families, of a case in PhysX; up to where its guard ends it."""
     from np_physx_bridge.engine import PhysxEngine  # where SAPIEN is
 
     class Pulled(PhysxEngine):
@@ -60,7 +60,7 @@ def recorded(case: Case, seed: int, only: tuple[str, ...] = ()) -> TaskRecording
             super().step(torque, extra, opening)
 
     own = seed * 1000 + case.number
-    return Reality(BUMP, case.patch, own, Pulled, case.film(own), case.domain).run(only)
+    return Reality(BUMP, case.patch, own, Pulled, case.film(own), case.domain).run(only, is_cut=True)
 
 
 def pulls(case: Case, place: Sequence[float]) -> tuple[float, float, float] | None:
@@ -105,13 +105,15 @@ def judged(case: Case, found: Whole) -> dict:
 
 def motion(case: Case, found: Whole, kept: Given, fresh: Sequence[TaskRecording]) -> dict:
     """px by which corners are seen off their prediction, mean over the windows of recordings that no stage has heard: as believed, with the
-    patch that is given, with all that is true, and with everything that was measured, named or not."""
+    patch that is given, with all that is true, and with everything that was measured, named or not. Empty without a window."""
     tried = {"believed": Patch(), "patch": kept.patch, "truth": case.patch, "at_once": at_once(found).patch}
     off: dict[str, np.ndarray] = {}
     for name, one in tried.items():  # what is the same is simulated once
         same = next((other for other in off if tried[other] == one), None)
         off[name] = errors(fresh, one) if same is None else off[same]
     known = np.all([np.isfinite(values) for values in off.values()], axis=0)
+    if not known.any():
+        return {}
     removed = share(off["believed"][known], off["patch"][known])
     return {
         "windows": int(known.sum()),
