@@ -42,6 +42,7 @@ from np_diagnosis.report.chain_page import render
 from np_diagnosis.report.chain_words import check, document
 from np_effects.patch import Patch, PatchEffect
 from np_effects.saying import Value
+from np_effects.view_effects import ViewEffects
 from np_sim_bridge.mujoco_engine import MujocoEngine
 
 
@@ -281,6 +282,26 @@ def test_a_table_that_was_felt_lower_is_not_taken_for_a_camera():
     )
     seen = seen_pose(recording, "push_1", over(CAMERA, -0.015))
     assert seen.position == pytest.approx([0.5, -0.14, 0.045], abs=3e-4)
+
+
+@pytest.mark.parametrize("hidden", [(), (4, 5), (4, 5, 6)])
+def test_a_turned_camera_shows_an_object_off_by_the_same_whichever_corners_are_seen(hidden):
+    """To such a camera an object that lies flat looks tilted: a free pose would be elsewhere, and only where all its corners are seen."""
+    turned = Patch((PatchEffect("camera_extrinsics", "camera", {"turn_x": 0.0128, "turn_y": -0.0244}),))
+    lain = Pose(np.array([0.5, -0.14, 0.045]), yaw_quaternion(np.asarray(0.3)))
+    corners = box_keypoints(np.asarray(BUMP.half_size), lain.position, lain.quaternion)
+    pixels = np.tile(ViewEffects(turned).camera.project(corners)[0], (30, 1, 1))
+    usable = np.ones((30, 8), bool)
+    usable[:, hidden] = False
+    state = np.arange(0, 1, 0.01)
+    joints = np.tile(NOMINAL.ready, (len(state), 1))
+    log = Log("turned", state, joints, 0 * joints, 0 * joints, state, False)
+    seen = seen_pose(
+        TaskRecording(log, Track("turned", np.arange(30) / 30, pixels, usable), 0.0, BUMP, {"push_1": (0.0, 1.0)}),
+        "push_1",
+    )
+    shown = CAMERA.at_height(CAMERA.rays(ViewEffects(turned).camera.project(lain.position[None])[0]), 0.045)[0]
+    assert seen.position[2] == pytest.approx(0.045, abs=1e-6) and seen.position[:2] == pytest.approx(shown, abs=0.003)
 
 
 def test_the_interval_of_a_share_knows_of_windows_that_differ():

@@ -43,8 +43,9 @@ def _pose(recording: TaskRecording, images: np.ndarray, name: str, camera: Camer
         scores[scores == 0] = GUESSED
         corners = np.where(np.isfinite(corners), corners, _medians(track.pixels[images]))
         scores *= np.isfinite(corners).all(axis=1)
-    try:
-        return estimate_pose(np.column_stack([np.nan_to_num(corners), scores]), recording.domain, camera=camera).pose
+    found = np.column_stack([np.nan_to_num(corners), scores])
+    try:  # it lies flat: to a camera that is turned it looks tilted, and of some pictures a free pose would be nearer, of others not
+        return estimate_pose(found, recording.domain, camera=camera, lies=True).pose
     except PoseError as error:
         raise ContractViolation(f"{name}: {error}") from error
 
