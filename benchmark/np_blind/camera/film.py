@@ -11,7 +11,6 @@ from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -117,6 +116,8 @@ class Film:
 
     def _project(self, points: np.ndarray, moment: float) -> np.ndarray:
         """Pixels (8, m, 2) of points (8, m, 3) m."""
+        import cv2  # slow, and a command's --help reaches this module
+
         seen, _ = cv2.projectPoints(
             points.reshape(-1, 1, 3), self._turn, self._shift, CAMERA.matrix, np.array(self._quirks.lens)
         )
