@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from np_blind.camera.film import SIGNS
 from np_description.domains import CARD, Domain
 from np_diagnosis.chain.view_stage.places import Place
 
-SIGNS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 MIDDLE = np.array([0.5, 0.0])  # m, about which a table tilts
 OPTICAL_X, FORWARD = (
     np.array([0.0, 1.0, 0.0]),

@@ -28,7 +28,7 @@ MOMENTS = 7  # of an exposure, whose pictures are averaged
 ROUNDS = 3  # in which a corner's row and its moment are found
 KEPT = 1.0  # s of poses, more than any latency
 LONGEST = 0.033  # s of an exposure at 30 Hz
-SIGNS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+SIGNS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)  # of a box's corners, (8, 3)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from np_blind.camera.boxes import Truth, put_down
 from np_blind.chain.answering import answered, publish
 from np_blind.chain.cases import Case, draw
 from np_blind.chain.figures import rates
-from np_description.camera import CAMERA
+from np_description.camera import CAMERA, Camera
 from np_description.domains import BUMP, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
@@ -32,10 +32,8 @@ from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.view_effects import ViewEffects
 
 COUNT, RESTS, RATE = 8, 3.0, 30  # places; s at each; images a second
-HIDDEN, SETTLED = (
-    1.0,
-    0.4,
-)  # s between two places, of which there is no image, and s before the next from which on the object lies there
+HIDDEN = 1.0  # s between two places, of which there is no image
+SETTLED = 0.4  # s before the next from which on the object lies there
 MARGIN = 4.0  # px of the picture's edge within which no corner is
 MEASURED = 5e-4, np.radians(0.15)  # m and rad, standard deviations of a pose that is measured
 PICTURE = "camera_extrinsics"
@@ -61,13 +59,13 @@ def is_settled(case: Case, named: list[list[str]]) -> bool:
 def recorded(case: Case, seed: int) -> list[Place]:
     """The places, each with the pose that was measured."""
     rng = np.random.default_rng([seed, case.number, 11])
-    film = case.film(seed * 1000 + case.number)
+    film, camera = case.film(seed * 1000 + case.number), ViewEffects(case.patch, CAMERA).camera
     half, lift = np.asarray(case.domain.half_size), case.patch.scene_change().lift
     scene = Scene(Truth(height=lift, size=case.longer), domain=BUMP)
     images, poses = [], []
     for number in range(COUNT):
         corners = np.full((8, 3), np.inf)
-        while not _is_inside(corners, case):
+        while not _is_inside(corners, camera):
             _, middle, turn = put_down(scene, scene.truth, rng)
             corners = box_keypoints(half, middle, wxyz_from_xyzw(turn.as_quat()))
         lies = Pose(middle, wxyz_from_xyzw(turn.as_quat()))
@@ -82,10 +80,10 @@ def recorded(case: Case, seed: int) -> list[Place]:
     return [_measured(place, *poses[at.start], rng) for place, at in places(track, BUMP)]
 
 
-def _is_inside(corners: np.ndarray, case: Case) -> bool:
+def _is_inside(corners: np.ndarray, camera: Camera) -> bool:
     if not np.isfinite(corners).all():
         return False
-    seen = ViewEffects(case.patch, CAMERA).camera.project(corners)[0]
+    seen = camera.project(corners)[0]
     return bool(((seen > MARGIN) & (seen < np.array([CAMERA.width, CAMERA.height]) - MARGIN)).all())
 
 

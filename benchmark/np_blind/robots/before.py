@@ -27,15 +27,9 @@ def play_before(robots: Sequence[Robot], judging: Judging, queue: Queue) -> list
                 believed, own, others = (future.result() for future in (nominal, *asked))
             except TimeOver:  # what was played is kept
                 continue
-            engine = {"nominal": succeeds(believed[f"{robot.domain}_physx"]), "before": succeeds(own)}
-            loss = mean_and_interval(np.subtract(engine["nominal"], engine["before"], dtype=float))
-            rows.append(
-                {
-                    "robot": robot.number,
-                    "loss": loss,
-                    **ablations(robot, judging, believed[f"{robot.domain}_physx"], others),
-                }
-            )
+            scores = believed[f"{robot.domain}_physx"]
+            loss = mean_and_interval(np.subtract(succeeds(scores), succeeds(own), dtype=float))
+            rows.append({"robot": robot.number, "loss": loss, **ablations(robot, judging, scores, others)})
     return rows
 
 

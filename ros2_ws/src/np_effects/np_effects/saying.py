@@ -36,9 +36,8 @@ class Value:
             scale = scale if self.value >= 0 else -scale
         value, (low, high) = scale * self.value, sorted((scale * self.low, scale * self.high))
         digits = _digits(high - low, value)
-        said, lowest, highest = (
-            f"{round(number, digits) + 0.0:.{digits}f}" for number in (value, low, high)
-        )  # no "-0.0"
+        # Adding 0.0 turns -0.0 into 0.0.
+        said, lowest, highest = (f"{round(number, digits) + 0.0:.{digits}f}" for number in (value, low, high))
         return f"{said} {unit} ({lowest} to {highest}){word}".replace("_", " ")
 
 

@@ -97,9 +97,8 @@ def way_of(recording: TaskRecording, images: np.ndarray, rest: Pose, ahead: np.n
             return (project(x) - seen)[usable].ravel()
 
         x, weights = np.zeros(3), np.ones(2 * usable.sum())
-        for _ in range(
-            5
-        ):  # Gauss and Newton: the picture is nearly a plane; a corner that is found wrongly counts less
+        # Gauss and Newton: the picture is nearly a plane; a corner that is found wrongly counts less.
+        for _ in range(5):
             here = off(x)
             columns = np.column_stack([(off(x + STEP * unit) - here) / STEP for unit in np.eye(3)])
             x = x - np.linalg.lstsq(columns * weights[:, None], here * weights, rcond=None)[0]

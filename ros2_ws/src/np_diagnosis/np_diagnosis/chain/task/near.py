@@ -87,9 +87,8 @@ def _middles(recording: TaskRecording, camera: Camera, height: float) -> tuple[n
     seen = [c for c in range(COUNT) if track.usable[:, c].any()]
     if not known.any() or not seen:
         raise ContractViolation("the object is not seen")
-    corners = [
-        filled(track.time, track.pixels[:, c], track.usable[:, c]) for c in seen
-    ]  # all of them, or the middle goes
+    # All of them, or the middle goes.
+    corners = [filled(track.time, track.pixels[:, c], track.usable[:, c]) for c in seen]
     pixels = np.mean(corners, axis=0)[known]
     pixels = median_filter(pixels, size=(UNTOUCHED.window, 1), mode="nearest")  # a corner that is found wrongly
     return track.time[known] + recording.seen_from, camera.at_height(camera.rays(pixels), height)

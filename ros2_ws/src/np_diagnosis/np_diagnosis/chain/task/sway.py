@@ -51,10 +51,8 @@ def _swayed(recording: TaskRecording, name: str, camera: Camera) -> Led | None:
     ahead = np.linalg.svd(aside, full_matrices=False)[2][0]
     way = aside @ ahead
     goes = time[down][np.abs(way) > 0.1 * np.abs(way).max()]
-    begin, end = (
-        float(goes[0]) + SWAYS[0] / 2,
-        float(goes[-1]),
-    )  # where the object is within its play is known from the first turn on
+    # Where the object is within its play is known from the first turn on.
+    begin, end = float(goes[0]) + SWAYS[0] / 2, float(goes[-1])
     taken = recording.track.time + recording.seen_from
     images = np.flatnonzero((taken > begin) & (taken < min(end + LAG.within, leaves)))
     moved, turned = way_of(recording, images, rest, ahead, camera)
