@@ -1,6 +1,8 @@
 """The node `goal`: one task for a real robot."""
 
 import json
+import os
+import signal
 from itertools import product
 
 import numpy as np
@@ -56,6 +58,33 @@ def test_a_goal_ends_when_the_episode_has_it_and_not_before(graph, probe):
     state = joint_state_message(0, STATE_NAMES, [*NOMINAL.ready, 0, 0], np.zeros(9), np.zeros(9))
     probe.wait_until(lambda: graph.ended("goal") or probe.publish("joint_states", state), what="its end")
     assert len(seen) == 2 and seen[0].data != seen[1].data
+
+
+def test_a_goal_of_before_that_arrives_late_is_refused(graph, probe):
+    """What is latched comes when its publisher is found: here of one that stands still while the next goal is given."""
+    probe.advertise("joint_states", JointState)
+    graph.run("np_bringup", "goal", {"x": 0.45, "y": 0.1, "stay": True, "limit": 3600.0})
+    goals = probe.collect("goal_pose", PoseStamped, qos.LATCHED)
+    state = joint_state_message(7_000_000, STATE_NAMES, [*NOMINAL.ready, 0, 0], np.zeros(9), np.zeros(9))
+    probe.wait_until(lambda: goals or probe.publish("joint_states", state), what="the first goal")
+    os.kill(graph.pid("goal"), signal.SIGSTOP)
+    try:
+        taken = probe.collect("goal_keypoints", PointCloud2, qos.LATCHED)
+        graph.run("np_policy", "episode", {"mode": "realtime"})
+        other = goal_pose(CARD, 0.5, -0.1, 0.0)
+        message = pose_message(9_000_000, BASE_FRAME, other.position, other.quaternion)
+        probe.publish("goal_pose", message, qos.LATCHED)
+        probe.wait_until(lambda: taken, what="the newer goal to be taken")
+    finally:
+        os.kill(graph.pid("goal"), signal.SIGCONT)
+    said = probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
+
+    def refused() -> bool:
+        own = [status for array in said for status in array.status if status.name.lstrip("/") == "episode"]
+        return any(pair.key == "refused_order" for status in own for pair in status.values)
+
+    probe.wait_until(refused, what="the late goal to be refused")
+    assert [stamp_nanoseconds(goal.header.stamp) for goal in taken] == [9_000_000]
 
 
 def test_a_goal_that_nobody_takes_ends_with_words(graph, probe):

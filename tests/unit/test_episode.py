@@ -310,6 +310,21 @@ def test_a_reset_ends_the_episode_and_the_next_needs_a_new_goal_in_lockstep():
     assert episode.awaits == "goal_pose"
 
 
+@pytest.mark.parametrize("stamp", [TICK, 5 * TICK])
+def test_a_goal_that_was_in_force_before_the_present_one_is_refused(stamp):
+    """Latched, of a backend that is found after whoever gave the newer goal."""
+    episode = make(lockstep=False)
+    episode.goal(5 * TICK, GOAL, sent=200)
+    episode.start()
+    episode.keypoints(6 * TICK, keypoints())
+    with pytest.raises(Refused, match="sent before the one of 500000000 ns"):
+        episode.goal(stamp, START, sent=100)
+    assert episode.phase == "pre"
+    # A backend that was restarted, or a computer whose clock is behind: not late.
+    for later, sent in ((TICK, 300), (2 * TICK, 50)):
+        assert [event.stamp for event in episode.goal(later, START, sent) if isinstance(event, Goal)] == [later]
+
+
 def test_in_real_time_the_same_goal_may_be_tried_again():
     episode = make(lockstep=False)
     episode.goal(TICK, GOAL)

@@ -86,6 +86,7 @@ class Episode:
         """Error of the object's estimated pose, m and rad; NaN where there is none."""
         self._goal: Goal | None = None
         self._goal_pose: Pose | None = None
+        self._goal_sent = 0
         self._goal_used = False
         self._fault = ""
         self._newest: tuple[int, np.ndarray | None] | None = None
@@ -130,16 +131,23 @@ class Episode:
             raise Refused(f"no episode is under way, the phase is {self.phase}")
         return self._fail("stopped on request")
 
-    def goal(self, stamp: int, pose: Pose) -> list[Event]:
-        """A new task: the object's goal from stamp ns on. Raises ValueError for a goal behind the camera."""
+    def goal(self, stamp: int, pose: Pose, sent: int = 0) -> list[Event]:
+        """A new task: the object's goal from stamp ns on; sent: when it was published, ns of the system's clock.
+
+        Raises ValueError for a goal behind the camera, Refused for one that was in force before the present one: what is
+        latched comes when its publisher is found, which may be after somebody gave a newer goal.
+        """
         goal = Goal(stamp, project_keypoints(self.config.domain, pose, self.config.camera))
         before = self._goal
+        # Both: a backend that was restarted has earlier stamps, and another computer may have an earlier clock.
+        if before and stamp <= before.stamp and sent < self._goal_sent:
+            raise Refused(f"a goal of {stamp} ns, sent before the one of {before.stamp} ns that is in force")
         if before and not self._goal_used and stamp == before.stamp and (goal.keypoints == before.keypoints).all():
             return []  # said twice
         if before and stamp < before.stamp:  # a backend that was restarted: its time begins anew
             self._newest, self._last_tick = None, -1
         ended = self._fail("the task was reset") if self.is_active and self._begun else []
-        self._goal, self._goal_pose, self._goal_used = goal, pose, False
+        self._goal, self._goal_pose, self._goal_sent, self._goal_used = goal, pose, sent, False
         return [*ended, goal, *self._decide()]
 
     def keypoints(self, stamp: int, keypoints: np.ndarray | None) -> list[Event]:

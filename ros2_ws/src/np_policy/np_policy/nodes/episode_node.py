@@ -111,12 +111,14 @@ class EpisodeNode(Node):
         self.create_timer(0.1, self._on_timer)
         self._publish([PhaseState(self._episode.phase)])
 
-    def _on_goal(self, message: PoseStamped) -> None:
+    def _on_goal(self, message: PoseStamped, info: dict) -> None:
         try:
             pose = Pose(*pose_arrays(message, BASE_FRAME))
-            events = self._episode.goal(stamp_nanoseconds(message.header.stamp), pose)
+            events = self._episode.goal(stamp_nanoseconds(message.header.stamp), pose, info["source_timestamp"])
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
+        except Refused as error:
+            return self.diagnostics.refuse("order", error)
         except ValueError as error:
             return self.diagnostics.refuse("range", error)
         self._publish(events)
