@@ -135,21 +135,24 @@ def test_bad_states_are_counted_and_the_next_good_one_is_answered(start, state, 
     assert answers(probe) == [2 * PERIOD]
 
 
+def waits_for(probe, topic):
+    """Until the controller says that it waits for the topic, in its newest diagnostics."""
+
+    def said():
+        last = next((s for array in reversed(probe.messages["diagnostics"]) for s in array.status), None)
+        return last is not None and any(p.key == "waiting_for" and p.value == topic for p in last.values)
+
+    probe.wait_until(said, what=f"the controller to wait for {topic}")
+
+
 def test_a_tick_state_waits_for_tick_then_trajectory_then_target(start, state, probe):
     """Each input is sent only after the node has been shown not to answer without it."""
     start()
 
-    def waits_for(topic):
-        def said():
-            last = next((s for array in reversed(probe.messages["diagnostics"]) for s in array.status), None)
-            return last is not None and any(p.key == "waiting_for" and p.value == topic for p in last.values)
-
-        probe.wait_until(said, what=f"the controller to wait for {topic}")
-
     state(TICK)
-    waits_for("episode/tick")
+    waits_for(probe, "episode/tick")
     probe.publish("episode/tick", phase_message(PhaseState("approach"), TICK))
-    waits_for("joint_trajectory")
+    waits_for(probe, "joint_trajectory")
     assert answers(probe) == []
     goal = NOMINAL.ready + 0.02
     probe.publish("joint_trajectory", plan(TICK, [0.0, 0.05], goal), qos.EVENT)
@@ -162,9 +165,9 @@ def test_a_tick_state_waits_for_tick_then_trajectory_then_target(start, state, p
 
     state(2 * TICK)
     probe.publish("episode/tick", phase_message(PhaseState("post"), 2 * TICK))
-    waits_for("target_pose")
+    waits_for(probe, "target_pose")
     probe.publish("target_pose", pose_message(2 * TICK, BASE_FRAME, POSITION + [0, 0, 0.01], QUATERNION))
-    waits_for("target_gains")
+    waits_for(probe, "target_gains")
     assert answers(probe)[-1] == stamps[-1]
     probe.publish("target_gains", gains_message(GAINS))
     np.testing.assert_array_equal(answered(probe, 2 * TICK)[0], goal)  # not before the policy's latency
@@ -174,6 +177,27 @@ def test_a_tick_state_waits_for_tick_then_trajectory_then_target(start, state, p
     joints = answered(probe, 2 * TICK + 10 * PERIOD)[0]
     distance, angle = pose_distance(joints, POSITION + [0, 0, 0.01], ROTATION)
     assert distance < 1e-4 and angle < 1e-3
+
+
+def test_after_a_restart_of_the_backend_what_was_said_to_the_one_before_is_no_answer(start, state, probe):
+    """Its first episode begins at the same stamp, and the plan of before was made for another task."""
+    start()
+    state(TICK)
+    probe.publish("episode/tick", phase_message(PhaseState("approach"), TICK))
+    probe.publish("joint_trajectory", plan(TICK, [0.0, 1.0], NOMINAL.ready + 0.02), qos.EVENT)
+    answered(probe, TICK)
+    probe.messages["effort_command"].clear()
+    probe.messages["diagnostics"].clear()
+    state(0)
+    waits_for(probe, "episode/tick")
+    state(TICK)
+    goal = NOMINAL.ready - 0.02
+    probe.publish("episode/tick", phase_message(PhaseState("approach"), TICK))
+    probe.publish("joint_trajectory", plan(TICK, [0.0, 0.05], goal), qos.EVENT)
+    answered(probe, TICK)
+    for stamp in range(TICK + PERIOD, 2 * TICK, PERIOD):
+        state(stamp)
+    np.testing.assert_array_equal(answered(probe, 2 * TICK - PERIOD)[0], goal)
 
 
 def test_a_refused_target_is_an_answer_that_changes_nothing(start, state, probe):

@@ -371,10 +371,15 @@ INTERRUPTED = """
 import os, signal, sys
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
+from rclpy.utilities import get_default_context
 from np_ros.node import Diagnostics, run
 
 class Opens(Node):
     def __init__(self):
+        if "soon" in sys.argv:
+            os.kill(os.getpid(), signal.SIGINT)
+            while get_default_context().ok():
+                pass
         super().__init__("opens")
         self.diagnostics = Diagnostics(self)
         os.kill(os.getpid(), signal.SIGINT)
@@ -389,9 +394,11 @@ sys.exit(run(Opens))
 """
 
 
-def test_an_interrupt_while_a_node_is_made_waits_until_it_can_close_what_it_opened(graph):
+@pytest.mark.parametrize("when, said", [("late", "made\nclosed\n"), ("soon", "")])
+def test_an_interrupt_while_a_node_is_made_waits_until_it_can_close_what_it_opened(graph, when, said):
     environment = {**os.environ, **graph.environment, "ROS_DOMAIN_ID": str(graph.domain_id)}
     done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED], env=environment, capture_output=True, text=True, timeout=TIMEOUT
+        [sys.executable, "-c", INTERRUPTED, when], env=environment, capture_output=True, text=True, timeout=TIMEOUT
     )
-    assert (done.stdout, done.returncode) == ("made\nclosed\n", 0), done.stderr
+    assert (done.stdout, done.returncode) == (said, 0), done.stderr
+    assert "Traceback" not in done.stderr

@@ -327,6 +327,20 @@ def test_a_plan_that_got_lost_is_given_again(begin):
     assert backend.said("joint_trajectory")[0] == plan
 
 
+def test_a_backend_that_was_restarted_may_give_a_goal_of_the_same_stamp(begin):
+    """Each begins at 0 s and its first episode a tick later; the goal of 0 s is lost on who was busy meanwhile, for one is latched."""
+    backend = begin()
+    run_to_post(backend, 1)
+    for topic in ("goal_keypoints", "episode/tick"):
+        backend.said(topic).clear()
+    backend.goal(backend.tick(1))
+    backend.wait(lambda: backend.phase() == "failed: post: the task was reset")
+    backend.stand(backend.tick(1))
+    backend.see(backend.tick(1))
+    backend.start()
+    backend.wait(lambda: (backend.tick(1), "approach") in backend.ticks(), "the approach")
+
+
 def test_an_unreachable_pose_ends_in_failed_approach_with_the_reason(begin):
     backend = begin(position=(1.3, 0.0, 0.3))
     backend.goal(backend.tick(1))

@@ -43,10 +43,17 @@ class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
         self._period = policy_period_ns
         self._tick: tuple[int, PhaseState] | None = None
         self._trajectory: tuple[int, TrajectoryT | None] | None = None
-        self.begin()
+        self.begin(0)
 
-    def begin(self) -> None:
-        """A new beginning: drop what no stamp ties to a tick to come."""
+    def begin(self, stamp: int) -> None:
+        """A new beginning with the state of `stamp` ns: drop what no stamp ties to a tick to come.
+
+        What is of later than that was said to a backend that is no more: time waits for us, so nobody can be ahead.
+        """
+        if self._tick is not None and self._tick[0] > stamp:
+            self._tick = None
+        if self._trajectory is not None and self._trajectory[0] > stamp:
+            self._trajectory = None
         self._pose: tuple[int, PoseT | None] | None = None
         self._gains: tuple[GainsT | None] | None = None
         self._planned: tuple[str, str] | None = None  # phase and experiment whose trajectory has come

@@ -144,7 +144,7 @@ class Episode:
             raise Refused(f"a goal of {stamp} ns, sent before the one of {before.stamp} ns that is in force")
         if before and not self._goal_used and stamp == before.stamp and (goal.keypoints == before.keypoints).all():
             return []  # said twice
-        if before and stamp < before.stamp:  # a backend that was restarted: its time begins anew
+        if before and stamp <= before.stamp:  # a backend that was restarted: its time begins anew
             self._newest, self._last_tick = None, -1
         ended = self._fail("the task was reset") if self.is_active and self._begun else []
         self._goal, self._goal_pose, self._goal_sent, self._goal_used = goal, pose, sent, False

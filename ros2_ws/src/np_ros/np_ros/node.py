@@ -22,7 +22,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.duration import Duration
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NotInitializedException, ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
@@ -81,9 +81,9 @@ def run(
         spinner.spin() if spin is None else spin(node, spinner)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except RuntimeError:
+    except (RuntimeError, NotInitializedException):
         if rclpy.ok():
-            raise  # else a signal came while a callback ran: whatever it took or sent after that fails so
+            raise  # else a signal came: whatever is made, taken or sent after that fails so
     finally:
         if spinner is not None:
             spinner.close()

@@ -12,7 +12,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, PointCloud2
 
 from np_description.depths import Tally
 from np_description.domains import Domain, Pose
@@ -57,14 +57,17 @@ class Conductor(Participant):
         self._phases: list[PhaseState] = []
         self._poses: list[tuple[int, Pose]] = []
         self._goal: tuple[int, Pose] | None = None
+        self._in_force = -1  # stamp of the goal that `episode` has
         self._now = 0
         self._penetration, self._tally = Penetration(domain), Tally()
         self._heard: list[bytes] = []  # every state of the episode
         self._states: dict[int, bytes] = {}
         self._waiting: dict[int, Pose] = {}
         node, stream = self._node, qos.LOCKSTEP if lockstep else qos.REALTIME_SUBSCRIBER
-        node.create_subscription(DiagnosticArray, "episode/phase", self._receive_phase, qos.LATCHED)
+        # Each of several in a row: contacts are counted by them.
+        node.create_subscription(DiagnosticArray, "episode/phase", self._receive_phase, qos.RECORDER_LATCHED)
         node.create_subscription(PoseStamped, "goal_pose", self._receive_goal, qos.LATCHED)
+        node.create_subscription(PointCloud2, "goal_keypoints", self._receive_goal_keypoints, qos.LATCHED)
         node.create_subscription(PoseStamped, "object_pose", self._receive_pose, stream)
         node.create_subscription(DiagnosticArray, "episode/tick", self._receive_tick, stream)
         node.create_subscription(JointState, "joint_states", self._receive_state, stream, raw=True)
@@ -115,6 +118,8 @@ class Conductor(Participant):
             "goal_pose after the reset",
         )
         began, goal = self._goal
+        # A start that came before would begin with the goal of before.
+        self._wait(lambda: self._in_force == began, SERVICE_TIMEOUT, "goal_keypoints after the reset")
         self._phases.clear()
         self._tally = Tally()
         self._heard.clear()
@@ -153,10 +158,11 @@ class Conductor(Participant):
         return first_end(self._phases) is not None
 
     def _hear_out(self) -> None:
-        """Lockstep: time rests at an episode's end; take what came before, the last pose above all."""
-        deadline = time.monotonic() + (_QUIET if self._lockstep else 0.0)
-        while time.monotonic() < deadline:
-            self._spin_once()
+        """Lockstep: time rests at an episode's end; take what came before, however much, the last pose above all."""
+        heard = -1
+        while self._lockstep and len(self._poses) > heard:
+            heard = len(self._poses)
+            self.listen(_QUIET)
 
     def _receive_phase(self, message: DiagnosticArray) -> None:
         self._phases.append(phase_state(message))
@@ -164,6 +170,9 @@ class Conductor(Participant):
 
     def _receive_goal(self, message: PoseStamped) -> None:
         self._goal = stamp_nanoseconds(message.header.stamp), Pose(*pose_arrays(message, BASE_FRAME))
+
+    def _receive_goal_keypoints(self, message: PointCloud2) -> None:
+        self._in_force = stamp_nanoseconds(message.header.stamp)
 
     def _receive_pose(self, message: PoseStamped) -> None:
         self._now = stamp_nanoseconds(message.header.stamp)

@@ -109,7 +109,7 @@ class ControllerNode(Node):
             if self._is_fault:
                 self._controller.release()
             if self._controller.observe(stamp, q[:7], dq[:7]):
-                self._gate.begin()
+                self._gate.begin(stamp)
                 self._answered = None
                 if not self._waits:
                     self._following.begin()
