@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 from np_bringup.backends import REAL, SIMULATED
 from np_bringup.task_graph import task_graph
 from np_diagnosis.commands import excite
+from np_record.replay import Script
 from np_ros.domain import ros_domain_id
 from np_ros.newest import Newest
 from np_ros.node import SUBSCRIBERS, Diagnostics, parameter
@@ -194,6 +195,19 @@ def test_parameters_are_described_ranged_and_read_only(spun):
     assert not node.set_parameters([Parameter("rate", value=10.0)])[0].successful
 
 
+@pytest.mark.parametrize("given", [20, 20.0])
+def test_a_whole_number_will_do_for_a_real_one(graph, given):
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=graph.domain_id)
+    node = Node("kind", context=context, parameter_overrides=[Parameter("rate", value=given)])
+    try:
+        value = parameter(node, "rate", 30.0, "Images a second.", 1.0, 60.0)
+        assert (value, type(value)) == (20.0, float)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
 @pytest.mark.parametrize(
     "override, error, text",
     [
@@ -304,6 +318,17 @@ def test_a_graph_gives_its_nodes_only_parameters_that_they_have(keypoints, contr
         assert set(spec.parameters) <= known, spec.name
 
 
+@pytest.mark.parametrize("keypoints, controller", [("camera", "impedance"), ("truth", "osc")])
+def test_a_replay_starts_the_nodes_that_were_recorded(keypoints, controller):
+    asked = {"keypoints": keypoints, "controller": controller, "object": "sponge", "weights": "x", "seed": "3"}
+    information = {**asked, "domain": "bump", "mode": "lockstep", "calibration": "y"}
+    counts = {"camera/image_raw": 9} if keypoints == "camera" else {}
+    replayed = Script(SimpleNamespace(path="bag", information=information, counts=counts)).specs
+    answering = ("joint_impedance", "operational_space", "keypoint_detector", "pre_contact", "approach", "post_contact")
+    recorded = [spec for spec in task_graph(information) if spec.name in answering]
+    assert replayed == recorded and len(recorded) == (5 if keypoints == "camera" else 4)
+
+
 GIVEN = """
 import sys
 from rclpy.clock import Clock, ClockType
@@ -336,6 +361,24 @@ def test_a_parameter_that_a_node_does_not_have_is_refused_in_one_line(graph, giv
     said = done.stdout + done.stderr
     assert done.returncode == bool(refused), said
     assert said.endswith(refused) and said.count("\n") == bool(refused)
+
+
+@pytest.mark.parametrize(
+    "given, got",
+    [
+        (["mode:=realtime"], "mode:=realtime\n"),
+        (["--mode", "realtime", "--ros-args", "-p", "mode:=lockstep"], "--mode realtime\n"),
+        (["--ros-args", "-p", "mode=realtime"], "Couldn't parse parameter override rule: '-p mode=realtime'"),
+        (["--ros-args", "--once"], "['--once']\n"),
+    ],
+)
+def test_an_argument_that_nobody_reads_is_refused(graph, given, got):
+    environment = {**os.environ, **graph.environment, "ROS_DOMAIN_ID": str(graph.domain_id)}
+    command = [sys.executable, "-c", GIVEN, *given]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIMEOUT)
+    said = done.stdout + done.stderr
+    assert done.returncode == 1, said
+    assert "cannot start: expected --ros-args -p NAME:=VALUE ..., got " in said and got in said
 
 
 def test_a_domain_id_that_is_none_is_refused_in_one_line(capsys, monkeypatch, tmp_path):

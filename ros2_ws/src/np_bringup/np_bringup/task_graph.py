@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from np_bringup import backends
 from np_description.objects.choice import portable
+from np_ros.answering import CONTROLLERS, answering_nodes
 from np_ros.graph import LaunchArgument, NodeSpec, complete
 
-CONTROLLERS = {"impedance": "joint_impedance", "osc": "operational_space"}
 KEYPOINT_SOURCES = ("camera", "truth")
 LOOP_PRIORITY = 20
 """Priority of first-in-first-out scheduling of a simulated arm and its controller in real time."""
@@ -69,14 +69,12 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             raise ValueError(f"{name}: expected one of {', '.join(allowed)}, got {given[name]!r}")
     backends.check(given)
     elsewhere = {backends.REAL: backends.real_nodes, backends.OWN: backends.own_nodes}.get(given["backend"])
-    common = {"mode": given["mode"]}
     given["object"] = portable(given["domain"], given["object"])  # for the bag too, wherever that goes
-    named = {**common, "domain": given["domain"]}
-    seeing = {**named, "object": given["object"], "calibration": given["calibration"]}
-    learned = {**seeing, "weights": given["weights"], "controller": given["controller"]}
+    seeing = {key: given[key] for key in ("mode", "domain", "object", "calibration")}
     seed, image_rate, contacts = (_integer(given, name) for name in ("seed", "image_rate", "contacts"))
     from_camera = given["keypoints"] == "camera"
     effects = {"effects": given["effects"]} if given["effects"] else {}
+    answering = answering_nodes(given)
     simulated = [
         NodeSpec(
             backends.SIMULATORS.get(given["backend"], ""),
@@ -92,16 +90,14 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             },
             is_required=True,
         ),
-        NodeSpec("np_control", CONTROLLERS[given["controller"]], parameters=common),
+        answering["controller"],
     ]
     nodes = [
         *(elsewhere(given, CONTROLLERS[given["controller"]]) if elsewhere else simulated),
-        NodeSpec("np_perception", "keypoint_detector", parameters={**named, "weights": given["weights"]})
+        answering["keypoint_detector"]
         if from_camera
         else NodeSpec("np_perception", "keypoint_oracle", parameters={**seeing, "seed": seed, **effects}),
-        NodeSpec("np_policy", "pre_contact", parameters=learned),
-        NodeSpec("np_policy", "approach", parameters={**seeing, "seed": seed}),
-        NodeSpec("np_policy", "post_contact", parameters=learned),
+        *(answering[name] for name in ("pre_contact", "approach", "post_contact")),
         NodeSpec(
             "np_policy", "episode", parameters={**seeing, "backend": backends.node_name(given), "contacts": contacts}
         ),

@@ -17,10 +17,19 @@ from np_record.bag import BagError, Message, Recording
 from np_record.cdr import TYPESTORE
 from np_record.recorded_phases import phase_of
 from np_record.topics import BY_NAME
-from np_ros.graph import NodeSpec
+from np_ros.answering import answering_nodes
 
 BEFORE_TICK = ("keypoints", "gripper_command", "pre_contact_pose", "joint_trajectory", "approach/refusal")
 AFTER_TICK = ("target_gains", "target_pose", "effort_command")
+_UNSAID = {
+    "domain": "card",
+    "object": "default",
+    "calibration": "",
+    "weights": "",
+    "controller": "impedance",
+    "seed": "0",
+}
+"""Launch arguments of a recording that does not say them."""
 REQUIRED = ("joint_states", "goal_keypoints", "episode/phase", "episode/tick", "effort_command")
 
 
@@ -60,18 +69,10 @@ class Script:
         self._recording = recording
         self.from_camera = recording.counts.get("camera/image_raw", 0) > 0
         self.live = (*BEFORE_TICK, *AFTER_TICK) if self.from_camera else (*BEFORE_TICK[1:], *AFTER_TICK)
-        known = recording.information
-        task = {"mode": "lockstep", "domain": known.get("domain", "card")}
-        seeing = {**task, "calibration": known.get("calibration", "")}
-        learned = {**seeing, "weights": weights or known.get("weights", "")}
-        self.specs = [
-            NodeSpec("np_control", "joint_impedance", parameters={"mode": "lockstep"}),
-            NodeSpec("np_policy", "pre_contact", parameters=learned),
-            NodeSpec("np_policy", "approach", parameters={**seeing, "seed": int(known.get("seed", 0))}),
-            NodeSpec("np_policy", "post_contact", parameters=learned),
-        ]
-        if self.from_camera:
-            self.specs.append(NodeSpec("np_perception", "keypoint_detector", parameters=learned))
+        nodes = answering_nodes({**_UNSAID, **recording.information, **({"weights": weights} if weights else {})})
+        if not self.from_camera:
+            del nodes["keypoint_detector"]
+        self.specs = list(nodes.values())
         self.fed = [
             "joint_states",
             "goal_keypoints",

@@ -16,6 +16,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
+from itertools import takewhile
 from typing import TypeVar
 
 import rclpy
@@ -25,6 +26,7 @@ from rclpy.duration import Duration
 from rclpy.exceptions import NotInitializedException, ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from np_ros.domain import ros_domain_id, twins
 from np_ros.parameters import HELP, check_known, help_text
@@ -32,6 +34,7 @@ from np_ros.qos import EVENT
 from np_ros.spin import Spinner
 
 Value = TypeVar("Value", bool, int, float, str)
+_ARGUMENTS = "expected --ros-args -p NAME:=VALUE ..."
 
 
 def run(
@@ -44,8 +47,8 @@ def run(
     """Construct a node and spin it until SIGINT, SIGTERM or rclpy.shutdown(); the exit status of the process.
 
     `--help` prints its parameters and ends. A node that cannot start (ValueError, OSError or a refused parameter in its
-    constructor, a parameter that it does not know) ends with one line that says why and status 1; any other exception
-    is a bug and keeps its traceback. `destroy_node` is
+    constructor, a parameter that it does not know, an argument that is none) ends with one line that says why and status 1;
+    any other exception is a bug and keeps its traceback. `destroy_node` is
     called in every case, and is where a node flushes or brings to rest what it owns. `fast=False` uses
     rclpy's executor. `spin`: a loop of the node's own in place of the spinner's, calling its `spin_once`.
     """
@@ -68,7 +71,7 @@ def run(
         signal.signal(signal.SIGINT, interrupted)
         try:
             ros_domain_id()  # rclpy refuses a bad one with a traceback
-            rclpy.init(args=args)
+            _init(args)
             node = make_node()
             check_known(node)
         except (ValueError, OSError, ParameterException) as error:
@@ -91,6 +94,18 @@ def run(
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _init(args: Sequence[str] | None) -> None:
+    """rclpy.init; ValueError for arguments that rcl cannot read, and for what stands before `--ros-args`: rcl passes over
+    it (`--x 0.5`) or renames a topic by it (`x:=0.5`), and the node would start with its defaults."""
+    unread = [*takewhile(lambda given: given != "--ros-args", sys.argv[1:] if args is None else args)]
+    if unread:
+        raise ValueError(f"{_ARGUMENTS}, got {' '.join(unread)}")
+    try:
+        rclpy.init(args=args)
+    except RuntimeError as error:
+        raise ValueError(f"{_ARGUMENTS}, got {error}") from error
 
 
 def parameter(
@@ -117,6 +132,9 @@ def parameter(
             descriptor.floating_point_range = [FloatingPointRange(from_value=minimum, to_value=maximum)]
         else:
             descriptor.integer_range = [IntegerRange(from_value=minimum, to_value=maximum, step=1)]
+    overrides = getattr(node, "_parameter_overrides", {})
+    if isinstance(default, float) and name in overrides and overrides[name].type_ == Parameter.Type.INTEGER:
+        overrides[name] = Parameter(name, value=float(overrides[name].value))  # yaw:=0, which rclpy would refuse
     value = node.declare_parameter(name, default, descriptor).value
     if choices and value not in choices:
         raise ValueError(f"parameter {name}: expected one of {list(choices)}, got '{value}'")

@@ -14,12 +14,12 @@ from np_bringup.commands.episodes_asked import add_options, check_options, concl
 from np_bringup.evaluation import code_sha256, summary
 from np_bringup.playing import Request, play, play_part
 from np_bringup.results import Results, split
-from np_bringup.task_graph import CONTROLLERS
 from np_description.domains import DOMAINS, find_domain
 from np_description.objects.choice import DEFAULT, portable
 from np_description.objects.scenarios import COUNT
 from np_record.command import Progress, origin
 from np_record.workers import workers
+from np_ros.answering import CONTROLLERS
 
 IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change nothing
 
