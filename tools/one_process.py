@@ -3,6 +3,7 @@
     python tools/one_process.py --domains bump --object cube.yaml --tries 24 [--alone] [--keypoints camera]
 
 --alone: the contact is chosen as if the object had the size that the weights know. --effects: what arm, scene and view have besides.
+--contact: another law of contact than the domain's own; PhysX takes no more of it than friction.
 The last line printed is one JSON object.
 """
 
@@ -10,12 +11,14 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import torch
 
 from np_bringup.evaluation import summary
 from np_bringup.one_process import OneProcess
+from np_description.contact import CONTACTS
 from np_description.domains import DOMAINS
 from np_description.objects.choice import DEFAULT, domain_with, portable
 from np_effects.patch import Patch, load_patch
@@ -32,6 +35,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--contacts", type=int, default=1)
     parser.add_argument("--alone", action="store_true")
+    parser.add_argument("--contact", choices=list(CONTACTS), help="default: in which the domain's weights were trained")
     parser.add_argument("--effects", type=Path, help="patch.yaml")
     parser.add_argument("--weights", default="", help="folder of other weights")
     options = parser.parse_args()
@@ -40,8 +44,12 @@ def main() -> None:
     patch = load_patch(options.effects) if options.effects else Patch()
     (name,) = options.domains
     text = options.object if options.object == DEFAULT else portable(name, options.object)
-    played = OneProcess(domain_with(name, text), options.engine, patch=patch, **what)
+    domain = domain_with(name, text)
+    if options.contact:
+        domain = replace(domain, contact=replace(CONTACTS[options.contact], hand=domain.contact.hand))
+    played = OneProcess(domain, options.engine, patch=patch, **what)
     results = [played.play(number) for number in range(options.tries)]
+    what["contact"] = domain.contact.name
     print(json.dumps({"domain": name, "object": text, "engine": options.engine, **what, **summary(results)}))
 
 

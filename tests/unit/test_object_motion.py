@@ -59,7 +59,7 @@ def test_it_comes_to_rest_where_it_is_put(engine, contact, domain, name):
         made.step(ZERO, ZERO, 0.0)
     pose = made.object_pose()
     assert np.abs(made.configuration() - before)[9:].max() < 2e-5
-    assert 0 <= start.position[2] - pose.position[2] < 0.2 * travel(domain) + 1e-4
+    assert 0 <= start.position[2] - pose.position[2] < 0.2 * travel(domain) + 1.5e-4
     assert np.abs(pose.position - start.position)[:2].max() < 5e-4
     assert abs(pose.quaternion @ start.quaternion) > 1 - 1e-6
 

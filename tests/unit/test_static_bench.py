@@ -85,5 +85,5 @@ def test_the_summary_answers_each_question_of_theory():
 
 
 def test_another_contact_is_refused_by_name():
-    with pytest.raises(ValueError, match="expected one of soft, hard, got 'rigid'"):
+    with pytest.raises(ValueError, match="expected one of soft, hard, steady, got 'rigid'"):
         find_contact("rigid")

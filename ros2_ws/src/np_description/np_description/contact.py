@@ -1,6 +1,6 @@
 """Contact: which shapes, how rough, how hard, by which friction law. One definition for every engine, for training and for the bench.
 
-Two definitions stand side by side. `SOFT` is MuJoCo's default: a fingertip sinks millimetres into wood. `HARD` is as hard as a
+Three definitions stand side by side. `SOFT` is MuJoCo's default: a fingertip sinks millimetres into wood. `HARD` is as hard as a
 simulator steps at the same rate. A domain says in which of them its released weights were trained (`Domain.contact`). `STEADY` is HARD for what
 is to be compared with a recording.
 """
@@ -101,7 +101,7 @@ STEADY = replace(HARD, name="steady", hard=_GROWING, rubber=_GROWING, impratio=5
 thrown off, and touches in .4 of the steps what rubber stays on: it hops, and where it takes an object is chance. As hard as HARD at 20 N (.49 mm);
 friction is stiffer, since a softer first touch would let it creep (.04 mm/s at .9 of the load that slides)."""
 
-CONTACTS = {model.name: model for model in (SOFT, HARD)}
+CONTACTS = {model.name: model for model in (SOFT, HARD, STEADY)}
 
 
 def find_contact(name: str) -> ContactModel:
