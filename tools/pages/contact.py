@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pages.markdown import paragraph, table
+from pages.markdown import paragraph, rate, table
 
 
 def static_bench(data: Mapping) -> tuple[str, str]:
@@ -17,6 +17,29 @@ def static_bench(data: Mapping) -> tuple[str, str]:
         f"{name} {abs(part[creep]):.2g}" for name, part in columns.items() if name != "rigid theory"
     )
     return headline, body
+
+
+def laws(data: Mapping) -> tuple[str, str]:
+    """Headline and body of released policies under laws of contact: a row a domain and law, its failures in words."""
+    rows = [
+        (
+            played["domain"],
+            played["contact"],
+            f"{played['successes']} of {played['episodes']}",
+            rate(played["success"], played["ci95"]),
+            f"{played['duration_s']:.1f}",
+            f"{1e3 * played['distance_m']:.1f}",
+            "; ".join(f"task {one['number']}: {one['reason']}" for one in played["failed"]),
+        )
+        for played in data["played"]
+    ]
+    together = {
+        law: [sum(p[key] for p in data["played"] if p["contact"] == law) for key in ("successes", "episodes")]
+        for law in {played["contact"]: None for played in data["played"]}
+    }
+    headline = ", ".join(f"{law} {done} of {of}" for law, (done, of) in together.items())
+    columns = ("domain", "contact", "successes", "success, 95 % Wilson interval", "s, median", "mm off, median", "failed")
+    return headline, table(columns, rows)
 
 
 def pushes(data: Mapping) -> tuple[str, str]:

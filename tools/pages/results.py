@@ -61,6 +61,7 @@ KINDS: tuple[tuple[str, str, str, Callable[[Mapping], tuple[str, str]]], ...] = 
     ("identification_z1_delays", "", "identification", doctor.delays),
     ("identification_", "", "identification", doctor.identified),
     ("static_bench", "", "contact", contact.static_bench),
+    ("contact_laws", "", "contact", contact.laws),
     ("bench", "", "bench", speed.bench),
     ("throughput_", "", "bench", speed.throughput),
     ("soak", "", "endurance", endurance.soak),
