@@ -38,7 +38,15 @@ def laws(data: Mapping) -> tuple[str, str]:
         for law in {played["contact"]: None for played in data["played"]}
     }
     headline = ", ".join(f"{law} {done} of {of}" for law, (done, of) in together.items())
-    columns = ("domain", "contact", "successes", "success, 95 % Wilson interval", "s, median", "mm off, median", "failed")
+    columns = (
+        "domain",
+        "contact",
+        "successes",
+        "success, 95 % Wilson interval",
+        "s, median",
+        "mm off, median",
+        "failed",
+    )
     return headline, table(columns, rows)
 
 
