@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from graph_tools import TIMEOUT
+from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
@@ -278,13 +280,16 @@ def arm(start, state, probe):
 
 
 def say(probe, phase, reason=""):
+    """Two states later the node has heard it."""
     probe.publish("episode/phase", phase_message(PhaseState(phase, reason)), qos.LATCHED)
+    assert probe.advertise("episode/phase", DiagnosticArray).wait_for_all_acked(Duration(seconds=TIMEOUT))
 
 
 def test_the_end_of_an_episode_stops_an_arm_on_its_way_and_late_plans_are_refused(arm, probe):
     goal = NOMINAL.ready + 0.4
-    say(probe, "approach")
-    arm.step()
+    for phase in ("pre", "approach"):
+        say(probe, phase)
+        arm.step(2)
     probe.publish("joint_trajectory", plan(0, [0.0, 2.0], goal), qos.EVENT)
     arm.until(lambda joints: (joints > NOMINAL.ready + 0.1).all(), "the way")
     say(probe, "failed", "approach: stopped on request")
@@ -329,10 +334,23 @@ def test_after_a_fault_the_arm_is_held_again(arm, state, probe):
 
 def test_an_arm_that_comes_back_in_the_middle_of_an_episode_is_not_moved(arm, probe):
     """Its driver was restarted: the policy went on for the one before."""
-    say(probe, "post")
-    arm.step(10)
+    for phase in ("pre", "post"):
+        say(probe, phase)
+        arm.step(10)
     arm.stamp += 10**9
     arm.step()
+    is_left_alone(arm, probe)
+
+
+def test_a_controller_that_comes_in_the_middle_of_an_episode_moves_nothing(arm, probe):
+    """It was restarted, or was on board of a driver that was; the phase, latched, it hears after its first state."""
+    say(probe, "post")
+    arm.step(10)
+    is_left_alone(arm, probe)
+
+
+def is_left_alone(arm, probe):
+    """Whatever the policy asks for."""
 
     def refused(_):
         probe.publish("target_gains", gains_message(GAINS))

@@ -341,6 +341,19 @@ def test_a_backend_that_was_restarted_may_give_a_goal_of_the_same_stamp(begin):
     backend.wait(lambda: (backend.tick(1), "approach") in backend.ticks(), "the approach")
 
 
+def test_a_listener_that_asks_for_what_is_not_offered_holds_nobody_up(begin):
+    """It never hears anything, and is none."""
+    backend = begin()
+    backend.probe.node.create_subscription(PoseStamped, "pre_contact_pose", lambda _: None, qos.LATCHED)
+    backend.probe.wait_until_ready(set(NODES))
+    stamp = backend.tick(1)
+    backend.goal(stamp)
+    backend.stand(stamp)
+    backend.see(stamp)
+    backend.start()
+    backend.wait(lambda: (stamp, "approach") in backend.ticks(), "the approach")
+
+
 def test_an_unreachable_pose_ends_in_failed_approach_with_the_reason(begin):
     backend = begin(position=(1.3, 0.0, 0.3))
     backend.goal(backend.tick(1))

@@ -316,6 +316,22 @@ def test_an_arm_that_comes_back_in_the_middle_of_an_episode_is_not_moved():
     assert following.pose(0, forward_kinematics(READY)) is False
 
 
+@pytest.mark.parametrize("is_heard_first", [True, False])
+def test_a_driver_that_comes_in_the_middle_of_an_episode_follows_from_the_next_on(is_heard_first):
+    """The phase is latched: it may be heard before the first state or after it."""
+    following = Following(controller := Controller())
+    answers(controller, 1)
+    if is_heard_first:
+        following.enter("post")
+    following.begin()
+    following.enter("post")
+    with pytest.raises(Refusal, match="with the arm as it was"):
+        following.trajectory(quintic(READY + 0.3, 1.0))
+    following.enter("pre")
+    following.enter("approach")
+    following.trajectory(quintic(READY + 0.3, 1.0))
+
+
 def test_without_an_episode_everything_is_followed():
     following = Following(controller := Controller())
     answers(controller, 1)

@@ -29,22 +29,28 @@ class Following:
         self._gains: np.ndarray | None = None
         self.phase = ""
         self._is_open = True
+        self._is_new = False  # the arm's beginning, and no phase has been heard since
 
     def enter(self, phase: str) -> None:
         """The phase in force from now on. A new episode begins with a hold; at the end of one the arm comes to
         rest."""
         if phase == self.phase:
             return
-        self.phase, self._is_open = phase, phase not in ENDS
+        missed = self._is_new and phase in MOVING  # the start of this episode
+        self.phase, self._is_open, self._is_new = phase, not missed and phase not in ENDS, False
         if phase == PRE:
             self._controller.hold()
         elif phase in AT_REST:
             self._controller.stop()
 
     def begin(self) -> None:
-        """The arm is not where it was, as after a restart of what drives it: an episode under way moved another."""
+        """The arm is not where it was, as after a restart of what drives it: an episode under way moved another.
+
+        Without a phase yet, whether there is one says the first to come: it is latched, and heard when its publisher is found.
+        """
         if self.phase in MOVING:
             self._is_open = False
+        self._is_new = not self.phase
 
     def check_open(self) -> None:
         """Raises Refusal(state) where nothing is to be followed now."""

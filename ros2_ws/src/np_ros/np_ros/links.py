@@ -4,9 +4,23 @@ from __future__ import annotations
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from np_ros import qos
 from np_ros.node import SUBSCRIBERS
+
+
+def are_all(node: Node, topic: str, found: int) -> bool:
+    """Whether the subscribers that a publisher of `topic` has found, so many, are all who can hear it, as far as `node` knows.
+
+    One that asks for more than is offered (what is latched, of what is not) is never found and hears nothing.
+    """
+    if found >= node.count_subscribers(topic):
+        return True
+    offered = [publisher.qos_profile for publisher in node.get_publishers_info_by_topic(topic)]
+    asked = [subscriber.qos_profile for subscriber in node.get_subscriptions_info_by_topic(topic)]
+    deaf = (all(qos_check_compatible(o, a)[0] == QoSCompatibility.ERROR for o in offered) for a in asked)
+    return bool(offered) and found >= len(asked) - sum(deaf)
 
 
 class Links:
@@ -26,7 +40,7 @@ class Links:
         """Whether the named nodes are up and every publisher, `node`'s too, has found every subscriber."""
         own = {p.topic_name: p.get_subscription_count() for p in self._node.publishers}
         return names <= set(self._found) and all(
-            count >= self._node.count_subscribers(topic)
+            are_all(self._node, topic, count)
             for counts in (own, *self._found.values())
             for topic, count in counts.items()
         )

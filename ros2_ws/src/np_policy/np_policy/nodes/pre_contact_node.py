@@ -17,6 +17,7 @@ from np_policy.action import PolicyError
 from np_policy.contract import PRE_CONTACT, weights_file
 from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, report_weights, subscribe_keypoints
 from np_ros import qos
+from np_ros.links import are_all
 from np_ros.messages import BadMessage, pose_message
 from np_ros.node import Diagnostics, run
 from np_ros.phases import phase_state
@@ -117,10 +118,8 @@ class PreContactNode(Node):
 
     def _is_heard(self) -> bool:
         """Whether everybody that listens would get what is published now: it is not sent twice without being asked."""
-        return all(
-            0 < self.count_subscribers(publisher.topic_name) <= publisher.get_subscription_count()
-            for publisher in (self._gripper, self._pose)
-        )
+        found = {each.topic_name: each.get_subscription_count() for each in (self._gripper, self._pose)}
+        return all(count > 0 and are_all(self, topic, count) for topic, count in found.items())
 
 
 def main(args: list[str] | None = None) -> int:
