@@ -40,13 +40,21 @@ def tabled(data: Mapping) -> tuple[str, str]:
     )
     body = table(head, rows)
     body += "\n## Together\n\n" + table(
-        ("rows of", "episodes", "success, 95 % Wilson interval", *first, "the paper's of the same rows"),
+        (
+            "rows of",
+            "episodes",
+            "success, 95 % Wilson interval",
+            *first,
+            "of these not declared",
+            "the paper's of the same rows",
+        ),
         (
             (
                 _whose(name),
                 one["episodes"],
                 rate(one["success"], one["ci95"]),
                 *([_first(one)] if again else []),
+                one["missed"],
                 _papers(data["rows"], *name.split(" ")),
             )
             for name, one in data["totals"].items()
