@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from np_description.domains import CARD, Pose, sample_task
+from np_description.domains import BUMP, CARD, WALL, Pose, sample_task
 from np_description.phases import PhaseState
 from np_perception.pose_estimation import project_keypoints
 from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, EpisodeConfig, Goal, Refused, Tick
@@ -208,6 +208,24 @@ def test_the_edge_of_the_tolerance_is_success_only_when_the_time_is_over():
     for i in range(7, 11):
         assert ticks(late.keypoints(i * TICK, keypoints(edge if i > 9 else START)))
     assert phases(late.keypoints(11 * TICK, keypoints(edge))) == ["failed: post: timeout"]
+
+
+HIDDEN = [[-0.3, 1.9], [-0.2, 1.9], [0.7, 1.9], [0.7, 1.8], [-0.1, -0.2], [0.0, -0.3], [0.1, 0.0], [0.2, 0.0]]
+"""px by which a detector found a card's corners off with the hand over four of them: as if it were tilted by .14 rad."""
+
+
+def test_what_is_only_slid_lies_though_hidden_corners_make_it_look_tilted():
+    episode = in_post(success_frames=3)
+    points = keypoints(GOAL)
+    points[:, :2] += HIDDEN
+    for i in (7, 8):
+        assert ticks(episode.keypoints(i * TICK, points))
+    assert episode.angle < 0.03
+    assert phases(episode.keypoints(9 * TICK, points)) == ["succeeded"]
+
+
+def test_what_may_be_tumbled_is_taken_as_it_looks():
+    assert [domain.is_tumbled for domain in (CARD, BUMP, WALL)] == [False, True, True]
 
 
 def test_a_lost_object_ends_post():

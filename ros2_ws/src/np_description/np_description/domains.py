@@ -97,6 +97,12 @@ class Domain:
         return replace(self, object=None)
 
     @property
+    def is_tumbled(self) -> bool:
+        """Whether the goal may have the object on another face than the start; what is not lies on one face all the time."""
+        regions = (self.start, *self.goals)
+        return any(r.quarter_turns for r in regions) or len({r.pitch for r in regions}) > 1
+
+    @property
     def mass(self) -> float:
         """Object mass in kg."""
         return self.density * 8 * float(np.prod(self.half_size))

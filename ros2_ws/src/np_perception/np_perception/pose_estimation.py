@@ -21,6 +21,7 @@ from np_description.rotations import cross, matrix_from_vector, quaternion_from_
 FARTHEST = 3.0  # m; the camera is about 1 m from the workspace
 MIN_POINTS = 6
 FLOOR = -0.01  # m, height below which no corner of an object can be; the table's own is known to some millimetres
+LIES = 2.0  # px: corners behind the hand are found that far off, side by side, so that a tilt explains them better
 _GOOD = 1.0  # px, error of a fit that needs no second look
 _HUBER = 1.5  # px, residual from which a keypoint counts less
 _ITERATIONS = 30
@@ -69,13 +70,13 @@ def estimate_pose(
     max_rms: float = 4.0,
     camera: Camera = CAMERA,
     floor: float = -np.inf,
-    lies: bool = False,
+    lies: float = 0.0,
 ) -> PoseEstimate:
     """The object's pose from keypoints (8, 3): u px, v px, score 0..1, in the order of np_description.keypoints.
 
     min_score: keypoints below it are left out; max_rms px: a worse fit is refused; floor m: no corner is lower, so that of two
-    corners that are off by 3 px no card is taken to be 3 cm below the table; lies: it rests on a face, whatever explains the keypoints
-    better. Raises PoseError with fewer than MIN_POINTS usable
+    corners that are off by 3 px no card is taken to be 3 cm below the table; lies px: a pose in which it rests on a face is taken
+    where it is no worse than that, whatever explains the keypoints better. Raises PoseError with fewer than MIN_POINTS usable
     keypoints or without a pose that explains them.
     """
     keypoints = np.asarray(keypoints, float)
@@ -94,8 +95,9 @@ def estimate_pose(
     starts = sorted(((*start, fit.rms(*start)) for start in starts), key=_rms)
     near = [start for start in starts[:2] if start[2] <= 2 * starts[0][2] + _GOOD]
     resting = _best(fit.refine(*start[:2], planar=True) for start in near)
-    free = resting if lies else fit.refine(*resting[:2], planar=False)
-    if not lies and (resting[2] > _GOOD or not _explains(resting, free)):  # or both are in a wrong valley
+    does_lie = resting[2] <= lies
+    free = resting if does_lie else fit.refine(*resting[:2], planar=False)
+    if not does_lie and (resting[2] > _GOOD or not _explains(resting, free)):  # or both are in a wrong valley
         free = _best([free, *(fit.refine(*start, planar=False) for start in fit.free_starts())])
     lowest = (box_keypoints(domain.half_size, free[0], quaternion_from_matrix(free[1])))[:, 2].min()
     is_resting = _explains(resting, free) or (lowest < floor and resting[2] <= max_rms)

@@ -15,7 +15,15 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, is_lost, is_success, pose_error
 from np_description.phases import ACTIVE, APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED, PhaseState
-from np_perception.pose_estimation import FLOOR, MIN_POINTS, PoseError, are_enough, estimate_pose, project_keypoints
+from np_perception.pose_estimation import (
+    FLOOR,
+    LIES,
+    MIN_POINTS,
+    PoseError,
+    are_enough,
+    estimate_pose,
+    project_keypoints,
+)
 
 SECOND = 1_000_000_000
 
@@ -275,7 +283,9 @@ class Episode:
         try:
             if keypoints is None:
                 raise PoseError(f"fewer than {MIN_POINTS} usable keypoints")
-            how = {"min_score": config.min_score, "camera": config.camera, "floor": FLOOR}
+            # What is only slid lies, and is not tilted because corners behind the hand are found a little off.
+            lies = 0.0 if config.domain.is_tumbled else LIES
+            how = {"min_score": config.min_score, "camera": config.camera, "floor": FLOOR, "lies": lies}
             pose = estimate_pose(keypoints, config.domain, **how).pose
         except PoseError as error:
             self.distance = self.angle = float("nan")
