@@ -7,7 +7,8 @@ from collections import deque
 import numpy as np
 
 from np_control.dynamics import Dynamics
-from np_control.kinematics import forward_kinematics, jacobian
+from np_control.kinematics import forward_kinematics
+from np_control.safety import tip_force
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain
 from np_diagnosis.experiments.task.suite import Situation
@@ -49,9 +50,7 @@ class Witness:
         self._lowest = height if self._lowest is None else min(self._lowest, height)
         if np.abs(dq).max() >= SLOW:  # only what presses counts: on its way a fast arm takes forces of its own
             return ""
-        excess = torque - self._dynamics.coriolis(q, dq)
-        force = np.linalg.lstsq(jacobian(q)[:3].T, excess, rcond=None)[0]
-        size = float(np.linalg.norm(force))
+        size = float(np.linalg.norm(tip_force(q, torque - self._dynamics.coriolis(q, dq))))
         return f"the hand presses with {size:.0f} N; up to {HARDEST:g} are allowed" if size > HARDEST else ""
 
     def situation(self, q: np.ndarray) -> Situation:
