@@ -331,9 +331,7 @@ class Controller:
         stiffness, ratio = self._gains
         feedforward = self._dynamics.feedforward(state.q, state.dq, acceleration)
         position = self._position
-        if (
-            self._target is None
-        ):  # a policy's targets lead by no more than its actions do, and it was trained with the law as it is
+        if self._target is None:  # the law of a policy's targets is the one it was trained with
             position, velocity = self._within_press(state, position, velocity)
         target = position if velocity is _REST else lead(position, velocity, stiffness, ratio)
         return impedance_torque(state.q, state.dq, target, stiffness, ratio, feedforward), position, velocity

@@ -17,7 +17,9 @@ from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, 
 
 IMAGES = 8  # of which the median is taken
 SCORE = 0.3  # of a corner that counts
-HARDEST = 90.0  # N, at which an experiment is broken off: below what a Franka's own reflexes are usually set to
+HARDEST = 90.0
+"""N, at which an experiment is broken off: the last resort. Our controller presses with 30 N at most (`np_control.safety.press`), and a tap that
+brakes reads as 50."""
 SLOW = 0.1  # rad/s, of the fastest joint of an arm that presses
 
 
