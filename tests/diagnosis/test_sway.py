@@ -61,7 +61,7 @@ def recorded(late=0.0, follows=1.0, behind=0.0, noise=0.15, seed=1):
 
 def test_a_swing_is_a_sinusoid_that_begins_and_ends_at_rest():
     begin, way = np.array([0.5, 0.1, 0.13]), np.array([0.012, 0.0, 0.0])
-    made = segment("swing", NOMINAL.ready, begin, [Swing(way, 1.6, 4, rest=0.5)], 0.0)
+    made = segment("swing", begin, [Swing(way, 1.6, 4, rest=0.5)], 0.0)
     along = np.array([tip_of(q)[0] for q in made.positions]) - begin[0]
     time = made.times
     whole = (time > 0.9) & (time < 5.5)
@@ -81,7 +81,7 @@ def test_an_object_that_would_rock_is_not_swayed():
     with pytest.raises(StopIteration):
         planned(BUMP, TALL)
     with pytest.raises(OutOfReach, match="would rock"):
-        sway("sway", NOMINAL.ready, Lain.of(BUMP, TALL), Room(BUMP, CAMERA), 0.09)
+        sway("sway", Lain.of(BUMP, TALL), Room(BUMP, CAMERA), 0.09)
 
 
 @pytest.mark.parametrize("late", [0.0, 0.12])

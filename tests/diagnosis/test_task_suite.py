@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from np_control.kinematics import forward_kinematics
+from np_control.impedance import STIFFNESS_MAX
+from np_control.kinematics import forward_kinematics, jacobian
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, Pose
 from np_description.hand import FLAT_HAND
@@ -16,8 +17,8 @@ from np_diagnosis.chain.explanations import Measured, explain
 from np_diagnosis.chain.force.readings import Reading
 from np_diagnosis.chain.force.slide import Slide, slows
 from np_diagnosis.chain.force.stage import Believed, hops, judge
-from np_diagnosis.experiments.task.contacts import DEEPER, SLOW
-from np_diagnosis.experiments.task.path import Leg, OutOfReach, segment, tip_of
+from np_diagnosis.experiments.task.contacts import DEEPER, SLOW, touch
+from np_diagnosis.experiments.task.path import Leg, OutOfReach, joined, segment, tip_of
 from np_diagnosis.experiments.task.room import Lain, Room
 from np_diagnosis.experiments.task.suite import FAMILIES, Situation, sides_with_room, task_suite
 from np_diagnosis.experiments.task.tip import BEYOND, CORNERS, EDGE, RADIUS, leading_yaw, upright
@@ -92,12 +93,27 @@ def test_an_unknown_family_is_refused_by_name():
 
 def test_a_path_leads_the_tip_straight_and_out_of_reach_is_said():
     begin, end = np.array([0.5, 0.1, 0.13]), np.array([0.5, 0.1, 0.03])
-    made = segment("down", NOMINAL.ready, begin, [Leg(end, 0.1)], 0.3)
+    made = segment("down", begin, [Leg(end, 0.1)], 0.3)
     tips = np.array([tip_of(q) for q in made.positions])
     assert np.allclose(tips[:, :2], begin[:2], atol=1e-3) and tips[-1, 2] == pytest.approx(0.03, abs=5e-4)
     assert np.allclose(forward_kinematics(made.positions[-1])[1], upright(0.3), atol=5e-3)
     with pytest.raises(OutOfReach, match="far: the tip cannot be at"):
-        segment("far", NOMINAL.ready, np.array([1.2, 0.0, 0.1]), [Leg(np.array([1.2, 0.0, 0.05]), 0.1)], 0.0)
+        segment("far", np.array([1.2, 0.0, 0.1]), [Leg(np.array([1.2, 0.0, 0.05]), 0.1)], 0.0)
+
+
+@pytest.mark.parametrize("place", [(0.42, -0.13), (0.42, 0.3), (0.5, -0.14), (0.6, 0.0)])
+def test_a_touch_finds_the_arm_no_stiffer_for_what_it_did_before(place):
+    """The elbow stays over the line from the base to the tip; aside, 8 mm below a surface press with 113 N."""
+    q, elsewhere = NOMINAL.ready, [np.array([x, y]) for y in (-0.3, 0.3) for x in (0.62, 0.42)]
+    for before in elsewhere:
+        q = joined(q, [touch("before", before, 0.0, 0.0)])[-1].positions[-1]
+    made = joined(q, [touch("touch", np.array(place), 0.0, 0.0)])[-1]
+    deepest = min(made.positions, key=lambda q: tip_of(q)[2])
+    linear = jacobian(deepest)[:3]
+    lead = np.array([0.0, 0.0, -DEEPER])
+    assert abs(deepest[2]) < 0.2
+    assert np.linalg.norm(np.linalg.solve(linear / STIFFNESS_MAX @ linear.T, lead)) < 50  # N
+    assert np.linalg.svd(linear, compute_uv=False)[-1] > 0.2  # m, the least lever
 
 
 @pytest.mark.parametrize("angle", np.linspace(-3, 3, 7))

@@ -34,7 +34,7 @@ def way(names):
     q, segments = NOMINAL.ready, [still("view", NOMINAL.ready, 3.0)]
     for name in names:
         place, surface = (ELSEWHERE, 0.0) if name.startswith("touch_table") else (LAIN.position[:2], TOP)
-        segments += joined(q, [contacts.touch(name, q, place, surface, 0.0)])
+        segments += joined(q, [contacts.touch(name, place, surface, 0.0)])
         q = segments[-1].positions[-1]
         segments.append(still("transfer", q, 2.5))
     begins = np.cumsum([0.0, *(one.duration for one in segments)]).tolist()

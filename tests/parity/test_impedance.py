@@ -24,7 +24,7 @@ from np_franka.onboard import Onboard
 
 TOLERANCE = 1e-5  # Nm
 # Only the torque limit is left: what the other guards do to a torque is theirs to test.
-UNGUARDED = replace(LIMITS, velocity=np.full(7, 1e12), torque_rate=1e12, wall_rate=1e15)
+UNGUARDED = replace(LIMITS, velocity=np.full(7, 1e12), torque_rate=1e12, wall_rate=1e15, press=np.inf)
 DYNAMICS = Dynamics()
 # What is the same input to all must be a number in single precision, in which training keeps its states.
 unit = arrays(np.float32, 7, elements=st.floats(0, 1, width=32))

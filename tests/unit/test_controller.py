@@ -1,15 +1,18 @@
 """The controller in closed loop with MuJoCo, and its rules on targets, beginnings and repetitions."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 
 from np_control.controller import Controller, ControllerConfig
 from np_control.following import Following
 from np_control.impedance import DAMPING_RATIO_MAX, STIFFNESS_MAX, STIFFNESS_MIN
-from np_control.kinematics import forward_kinematics, pose_distance
+from np_control.kinematics import forward_kinematics, pose_distance, solve_ik
 from np_control.safety import LIMITS, Reason, Refusal, SafetyFilter, State
 from np_control.tick_gate import TickGate
 from np_control.trajectory import make_trajectory
@@ -17,6 +20,7 @@ from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.phases import PhaseState
 from np_description.scene import load_model
+from np_diagnosis.experiments.task.tip import BEYOND
 
 PERIOD = LIMITS.period_ns
 READY = NOMINAL.ready
@@ -26,14 +30,16 @@ SOFT = STIFFNESS_MIN, np.ones(7)
 
 
 class Arm:
-    """The simulated arm behind a safety filter, one period at a time."""
+    """The simulated arm behind a safety filter, one period at a time; q: where it begins, its ready posture where None."""
 
-    def __init__(self, controller, contacts=False):
+    def __init__(self, controller, contacts=False, q=None):
         self.model = load_model(CARD)
         if not contacts:
             self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.data = mujoco.MjData(self.model)
         mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
+        if q is not None:
+            self.data.qpos[:7] = self.data.ctrl[:7] = q
         self.controller = controller
         self.safety = SafetyFilter()
         self.safety.start(self.q)
@@ -82,6 +88,55 @@ def test_a_trajectory_is_tracked_within_5_mrad_and_ends_at_rest(seed):
     assert np.abs(errors).max() < 5e-3
     assert np.abs(arm.q - goal).max() < 3e-3 and np.abs(arm.dq).max() < 5e-3
     assert arm.safety.state is State.MOVING and arm.safety.refusals.total == 0
+
+
+def down_and_up(q, depth, speed=0.04):
+    """From joints (7,) rad straight down by `depth` m and up again."""
+    position, rotation = forward_kinematics(q)
+    joints = [q]
+    for share in np.linspace(0, 1, 41)[1:]:
+        lower = position - [0, 0, depth * share**3 * (10 - 15 * share + 6 * share**2)]
+        joints.append(solve_ik(joints[-1], lower, rotation, iterations=10, damping=0.01))
+    way = np.array(joints + joints[-2::-1])
+    times = np.linspace(0, 2 * 1.875 * depth / speed, len(way))
+    return make_trajectory(times, way, CubicSpline(times, way, bc_type="clamped")(times, 1), LIMITS)
+
+
+def pressed(arm):
+    """N that hand and fingers take from what they touch, all contacts together."""
+    model, data, total, wrench = arm.model, arm.data, np.zeros(3), np.zeros(6)
+    for number, contact in enumerate(data.contact):
+        mine = [model.body_rootid[model.geom_bodyid[geom]] == model.body("panda_link0").id for geom in contact.geom]
+        mujoco.mj_contactForce(model, data, number, wrench)
+        total += (int(mine[1]) - int(mine[0])) * (contact.frame.reshape(3, 3).T @ wrench[:3])
+    return float(np.linalg.norm(total))
+
+
+@pytest.mark.parametrize(
+    "posture",
+    [
+        pytest.param([-0.3, 0.144, 0.0, -2.603, 0.0, 2.744, 0.485], id="over the line to the tip"),
+        # As a touch of the suite once found it: up and down the arm is three times as stiff there.
+        pytest.param([-1.396, 0.3, 1.002, -2.573, -0.576, 2.667, 0.897], id="aside"),
+    ],
+)
+def test_a_hand_that_is_held_up_presses_no_harder_than_it_may(posture):
+    """Whatever the lead of its target: on a path to 2 cm below the table and up again, which else presses with 110 N and more."""
+    over = np.array(posture)
+    position, rotation = forward_kinematics(over)
+    over = solve_ik(over, [*position[:2], BEYOND + 0.005], rotation, iterations=50, damping=0.01)
+    arm = Arm(Controller(), contacts=True, q=over)
+    trajectory = down_and_up(over, 0.025)
+    arm.controller.follow(trajectory, 0)
+    forces, lowest = [], np.inf
+    for _ in range(round((trajectory.duration + 0.3) * 1e9) // PERIOD):
+        arm.step()
+        forces.append(pressed(arm))
+        lowest = min(lowest, forward_kinematics(arm.q)[0][2])
+    assert lowest > BEYOND - 0.005
+    held = np.convolve(forces, np.full(25, 1 / 25), "valid")  # over 50 ms: not the blow by which it is met
+    assert LIMITS.press - 3 < held.max() < 40  # N, at which our driver has a Franka stop itself
+    assert np.abs(arm.q - over).max() < 5e-3 and forces[-1] == 0
 
 
 def test_the_same_inputs_give_the_same_torques_bit_for_bit():
@@ -230,7 +285,7 @@ def answers(controller, periods, first=0):
 @settings(max_examples=30, deadline=None)
 def test_a_trajectory_broken_off_comes_to_rest_on_its_path(moment, break_off):
     """Within `stop_ns`, at a velocity and an acceleration that are those of the joint target."""
-    goal, controller = READY + [0.3, -0.2, 0.1, 0.2, -0.3, 0.2, 0.1], Controller()
+    goal, controller = READY + [0.3, -0.2, 0.1, 0.2, -0.3, 0.2, 0.1], Controller(limits=replace(LIMITS, press=np.inf))
     answers(controller, 1)
     controller.follow(quintic(goal, 1.0), 0)
     before = answers(controller, moment)

@@ -26,6 +26,7 @@ from np_control.safety import (
     limit_gains,
     limit_target,
     limit_torque,
+    press_share,
     slew_gains,
 )
 from np_control.trajectory import Trajectory
@@ -59,8 +60,8 @@ class ControllerConfig:
 class Answer:
     """What answers the state of `stamp` ns.
 
-    position (7,) rad and velocity (7,) rad/s: the joint target; torque (7,) Nm, without gravity;
-    limited: names of the guards that changed the torque.
+    position (7,) rad and velocity (7,) rad/s: the joint target, no further ahead of the arm than it may press by; torque (7,) Nm, without
+    gravity; limited: names of the guards that changed the torque.
     """
 
     stamp: int
@@ -153,9 +154,9 @@ class Controller:
             raise Refusal(Reason.STATE, "no joint state has come yet")
         if self._answer is None:
             state = self._states[-1]
-            wanted, velocity = self._wanted(state)
+            wanted, position, velocity = self._wanted(state)
             self._torque, limited = limit_torque(self.limits, wanted, self._torque, state.q, state.dq)
-            self._answer = Answer(state.stamp, self._position, velocity, self._torque, tuple(limited))
+            self._answer = Answer(state.stamp, position, velocity, self._torque, tuple(limited))
         return self._answer
 
     def follow(self, trajectory: Trajectory, start: int | None = None, gains: np.ndarray | None = None) -> None:
@@ -302,8 +303,8 @@ class Controller:
             return _REST, _REST
         return pace * velocity, pace**2 * acceleration + slowing * velocity
 
-    def _wanted(self, state: _State) -> tuple[np.ndarray, np.ndarray]:
-        """Torque of the law and velocity of the joint target; brings target and gains up to date."""
+    def _wanted(self, state: _State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Torque of the law, position and velocity of the joint target; brings target and gains up to date."""
         velocity = acceleration = _REST
         if self._trajectory is not None:
             velocity, acceleration = self._advance(state.stamp)
@@ -326,8 +327,24 @@ class Controller:
                 self._dynamics.mass_matrix(state.q),
                 self._dynamics.coriolis(state.q, state.dq),
             )
-            return torque, velocity
+            return torque, self._position, velocity
         stiffness, ratio = self._gains
         feedforward = self._dynamics.feedforward(state.q, state.dq, acceleration)
-        target = self._position if velocity is _REST else lead(self._position, velocity, stiffness, ratio)
-        return impedance_torque(state.q, state.dq, target, stiffness, ratio, feedforward), velocity
+        position = self._position
+        if self._target is None:  # the law of a policy's targets is the one it was trained with
+            position, velocity = self._within_press(state, position, velocity)
+        target = position if velocity is _REST else lead(position, velocity, stiffness, ratio)
+        return impedance_torque(state.q, state.dq, target, stiffness, ratio, feedforward), position, velocity
+
+    def _within_press(self, state: _State, position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The joint target rad, and its velocity rad/s, drawn towards the arm's state until the law presses no harder than it may.
+
+        Position and velocity by one share, so that the law's torque is that share of what it was.
+        """
+        stiffness, ratio = self._gains
+        target = position if velocity is _REST else lead(position, velocity, stiffness, ratio)
+        pressing = impedance_torque(state.q, state.dq, target, stiffness, ratio, 0.0)
+        share = press_share(self.limits, state.q, pressing)
+        if share == 1.0:
+            return position, velocity
+        return state.q + share * (position - state.q), state.dq + share * (velocity - state.dq)

@@ -17,6 +17,7 @@ from np_control.safety.limits import (
     torque_bounds,
     velocity_bounds,
 )
+from np_control.safety.press import press_share, tip_force
 from np_control.safety.refusals import Reason, Refusal, Refusals, check_finite
 from np_control.safety.watchdog import State, Watchdog
 
@@ -37,7 +38,9 @@ __all__ = [
     "limit_gains",
     "limit_target",
     "limit_torque",
+    "press_share",
     "slew_gains",
+    "tip_force",
     "torque_bounds",
     "velocity_bounds",
 ]

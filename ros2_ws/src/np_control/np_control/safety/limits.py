@@ -39,7 +39,8 @@ class SafetyLimits:
     to stay below its speed. workspace_*: (3,) m box for targets of T_E. Its floor lies under the table (z =
     0), since pressing down takes a target below the surface. workspace_slack m: a target further outside is
     refused, not clamped. start_tolerance rad: how far the first joint target may be from the measured
-    position. late, missed periods and silence: see `Watchdog` and `check_command`.
+    position. press: N, by which the target of a trajectory, or one that is held, may make the hand press; see `press_share`. late, missed
+    periods and silence: see `Watchdog` and `check_command`.
     """
 
     joints: tuple[str, ...]
@@ -58,6 +59,7 @@ class SafetyLimits:
     workspace_slack: float = 0.10
     gain_slew: float = 50.0  # 1/s: the whole range of a gain takes at least 1 / gain_slew seconds
     start_tolerance: float = 0.10
+    press: float = 30.0
     rest_speed: float = 0.05  # rad/s, below which the arm counts as at rest
     late_periods: int = 3
     missed_periods: int = 3

@@ -66,19 +66,19 @@ QUICK = (
 TAP = Push("tap", 0.0, 0.35, 0.05, 0.018, 0.04, 0.018)
 
 
-def touch(name: str, q: np.ndarray, place: np.ndarray, surface: float, obstacles: float) -> Segment:
+def touch(name: str, place: np.ndarray, surface: float, obstacles: float) -> Segment:
     """Down onto a `surface` m at a place (2,) m and up again; obstacles: m, height to keep clear of."""
     high = np.array([*place, max(surface, obstacles, 0.09) + CLEAR])
     near, deep = np.array([*place, surface + BEFORE]), np.array([*place, surface - DEEPER])
-    return segment(name, q, high, [Leg(near, FAST), Leg(deep, SLOW_TOUCH, rest=0.3), Leg(high, FAST)], 0.0)
+    return segment(name, high, [Leg(near, FAST), Leg(deep, SLOW_TOUCH, rest=0.3), Leg(high, FAST)], 0.0)
 
 
-def drag(name: str, q: np.ndarray, lain: Lain, room: Room, top: float, force: float) -> Segment:
+def drag(name: str, lain: Lain, room: Room, top: float, force: float) -> Segment:
     """Press the object's top, felt at `top` m, and lead it there and back; without a force the same way in the air."""
     middle = lain.centre[:2]
     high = np.array([*middle, max(top, room.clearance) + CLEAR])
     down = high - [0, 0, high[2] - top]
-    at = segment(name, q, high, [Leg(down, FAST)], 0.0).positions[-1]
+    at = segment(name, high, [Leg(down, FAST)], 0.0).positions[-1]
     level = top - sinking(at, force) if force else top + 0.01
     heading = next((way for way in HEADINGS if room.holds(lain, STROKE * way)), None)
     if heading is None:
@@ -93,17 +93,17 @@ def drag(name: str, q: np.ndarray, lain: Lain, room: Room, top: float, force: fl
             Leg(np.array([*last, top + BEFORE]), FAST, rest=0.2),
         ]
     legs += [Leg(high, FAST)]
-    return segment(name, q, high, legs, 0.0)
+    return segment(name, high, legs, 0.0)
 
 
-def sway(name: str, q: np.ndarray, lain: Lain, room: Room, top: float) -> Segment:
+def sway(name: str, lain: Lain, room: Room, top: float) -> Segment:
     """Press the object's top, felt at `top` m, in its middle, and lead it to and fro. Raises OutOfReach for one that is so tall that it would rock:
     a drag presses it behind its middle for that, which a sway cannot both ways."""
     if ROCKS * room.domain.contact.table * lain.height > min(distance for _, distance in lain.sides()):
         raise OutOfReach(f"{name}: the object would rock on its edges")
     middle = lain.centre[:2]
     high = np.array([*middle, max(top, room.clearance) + CLEAR])
-    at = segment(name, q, high, [Leg(np.array([*middle, top]), FAST)], 0.0).positions[-1]
+    at = segment(name, high, [Leg(np.array([*middle, top]), FAST)], 0.0).positions[-1]
     for way in HEADINGS[::2]:
         if room.holds(lain, SWAY * way) and room.holds(lain, -SWAY * way):
             legs = [
@@ -112,13 +112,11 @@ def sway(name: str, q: np.ndarray, lain: Lain, room: Room, top: float) -> Segmen
                 Swing(SWAY * np.array([*way, 0.0]), *SWAYS, rest=0.6),
                 Leg(high, FAST),
             ]
-            return segment(name, q, high, legs, 0.0)
+            return segment(name, high, legs, 0.0)
     raise OutOfReach(f"{name}: no room to sway the object in")
 
 
-def push(
-    how: Push, q: np.ndarray, lain: Lain, normal: np.ndarray, distance: float, room: Room, table: float
-) -> Segment:
+def push(how: Push, lain: Lain, normal: np.ndarray, distance: float, room: Room, table: float) -> Segment:
     """Push the face with this outward normal (2,), `distance` m from the object's centre; table: its height m as felt."""
     ahead, across = -normal, np.array([-normal[1], normal[0]])
     width = max(abs(float(corner @ across)) for corner in (lain.corners(np.zeros(2)) - lain.centre)[:, :2])
@@ -138,7 +136,7 @@ def push(
         else Leg(np.array([*out, low]), how.speed),
         Leg(np.array([*out, high]), FAST, rest=1.0),
     ]
-    return segment(how.name, q, np.array([*begin, high]), legs, leading_yaw(ahead))
+    return segment(how.name, np.array([*begin, high]), legs, leading_yaw(ahead))
 
 
 def _beside(lain: Lain, room: Room, table: float) -> float:
@@ -146,7 +144,7 @@ def _beside(lain: Lain, room: Room, table: float) -> float:
     return table + max(room.clearance + OVER if room.clearance else 0.0, lain.height - GRIP, 0.3 * lain.height)
 
 
-def scrape(name: str, q: np.ndarray, lain: Lain, room: Room, table: float) -> Segment:
+def scrape(name: str, lain: Lain, room: Room, table: float) -> Segment:
     """Hold the object against an obstacle with the tip, and lead the tip down its face. Raises OutOfReach without such an obstacle."""
     found = []
     for box in room.domain.obstacles:
@@ -179,4 +177,4 @@ def scrape(name: str, q: np.ndarray, lain: Lain, room: Room, table: float) -> Se
         Leg(np.array([*flush + outward * LEAVE, table + lain.height + CLEAR]), FAST, rest=1.0),
     ]
     high = np.array([*begin, table + lain.height + CLEAR])
-    return segment(name, q, high, legs, leading_yaw(-outward))
+    return segment(name, high, legs, leading_yaw(-outward))

@@ -82,11 +82,11 @@ def _plans(room: Room, now: Situation, families: list[str]) -> Plans:
     if "drag" in families:
         for number, force in enumerate(DRAGS):
             lain = Lain.of(room.domain, now.pose)
-            if plan := _joined(now, lambda: contacts.drag(f"drag_{number}", now.q, lain, room, top, force)):
+            if plan := _joined(now, lambda: contacts.drag(f"drag_{number}", lain, room, top, force)):
                 now = yield plan
     if "sway" in families:
         lain = Lain.of(room.domain, now.pose)
-        if plan := _joined(now, lambda: contacts.sway("sway", now.q, lain, room, top)):
+        if plan := _joined(now, lambda: contacts.sway("sway", lain, room, top)):
             now = yield plan
     if lain.height < FLATTEST:
         return
@@ -97,7 +97,7 @@ def _plans(room: Room, now: Situation, families: list[str]) -> Plans:
             now, used = yield from _push(room, now, used, table, how.named(f"{how.name}_{number}"))
     if "scrape" in families and room.domain.obstacles:
         lain = Lain.of(room.domain, now.pose)
-        if plan := _joined(now, lambda: contacts.scrape("scrape", now.q, lain, room, table)):
+        if plan := _joined(now, lambda: contacts.scrape("scrape", lain, room, table)):
             yield plan
 
 
@@ -112,7 +112,7 @@ def _touch(room: Room, now: Situation, name: str, number: int, place: np.ndarray
     for deeper in range(TOUCHES):
         surface = expected - deeper * contacts.DEEPER
         called = f"{name}_{number}" if number else name  # one that met nothing gives its name to the next
-        plan = _joined(now, lambda: contacts.touch(called, now.q, place, surface, room.clearance))
+        plan = _joined(now, lambda: contacts.touch(called, place, surface, room.clearance))
         if not plan:
             break
         now = yield plan
@@ -134,7 +134,7 @@ def _back(room: Room, now: Situation, used: dict[int, int], table: float):
                     best, push, normal, distance = room_after, longer, outward, away
         if push is None:
             break
-        plan = _joined(now, lambda: contacts.push(push, now.q, lain, normal, distance, room, table))
+        plan = _joined(now, lambda: contacts.push(push, lain, normal, distance, room, table))
         if not plan:
             break
         now = yield plan
@@ -160,7 +160,7 @@ def _push(room: Room, now: Situation, used: dict[int, int], table: float, push: 
         away = float(np.linalg.norm(lain.centre[:2] - normal * push.moves - middle))
         options.append((used.get(_heading(normal), 0), away, normal, distance))
     for _, _, normal, distance in sorted(options, key=lambda option: option[:2]):
-        plan = _joined(now, lambda: contacts.push(push, now.q, lain, normal, distance, room, table))
+        plan = _joined(now, lambda: contacts.push(push, lain, normal, distance, room, table))
         if plan:
             now = yield plan
             return now, {**used, _heading(normal): used.get(_heading(normal), 0) + 1}

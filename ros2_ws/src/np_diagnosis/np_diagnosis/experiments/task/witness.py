@@ -7,7 +7,8 @@ from collections import deque
 import numpy as np
 
 from np_control.dynamics import Dynamics
-from np_control.kinematics import forward_kinematics, jacobian
+from np_control.kinematics import forward_kinematics
+from np_control.safety import tip_force
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain
 from np_diagnosis.experiments.task.suite import Situation
@@ -16,7 +17,9 @@ from np_perception.pose_estimation import MIN_POINTS, PoseError, estimate_pose, 
 
 IMAGES = 8  # of which the median is taken
 SCORE = 0.3  # of a corner that counts
-HARDEST = 90.0  # N, at which an experiment is broken off: below what a Franka's own reflexes are usually set to
+HARDEST = 90.0
+"""N, at which an experiment is broken off: the last resort. Our controller presses with 30 N at most (`np_control.safety.press`), and a tap that
+brakes reads as 50."""
 SLOW = 0.1  # rad/s, of the fastest joint of an arm that presses
 
 
@@ -49,9 +52,7 @@ class Witness:
         self._lowest = height if self._lowest is None else min(self._lowest, height)
         if np.abs(dq).max() >= SLOW:  # only what presses counts: on its way a fast arm takes forces of its own
             return ""
-        excess = torque - self._dynamics.coriolis(q, dq)
-        force = np.linalg.lstsq(jacobian(q)[:3].T, excess, rcond=None)[0]
-        size = float(np.linalg.norm(force))
+        size = float(np.linalg.norm(tip_force(q, torque - self._dynamics.coriolis(q, dq))))
         return f"the hand presses with {size:.0f} N; up to {HARDEST:g} are allowed" if size > HARDEST else ""
 
     def situation(self, q: np.ndarray) -> Situation:
