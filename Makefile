@@ -20,6 +20,12 @@ CLUSTER ?=
 ON = $(if $(CLUSTER),--cluster $(CLUSTER))
 ARGS ?=
 
+# A name that is none of them would be passed over, and the command run with its defaults.
+OPTIONS := DOMAIN EPISODES SEED KEYPOINTS CONTROLLER OBJECT CONTACTS ENGINE EFFECTS GPUS BAG CASES SET JOBS CLUSTER ARGS \
+	PYTEST_ARGS PYTHON TORCH_INDEX SHELL
+STRANGE := $(filter-out $(OPTIONS),$(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v)))
+$(if $(STRANGE),$(error $(STRANGE): expected options among $(OPTIONS); `make help` lists each command's))
+
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
 REAL_TIME := realtime or real_time

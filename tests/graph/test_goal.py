@@ -13,7 +13,8 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
 
 from np_bringup.nodes.goal_node import goal_pose
-from np_description.domains import BUMP, CARD, DOMAINS, WALL, is_success, pose_error, sample_task
+from np_description.domains import BUMP, CARD, DOMAINS, WALL, check_goal, is_success, pose_error, sample_task
+from np_description.objects.scenarios import COUNT, fixed_task
 from np_description.panda import BASE_FRAME, NOMINAL, STATE_NAMES
 from np_description.rotations import yaw_quaternion
 from np_ros import qos
@@ -93,6 +94,17 @@ def test_a_goal_that_nobody_takes_ends_with_words(graph, probe):
         probe.wait_until(lambda: False)
 
 
+def test_a_goal_of_another_domain_is_not_taken(graph, probe):
+    probe.advertise("joint_states", JointState)
+    graph.run("np_policy", "episode", {"mode": "realtime"})
+    seen = probe.collect("goal_keypoints", PointCloud2, qos.LATCHED)
+    graph.run("np_bringup", "goal", {"domain": "wall"})
+    state = joint_state_message(0, STATE_NAMES, [*NOMINAL.ready, 0, 0], np.zeros(9), np.zeros(9))
+    with pytest.raises(NodeDied, match="episode refused the goal .*expected one of card's goals"):
+        probe.wait_until(lambda: probe.publish("joint_states", state), what="its end")
+    assert not seen
+
+
 def test_run_answers_with_the_outcome(graph, probe):
     """And keeps nobody else's service waiting: it is `stop` that ends this one."""
     phases = probe.collect("episode/phase", DiagnosticArray, qos.LATCHED)
@@ -126,6 +138,19 @@ def test_every_goal_that_is_drawn_can_be_asked_for(domain):
         tried = (goal_pose(domain, *goal.position[:2], yaw, *turn) for turn in product(turns, turns) for yaw in yaws)
         errors = (pose_error(p.position, p.quaternion, goal.position, goal.quaternion) for p in tried)
         assert any(distance < 1e-9 and is_success(domain, distance, angle) for distance, angle in errors)
+
+
+@pytest.mark.parametrize("domain", DOMAINS.values(), ids=list(DOMAINS))
+def test_a_goal_is_its_own_domains_alone(domain):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        check_goal(domain, sample_task(domain, rng)[1])
+    for other in DOMAINS.values():
+        if other is not domain:
+            with pytest.raises(ValueError, match=f"expected one of {domain.name}'s goals"):
+                check_goal(domain, sample_task(other, rng)[1])
+    for number in range(1, COUNT + 1):
+        check_goal(domain, fixed_task(domain, number)[1])
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,19 @@ def test_the_demo_takes_every_domain():
     assert [demo.parse(["--domain", name]).domain for name in DOMAINS] == list(DOMAINS)
 
 
+def test_an_option_that_no_command_has_is_refused_by_name():
+    with pytest.raises(subprocess.CalledProcessError) as refused:
+        made("demo", "EPISODS=1")
+    assert "EPISODS: expected options among DOMAIN EPISODES " in refused.value.stderr
+    told = " ".join((ROOT / page).read_text() for page in ("README.md", "Makefile", *ROOT.glob("docs/guide/*.md")))
+    given = {
+        name
+        for line in re.findall(r"make [a-z-]+((?: [A-Z_]+=(?:\"[^\"]*\"|\S+))+)", told)
+        for name in re.findall(r"([A-Z_]+)=", line)
+    }
+    assert "TORCH_INDEX" in given and made("demo", *(f"{name}=1" for name in given))
+
+
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not there")
 def test_set_up_refuses_a_path_with_a_space_before_it_installs_anything(tmp_path):
     clone = tmp_path / "my clones" / "here"

@@ -145,6 +145,9 @@ WALL = Domain(
     aim=0.6,
 )
 
+GOAL_SLACK = 0.002, 0.002, 0.015
+"""By how much a goal's x, y, z m may be beside its region: an object measured anew, a table that is not quite level."""
+
 DOMAINS = {domain.name: domain for domain in (CARD, BUMP, WALL)}
 
 
@@ -186,6 +189,24 @@ def sample_task(domain: Domain, rng: np.random.Generator) -> tuple[Pose, Pose]:
             goal = Pose(goal.position, quaternion_multiply(turn, start.quaternion))
         if np.linalg.norm(goal.position - start.position) >= domain.min_distance:
             return start, goal
+
+
+def check_goal(domain: Domain, pose: Pose) -> None:
+    """Raises ValueError for a goal that rests in none of the domain's goal regions, within `GOAL_SLACK`: mostly another domain's."""
+    x, y, z = pose.position
+    height = resting_height(domain, pose.quaternion)
+    for region in domain.goals:
+        limits = (*region.x, x), (*region.y, y), (region.surface + height, region.surface + height, z)
+        if all(low - slack <= value <= high + slack for (low, high, value), slack in zip(limits, GOAL_SLACK)):
+            return
+    raise ValueError(
+        f"goal: expected one of {domain.name}'s goals ({goals_text(domain)}), got x {x:.3f}, y {y:.3f}, z {z:.3f} m"
+    )
+
+
+def goals_text(domain: Domain) -> str:
+    """Where the domain's goals are, in words."""
+    return "; ".join(f"x {r.x}, y {r.y} m, yaw {np.round(r.yaw, 2).tolist()} rad" for r in domain.goals)
 
 
 def pose_error(position_a, quaternion_a, position_b, quaternion_b):

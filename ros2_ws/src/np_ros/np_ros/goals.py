@@ -6,6 +6,8 @@ from geometry_msgs.msg import PoseStamped
 
 GOAL = "goal"
 """Key of the diagnostics value."""
+REFUSED = "goal_refused"
+"""Key of the last goal that was not taken, and why not."""
 
 
 def goal_text(message: PoseStamped) -> str:

@@ -18,10 +18,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from np_description.domains import Domain, Pose, resting_pose
+from np_description.domains import Domain, Pose, goals_text, resting_pose
 from np_description.panda import BASE_FRAME
 from np_ros import qos
-from np_ros.goals import GOAL, goal_text
+from np_ros.goals import GOAL, REFUSED, goal_text
 from np_ros.messages import BadMessage, pose_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run
 from np_ros.services import Services, Wait
@@ -39,8 +39,9 @@ def goal_pose(domain: Domain, x: float, y: float, yaw: float, roll_turns: int = 
     """
     region = next((r for r in domain.goals if _holds(r.x, x) and _holds(r.y, y) and _holds(r.yaw, yaw)), None)
     if region is None:
-        regions = "; ".join(f"x {r.x}, y {r.y} m, yaw {np.round(r.yaw, 2).tolist()} rad" for r in domain.goals)
-        raise ValueError(f"goal: expected one of {domain.name}'s goals ({regions}), got x {x}, y {y}, yaw {yaw:.2f}")
+        raise ValueError(
+            f"goal: expected one of {domain.name}'s goals ({goals_text(domain)}), got x {x}, y {y}, yaw {yaw:.2f}"
+        )
     if (roll_turns or pitch_turns) and not region.quarter_turns:
         raise ValueError(
             f"goal: expected no roll_turns and pitch_turns for {domain.name}, which has but one face to rest on, "
@@ -85,6 +86,7 @@ class Goal(Node):
         self._given: PoseStamped | None = None
         self._episode = ""  # what the episode node said last
         self._is_taken = False
+        self._refused = ""  # the goal and why
 
     def give(self, spinner: Spinner) -> int:
         """Publish the goal, wait until the episode has it, and go on as the parameters say; the exit status."""
@@ -94,12 +96,15 @@ class Goal(Node):
             deadline = time.monotonic() + limit
             while not condition():
                 if time.monotonic() > deadline:
-                    raise TimeoutError(f"expected {what} within {limit:g} s, none came")
+                    raise TimeoutError(f"expected {what} within {limit:g} s, none came{self._episode}")
                 spinner.spin_once(0.1)
 
         try:
             wait(lambda: self._given, self._limit, "joint_states of a backend in this ROS_DOMAIN_ID")
-            wait(lambda: self._is_taken, self._limit, "the node episode to take the goal" + self._episode)
+            wait(lambda: self._is_taken or self._refused, self._limit, "the node episode to take the goal")
+            if self._refused:
+                log.fatal(f"the node episode refused the goal {self._refused}")
+                return 1
             self._publisher.wait_for_all_acked(Duration(seconds=1))
             log.info(f"goal taken: {goal_text(self._given)}")
             if self._runs:
@@ -131,8 +136,10 @@ class Goal(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if self._given and status.name.rsplit("/", 1)[-1] == "episode":
-                held = next((pair.value for pair in status.values if pair.key == GOAL), "none")
-                self._is_taken |= held == goal_text(self._given)
+                values = {pair.key: pair.value for pair in status.values}
+                held, own = values.get(GOAL, "none"), goal_text(self._given)
+                self._is_taken |= held == own
+                self._refused = values.get(REFUSED, "") if values.get(REFUSED, "").startswith(own) else ""
                 self._episode = f"; its diagnostics: {status.message}, goal {held}"
 
 

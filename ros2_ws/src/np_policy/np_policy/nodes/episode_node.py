@@ -16,14 +16,14 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from np_description.domains import Pose
+from np_description.domains import Pose, check_goal
 from np_description.panda import BASE_FRAME, JOINT_NAMES
 from np_description.phases import ACTIVE, SUCCEEDED, PhaseState
 from np_description.scene import CAMERA_NAME
 from np_policy.episode import Episode, EpisodeConfig, Event, Goal, Refused, Tick
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_ros import qos
-from np_ros.goals import GOAL, goal_text
+from np_ros.goals import GOAL, REFUSED, goal_text
 from np_ros.messages import (
     BadMessage,
     keypoints_message,
@@ -69,6 +69,7 @@ class EpisodeNode(Node):
     def __init__(self) -> None:
         super().__init__("episode")
         settings = declare_settings(self)
+        self._domain = settings.domain
         defaults = EpisodeConfig(settings.domain, success_share=settings.domain.aim)
         values = {name: parameter(self, name, getattr(defaults, name), *_HELP[name]) for name in _FIELDS}
         values["silence"] = parameter(
@@ -114,13 +115,16 @@ class EpisodeNode(Node):
     def _on_goal(self, message: PoseStamped, info: dict) -> None:
         try:
             pose = Pose(*pose_arrays(message, BASE_FRAME))
+            check_goal(self._domain, pose)
             events = self._episode.goal(stamp_nanoseconds(message.header.stamp), pose, info["source_timestamp"])
         except BadMessage as error:
             return self.diagnostics.refuse(error.kind, error)
         except Refused as error:
             return self.diagnostics.refuse("order", error)
         except ValueError as error:
-            return self.diagnostics.refuse("range", error)
+            self.diagnostics.refuse("range", error)
+            self.diagnostics.values[REFUSED] = f"{goal_text(message)}: {error}"
+            return self.diagnostics.publish()  # who gave it waits for this
         self._publish(events)
         self.diagnostics.values[GOAL] = goal_text(message)
         self.diagnostics.publish()  # who gave it waits for this
