@@ -1,5 +1,7 @@
 """pre_contact, approach, post_contact and episode as processes; the test is backend and perception."""
 
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -67,8 +69,8 @@ class Backend:
 
     _began = count(0, 10_000)  # policy ticks
 
-    def __init__(self, probe):
-        self.probe = probe
+    def __init__(self, probe, graph):
+        self.probe, self.graph = probe, graph
         self._first = next(self._began)
         self._last = {}
         self._repeat_at = 0.0
@@ -167,7 +169,7 @@ def begin(request, tmp_path):
             graph.run("np_policy", "episode", {"mode": mode, "domain": "card", **episode})
             stack.callback(graph.stop, "episode")
             probe.wait_until_ready(set(NODES))
-            return Backend(probe)
+            return Backend(probe, graph)
 
         yield begun
 
@@ -426,6 +428,27 @@ def test_in_real_time_an_episode_does_not_begin_with_what_a_silent_camera_saw(be
     backend.probe.wait_until(lambda: backend.phase().startswith("failed"), what="the end")
     assert backend.phase() == "failed: pre: no keypoints within 1 s"
     assert not (backend.said("pre_contact_pose") or backend.said("joint_trajectory") or backend.ticks())
+
+
+def test_in_real_time_a_busy_pre_contact_does_not_take_what_was_seen_before_the_start_for_news(begin):
+    """Both wait for it: what was seen, and then the start."""
+    backend = begin(mode="realtime", silence=60.0)
+    backend.goal(backend.tick(1))
+    pid = backend.graph.pid("pre_contact")
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        backend.see(backend.tick(2))
+        backend.start()
+        backend.probe.wait_until(lambda: backend.phase() == "pre", what="the start")
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    backend.said("diagnostics").clear()
+
+    def spoke():
+        return any(s.name == "/pre_contact" for array in backend.said("diagnostics") for s in array.status)
+
+    backend.probe.wait_until(spoke, what="pre_contact to go on")
+    assert not backend.said("pre_contact_pose")
 
 
 def test_in_real_time_a_backend_that_falls_silent_ends_the_episode(begin):
