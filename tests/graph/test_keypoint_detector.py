@@ -38,7 +38,7 @@ def start(graph, probe, folder, **parameters) -> None:
     probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
     probe.advertise(TOPIC, Image)
     graph.run("np_perception", "keypoint_detector", {"weights": str(folder), **parameters})
-    probe.wait_until(lambda: probe.matched(TOPIC) and probe.publishers("keypoints"), what="the detector")
+    probe.wait_until_ready({"keypoint_detector"})  # both ways: or we might not hear its first answer
 
 
 def warning(probe, text: str) -> bool:
