@@ -40,8 +40,9 @@ def says(probe, node, level, text):
 
 @pytest.fixture
 def listening(probe):
-    probe.collect("camera/image_raw", Image)
+    # In this order: who has found the second, for which the player waits, has found the first.
     probe.collect("camera/camera_info", CameraInfo)
+    probe.collect("camera/image_raw", Image)
     probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
     return probe
 

@@ -22,11 +22,12 @@ sys.exit(run(Forgetful))
 """
 
 
-def test_what_a_backend_does_not_keep_is_named_and_the_rest_is_judged(graph, tmp_path):
+def test_what_a_backend_does_not_keep_is_named_and_the_rest_is_judged(graph, probe, tmp_path):
     environment = {**os.environ, **graph.environment}
     (tmp_path / "forgetful.py").write_text(FORGETFUL)
     backend = subprocess.Popen([sys.executable, str(tmp_path / "forgetful.py")], env=environment)
     try:
+        probe.wait_until(lambda: probe.publishers("joint_states"), what="the backend")
         judged = subprocess.run(
             [*command("np_bringup", "check_backend"), "minimal_backend", "--limit", "10"],
             env=environment,

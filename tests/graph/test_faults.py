@@ -58,7 +58,7 @@ class Episode:
 
     def __init__(self, graph, probe, weights):
         self.graph, self.probe, self.weights = graph, probe, str(weights)
-        self.phases = probe.collect("episode/phase", DiagnosticArray, qos.LATCHED)
+        self.phases = probe.collect("episode/phase", DiagnosticArray, qos.RECORDER_LATCHED)  # each of several in a row
         self.states = probe.collect("joint_states", JointState, qos.RECORDER)
 
     def start(self, overrides=BACKEND_FIRST, leave_out=(), beside=(), keypoints="truth"):
@@ -97,7 +97,12 @@ class Episode:
 
     def end(self):
         """The phase that ended the episode and its reason, once the arm is at rest."""
-        self.probe.wait_until(lambda: phase_state(self.phases[-1]).phase in ENDS, what="the end of the episode")
+
+        def has_ended():
+            said = [phase_state(message).phase for message in self.phases]  # the end of the one before may come first
+            return "pre" in said and said[-1] in ENDS
+
+        self.probe.wait_until(has_ended, what="the end of the episode")
         self.probe.wait_until(self.is_at_rest, what="the arm at rest")
         last = phase_state(self.phases[-1])
         return last.phase, last.reason

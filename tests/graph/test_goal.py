@@ -112,7 +112,7 @@ def test_run_answers_with_the_outcome(graph, probe):
     answer = probe.node.create_client(Trigger, "episode/run")
     probe.wait_until(answer.service_is_ready)
     future = answer.call_async(Trigger.Request())
-    probe.wait_until(lambda: phase_state(phases[-1]).phase == "pre", what="the start")
+    probe.wait_until(lambda: phases and phase_state(phases[-1]).phase == "pre", what="the start")
     assert not (refused := probe.call("episode/run")).success and "under way" in refused.message
     assert not future.done()
     assert probe.call("episode/stop").success

@@ -50,6 +50,8 @@ def test_the_policy_path_does_not_hear_the_truth(controller, graph, probe, tmp_p
         assert subscriptions(probe, "probe") >= {"object_pose"}  # the question is answered at all
         assert set(probe.subscribers("object_pose")) == {"probe"}
         for node in policy_path:
+            # What is known of a node grows as it is found; what is not allowed is not waited for.
+            probe.wait_until(lambda: subscriptions(probe, node) >= ALLOWED[node], what=f"the subscriptions of {node}")
             assert subscriptions(probe, node) == ALLOWED[node], node
 
     check()

@@ -1,5 +1,7 @@
 """The keypoint_detector node over real topics."""
 
+import os
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -36,7 +38,7 @@ def start(graph, probe, folder, **parameters) -> None:
     probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
     probe.advertise(TOPIC, Image)
     graph.run("np_perception", "keypoint_detector", {"weights": str(folder), **parameters})
-    probe.wait_until(lambda: probe.matched(TOPIC) and probe.publishers("keypoints"), what="the detector")
+    probe.wait_until_ready({"keypoint_detector"})  # both ways: or we might not hear its first answer
 
 
 def warning(probe, text: str) -> bool:
@@ -120,6 +122,22 @@ def test_missing_weights_end_the_node_with_one_clear_line(graph, tmp_path):
     assert ended.returncode == 1
     assert "cannot start: keypoint detector: expected the network" in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+def test_the_first_image_of_another_camera_is_refused_too(graph, probe, weights):
+    """Its camera_info came before it, and both wait while the node is busy."""
+    start(graph, probe, weights, mode="lockstep")
+    probe.advertise("camera/camera_info", CameraInfo)
+    probe.wait_until(lambda: probe.matched("camera/camera_info"), what="the detector")
+    os.kill(graph.pid("keypoint_detector"), signal.SIGSTOP)
+    try:
+        other = replace(CAMERA, fx=CAMERA.fx + 20)
+        probe.publish("camera/camera_info", camera_info_message(1, "camera", other))
+        probe.publish(TOPIC, image_message(1, "camera", random_image(1)))
+    finally:
+        os.kill(graph.pid("keypoint_detector"), signal.SIGCONT)
+    probe.wait_until(lambda: warning(probe, "refused images: camera") or probe.messages["keypoints"], what="an answer")
+    assert not probe.messages["keypoints"]
 
 
 def test_images_of_another_camera_are_refused_until_they_are_of_the_one_of_training(graph, probe, weights):

@@ -1,5 +1,7 @@
 """pre_contact, approach, post_contact and episode as processes; the test is backend and perception."""
 
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -47,7 +49,7 @@ INPUTS = {
     "diagnostics": (DiagnosticArray, qos.EVENT),
 }
 OUTPUTS = {
-    "episode/phase": (DiagnosticArray, qos.LATCHED),
+    "episode/phase": (DiagnosticArray, qos.RECORDER_LATCHED),  # each of several in a row
     "episode/tick": (DiagnosticArray, qos.LOCKSTEP),
     "goal_keypoints": (PointCloud2, qos.LATCHED),
     "gripper_command": (Float64, qos.EVENT),
@@ -67,8 +69,8 @@ class Backend:
 
     _began = count(0, 10_000)  # policy ticks
 
-    def __init__(self, probe):
-        self.probe = probe
+    def __init__(self, probe, graph):
+        self.probe, self.graph = probe, graph
         self._first = next(self._began)
         self._last = {}
         self._repeat_at = 0.0
@@ -167,7 +169,7 @@ def begin(request, tmp_path):
             graph.run("np_policy", "episode", {"mode": mode, "domain": "card", **episode})
             stack.callback(graph.stop, "episode")
             probe.wait_until_ready(set(NODES))
-            return Backend(probe)
+            return Backend(probe, graph)
 
         yield begun
 
@@ -231,21 +233,26 @@ def test_an_episode_from_keypoints_to_success(begin):
 def test_equal_inputs_give_equal_plans_and_actions(begin):
     backend = begin(success_frames=100)
 
+    def targets():
+        """By stamp, with the gains that came before: on a busy machine one is asked for, and given, again."""
+        pairs = zip(backend.said("target_pose"), backend.said("target_gains"))
+        return {
+            stamp_nanoseconds(pose.header.stamp): (*pose_arrays(pose, BASE_FRAME), gains_array(g)) for pose, g in pairs
+        }
+
     def run(first):
         for topic in ("joint_trajectory", "target_pose", "target_gains"):
             backend.said(topic).clear()
         stamp, joints = run_to_post(backend, first)
-        for i in range(1, 6):
-            backend.wait(lambda: len(backend.said("target_pose")) == i, f"target {i}")
+        for i in range(6):
             backend.stand(stamp + i * TICK, joints)
             backend.see(stamp + i * TICK)
-        backend.wait(lambda: len(backend.said("target_pose")) == 6 == len(backend.said("target_gains")))
+            backend.wait(lambda: stamp + i * TICK in targets(), f"target {i}")
         assert backend.probe.call("episode/stop").success
         plan = b"".join(
             array.tobytes() for array in trajectory_arrays(backend.said("joint_trajectory")[0], JOINT_NAMES)
         )
-        poses = [b"".join(a.tobytes() for a in pose_arrays(m, BASE_FRAME)) for m in backend.said("target_pose")]
-        return plan, poses, [gains_array(m).tobytes() for m in backend.said("target_gains")]
+        return plan, [b"".join(part.tobytes() for part in targets()[stamp + i * TICK]) for i in range(6)]
 
     first, second = run(1), run(200)
     assert first == second
@@ -387,7 +394,7 @@ def test_a_hold_of_the_backend_is_a_fault(begin):
 
 
 def test_in_real_time_nobody_is_waited_for_and_a_silent_camera_ends_the_episode(begin):
-    backend = begin(mode="realtime", silence=1.0, settle=0.0)
+    backend = begin(mode="realtime", silence=2.0, settle=0.0)
     backend.goal(backend.tick(1))
     backend.start()
     began, frames = time.monotonic(), []
@@ -412,7 +419,7 @@ def test_in_real_time_nobody_is_waited_for_and_a_silent_camera_ends_the_episode(
     stamps = [stamp for stamp, _ in backend.ticks()]
     assert (np.diff(stamps) >= 0.9 * TICK).all()
     assert {stamp_nanoseconds(m.header.stamp) for m in backend.said("target_pose")} <= set(stamps)
-    backend.probe.wait_until(lambda: backend.phase() == "failed: post: no keypoints within 1 s", what="its end")
+    backend.probe.wait_until(lambda: backend.phase() == "failed: post: no keypoints within 2 s", what="its end")
 
 
 def test_in_real_time_an_episode_does_not_begin_with_what_a_silent_camera_saw(begin):
@@ -426,6 +433,27 @@ def test_in_real_time_an_episode_does_not_begin_with_what_a_silent_camera_saw(be
     backend.probe.wait_until(lambda: backend.phase().startswith("failed"), what="the end")
     assert backend.phase() == "failed: pre: no keypoints within 1 s"
     assert not (backend.said("pre_contact_pose") or backend.said("joint_trajectory") or backend.ticks())
+
+
+def test_in_real_time_a_busy_pre_contact_does_not_take_what_was_seen_before_the_start_for_news(begin):
+    """Both wait for it: what was seen, and then the start."""
+    backend = begin(mode="realtime", silence=60.0)
+    backend.goal(backend.tick(1))
+    pid = backend.graph.pid("pre_contact")
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        backend.see(backend.tick(2))
+        backend.start()
+        backend.probe.wait_until(lambda: backend.phase() == "pre", what="the start")
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    backend.said("diagnostics").clear()
+
+    def spoke():
+        return any(s.name == "/pre_contact" for array in backend.said("diagnostics") for s in array.status)
+
+    backend.probe.wait_until(spoke, what="pre_contact to go on")
+    assert not backend.said("pre_contact_pose")
 
 
 def test_in_real_time_a_backend_that_falls_silent_ends_the_episode(begin):

@@ -67,9 +67,11 @@ class RoundTrip(Node):
 
     def _on_frame(self, data: bytes, info: dict) -> None:
         self._frames.setdefault(header_stamp(data), info["source_timestamp"])
+        self._diagnostics.values["frames"] = len(self._frames)
 
     def _on_keypoints(self, data: bytes, info: dict) -> None:
         self._seen.setdefault(header_stamp(data), info["received_timestamp"])
+        self._diagnostics.values["keypoints"] = len(self._seen)
 
     def _result(self) -> dict[str, object]:
         return self._control() | self._camera()

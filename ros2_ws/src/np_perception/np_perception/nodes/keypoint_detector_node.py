@@ -69,9 +69,10 @@ class KeypointDetectorNode(Node):
         self._images = 0
         self._last_image = time.monotonic()
         self._publisher = self.create_publisher(PointCloud2, "keypoints", qos.publisher(not self._realtime))
-        self.create_subscription(Image, "camera/image_raw", self._on_image, qos.subscriber(not self._realtime))
         self._misfit = ""  # why the images are not those of the camera that policies were trained with
+        # First: of what waits, what has come here is taken before the images.
         self.create_subscription(CameraInfo, "camera/camera_info", self._on_info, qos.subscriber(not self._realtime))
+        self.create_subscription(Image, "camera/image_raw", self._on_image, qos.subscriber(not self._realtime))
         self.create_timer(min(self._timeout, 0.5), self._watch)
 
     def _on_info(self, message: CameraInfo) -> None:

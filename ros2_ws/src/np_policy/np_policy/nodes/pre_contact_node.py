@@ -57,9 +57,10 @@ class PreContactNode(Node):
         self._since = 0  # stamp from which keypoints count, of a contact that is chosen anew
         self._gripper = self.create_publisher(Float64, "gripper_command", qos.EVENT)
         self._pose = self.create_publisher(PoseStamped, "pre_contact_pose", qos.EVENT)
+        # First: of what waits, what was seen is taken before the start, which in real time forgets it.
+        subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
         self.create_subscription(DiagnosticArray, "episode/phase", self._on_phase, qos.LATCHED)
         self._goal = GoalStream(self, self.diagnostics, self._act, self._forget)
-        subscribe_keypoints(self, self.diagnostics, self._settings.lockstep, self._on_keypoints)
         self.create_timer(0.1, self._act)  # for answers that wait for their listeners
 
     def _on_phase(self, message: DiagnosticArray) -> None:
