@@ -17,6 +17,7 @@ from np_description.domains import BUMP, CARD, DOMAINS, WALL, check_goal, is_suc
 from np_description.objects.scenarios import COUNT, fixed_task
 from np_description.panda import BASE_FRAME, NOMINAL, STATE_NAMES
 from np_description.rotations import yaw_quaternion
+from np_record.command import INTERRUPTED
 from np_ros import qos
 from np_ros.messages import joint_state_message, pose_arrays, pose_message, stamp_nanoseconds
 from np_ros.phases import phase_state
@@ -103,6 +104,22 @@ def test_a_goal_of_another_domain_is_not_taken(graph, probe):
     with pytest.raises(NodeDied, match="episode refused the goal .*expected one of card's goals"):
         probe.wait_until(lambda: probe.publish("joint_states", state), what="its end")
     assert not seen
+
+
+@pytest.mark.parametrize("stays", [False, True])
+def test_an_interrupted_goal_ends_with_0_only_if_it_was_taken(graph, probe, stays):
+    probe.advertise("joint_states", JointState)
+    graph.run("np_policy", "episode", {"mode": "realtime"}) if stays else None
+    seen = probe.collect("goal_keypoints", PointCloud2, qos.LATCHED)
+    heard = probe.collect("diagnostics", DiagnosticArray, qos.EVENT)
+    graph.run("np_bringup", "goal", {"stay": True})
+    probe.wait_until(lambda: any(a.status[0].name == "/goal" for a in heard), what="the node")
+    if stays:
+        state = joint_state_message(0, STATE_NAMES, [*NOMINAL.ready, 0, 0], np.zeros(9), np.zeros(9))
+        probe.wait_until(lambda: seen or probe.publish("joint_states", state), what="the goal to be taken")
+        log = graph.log_directory / "goal.log"
+        probe.wait_until(lambda: "goal taken" in log.read_text(), what="the word of it")
+    assert graph.kill("goal", signal.SIGINT) == (0 if stays else INTERRUPTED)
 
 
 def test_run_answers_with_the_outcome(graph, probe):

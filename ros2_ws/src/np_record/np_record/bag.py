@@ -74,10 +74,16 @@ class Recording:
         self.information: dict = json.loads(custom.get("run_info", "{}"))
         missing = [name for name in required if not self.counts.get(name)]
         if missing or not any(self.counts.values()):
-            found = [f"{c.topic} ({c.msgtype}, {c.msgcount})" for c in self._reader.connections]
+            found = [
+                f"{c.topic} ({c.msgcount})"
+                if c.topic.lstrip("/") in BY_NAME
+                else f"{c.topic} ({c.msgtype}, {c.msgcount})"
+                for c in self._reader.connections
+                if c.msgcount
+            ]
             wanted = ", ".join(missing) or "the topics of docs/reference/graph.md"
             raise BagError(
-                f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'no topics'}{self._age()}"
+                f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'none at all'}{self._age()}"
             )
         self.start, self.end = self._reader.start_time, self._reader.end_time - 1
 

@@ -8,18 +8,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from math import pi
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from np_description.domains import Domain, Pose, goals_text, resting_pose
 from np_description.panda import BASE_FRAME
+from np_record.command import INTERRUPTED
 from np_ros import qos
 from np_ros.goals import GOAL, REFUSED, goal_text
 from np_ros.messages import BadMessage, pose_message, stamp_nanoseconds
@@ -113,7 +116,8 @@ class Goal(Node):
             log.fatal(str(error))
             return 1
         if self._stays:
-            spinner.spin()
+            with suppress(ExternalShutdownException):
+                spinner.spin()
         return 0
 
     def _run(self, wait: Wait) -> int:
@@ -145,9 +149,13 @@ class Goal(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable `goal`."""
-    ends: list[int] = []
-    failed = run(Goal, args, spin=lambda node, spinner: ends.append(node.give(spinner)))
-    return failed or max(ends, default=0)
+    ends = [0]
+
+    def spin(node: Goal, spinner: Spinner) -> None:
+        ends[0] = INTERRUPTED  # until it has ended by itself
+        ends[0] = node.give(spinner)
+
+    return run(Goal, args, spin=spin) or ends[0]
 
 
 if __name__ == "__main__":
