@@ -156,7 +156,7 @@ def test_a_tick_state_waits_for_tick_then_trajectory_then_target(start, state, p
     probe.publish("episode/tick", phase_message(PhaseState("approach"), TICK))
     waits_for(probe, "joint_trajectory")
     assert answers(probe) == []
-    goal = NOMINAL.ready + 0.02
+    goal = NOMINAL.ready + 0.01  # rad, which an arm that stands may be led by without pressing too hard
     probe.publish("joint_trajectory", plan(TICK, [0.0, 0.05], goal), qos.EVENT)
     np.testing.assert_array_equal(answered(probe, TICK)[0], NOMINAL.ready)
     stamps = range(TICK + PERIOD, 2 * TICK, PERIOD)
@@ -193,7 +193,7 @@ def test_after_a_restart_of_the_backend_what_was_said_to_the_one_before_is_no_an
     state(0)
     waits_for(probe, "episode/tick")
     state(TICK)
-    goal = NOMINAL.ready - 0.02
+    goal = NOMINAL.ready - 0.01
     probe.publish("episode/tick", phase_message(PhaseState("approach"), TICK))
     probe.publish("joint_trajectory", plan(TICK, [0.0, 0.05], goal), qos.EVENT)
     answered(probe, TICK)

@@ -433,7 +433,7 @@ class Opens(Node):
         print("closed")
         super().destroy_node()
 
-sys.exit(run(Opens))
+sys.exit(run(Opens, []))
 """
 
 
