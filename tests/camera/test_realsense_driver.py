@@ -11,7 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-rs = pytest.importorskip("pyrealsense2", reason="the SDK of the cameras is in the hardware extra: make hardware")
+# It is there without its library of USB devices, which is the system's, and cannot be imported then.
+rs = pytest.importorskip(
+    "pyrealsense2",
+    reason="the SDK of the cameras is in the hardware extra (make hardware), and needs libusb-1.0",
+    exc_type=ImportError,
+)
 sys.path.insert(0, str(Path(__file__).parent))
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
