@@ -331,20 +331,11 @@ class Controller:
         stiffness, ratio = self._gains
         feedforward = self._dynamics.feedforward(state.q, state.dq, acceleration)
         position = self._position
+        target = position if velocity is _REST else lead(position, velocity, stiffness, ratio)
+        law = impedance_torque(state.q, state.dq, target, stiffness, ratio, 0.0)
         if self._target is None:  # the law of a policy's targets is the one it was trained with
-            position, velocity = self._within_press(state, position, velocity)
-        target = position if velocity is _REST else lead(position, velocity, stiffness, ratio)
-        return impedance_torque(state.q, state.dq, target, stiffness, ratio, feedforward), position, velocity
-
-    def _within_press(self, state: _State, position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The joint target rad, and its velocity rad/s, drawn towards the arm's state until the law presses no harder than it may.
-
-        Position and velocity by one share, so that the law's torque is that share of what it was.
-        """
-        stiffness, ratio = self._gains
-        target = position if velocity is _REST else lead(position, velocity, stiffness, ratio)
-        pressing = impedance_torque(state.q, state.dq, target, stiffness, ratio, 0.0)
-        share = press_share(self.limits, state.q, pressing)
-        if share == 1.0:
-            return position, velocity
-        return state.q + share * (position - state.q), state.dq + share * (velocity - state.dq)
+            share = press_share(self.limits, state.q, law)
+            if share < 1.0:  # position and velocity by one share: so the law's torque is that share of what it was
+                position, velocity = state.q + share * (position - state.q), state.dq + share * (velocity - state.dq)
+                law = share * law
+        return law + feedforward, position, velocity
