@@ -19,6 +19,10 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from np_bringup.task_graph import task_graph
 from np_ros.graph import NodeSpec
@@ -123,3 +127,31 @@ class Probe(Peer):
             return bool(condition())
 
         self._graph.wait(spun, TIMEOUT if timeout is None else timeout, what)
+
+
+class Apart:
+    """A node in a context of its own, which a thread of its own spins from `begin` to `close`."""
+
+    def __init__(self, name: str, domain_id: int, **options):
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain_id)
+        self.node = rclpy.create_node(name, context=self._context, **options)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._thread = Thread(target=self._spin)
+
+    def begin(self) -> None:
+        """Serve from now on."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        rclpy.shutdown(context=self._context)
+        self._thread.join()
+        self.node.destroy_node()
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            pass

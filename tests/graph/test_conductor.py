@@ -1,16 +1,13 @@
 """The conductor between a backend that is the test and the node `episode`: what comes late, all at once, or to others first."""
 
 import time
-from threading import Thread
 
 import numpy as np
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from graph_tools import TIMEOUT
+from graph_tools import TIMEOUT, Apart
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
@@ -28,29 +25,19 @@ TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))
 
 
-class Backend:
+class Backend(Apart):
     """Says what a bridge says at its start, and at a reset goal and truth of the first tick; the goal comes to `episode` later."""
 
     def __init__(self, domain_id):
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=domain_id)
-        self._node = node = rclpy.create_node("sim_bridge", context=self._context)
-        self._goal = node.create_publisher(PoseStamped, "goal_pose", qos.LATCHED)
-        self._late = node.create_publisher(PoseStamped, "late", qos.LATCHED)
-        self._keypoints = node.create_publisher(PointCloud2, "keypoints", qos.LOCKSTEP)
-        self._truth = node.create_publisher(PoseStamped, "object_pose", qos.LOCKSTEP)
-        node.create_service(Trigger, "~/reset", self._reset)
+        super().__init__("sim_bridge", domain_id)
+        self._goal = self.node.create_publisher(PoseStamped, "goal_pose", qos.LATCHED)
+        self._late = self.node.create_publisher(PoseStamped, "late", qos.LATCHED)
+        self._keypoints = self.node.create_publisher(PointCloud2, "keypoints", qos.LOCKSTEP)
+        self._truth = self.node.create_publisher(PoseStamped, "object_pose", qos.LOCKSTEP)
+        self.node.create_service(Trigger, "~/reset", self._reset)
         for publisher in (self._goal, self._late):
             publisher.publish(_message(0, GOAL))
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(node)
-        self._thread = Thread(target=self._spin)
-        self._thread.start()
-
-    def close(self):
-        rclpy.shutdown(context=self._context)
-        self._thread.join()
-        self._node.destroy_node()
+        self.begin()
 
     def see(self, stamp):
         """Keypoints and truth of an image."""
@@ -67,15 +54,9 @@ class Backend:
     def _reset(self, _request, response):
         self._goal.publish(_message(TICK, GOAL))
         self._truth.publish(_message(TICK, START))
-        timer = self._node.create_timer(0.5, lambda: (timer.cancel(), self._late.publish(_message(TICK, GOAL))))
+        timer = self.node.create_timer(0.5, lambda: (timer.cancel(), self._late.publish(_message(TICK, GOAL))))
         response.success = True
         return response
-
-    def _spin(self):
-        try:
-            self._executor.spin()
-        except ExternalShutdownException:
-            pass
 
 
 def _message(stamp, pose):

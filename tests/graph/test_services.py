@@ -1,37 +1,18 @@
 """Asking a service: before its node is there, once and no more, and of a node that has nothing else to ask."""
 
-from threading import Thread
-
 import pytest
-import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from graph_tools import Apart
 from std_srvs.srv import Trigger
 
 
-class Server:
-    """A node `counter` in a context of its own, whose service `~/add` says how often it was asked."""
+class Server(Apart):
+    """A node `counter`, whose service `~/add` says how often it was asked."""
 
     def __init__(self, graph, parameter_services):
+        super().__init__("counter", graph.domain_id, start_parameter_services=parameter_services)
         self.count = 0
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=graph.domain_id)
-        self._node = rclpy.create_node("counter", context=self._context, start_parameter_services=parameter_services)
-        self._node.create_service(Trigger, "~/add", self._add)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._thread = Thread(target=self._spin)
-        self._thread.start()
-
-    def close(self):
-        rclpy.shutdown(context=self._context)
-        self._thread.join()
-        self._node.destroy_node()
-
-    def _spin(self):
-        try:
-            self._executor.spin()
-        except ExternalShutdownException:
-            pass
+        self.node.create_service(Trigger, "~/add", self._add)
+        self.begin()
 
     def _add(self, request, response):
         self.count += 1
