@@ -16,7 +16,7 @@ from pathlib import Path
 
 from np_bringup.rehearsal.learning import Learning, gpus
 from np_bringup.rehearsal.playing import Cell, text_of
-from np_bringup.rehearsal.stages import Rehearsal, diagnosed, rehearse
+from np_bringup.rehearsal.stages import Rehearsal, check_episodes, diagnosed, rehearse
 from np_description.domains import DOMAINS
 from np_description.objects.choice import DEFAULT, portable
 from np_effects.patch import Patch, load_patch
@@ -65,7 +65,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point. Status 1: a doctor refuses, training fails, or files are of another rehearsal."""
+    """Entry point. Status 1: a doctor refuses, training fails, a recording is of another domain's episodes, or files are of another rehearsal."""
     options = parse(arguments)
     interrupt_on_sigterm()
     begun, out = time.monotonic(), options.out.resolve()
@@ -77,6 +77,7 @@ def main(arguments: list[str] | None = None) -> int:
             seed=options.seed,
             contacts=options.contacts,
         )
+        check_episodes(options.bags, options.domain)
         patch = load_patch(options.patch) if options.patch else diagnosed(options.bags, out)
         there = gpus()
         what = Rehearsal(
