@@ -27,6 +27,7 @@ from np_blind.chain.answering import answered, publish, settle_all
 from np_blind.chain.cases import Case, draw
 from np_blind.chain.figures import HARM, rates, share_of_true
 from np_blind.repository import relative
+from np_record.command import Parser
 from np_record.workers import HELP, SINGLE_THREAD, workers
 
 METHODS = ("paper", "residual", "cma")
@@ -114,7 +115,7 @@ def figures(rows: Sequence[Mapping], method: str) -> dict:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m np_blind.chain.others",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,

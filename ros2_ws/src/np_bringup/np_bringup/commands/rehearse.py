@@ -21,7 +21,7 @@ from np_description.domains import DOMAINS
 from np_description.objects.choice import DEFAULT, portable
 from np_effects.patch import Patch, load_patch
 from np_physx_bridge.library import missing
-from np_record.command import INTERRUPTED, interrupt_on_sigterm
+from np_record.command import INTERRUPTED, Parser, interrupt_on_sigterm
 from np_record.workers import SINGLE_THREAD, workers
 
 MOST_MINUTES = 5.0
@@ -29,9 +29,7 @@ MOST_MINUTES = 5.0
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="rehearse", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(prog="rehearse", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings of `excite`, of either suite")
     parser.add_argument("--patch", type=Path, help="patch.yaml in place of recordings: the diagnosis is there already")
     parser.add_argument("--domain", choices=list(DOMAINS), default="wall")
