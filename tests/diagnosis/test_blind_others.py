@@ -12,6 +12,7 @@ from np_blind.arm.drawn.key import make_key
 from np_blind.arm.judged import others
 from np_blind.arm.judged.scoring import score_case, summary
 from np_blind.arm.judged.tables import figures_table
+from np_blind.repository import ROOT
 from np_description.panda import JOINT_NAMES
 from np_effects.patch import Patch, PatchEffect, dump_patch
 
@@ -73,6 +74,11 @@ def run(tmp_path, command):
 def test_a_command_that_fails_leaves_the_reason(tmp_path):
     out = run(tmp_path, f"{sys.executable} -c 'import sys; sys.exit(\"no such joint\")'")
     assert "no such joint" in (out / "error.txt").read_text() and not (out / "fits.json").exists()
+
+
+def test_a_reason_names_files_by_their_place_in_the_repository(tmp_path):
+    out = run(tmp_path, f"{sys.executable} {ROOT}/tests/nobody.py")
+    assert "can't open file 'tests/nobody.py'" in (out / "error.txt").read_text()
 
 
 def test_a_command_that_takes_too_long_is_ended(tmp_path):

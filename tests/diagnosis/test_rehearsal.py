@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bags import record_episode
 from rehearsing import BOTH, FRICTION, GRIP, WEIGHTS, Here, losing
 
+from np_bringup.commands import rehearse as command
 from np_bringup.commands.rehearse import parse
 from np_bringup.rehearsal import playing, stages
 from np_bringup.rehearsal.learning import Learning, carried
@@ -200,3 +202,23 @@ class TestStages:
             with pytest.raises(SystemExit):
                 parse(given)
         assert "expected recordings, or --patch" in capsys.readouterr().err
+
+    @pytest.mark.parametrize(
+        ("said", "domain", "error"),
+        [
+            ({"domain": "card"}, "wall", "expected a recording of `excite`, or episodes of wall, got episodes of card"),
+            ({"domain": "card"}, "card", "asked"),
+            ({"domain": "bump", "suite": "task", "experiments": ["touch"]}, "wall", "asked"),
+            ({"experiments": ["sweep_2"]}, "wall", "asked"),
+        ],
+    )
+    def test_episodes_are_of_the_domain_and_what_excite_recorded_of_any(
+        self, tmp_path, monkeypatch, capsys, said, domain, error
+    ):
+        def diagnosed(bags, out):
+            raise OSError("asked")
+
+        monkeypatch.setattr(command, "diagnosed", diagnosed)
+        bag = record_episode(tmp_path / "bag", 50, information=said)
+        assert command.main([str(bag), "--domain", domain, "--out", str(tmp_path / "out")]) == 1
+        assert error in json.loads(capsys.readouterr().out.splitlines()[-1])["error"]

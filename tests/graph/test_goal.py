@@ -12,8 +12,19 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
 
-from np_bringup.nodes.goal_node import goal_pose
-from np_description.domains import BUMP, CARD, DOMAINS, WALL, check_goal, is_success, pose_error, sample_task
+from np_bringup.nodes.goal_node import MARGIN, goal_pose
+from np_description.domains import (
+    BUMP,
+    CARD,
+    DOMAINS,
+    GOAL_SLACK,
+    WALL,
+    check_goal,
+    goal_region,
+    is_success,
+    pose_error,
+    sample_task,
+)
 from np_description.objects.scenarios import COUNT, fixed_task
 from np_description.panda import BASE_FRAME, NOMINAL, STATE_NAMES
 from np_description.rotations import yaw_quaternion
@@ -168,6 +179,14 @@ def test_a_goal_is_its_own_domains_alone(domain):
                 check_goal(domain, sample_task(other, rng)[1])
     for number in range(1, COUNT + 1):
         check_goal(domain, fixed_task(domain, number)[1])
+
+
+def test_a_command_asks_for_goals_of_its_region_and_a_backend_may_be_beside_it_by_a_slack():
+    edge = {"x": CARD.goals[0].x[1] + 0.001, "y": 0.0}
+    assert goal_region(CARD, edge, GOAL_SLACK) is CARD.goals[0]
+    for name, value in (("x", edge["x"]), ("surface", 0.01), ("yaw", 4.0)):
+        with pytest.raises(ValueError, match=f"one of card's goals .*surface 0.0 m.*got .*{name} {value:.3f}"):
+            goal_region(CARD, {"x": 0.5, "y": 0.0, name: value}, {**MARGIN, "surface": 0.0})
 
 
 @pytest.mark.parametrize(

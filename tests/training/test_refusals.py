@@ -70,9 +70,9 @@ def test_every_command_says_so_in_a_line(tmp_path, refused):
     missing, out = tmp_path / "missing.pt", ("--out", tmp_path / "run", "--device", "cpu")
     expected = f"{missing}: expected a checkpoint of np_training.train, got: No such file or directory"
     assert refused(train, "--resume", missing, *out) == f"train: {expected}"
-    assert refused(distill, "--checkpoint", missing, *out).endswith(f"error: {expected}")
-    assert refused(evaluate, "--checkpoint", missing).endswith(f"error: {expected}")
-    assert f"error: run {tmp_path}: expected log.csv" in refused(report, tmp_path)
+    assert refused(distill, "--checkpoint", missing, *out).endswith(f": {expected}; see --help")
+    assert refused(evaluate, "--checkpoint", missing).endswith(f": {expected}; see --help")
+    assert f": run {tmp_path}: expected log.csv" in refused(report, tmp_path)
     assert "argument --minutes: expected a number of at least 0, got 'nan'" in refused(train, "--minutes", "nan", *out)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from behind_the_hand import CORNERS_OFF
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -210,14 +211,10 @@ def test_the_edge_of_the_tolerance_is_success_only_when_the_time_is_over():
     assert phases(late.keypoints(11 * TICK, keypoints(edge))) == ["failed: post: timeout"]
 
 
-HIDDEN = [[-0.3, 1.9], [-0.2, 1.9], [0.7, 1.9], [0.7, 1.8], [-0.1, -0.2], [0.0, -0.3], [0.1, 0.0], [0.2, 0.0]]
-"""px by which a detector found a card's corners off with the hand over four of them: as if it were tilted by .14 rad."""
-
-
 def test_what_is_only_slid_lies_though_hidden_corners_make_it_look_tilted():
     episode = in_post(success_frames=3)
     points = keypoints(GOAL)
-    points[:, :2] += HIDDEN
+    points[:, :2] += CORNERS_OFF
     for i in (7, 8):
         assert ticks(episode.keypoints(i * TICK, points))
     assert episode.angle < 0.03

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from behind_the_hand import CORNERS_OFF
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -76,16 +77,7 @@ def test_a_card_whose_corners_behind_the_hand_are_two_pixels_off_lies():
     half_yaw = 0.115
     true = Pose(np.array([0.474, -0.049, CARD.half_size[2]]), np.array([np.cos(half_yaw), 0, 0, np.sin(half_yaw)]))
     found = seen(CARD, true)
-    found[:, :2] += [
-        [-0.3, 1.9],
-        [-0.2, 1.9],
-        [0.7, 1.9],
-        [0.7, 1.8],
-        [-0.1, -0.2],
-        [0.0, -0.3],
-        [0.1, 0.0],
-        [0.2, 0.0],
-    ]
+    found[:, :2] += CORNERS_OFF
     assert error(estimate_pose(found, CARD, floor=FLOOR), true)[0] > 0.01
     estimate = estimate_pose(found, CARD, floor=FLOOR, lies=LIES)
     distance, angle = error(estimate, true)

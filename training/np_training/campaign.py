@@ -9,7 +9,6 @@ when it has finished one. `--minutes` is what training may take on one GPU. The 
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -22,6 +21,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from np_description.domains import DOMAINS
+from np_record.command import Parser
 from np_training.options import duration
 from np_training.train_options import CHECKPOINT
 
@@ -191,9 +191,7 @@ def _relay(lines: Iterable[str], mark: str) -> None:
 
 def main() -> None:
     """The campaign that the command line asks for."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.splitlines()[0], epilog="Other options go to np_training.train."
-    )
+    parser = Parser(description=__doc__.splitlines()[0], epilog="Other options go to np_training.train.")
     parser.add_argument("domains", nargs="+", choices=list(DOMAINS))
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--minutes", type=duration, default=27.0, help="of training on each GPU")

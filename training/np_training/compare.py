@@ -8,11 +8,11 @@ Writes OUT.png and OUT.json; the last line printed is one JSON object.
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from np_record.command import Parser
 from np_training.setting import UNSAID
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def summary(run: Run, success: float) -> dict:
 
 def main() -> None:
     """Compare the runs named."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("runs", nargs="+", help="NAME=FOLDER, or FOLDER")
     parser.add_argument("--success", type=float, default=0.95)
     parser.add_argument("--out", type=Path, required=True, help="path without ending")

@@ -19,6 +19,7 @@ from np_description.released import WeightsError, sha256
 from np_description.weights_header import read_metadata, tensors_sha256, with_metadata
 from np_perception.contract import DetectorContract
 from np_policy.contract import CONTROLLERS, KINDS, PolicyContract
+from np_record.command import Parser
 from np_training.physics.config import LEARNED_IN, PhysicsConfig, physics_for
 from np_training.tasks.randomisation import DELAY_STEP, PAPER
 
@@ -90,7 +91,7 @@ def _renew(network: Path, contract: Contract, weights: Path) -> str:
 
 def main() -> None:
     """Add contracts; prints a line a file."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("weights", type=Path, nargs="+", help="safetensors files")
     parser.add_argument(
         "--controller", choices=CONTROLLERS, default="impedance", help="what policies were trained with"

@@ -8,11 +8,11 @@ and width, trained by mean squared error (paper) on fresh tasks with keypoint no
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
 from np_description.domains import DOMAINS
+from np_record.command import Parser
 from np_training.device import DEVICE_HELP, usable
 from np_training.options import duration
 from np_training.physics.carried_effects import load_effects
@@ -21,7 +21,7 @@ from np_training.setting import OBJECT_HELP
 
 def main() -> None:
     """Distil the checkpoint's pre-contact policy; writes pre_contact_student_DOMAIN.safetensors."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--domain", choices=list(DOMAINS), help="default: the checkpoint's")
     parser.add_argument("--object", help=f"{OBJECT_HELP}; default: the checkpoint's")
     parser.add_argument("--checkpoint", type=Path, required=True)

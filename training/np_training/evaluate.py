@@ -18,6 +18,7 @@ from pathlib import Path
 from np_description.domains import DOMAINS
 from np_description.objects.scenarios import COUNT
 from np_description.released import WeightsError
+from np_record.command import Parser
 from np_training.device import DEVICE_HELP, usable
 from np_training.physics.carried_effects import load_effects
 from np_training.physics.config import CONTROLLERS, STEPPING, PhysicsConfig
@@ -27,7 +28,7 @@ from np_training.tasks.randomisation import CONDITIONS
 
 def main() -> None:
     """Evaluate checkpoints; every line printed is one JSON object."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--domain", choices=list(DOMAINS), help="default: the checkpoint's")
     parser.add_argument("--object", help=f"{OBJECT_HELP}; default: the checkpoint's")
     parser.add_argument(

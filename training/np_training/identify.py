@@ -9,7 +9,6 @@ Writes OUT/identification.json and .png. The last line printed is one JSON objec
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import platform
@@ -26,6 +25,7 @@ from np_diagnosis.baselines.methods import compare, gap
 from np_diagnosis.experiments.excitation import suite
 from np_diagnosis.simulation.closed_loop import Stretch, stretches
 from np_diagnosis.simulation.simulated_arm import Plant, load_plant, panda_plant
+from np_record.command import Parser
 from np_training.identify_reference import known_arm, record
 
 FITTED, HELD_OUT = (
@@ -150,7 +150,7 @@ def _show(name: str, done: int, limit: int) -> None:
 
 def main() -> None:
     """Identify, write the figures and the plot."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("recordings", nargs="*", type=Path, help="to fit to: bags, or drives' logs (.npz)")
     parser.add_argument(
         "--held-out", nargs="+", type=Path, default=[], help=f"default: the last {100 * (1 - SHARE):.0f} %% of each"

@@ -9,17 +9,17 @@ than the domain's own go into a folder of their own (`--weights`), which the nod
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
+from np_record.command import Parser
 from np_training.setting import OBJECT_HELP, RESULTS, WEIGHTS
 
 
 def main() -> None:
     """Write weights/{pre,post}_contact_DOMAIN.safetensors with cards, and
     docs/results/training_DOMAIN.{json,csv,png}."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--student", type=Path, required=True)
     parser.add_argument("--object", help=f"{OBJECT_HELP}; default: the checkpoint's")

@@ -8,12 +8,12 @@ Reads log.csv, config.json and, where they are, evaluation.jsonl (np_training.ev
 
 from __future__ import annotations
 
-import argparse
 import base64
 import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from np_record.command import Parser
 from np_record.report.pages import page, svg
 from np_training.ppo.log import read_log
 from np_training.reports.curves import draw_curves, reached
@@ -96,7 +96,7 @@ def write_report(run: Run, path: Path) -> None:
 
 def main() -> None:
     """Write RUN/report.html; the last line is one JSON object."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path)
     parser.add_argument("--out", type=Path, help="default: RUN/report.html")
     arguments = parser.parse_args()

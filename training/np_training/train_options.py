@@ -8,6 +8,7 @@ from pathlib import Path
 from np_description.domains import DOMAINS, Domain, find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.panda import FINGER_MAX
+from np_record.command import Parser
 from np_training.device import DEVICE_HELP, usable
 from np_training.options import count, duration
 from np_training.physics.carried_effects import load_effects
@@ -23,7 +24,7 @@ CHECKPOINT = "checkpoint.pt"  # in the folder of a run
 
 def parse() -> argparse.Namespace:
     """The command line, with the task's defaults; `played`: the domain as it is played, `reward`: the reward itself."""
-    parser = argparse.ArgumentParser(description="Joint training of the pre- and post-contact policies.")
+    parser = Parser(description="Joint training of the pre- and post-contact policies.")
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--object", default=DEFAULT, help=OBJECT_HELP)
     parser.add_argument("--out", type=Path, help="default: runs/DOMAIN")

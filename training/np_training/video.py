@@ -6,14 +6,15 @@ python -m np_training.video runs/bump/episodes.npz --count 4 --strips runs/bump/
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
+
+from np_record.command import Parser
 
 
 def main() -> None:
     """Draw a recording; the last line is one JSON object."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("recording", type=Path)
     parser.add_argument("--count", type=int, default=6)
     parser.add_argument("--out", type=Path, help="folder; default: the recording's")

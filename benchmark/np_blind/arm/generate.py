@@ -24,7 +24,7 @@ from np_blind.arm.drawn.key import make_key
 from np_blind.arm.loop import Targets, make_targets, run_staying
 from np_blind.sealed import digest
 from np_diagnosis.experiments.excitation import suite
-from np_record.command import Progress
+from np_record.command import Parser, Progress
 from np_record.workers import HELP, workers
 
 BATCH = 25  # arms moved at once, at most: 30 MB each
@@ -103,7 +103,7 @@ def add_options(parser: argparse.ArgumentParser, which: str) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
-    parser = argparse.ArgumentParser(prog="python -m np_blind.arm.generate", description=__doc__.split("\n")[0])
+    parser = Parser(prog="python -m np_blind.arm.generate", description=__doc__.split("\n")[0])
     add_options(parser, "development")
     parser.add_argument("--out", type=Path, required=True, help="folder to make")
     options = parser.parse_args(arguments)

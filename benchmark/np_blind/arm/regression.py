@@ -6,13 +6,13 @@ same, so that chance lies only in those that one doctor has right and the other 
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from np_blind.arm.judged.scoring import Score, median
+from np_record.command import Parser
 from np_record.intervals import wilson_interval
 
 NORMAL95 = 1.96  # standard deviations
@@ -90,7 +90,7 @@ def _read(path: Path) -> tuple[dict, list[Score]]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(prog="python -m np_blind.arm.regression", description=__doc__.split("\n")[0])
+    parser = Parser(prog="python -m np_blind.arm.regression", description=__doc__.split("\n")[0])
     parser.add_argument(
         "results", nargs="+", type=Path, metavar="FORMER NOW", help="results.json of one key, two by two"
     )

@@ -29,6 +29,7 @@ from np_blind.arm.judged.rehearsal import rehearse
 from np_blind.arm.judged.scoring import Score, score_case, score_gap, summary
 from np_blind.arm.judged.tables import failures_table, figures_table, plot
 from np_blind.sealed import SealError, check, check_doctor, digest
+from np_record.command import Parser
 from np_record.workers import workers
 
 DOCTOR = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.diagnose"
@@ -36,7 +37,7 @@ DOCTOR = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.diagnose"
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(prog="python -m np_blind.arm.set", description=__doc__.split("\n")[0])
+    parser = Parser(prog="python -m np_blind.arm.set", description=__doc__.split("\n")[0])
     add_options(parser, "locked")
     parser.add_argument(
         "--out", type=Path, help="folder; what is there already is not done again (default: runs/blind/SET_CASES_SEED)"

@@ -6,7 +6,6 @@ is one JSON object.
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from np_record.command import Progress
+from np_record.command import Parser, Progress
 
 if TYPE_CHECKING:  # slow: no --help should wait for it
     from np_blind.camera.pose_streams import Rig
@@ -138,7 +137,7 @@ def drawn(draws: int, seed: int, tell: Callable[[str], None], base: Rig | None =
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(prog="python -m np_blind.camera.clocks", description=__doc__.split("\n")[0])
+    parser = Parser(prog="python -m np_blind.camera.clocks", description=__doc__.split("\n")[0])
     parser.add_argument("--real", type=Path, help="the published streams.npz (default: synthetic recordings only)")
     parser.add_argument("--draws", type=int, default=200, help="synthetic recordings (default 200)")
     parser.add_argument("--seed", type=int, default=0)

@@ -7,7 +7,6 @@ and of its hand are were known, which is fitted: where runs of one set-up do not
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
@@ -19,6 +18,7 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from np_diagnosis.chain.sliding import GRAVITY, Slide, friction, slides
+from np_record.command import Parser
 
 HALF, RATE = 0.0524, 148.0  # m and 1/s, of the tossed cube as it is published
 SUPPORT = 0.383 * 2 * HALF  # m: radius of the limit surface of uniform pressure
@@ -114,7 +114,7 @@ def replay(pulls: np.ndarray, coefficient: float) -> np.ndarray:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(prog="python -m np_blind.camera.slid", description=__doc__.split("\n")[0])
+    parser = Parser(prog="python -m np_blind.camera.slid", description=__doc__.split("\n")[0])
     parser.add_argument("--tosses", type=Path, required=True, help="cube_tosses.npz")
     parser.add_argument("--tray", type=Path, required=True, help="tray_experiments.npz")
     parser.add_argument("--out", type=Path, help="file for the JSON")

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
@@ -19,7 +18,7 @@ import numpy as np
 from np_blind.camera.boxes import DEGREE, Case, Detector, Truth, places, usual
 from np_description.domains import BUMP, CARD
 from np_diagnosis.chain.view_stage.parameters import EFFECTS, NAMES
-from np_record.command import Progress
+from np_record.command import Parser, Progress
 
 if TYPE_CHECKING:
     from np_diagnosis.chain.view_stage.view import View
@@ -112,7 +111,7 @@ def _judged(kind: str, gap: Truth, truth: Truth, found: View) -> dict:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(prog="python -m np_blind.camera.views", description=__doc__.split("\n")[0])
+    parser = Parser(prog="python -m np_blind.camera.views", description=__doc__.split("\n")[0])
     parser.add_argument(
         "--draws", type=int, default=40, help="of each kind, with a measured pose and without (default 40)"
     )

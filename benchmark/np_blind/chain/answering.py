@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from np_blind.chain.cases import SET, Case
+from np_blind.repository import relative
 from np_record.command import Progress
 from np_record.whole_file import write_whole
 
@@ -30,7 +31,7 @@ def settle(case: Case, seed: int, out: Path, answer: Answer = answer, name: str 
     try:
         row = answer(case, seed)
     except Exception:
-        row = _error(case, traceback.format_exc(limit=3))
+        row = _error(case, relative(traceback.format_exc(limit=3)))
     kept = _kept(out, case, name)
     kept.parent.mkdir(exist_ok=True)
     write_whole(kept, json.dumps(row, indent=1) + "\n")

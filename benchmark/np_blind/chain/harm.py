@@ -25,6 +25,7 @@ from np_diagnosis.chain.motion.stage import errors, share
 from np_diagnosis.chain.motion.windows import FAMILIES
 from np_effects import SCENE_RECORDS
 from np_effects.patch import Patch, PatchEffect
+from np_record.command import Parser
 
 NAME = "harm.json"
 NUMBERS = {"table_friction": "table", "object_mass": "mass", "gripper_friction": "finger"}
@@ -71,7 +72,7 @@ def told(row: Mapping) -> dict:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m np_blind.chain.harm", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cases", type=int, nargs="+", required=True, help="numbers")

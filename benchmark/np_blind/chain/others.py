@@ -26,6 +26,8 @@ from np_blind.chain.answering import NAME as ANSWER
 from np_blind.chain.answering import answered, publish, settle_all
 from np_blind.chain.cases import Case, draw
 from np_blind.chain.figures import HARM, rates, share_of_true
+from np_blind.repository import relative
+from np_record.command import Parser
 from np_record.workers import HELP, SINGLE_THREAD, workers
 
 METHODS = ("paper", "residual", "cma")
@@ -62,7 +64,7 @@ def ask(case: Case, seed: int, methods: Sequence[str], seconds: float) -> dict:
         try:
             told[method] = _asked(method, recording, case.number, seconds, fresh, known)
         except Exception:
-            told[method] = {"error": traceback.format_exc(limit=3)}
+            told[method] = {"error": relative(traceback.format_exc(limit=3))}
         told[method]["wall_s"] = time.perf_counter() - begun
     return {"case": case.number, "kind": case.kind, "gap": case.gap, "made_s": made_s, "methods": told}
 
@@ -113,7 +115,7 @@ def figures(rows: Sequence[Mapping], method: str) -> dict:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m np_blind.chain.others",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,

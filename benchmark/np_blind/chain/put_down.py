@@ -30,6 +30,7 @@ from np_diagnosis.chain.track import Track
 from np_diagnosis.chain.view_stage.places import Place, places
 from np_diagnosis.thresholds import THRESHOLDS
 from np_effects.view_effects import ViewEffects
+from np_record.command import Parser
 
 COUNT, RESTS, RATE = 8, 3.0, 30  # places; s at each; images a second
 HIDDEN = 1.0  # s between two places, of which there is no image
@@ -94,7 +95,7 @@ def _measured(place: Place, middle: np.ndarray, turn: Rotation, rng: np.random.G
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m np_blind.chain.put_down",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,

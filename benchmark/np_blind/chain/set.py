@@ -18,7 +18,7 @@ from np_blind.chain.cases import SET, draw, make_key
 from np_blind.chain.figures import figures
 from np_blind.sealed import SealError, check, check_doctor, digest, put_down
 from np_physx_bridge.library import missing
-from np_record.command import INTERRUPTED, interrupt_on_sigterm
+from np_record.command import INTERRUPTED, Parser, interrupt_on_sigterm
 from np_record.workers import HELP, SINGLE_THREAD, workers
 from np_record.workers import missing as missing_cluster
 
@@ -27,7 +27,7 @@ LOCKED_FROM = 900  # seed from which on a set is sealed
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m np_blind.chain.set",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,

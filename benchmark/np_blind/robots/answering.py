@@ -16,6 +16,7 @@ from threading import Condition, Event
 
 import numpy as np
 
+from np_blind.repository import relative
 from np_blind.robots.cases import DOMAINS, Robot
 from np_blind.robots.queue import DOCTOR, ENGINE, REHEARSAL, Queue, TimeOver
 from np_bringup.corrections import corrections
@@ -150,7 +151,7 @@ def settle(robot: Robot, judging: Judging, nominal: Future, queue: Queue, turn: 
         pass
     except Exception:
         if not queue.is_over:
-            row["error"] = traceback.format_exc(limit=3)
+            row["error"] = relative(traceback.format_exc(limit=3))
     keep()
     return row
 

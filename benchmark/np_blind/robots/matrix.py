@@ -36,7 +36,7 @@ from np_description.released import WeightsError
 from np_description.weights_header import read_metadata
 from np_effects.patch import load_patch
 from np_policy.contract import KINDS, PRE_CONTACT
-from np_record.command import INTERRUPTED, interrupt_on_sigterm
+from np_record.command import INTERRUPTED, Parser, interrupt_on_sigterm
 from np_record.workers import HELP, SINGLE_THREAD, workers
 
 POLICIES = Path(str(files("np_blind") / "data" / "policies.yaml"))
@@ -48,7 +48,7 @@ SIDES = ("nominal", "patched", "patched_score", "engine")
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m np_blind.robots.matrix",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,

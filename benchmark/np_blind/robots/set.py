@@ -28,7 +28,7 @@ from np_blind.robots.sizes import find_robots
 from np_blind.sealed import KEYS, SealError, answered_by, check, check_doctor, digest, put_down
 from np_bringup.rehearsal.learning import Learning, gpus
 from np_physx_bridge.library import missing
-from np_record.command import INTERRUPTED, interrupt_on_sigterm, origin
+from np_record.command import INTERRUPTED, Parser, interrupt_on_sigterm, origin
 from np_record.workers import HELP, SINGLE_THREAD, workers
 
 LOCKED_FROM = 30  # seed from which on a set is sealed
@@ -36,7 +36,7 @@ LOCKED_FROM = 30  # seed from which on a set is sealed
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m np_blind.robots.set", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--robots", type=int, default=12, help="of the set (default: %(default)s)")

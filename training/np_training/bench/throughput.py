@@ -17,18 +17,18 @@ untrained policy touches costs less. The last line printed is one JSON object.
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
 from np_description.domains import DOMAINS
+from np_record.command import Parser
 from np_training.device import DEVICE_HELP, usable
 from np_training.ppo.config import TrainConfig
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--checkpoint", type=Path, help="policies to measure with; default: untrained ones")
     parser.add_argument("--device", help=DEVICE_HELP)

@@ -19,6 +19,7 @@ import json
 from pathlib import Path
 
 from np_description.domains import DOMAINS
+from np_record.command import Parser
 
 SETS = ("nominal", "shifted", "ray_caster", "meshes")
 ALWAYS = SETS[:3]
@@ -26,7 +27,7 @@ ALWAYS = SETS[:3]
 
 def main() -> None:
     """Command line; the last line printed is the figures as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--object", default="default", help="a rigid row, or a .yaml file: a box of another size")
     parser.add_argument("--weights", default="", help="folder of weights; default: the released ones")

@@ -11,10 +11,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from np_record.command import Parser
+
 
 def main() -> None:
     """Command line; prints the path written."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("weights", type=Path)
     arguments = parser.parse_args()
     from np_training.detector.exporting import export  # slow: no --help should wait for PyTorch

@@ -12,11 +12,12 @@ import argparse
 from pathlib import Path
 
 from np_description.domains import DOMAINS
+from np_record.command import Parser
 
 
 def main() -> None:
     """Command line; prints the model card."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, help="folder that np_training.detector.train wrote")
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--weights", type=Path, default=Path("weights"))

@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 
 from np_description.domains import DOMAINS
+from np_record.command import Parser
 from np_training.device import DEVICE_HELP, usable
 from np_training.options import duration
 
@@ -22,7 +23,7 @@ from np_training.options import duration
 def main(arguments: list[str] | None = None) -> None:
     """Command line; the last line printed is the held-out figures as JSON."""
     began = time.monotonic()
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--out", type=Path, required=True, help="folder of checkpoint, curves and weights")
     parser.add_argument("--seed", type=int, default=0)

@@ -22,6 +22,7 @@ from np_blind.arm.drawn.cases import Case
 from np_blind.arm.generate import bag_path, batches, make_bags, reference_path, shown
 from np_blind.arm.judged import others
 from np_blind.arm.judged.followup import follow_up
+from np_blind.repository import relative
 from np_record.command import Progress
 from np_record.workers import SINGLE_THREAD, Workers
 from np_ros.parent import end_with_parent
@@ -54,7 +55,7 @@ def write_error(out: Path, number: int, error: str) -> None:
     """Put down that a case is done, and what went wrong."""
     folder = report_path(out, number)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "error.txt").write_text(error)
+    (folder / "error.txt").write_text(relative(error))
 
 
 def answer_all(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: int, workers: Workers) -> None:

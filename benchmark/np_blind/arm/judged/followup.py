@@ -12,6 +12,7 @@ import numpy as np
 
 from np_blind.arm.drawn.cases import OUT_OF_CATALOGUE_KIND, Case, make_physics
 from np_blind.arm.loop import make_targets, run_staying
+from np_blind.repository import relative
 from np_diagnosis.experiments.excitation import suite
 
 FOLDER = "next"
@@ -52,7 +53,7 @@ def follow_up(case: Case, bag: Path, folder: Path, ask: Callable[[Sequence[Path]
         return
     begin = int(np.random.default_rng([*case.seed, 3]).integers(1, 1000)) * 1_000_000_000 + LATER
     write_bag(second, record, 0, targets, begin, {"origin": "np_diagnosis blind test", "case": case.number})
-    (answer / "error.txt").write_text(ask([bag, second], answer))
+    (answer / "error.txt").write_text(relative(ask([bag, second], answer)))
     shutil.rmtree(second)
 
 

@@ -26,6 +26,7 @@ from np_blind.arm.drawn.faults import EFFECTS, limit_of
 from np_blind.arm.judged.heldout import heldout_gaps
 from np_blind.arm.judged.patched import PatchError, patched_physics, read_patch
 from np_blind.arm.judged.scoring import Score, modules, score_case, score_gap, summary
+from np_blind.repository import relative
 from np_description.panda import JOINT_NAMES
 from np_ros.parent import end_with_parent
 
@@ -66,7 +67,7 @@ def identify(bag: Path, folder: Path, command: str, timeout: float) -> None:
     except subprocess.TimeoutExpired:
         error = f"no answer within {timeout:g} s"
     (out / "seconds.json").write_text(json.dumps(round(time.monotonic() - began, 1)))
-    (out / "error.txt").write_text(error)
+    (out / "error.txt").write_text(relative(error))
 
 
 def as_report(patch: Sequence[Mapping]) -> dict:

@@ -7,6 +7,7 @@ of the robot (x forward, y left, z up, table top at z = 0).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import pi
 
@@ -145,8 +146,8 @@ WALL = Domain(
     aim=0.6,
 )
 
-GOAL_SLACK = 0.002, 0.002, 0.015
-"""By how much a goal's x, y, z m may be beside its region: an object measured anew, a table that is not quite level."""
+GOAL_SLACK = {"x": 0.002, "y": 0.002, "surface": 0.015}
+"""By how many m a goal may be beside its region: an object measured anew, a table that is not quite level."""
 
 DOMAINS = {domain.name: domain for domain in (CARD, BUMP, WALL)}
 
@@ -191,22 +192,26 @@ def sample_task(domain: Domain, rng: np.random.Generator) -> tuple[Pose, Pose]:
             return start, goal
 
 
+def goal_region(domain: Domain, goal: Mapping[str, float], margin: Mapping[str, float]) -> Region:
+    """The domain's goal region that holds a goal, within a margin. Both have, by name, what counts of x, y, surface m and yaw rad.
+
+    Raises ValueError with the domain's goals where none does.
+    """
+    for region in domain.goals:
+        limits = {"x": region.x, "y": region.y, "surface": (region.surface, region.surface), "yaw": region.yaw}
+        if all(limits[n][0] - margin[n] <= value <= limits[n][1] + margin[n] for n, value in goal.items()):
+            return region
+    goals = "; ".join(
+        f"x {r.x}, y {r.y}, surface {r.surface} m, yaw {np.round(r.yaw, 2).tolist()} rad" for r in domain.goals
+    )
+    got = ", ".join(f"{name} {value:.3f}" for name, value in goal.items())
+    raise ValueError(f"goal: expected one of {domain.name}'s goals ({goals}), got {got}")
+
+
 def check_goal(domain: Domain, pose: Pose) -> None:
     """Raises ValueError for a goal that rests in none of the domain's goal regions, within `GOAL_SLACK`: mostly another domain's."""
     x, y, z = pose.position
-    height = resting_height(domain, pose.quaternion)
-    for region in domain.goals:
-        limits = (*region.x, x), (*region.y, y), (region.surface + height, region.surface + height, z)
-        if all(low - slack <= value <= high + slack for (low, high, value), slack in zip(limits, GOAL_SLACK)):
-            return
-    raise ValueError(
-        f"goal: expected one of {domain.name}'s goals ({goals_text(domain)}), got x {x:.3f}, y {y:.3f}, z {z:.3f} m"
-    )
-
-
-def goals_text(domain: Domain) -> str:
-    """Where the domain's goals are, in words."""
-    return "; ".join(f"x {r.x}, y {r.y} m, yaw {np.round(r.yaw, 2).tolist()} rad" for r in domain.goals)
+    goal_region(domain, {"x": x, "y": y, "surface": z - resting_height(domain, pose.quaternion)}, GOAL_SLACK)
 
 
 def pose_error(position_a, quaternion_a, position_b, quaternion_b):

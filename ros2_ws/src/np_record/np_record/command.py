@@ -1,17 +1,27 @@
-"""What commands share: the origin of a run, folders that are new, progress, the end on a signal."""
+"""What commands share: their options, the origin of a run, folders that are new, progress, the end on a signal."""
 
 from __future__ import annotations
 
+import argparse
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 from tqdm import tqdm
 
 from np_description.released import WeightsError, sha256, weights_folder
 
 INTERRUPTED = 130  # the exit status of a command ended by Ctrl-C
+
+
+class Parser(argparse.ArgumentParser):
+    """The options of a command. What is wrong with them is all that is said: the usage, by which argparse goes first, has many lines."""
+
+    def error(self, message: str) -> NoReturn:
+        """End the command with status 2."""
+        self.exit(2, f"{self.prog}: {message}; see --help\n")
 
 
 def origin(weights: str = "") -> dict[str, object]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import platform
@@ -13,7 +12,7 @@ from pathlib import Path
 
 from np_bringup.task_graph import LOOP_PRIORITY, task_graph
 from np_description.domains import find_domain
-from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder
+from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder
 from np_ros.graph import NodeSpec
 from np_ros.supervisor import NodeDied, Supervisor
 
@@ -129,7 +128,7 @@ def echo_round_trip(seconds: float, logs: Path) -> dict[str, object]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
-    parser = argparse.ArgumentParser(prog="bench", description=__doc__)
+    parser = Parser(prog="bench", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the real-time measurement")
     parser.add_argument("--weights", default="", help="folder with weights; default: the project's own")
     parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder for logs; a number is appended")

@@ -3,10 +3,11 @@ truth."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import tempfile
 from pathlib import Path
+
+from np_record.command import Parser
 
 
 def run(out: Path, cameras: int, views: int, seed: int) -> dict[str, object]:
@@ -45,7 +46,7 @@ def run(out: Path, cameras: int, views: int, seed: int) -> dict[str, object]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
-    parser = argparse.ArgumentParser(prog="calibration_trial", description=__doc__)
+    parser = Parser(prog="calibration_trial", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder for calibration.json, .png and _view.png")
     parser.add_argument("--cameras", type=int, default=10, help="how many (default %(default)s)")
     parser.add_argument("--views", type=int, default=16, help="postures of the hand (default %(default)s)")

@@ -8,6 +8,8 @@ import sys
 import time
 from contextlib import closing
 
+from np_record.command import Parser
+
 MODES = ("realtime", "lockstep")
 WARNING = (
     "The arm will move: joint 7 by up to a tenth of a radian, the fingers by 2 cm. Commands are sent that a backend has to refuse "
@@ -17,7 +19,7 @@ WARNING = (
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(prog="check_backend", description=f"{__doc__.partition(': ')[2]} {WARNING}")
+    p = Parser(prog="check_backend", description=f"{__doc__.partition(': ')[2]} {WARNING}")
     p.add_argument("node", help="name of the backend's node, as in its diagnostics")
     p.add_argument("--mode", choices=MODES, default="realtime", help="in which it runs; %(default)s")
     p.add_argument("--limit", type=float, default=20.0, help="how long to wait for what is due, s; %(default)g")

@@ -14,7 +14,7 @@ import numpy as np
 from np_bringup.task_graph import KEYPOINT_SOURCES
 from np_description.domains import DOMAINS, find_domain
 from np_description.objects.choice import DEFAULT, portable
-from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
+from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder, origin
 from np_record.intervals import wilson_interval
 from np_ros.supervisor import NodeDied
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # what is slow to import comes after the options are read
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(prog="demo", description=__doc__)
+    parser = Parser(prog="demo", description=__doc__)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--object", default=DEFAULT, help="a row of the domain's table of objects, or a .yaml file")
     parser.add_argument("--episodes", type=int, default=3)

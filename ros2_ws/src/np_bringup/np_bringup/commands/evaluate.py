@@ -17,7 +17,7 @@ from np_bringup.results import Results, split
 from np_description.domains import DOMAINS, find_domain
 from np_description.objects.choice import DEFAULT, portable
 from np_description.objects.scenarios import COUNT
-from np_record.command import Progress, origin
+from np_record.command import Parser, Progress, origin
 from np_record.workers import workers
 from np_ros.answering import CONTROLLERS
 
@@ -26,7 +26,7 @@ IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change n
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
+    parser = Parser(prog="evaluate", description=__doc__)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--episodes", type=int, default=20)
     parser.add_argument("--controller", choices=list(CONTROLLERS), default="impedance")

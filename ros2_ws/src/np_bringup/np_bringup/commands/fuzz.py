@@ -12,12 +12,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 from np_description.domains import DOMAINS
-from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
+from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder, origin
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(prog="fuzz", description=__doc__.partition(": ")[2])
+    p = Parser(prog="fuzz", description=__doc__.partition(": ")[2])
     p.add_argument("--messages", type=int, default=10_000, help="on each topic, %(default)s")
     p.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="only these")
     p.add_argument("--domain", choices=list(DOMAINS), default="card", help="task family; %(default)s")

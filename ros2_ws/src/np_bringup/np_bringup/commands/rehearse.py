@@ -16,12 +16,12 @@ from pathlib import Path
 
 from np_bringup.rehearsal.learning import Learning, gpus
 from np_bringup.rehearsal.playing import Cell, text_of
-from np_bringup.rehearsal.stages import Rehearsal, diagnosed, rehearse
+from np_bringup.rehearsal.stages import Rehearsal, check_episodes, diagnosed, rehearse
 from np_description.domains import DOMAINS
 from np_description.objects.choice import DEFAULT, portable
 from np_effects.patch import Patch, load_patch
 from np_physx_bridge.library import missing
-from np_record.command import INTERRUPTED, interrupt_on_sigterm
+from np_record.command import INTERRUPTED, Parser, interrupt_on_sigterm
 from np_record.workers import SINGLE_THREAD, workers
 
 MOST_MINUTES = 5.0
@@ -29,9 +29,7 @@ MOST_MINUTES = 5.0
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="rehearse", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(prog="rehearse", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings of `excite`, of either suite")
     parser.add_argument("--patch", type=Path, help="patch.yaml in place of recordings: the diagnosis is there already")
     parser.add_argument("--domain", choices=list(DOMAINS), default="wall")
@@ -65,7 +63,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point. Status 1: a doctor refuses, training fails, or files are of another rehearsal."""
+    """Entry point. Status 1: a doctor refuses, training fails, a recording is of another domain's episodes, or files are of another rehearsal."""
     options = parse(arguments)
     interrupt_on_sigterm()
     begun, out = time.monotonic(), options.out.resolve()
@@ -77,6 +75,7 @@ def main(arguments: list[str] | None = None) -> int:
             seed=options.seed,
             contacts=options.contacts,
         )
+        check_episodes(options.bags, options.domain)
         patch = load_patch(options.patch) if options.patch else diagnosed(options.bags, out)
         there = gpus()
         what = Rehearsal(

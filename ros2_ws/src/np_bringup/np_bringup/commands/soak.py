@@ -12,7 +12,7 @@ from pathlib import Path
 from np_bringup.task_graph import KEYPOINT_SOURCES
 from np_description.domains import DOMAINS
 from np_description.phases import FAULT
-from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
+from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder, origin
 
 WARM = 10  # episodes until caches are full
 _WRITTEN = 20  # episodes between two writings of what there is
@@ -20,7 +20,7 @@ _WRITTEN = 20  # episodes between two writings of what there is
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(prog="soak", description=__doc__.partition(": ")[2])
+    p = Parser(prog="soak", description=__doc__.partition(": ")[2])
     p.add_argument("--episodes", type=int, default=2000, help="how many, in lockstep; %(default)s")
     p.add_argument("--hours", type=float, help="instead: for so long, in real time")
     p.add_argument("--domain", choices=list(DOMAINS), default="card", help="task family; %(default)s")

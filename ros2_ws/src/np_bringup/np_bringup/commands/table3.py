@@ -35,13 +35,13 @@ from np_bringup.paper_table import (
 from np_bringup.paper_table_alone import play_alone
 from np_description.domains import DOMAINS
 from np_description.objects.scenarios import COUNT
-from np_record.command import Progress, origin
+from np_record.command import Parser, Progress, origin
 from np_record.workers import workers
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(prog="table3", description=__doc__.split("\n")[0])
+    parser = Parser(prog="table3", description=__doc__.split("\n")[0])
     parser.add_argument("--domains", nargs="+", choices=list(DOMAINS), default=list(DOMAINS))
     parser.add_argument("--objects", nargs="+", default=[], help="rows of the table; default: all")
     parser.add_argument("--scenarios", nargs="+", type=int, choices=range(1, COUNT + 1), default=range(1, COUNT + 1))

@@ -9,11 +9,12 @@ from functools import partial
 
 from np_description.domains import DOMAINS
 from np_description.objects.choice import DEFAULT, domain_with, recorded_domain
+from np_record.command import Parser
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(prog="view", description=__doc__.partition(": ")[2])
+    p = Parser(prog="view", description=__doc__.partition(": ")[2])
     p.add_argument("bag", nargs="?", help="bag to play; without one, the graph in this ROS_DOMAIN_ID")
     p.add_argument("--domain", choices=list(DOMAINS), default="card", help="what a running graph works on; %(default)s")
     p.add_argument("--object", default=DEFAULT, help="and what with: a row of its table, or a .yaml file; %(default)s")

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from np_description.domains import Domain, Pose, goals_text, resting_pose
+from np_description.domains import Domain, Pose, goal_region, resting_pose
 from np_description.panda import BASE_FRAME
 from np_record.command import INTERRUPTED
 from np_ros import qos
@@ -31,7 +31,7 @@ from np_ros.services import Services, Wait
 from np_ros.spin import Spinner
 from np_ros.task_domain import declare_domain
 
-MARGIN = 1e-6  # m or rad
+MARGIN = dict.fromkeys(("x", "y", "yaw"), 1e-6)  # m and rad: of rounding
 EPISODE_LIMIT = 3600.0  # s; the episode node has limits of its own for every phase
 
 
@@ -40,11 +40,7 @@ def goal_pose(domain: Domain, x: float, y: float, yaw: float, roll_turns: int = 
 
     Raises ValueError where no region does, or where it would rest on a face that policies have not been asked for.
     """
-    region = next((r for r in domain.goals if _holds(r.x, x) and _holds(r.y, y) and _holds(r.yaw, yaw)), None)
-    if region is None:
-        raise ValueError(
-            f"goal: expected one of {domain.name}'s goals ({goals_text(domain)}), got x {x}, y {y}, yaw {yaw:.2f}"
-        )
+    region = goal_region(domain, {"x": x, "y": y, "yaw": yaw}, MARGIN)
     if (roll_turns or pitch_turns) and not region.quarter_turns:
         raise ValueError(
             f"goal: expected no roll_turns and pitch_turns for {domain.name}, which has but one face to rest on, "
@@ -52,10 +48,6 @@ def goal_pose(domain: Domain, x: float, y: float, yaw: float, roll_turns: int = 
         )
     pitch = pitch_turns * pi / 2 if region.quarter_turns else region.pitch
     return resting_pose(domain, region, x, y, yaw, roll_turns * pi / 2, pitch)
-
-
-def _holds(limits: tuple[float, float], value: float) -> bool:
-    return limits[0] - MARGIN <= value <= limits[1] + MARGIN
 
 
 class Goal(Node):

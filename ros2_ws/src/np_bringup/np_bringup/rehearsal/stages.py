@@ -26,7 +26,7 @@ from np_bringup.rehearsal.learning import Learning, carried, learn, learned
 from np_bringup.rehearsal.playing import Cell, play_all, succeeds, text_of
 from np_bringup.rehearsal.shares import joined, mean_and_interval, parts, shapley, subsets, with_intervals
 from np_effects.patch import Patch, dump_patch, load_patch
-from np_record.bag import Recording
+from np_record.bag import BagError, Recording
 from np_record.intervals import wilson_interval
 from np_ros.parent import end_with_parent
 
@@ -65,6 +65,18 @@ class Rehearsal:
     def patched(self, patch: Patch) -> Cell:
         """The simulated robot with a patch."""
         return replace(self.robot, effects=text_of(patch))
+
+
+def check_episodes(bags: Sequence[Path], domain: str) -> None:
+    """Raises BagError for a recording of episodes of another domain: what is seen in it another detector saw. What `excite` recorded is of the robot,
+    whatever object lay there; of a recording that does not say what it is nothing is known."""
+    for bag in bags:
+        with Recording(bag) as recording:
+            said = recording.information
+        if "experiments" not in said and said.get("domain", domain) != domain:
+            raise BagError(
+                f"bag {bag}: expected a recording of `excite`, or episodes of {domain}, got episodes of {said['domain']}"
+            )
 
 
 def diagnosed(bags: Sequence[Path], out: Path) -> Patch:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from np_perception.calibration.board_layout import BoardLayout
-from np_record.command import Progress
+from np_record.command import Parser, Progress
 
 if TYPE_CHECKING:  # what is slow to import comes after the options are read
     from np_perception.calibration.board import Board
@@ -40,7 +40,7 @@ def board_of(options: argparse.Namespace) -> Board:
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(prog="calibrate", description=__doc__)
+    parser = Parser(prog="calibrate", description=__doc__)
     parser.add_argument("bag", type=Path, help="recording of joint_states, camera/image_raw and camera/camera_info")
     parser.add_argument("--out", type=Path, required=True, help="file to write, for the parameter `calibration`")
     parser.add_argument(

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
 
 from np_perception.commands.calibrate import add_board, board_of
+from np_record.command import Parser
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
-    parser = argparse.ArgumentParser(prog="calibration_board", description=__doc__)
+    parser = Parser(prog="calibration_board", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="PNG to write, 600 dots an inch")
     add_board(parser)
     options = parser.parse_args(arguments)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
 
-from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm
+from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Write the data set; the last line printed is one JSON object."""
-    parser = argparse.ArgumentParser(prog="export_lerobot", description=__doc__)
+    parser = Parser(prog="export_lerobot", description=__doc__)
     parser.add_argument("bags", nargs="+", type=Path, help="bags; of each its first episode")
     parser.add_argument("--out", type=Path, required=True, help="folder to make")
     options = parser.parse_args(arguments)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -10,7 +9,7 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm
+from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm
 from np_ros.supervisor import NodeDied, Supervisor
 
 
@@ -55,7 +54,7 @@ def replay(bag: Path, weights: str, logs: Path) -> dict[str, object]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. Status 0 only if every action was identical."""
-    parser = argparse.ArgumentParser(prog="replay", description=__doc__)
+    parser = Parser(prog="replay", description=__doc__)
     parser.add_argument("bag", type=Path)
     parser.add_argument("--weights", default="", help="folder with weights; default: those of the recording")
     options = parser.parse_args(arguments)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
 
+from np_record.command import Parser
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Write the report; the last line printed is one JSON object."""
-    parser = argparse.ArgumentParser(prog="report", description="HTML report of recorded episodes.")
+    parser = Parser(prog="report", description="HTML report of recorded episodes.")
     parser.add_argument("bags", nargs="+", type=Path, help="bags, one episode each")
     parser.add_argument("--out", type=Path, default=Path("report.html"), help="file to write (report.html)")
     options = parser.parse_args(arguments)
