@@ -272,12 +272,15 @@ def test_policies_of_a_matrix_are_ranked_within_a_robot():
 
     rows = [(0, 0.9, 0.5, 0.5), (0, 1.0, 0.3, 0.3), (1, 0.9, 0.8, 0.8), (1, 1.0, 0.9, 0.9)]
     table = [dict(zip(("robot", "nominal", "patched", "engine"), row)) for row in rows]
-    found = figures(table)
+    found = figures(table, 10)
     assert found["patched"] == pytest.approx({"r": 1.0, "mmrv": 0.0, "mean_absolute_error": 0.0})
     assert found["nominal"]["mmrv"] == pytest.approx(0.1) and found["cells"] == 4
     more = [{**row, "robot": row["robot"] + 2 * number} for number in range(3) for row in table]
-    low, high = figures(more)["nominal"]["mmrv_ci95"]
-    assert figures(more)["patched"]["r_ci95"] == pytest.approx([1.0, 1.0]) and low < 0.1 < high
+    low, high = figures(more, 10)["nominal"]["mmrv_ci95"]
+    assert figures(more, 10)["patched"]["r_ci95"] == pytest.approx([1.0, 1.0]) and low < 0.1 < high
+    # Of .3 and .5, or .8 and .9, ten episodes do not tell which is more; a million do.
+    few, many = (figures(more, episodes)["exact"] for episodes in (10, 1_000_000))
+    assert few["r"] < 0.9 < many["r"] and many["mmrv"] == 0.0 < few["mmrv"]
 
 
 def test_a_matrix_that_is_broken_off_has_all_robots_with_fewer_episodes(tmp_path, monkeypatch):

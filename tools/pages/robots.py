@@ -96,6 +96,14 @@ def _success(each: Sequence[int] | None, predicted: Mapping | None) -> str | Non
     return f"{sum(each) / len(each):.2f}{said}"
 
 
+SIMULATORS = {
+    "patched": "patched",
+    "patched_score": "patched, by score",
+    "nominal": "nominal",
+    "exact": "*one with nothing wrong, by so few episodes*",
+}
+
+
 def matrix(data: Mapping) -> tuple[str, str]:
     """Headline and body of `np_blind.robots.matrix`."""
     found = data["figures"]
@@ -108,14 +116,14 @@ def matrix(data: Mapping) -> tuple[str, str]:
         ("simulator", "r", "95 %", "MMRV", "95 %", "mean error"),
         (
             (
-                side.replace("_score", ", by score"),
+                SIMULATORS[side],
                 found[side]["r"],
                 _interval(found[side].get("r_ci95")),
                 found[side]["mmrv"],
                 _interval(found[side].get("mmrv_ci95")),
                 found[side]["mean_absolute_error"],
             )
-            for side in ("patched", "patched_score", "nominal")
+            for side in SIMULATORS
             if side in found
         ),
     )

@@ -29,7 +29,7 @@ import yaml
 from np_blind.robots.answering import TASKS, reality_of
 from np_blind.robots.cases import Robot, read_key
 from np_blind.robots.plot import plot_matrix
-from np_blind.robots.prediction import predicted
+from np_blind.robots.prediction import of_exact, predicted
 from np_blind.robots.queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_bringup.rehearsal.playing import Cell, Kept, play_all, succeeds, text_of
 from np_description.released import WeightsError
@@ -130,18 +130,20 @@ def rounds(episodes: int) -> list[int]:
     return [*range(ROUND, episodes, ROUND), episodes]
 
 
-def figures(table: Sequence[Mapping]) -> dict:
+def figures(table: Sequence[Mapping], episodes: int) -> dict:
     """r over all cells, MMRV of the policies of a robot in the mean over robots, and the mean error, of both simulators, and of the scores in the
-    patched one; of r and MMRV 95 % intervals too, by the bootstrap over robots, where there are several.
+    patched one; of r and MMRV 95 % intervals too, by the bootstrap over robots, where there are several. `exact`: what so few episodes leave of a
+    simulator that has nothing wrong.
 
-    table: rows with robot, policy, and success by side.
+    table: rows with robot, policy, and success by side, in so many episodes.
     """
     robots = sorted({row["robot"] for row in table})
-    found = {
-        side: predicted([np.array([(r[side], r["engine"]) for r in table if r["robot"] == robot]) for robot in robots])
-        for side in SIDES[:-1]
-        if all(side in row for row in table)
-    }
+
+    def pairs(side: str) -> list[np.ndarray]:
+        return [np.array([(r[side], r["engine"]) for r in table if r["robot"] == robot]) for robot in robots]
+
+    found = {side: predicted(pairs(side)) for side in SIDES[:-1] if all(side in row for row in table)}
+    found["exact"] = of_exact(pairs("patched"), episodes)
     if "patched_score" in found:  # a score is no share of episodes: it ranks
         found["patched_score"] = {k: None if "error" in k else value for k, value in found["patched_score"].items()}
     return {**found, "cells": len(table), "robots": len(robots)}
@@ -171,7 +173,7 @@ def play(options: argparse.Namespace) -> dict:
         raise OSError(f"{options.set}: expected robots with a patch.yaml, and time to play them, got {len(robots)}")
     command = f"python -m np_blind.robots.matrix --key KEY --set SET --policies POLICIES --episodes {options.episodes}"
     date = datetime.now(UTC).strftime("%Y-%m-%d")
-    found = {"date": date, "command": command, "episodes": played, "figures": figures(table), "table": table}
+    found = {"date": date, "command": command, "episodes": played, "figures": figures(table, played), "table": table}
     results = options.out / "matrix" / "matrix.json"
     results.parent.mkdir(parents=True, exist_ok=True)
     results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

@@ -28,18 +28,40 @@ def predicted(own: Sequence[np.ndarray]) -> dict:
     """`r` and `mean_absolute_error` over all pairs, `mmrv` in the mean over robots; where these are enough, `_ci95` of each by the bootstrap over
     robots. own: of each robot (n, 2) success foretold, and measured."""
 
-    def told(some: Sequence[int]) -> tuple[float | None, float, float]:
-        whole = np.concatenate([own[i] for i in some])
-        error = float(np.abs(whole[:, 0] - whole[:, 1]).mean())
-        return pearson(*whole.T), error, float(np.mean([violations[i] for i in some]))
-
     violations = [mmrv(*pairs.T) for pairs in own]
-    names = ("r", "mean_absolute_error", "mmrv")
-    found = dict(zip(names, told(range(len(own)))))
+    found = _told(own, violations)
     if len(own) < ENOUGH:
         return found
-    drawn = [told(some) for some in np.random.default_rng(0).integers(len(own), size=(DRAWS, len(own)))]
-    for name, values in zip(names, zip(*drawn)):
-        known = [value for value in values if value is not None]
-        found[f"{name}_ci95"] = np.quantile(known, [0.025, 0.975]).tolist() if known else None
+    some = np.random.default_rng(0).integers(len(own), size=(DRAWS, len(own)))
+    drawn = [_told([own[i] for i in these], [violations[i] for i in these]) for these in some]
+    return found | {f"{name}_ci95": _quantiles(drawn, name, (0.025, 0.975)) for name in found}
+
+
+def of_exact(own: Sequence[np.ndarray], episodes: int) -> dict:
+    """What these figures would be of a simulator whose rates of success are reality's, by so many episodes a share: medians, and `_ci95` over draws.
+
+    Rates are taken to be the means of both columns, and both are drawn anew. Such rates hold noise, and lie farther apart than true ones do, so
+    what is said here is rather too good.
+    """
+    random = np.random.default_rng(0)
+    rates = [np.repeat(pairs.mean(axis=1, keepdims=True), 2, axis=1) for pairs in own]
+    drawn = []
+    for _ in range(DRAWS):
+        anew = [random.binomial(episodes, p) / episodes for p in rates]
+        drawn.append(_told(anew, [mmrv(*pairs.T) for pairs in anew]))
+    found = {}
+    for name in drawn[0]:
+        low, median, high = _quantiles(drawn, name, (0.025, 0.5, 0.975)) or (None,) * 3
+        found |= {name: median, f"{name}_ci95": [low, high]}
     return found
+
+
+def _told(own: Sequence[np.ndarray], violations: Sequence[float]) -> dict:
+    whole = np.concatenate(own)
+    error = float(np.abs(whole[:, 0] - whole[:, 1]).mean())
+    return {"r": pearson(*whole.T), "mean_absolute_error": error, "mmrv": float(np.mean(violations))}
+
+
+def _quantiles(drawn: Sequence[dict], name: str, of: Sequence[float]) -> list[float] | None:
+    known = [told[name] for told in drawn if told[name] is not None]
+    return np.quantile(known, of).tolist() if known else None
