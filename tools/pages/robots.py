@@ -100,7 +100,7 @@ SIMULATORS = {
     "patched": "patched",
     "patched_score": "patched, by score",
     "nominal": "nominal",
-    "exact": "*one with nothing wrong, by so few episodes*",
+    "exact": "*one with reality's own rates, by so many episodes*",
 }
 
 

@@ -132,8 +132,8 @@ def rounds(episodes: int) -> list[int]:
 
 def figures(table: Sequence[Mapping], episodes: int) -> dict:
     """r over all cells, MMRV of the policies of a robot in the mean over robots, and the mean error, of both simulators, and of the scores in the
-    patched one; of r and MMRV 95 % intervals too, by the bootstrap over robots, where there are several. `exact`: what so few episodes leave of a
-    simulator that has nothing wrong.
+    patched one; of r and MMRV 95 % intervals too, by the bootstrap over robots, where there are several. `exact`: of a simulator with
+    reality's own rates of success, by so few episodes.
 
     table: rows with robot, policy, and success by side, in so many episodes.
     """

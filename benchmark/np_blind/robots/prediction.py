@@ -40,8 +40,8 @@ def predicted(own: Sequence[np.ndarray]) -> dict:
 def of_exact(own: Sequence[np.ndarray], episodes: int) -> dict:
     """What these figures would be of a simulator whose rates of success are reality's, by so many episodes a share: medians, and `_ci95` over draws.
 
-    Rates are taken to be the means of both columns, and both are drawn anew. Such rates hold noise, and lie farther apart than true ones do, so
-    what is said here is rather too good.
+    Rates are taken to be the means of both columns, and both are drawn anew, each by itself. Such rates hold noise and lie farther apart than true
+    ones, which makes these figures rather too good; tasks that both sides play, and fail together, make them rather too bad.
     """
     random = np.random.default_rng(0)
     rates = [np.repeat(pairs.mean(axis=1, keepdims=True), 2, axis=1) for pairs in own]
