@@ -51,9 +51,10 @@ setup: ros2_ws/install/.built ## .venv from requirements.lock, then colcon build
 	@.venv/bin/python -m pip --disable-pip-version-check -qq install --no-deps --no-build-isolation ./tools/ros2_lite
 	@touch $@
 
-# Python files are linked, not copied: only new packages, entry points, launch files or settings need a build.
+# Python files are linked, not copied: only new packages, entry points, launch files or settings need a build. colcon asks every
+# prefix for a local_setup, and warns of .venv, which has none.
 ros2_ws/install/.built: .venv/.ros2 $(BUILT_FROM)
-	@tools/check.sh && $(ACTIVATE) cd ros2_ws && colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
+	@tools/check.sh && $(ACTIVATE) cd ros2_ws && AMENT_PREFIX_PATH="$${AMENT_PREFIX_PATH//$$VIRTUAL_ENV}" colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
 	@touch $@
 
 demo: setup ## DOMAIN EPISODES SEED KEYPOINTS OBJECT: three episodes through the graph: bag, report, video

@@ -18,11 +18,14 @@ ROOT = Path(__file__).resolve().parents[2]
 SHOWN = "from np_record.command import Progress; p = Progress(4, 'part'); [p.show(n, f'at {n}') for n in range(5)]"
 
 
+ALONE = {name: value for name, value in os.environ.items() if not name.startswith("M")}
+"""An environment whose make is none of another make's."""
+
+
 def made(*arguments):
-    """What `make` would run, of an environment that is there, as one that is not called by another."""
-    alone = {name: value for name, value in os.environ.items() if not name.startswith("M")}
+    """What `make` would run, of an environment that is there."""
     command = ["make", "-n", "-o", "setup", "-o", "physx", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, env=alone).stdout
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, env=ALONE).stdout
 
 
 def test_the_demo_takes_every_domain():
@@ -64,11 +67,24 @@ def test_set_up_refuses_a_path_with_a_space_before_it_installs_anything(tmp_path
     for name in ("Makefile", "requirements.lock", "env.sh"):
         shutil.copy(ROOT / name, clone / name)
     shutil.copytree(ROOT / "tools", clone / "tools")
-    alone = {name: value for name, value in os.environ.items() if not name.startswith("M")}  # not a make of this make
-    done = subprocess.run(["make", "setup"], cwd=clone, capture_output=True, text=True, env=alone)
+    done = subprocess.run(["make", "setup"], cwd=clone, capture_output=True, text=True, env=ALONE)
     said = [line for line in done.stderr.splitlines() if not line.startswith("make: ")]
     assert done.returncode and len(said) == 1 and not (clone / ".venv").exists()
     assert "expected a path without spaces" in said[0] and "move the clone" in said[0]
+
+
+def test_set_up_asks_colcon_for_no_setup_of_a_virtual_environment_which_has_none(tmp_path):
+    for name in ("Makefile", "env.sh"):
+        shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(ROOT / "tools", tmp_path / "tools")
+    for folder in (".venv/bin", "ros2_ws/install"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / ".venv/bin/activate").write_text(f"VIRTUAL_ENV={tmp_path}/.venv\n")
+    (tmp_path / ".venv/.ros2").touch()
+    told = {"AMENT_PREFIX_PATH": "/opt/ros/jazzy", "BASH_FUNC_colcon%%": '() { echo "$1 $AMENT_PREFIX_PATH"; }'}
+    command = ["make", "-o", ".venv/.ros2", "ros2_ws/install/.built"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, env={**ALONE, **told})
+    assert done.stdout.replace(":", "") == "build /opt/ros/jazzy\n"
 
 
 def test_set_up_refuses_a_checkout_that_cannot_be_written(tmp_path):
