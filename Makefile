@@ -20,11 +20,15 @@ CLUSTER ?=
 ON = $(if $(CLUSTER),--cluster $(CLUSTER))
 ARGS ?=
 
-# A name that is none of them would be passed over, and the command run with its defaults.
-OPTIONS := DOMAIN EPISODES SEED KEYPOINTS CONTROLLER OBJECT CONTACTS ENGINE EFFECTS GPUS BAG CASES SET JOBS CLUSTER ARGS \
-	PYTEST_ARGS PYTHON TORCH_INDEX SHELL
-STRANGE := $(filter-out $(OPTIONS),$(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v)))
-$(if $(STRANGE),$(error $(STRANGE): expected options among $(OPTIONS); `make help` lists each command's))
+# A name that is none of them would be passed over, and the command run with its defaults; so would one that its rule below does not name.
+OPTIONS := DOMAIN EPISODES SEED KEYPOINTS CONTROLLER OBJECT CONTACTS ENGINE EFFECTS GPUS BAG CASES SET JOBS CLUSTER ARGS PYTEST_ARGS
+OF_SETUP := PYTHON TORCH_INDEX SHELL
+GIVEN := $(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v))
+STRANGE := $(filter-out $(OPTIONS) $(OF_SETUP),$(GIVEN))
+$(if $(STRANGE),$(error $(STRANGE): expected options among $(OPTIONS) $(OF_SETUP); `make help` lists each command's))
+RULES = awk -F: -v goals=' $(MAKECMDGOALS) ' 'index(goals, " " $$1 " ") {on = 1} /^$$/ {on = 0} on' Makefile
+UNUSED := $(if $(filter 0,$(MAKELEVEL)),$(filter-out $(OF_SETUP) $(if $(GIVEN),$(shell $(RULES) | grep -oE '[A-Z_]+')),$(GIVEN)))
+$(if $(UNUSED),$(error $(UNUSED): `make $(or $(MAKECMDGOALS),help)` has no use for it; `make help` lists each command's options))
 
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
@@ -47,9 +51,10 @@ setup: ros2_ws/install/.built ## .venv from requirements.lock, then colcon build
 	@.venv/bin/python -m pip --disable-pip-version-check -qq install --no-deps --no-build-isolation ./tools/ros2_lite
 	@touch $@
 
-# Python files are linked, not copied: only new packages, entry points, launch files or settings need a build.
+# Python files are linked, not copied: only new packages, entry points, launch files or settings need a build. colcon asks every
+# prefix for a local_setup, and warns of .venv, which has none.
 ros2_ws/install/.built: .venv/.ros2 $(BUILT_FROM)
-	@tools/check.sh && $(ACTIVATE) cd ros2_ws && colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
+	@tools/check.sh && $(ACTIVATE) cd ros2_ws && AMENT_PREFIX_PATH="$${AMENT_PREFIX_PATH//$$VIRTUAL_ENV}" colcon build --symlink-install --event-handlers console_cohesion- desktop_notification-
 	@touch $@
 
 demo: setup ## DOMAIN EPISODES SEED KEYPOINTS OBJECT: three episodes through the graph: bag, report, video

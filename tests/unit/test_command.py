@@ -18,10 +18,14 @@ ROOT = Path(__file__).resolve().parents[2]
 SHOWN = "from np_record.command import Progress; p = Progress(4, 'part'); [p.show(n, f'at {n}') for n in range(5)]"
 
 
+ALONE = {name: value for name, value in os.environ.items() if not name.startswith("M")}
+"""An environment whose make is none of another make's."""
+
+
 def made(*arguments):
     """What `make` would run, of an environment that is there."""
-    command = ["make", "-n", "-o", "setup", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    command = ["make", "-n", "-o", "setup", "-o", "physx", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, env=ALONE).stdout
 
 
 def test_the_demo_takes_every_domain():
@@ -31,17 +35,29 @@ def test_the_demo_takes_every_domain():
     assert [demo.parse(["--domain", name]).domain for name in DOMAINS] == list(DOMAINS)
 
 
-def test_an_option_that_no_command_has_is_refused_by_name():
+@pytest.mark.parametrize(
+    "asked, said",
+    [
+        ("demo EPISODS=1", "EPISODS: expected options among DOMAIN EPISODES "),
+        ("table3 SEED=1 DOMAIN=wall", "DOMAIN: `make table3` has no use for it"),
+        ("test ARGS=-x", "ARGS: `make test` has no use for it"),  # of PYTEST_ARGS
+    ],
+)
+def test_an_option_that_would_be_passed_over_is_refused_by_name(asked, said):
     with pytest.raises(subprocess.CalledProcessError) as refused:
-        made("demo", "EPISODS=1")
-    assert "EPISODS: expected options among DOMAIN EPISODES " in refused.value.stderr
-    told = " ".join((ROOT / page).read_text() for page in ("README.md", "Makefile", *ROOT.glob("docs/guide/*.md")))
-    given = {
-        name
-        for line in re.findall(r"make [a-z-]+((?: [A-Z_]+=(?:\"[^\"]*\"|\S+))+)", told)
-        for name in re.findall(r"([A-Z_]+)=", line)
-    }
-    assert "TORCH_INDEX" in given and made("demo", *(f"{name}=1" for name in given))
+        made(*asked.split())
+    assert said in refused.value.stderr
+
+
+def test_every_command_has_the_options_with_which_it_is_written_down():
+    pages = [ROOT / "README.md", ROOT / "Makefile", *ROOT.glob("docs/guide/*.md"), *ROOT.glob("docs/reference/*.md")]
+    told = "".join(page.read_text() for page in pages)
+    commands: dict[str, set[str]] = {}
+    for name, given in re.findall(r"make ([a-z0-9-]+)((?: [A-Z_]+=(?:\"[^\"]*\"|\S+))+)", told):
+        commands.setdefault(name, set()).update(re.findall(r"([A-Z_]+)=", given))
+    assert len(commands) > 8 and "TORCH_INDEX" in commands["setup"]
+    for name, given in commands.items():
+        made(name, *(f"{option}=1" for option in given))
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not there")
@@ -51,11 +67,24 @@ def test_set_up_refuses_a_path_with_a_space_before_it_installs_anything(tmp_path
     for name in ("Makefile", "requirements.lock", "env.sh"):
         shutil.copy(ROOT / name, clone / name)
     shutil.copytree(ROOT / "tools", clone / "tools")
-    alone = {name: value for name, value in os.environ.items() if not name.startswith("M")}  # not a make of this make
-    done = subprocess.run(["make", "setup"], cwd=clone, capture_output=True, text=True, env=alone)
+    done = subprocess.run(["make", "setup"], cwd=clone, capture_output=True, text=True, env=ALONE)
     said = [line for line in done.stderr.splitlines() if not line.startswith("make: ")]
     assert done.returncode and len(said) == 1 and not (clone / ".venv").exists()
     assert "expected a path without spaces" in said[0] and "move the clone" in said[0]
+
+
+def test_set_up_asks_colcon_for_no_setup_of_a_virtual_environment_which_has_none(tmp_path):
+    for name in ("Makefile", "env.sh"):
+        shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(ROOT / "tools", tmp_path / "tools")
+    for folder in (".venv/bin", "ros2_ws/install"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / ".venv/bin/activate").write_text(f"VIRTUAL_ENV={tmp_path}/.venv\n")
+    (tmp_path / ".venv/.ros2").touch()
+    told = {"AMENT_PREFIX_PATH": "/opt/ros/jazzy", "BASH_FUNC_colcon%%": '() { echo "$1 $AMENT_PREFIX_PATH"; }'}
+    command = ["make", "-o", ".venv/.ros2", "ros2_ws/install/.built"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, env={**ALONE, **told})
+    assert done.stdout.replace(":", "") == "build /opt/ros/jazzy\n"
 
 
 def test_set_up_refuses_a_checkout_that_cannot_be_written(tmp_path):

@@ -1,6 +1,7 @@
 """tools/ros2_lite: the parts of the `ros2` command that need no graph."""
 
 import os
+import re
 import subprocess
 import sys
 from collections import deque
@@ -99,6 +100,20 @@ def test_ros_arguments_are_passed_on_untouched():
     line = ["run", "np_policy", "episode", "--ros-args", "-p", "rate:=10.0", "--once"]
     arguments = main.parser().parse_args(line)
     assert arguments.arguments == line[3:]
+
+
+@pytest.mark.parametrize(
+    "line, said",
+    [
+        ("run", "ros2 run: the following arguments are required: package, executable; see --help"),
+        ("bag play x", "ros2: .*'bag' .*launch.*; a whole ROS 2 has more; see --help"),
+        ("topic pub /x", "ros2 topic: .*'pub' .*hz.*; a whole ROS 2 has more; see --help"),
+    ],
+)
+def test_what_cannot_be_is_said_in_a_line_and_what_is_not_here_to_be_elsewhere(line, said, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main.parser().parse_args(line.split())
+    assert re.fullmatch(said + "\n", capsys.readouterr().err)
 
 
 def test_messages_print_as_yaml_that_reads_back():

@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 from ros2_lite import ending
 
@@ -24,15 +25,24 @@ def real_ros2(path: str, own: Path) -> str | None:
     return None
 
 
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, and of what is not here who has it."""
+
+    def error(self, message: str) -> NoReturn:
+        more = "; a whole ROS 2 has more" if "invalid choice" in message else ""
+        self.exit(2, f"{self.prog}: {message}{more}; see --help\n")
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line; names and meaning as in ros2cli."""
-    root = argparse.ArgumentParser(prog="ros2", description="A small part of the ros2 command.")
+    root = Parser(prog="ros2", description="A small part of the ros2 command.")
     commands = root.add_subparsers(dest="command", required=True, metavar="command")
 
     run = commands.add_parser("run", help="run an executable of a package")
     run.add_argument("package")
     run.add_argument("executable")
-    run.add_argument("arguments", nargs=argparse.REMAINDER, help="passed on, --ros-args included")
+    passed_on = run.add_argument("arguments", nargs=argparse.REMAINDER, help="passed on, --ros-args included")
+    passed_on.required = False  # which argparse takes any rest to be
 
     pkg = commands.add_parser("pkg", help="what is installed").add_subparsers(dest="verb", required=True)
     executables = pkg.add_parser("executables", help="executables, of one package or of all")

@@ -29,7 +29,7 @@ _UNSAID = {
     "controller": "impedance",
     "seed": "0",
 }
-"""Launch arguments of a recording that does not say them."""
+"""Launch arguments of a recording that does not say them: it is older than they are, and stays what it was where a default of the launch changes."""
 REQUIRED = ("joint_states", "goal_keypoints", "episode/phase", "episode/tick", "effort_command")
 
 
