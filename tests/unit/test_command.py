@@ -144,6 +144,7 @@ SLOW = ("rclpy", "rosbags", "matplotlib", "mujoco", "onnxruntime", "torch", "cv2
         "np_diagnosis.commands.excite",
         "np_perception.commands.calibrate",
         "np_perception.commands.calibration_board",
+        "np_perception.commands.object_sheet",
         "np_record.commands.export_lerobot",
         "np_record.commands.replay",
         "np_record.commands.report",

@@ -18,11 +18,11 @@ domain's own object, unchanged. All of them beside the paper's successes: `make 
 (`CONTACTS=2`: a contact may be chosen twice; `ARGS="--domains wall --objects sponge --scenarios 1 --tries 5"`: less of it). Places are of the
 object's middle, in the base frame: x forwards, y to the robot's left, z up from the table. An object of your own: [guide](../guide/your_own_object.md)."""
 
-LOOKS = """Every object consists of eight blocks, one for each corner and half as long as it along each edge, and by their colours the
-released detectors tell which corner they see: a real one has to be painted or printed so. In one colour it is not found, with the colours in another order it is found surely and
-wrongly ([figures](../decisions/detector.md#another-look)).
-Table, obstacles and light are of all kinds in training. RGB from 0 to 255, corners by their sign along the object's x, y, z, which are
-the base frame's where it lies with all angles 0; what a printed colour is to a real camera has not been tried."""
+LOOKS = """Every object consists of eight blocks, one for each corner and half as long as it along each edge, and by their colours the released detectors tell
+which corner they see: a real one has to be painted or printed so (`ros2 run np_perception object_sheet --domain card --out card.pdf`: its faces on
+A4, to scale). In one colour it is not found, with the colours in another order it is found surely and wrongly
+([figures](../decisions/detector.md#another-look)). Table, obstacles and light are of all kinds in training. RGB from 0 to 255, corners by their sign
+along the object's x, y, z, which are the base frame's where it lies with all angles 0; what a printed colour is to a real camera has not been tried."""
 
 PARTS = """
 ## What is not rigid

@@ -25,6 +25,7 @@ setup(
             "camera_player = np_perception.nodes.camera_player_node:main",
             "keypoint_detector = np_perception.nodes.keypoint_detector_node:main",
             "keypoint_oracle = np_perception.nodes.keypoint_oracle_node:main",
+            "object_sheet = np_perception.commands.object_sheet:main",
         ],
     },
 )
