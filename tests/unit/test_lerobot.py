@@ -168,6 +168,7 @@ def test_bags_that_do_not_fit_together_are_refused(bags, tmp_path, capsys):
     blind = record_episode(tmp_path / "blind", count=300, leave_out=("camera/image_raw",))
     assert export_lerobot.main([str(bags[0]), str(blind), "--out", str(tmp_path / "set")]) == 1
     assert "differ in observation.images.camera" in capsys.readouterr().err
+    assert not (tmp_path / "set").exists()  # for the next call
 
 
 def test_a_bag_without_an_episode_and_a_folder_that_exists_are_refused(bags, tmp_path, capsys):

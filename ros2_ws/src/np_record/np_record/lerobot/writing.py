@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -37,9 +38,13 @@ def write_data_set(
     if root.exists():
         raise DataSetError(f"data set {root}: expected a new folder, it exists")
     episodes = _Episodes(root)
-    # The table is small and kept until all is known; pictures go to the encoder as they come.
-    encode(episodes.video, episodes.pictures(bags, show), RATE, _CODEC)
-    return episodes.close()
+    try:
+        # The table is small and kept until all is known; pictures go to the encoder as they come.
+        encode(episodes.video, episodes.pictures(bags, show), RATE, _CODEC)
+        return episodes.close()
+    except BaseException:
+        shutil.rmtree(root, ignore_errors=True)  # half a data set would be in the way of the next call
+        raise
 
 
 class _Episodes:
