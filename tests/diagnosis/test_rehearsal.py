@@ -203,6 +203,26 @@ class TestStages:
                 parse(given)
         assert "expected recordings, or --patch" in capsys.readouterr().err
 
+    def test_a_diagnosis_is_of_its_own_recordings(self, tmp_path, monkeypatch):
+        asked = []
+
+        def ask(doctor, bags, out, options=()):
+            asked.append(bags)
+            if "bag_0" in bags[0]:
+                raise OSError("diagnose refuses")
+            return BOTH.effects
+
+        monkeypatch.setattr(stages, "_asked", ask)
+        monkeypatch.setattr(stages, "_has_keypoints", lambda bag: False)
+        bags, out = [tmp_path / f"bag_{number}" for number in range(3)], tmp_path / "out"
+        with pytest.raises(OSError, match="refuses"):
+            stages.diagnosed(bags[:1], out)
+        for _ in range(2):
+            assert stages.diagnosed(bags[1:2], out) == BOTH
+        with pytest.raises(ValueError, match="expected the recordings that it is of, .*bag_1, got others: .*--out"):
+            stages.diagnosed(bags[2:], out)
+        assert len(asked) == 2
+
     @pytest.mark.parametrize(
         ("said", "domain", "error"),
         [

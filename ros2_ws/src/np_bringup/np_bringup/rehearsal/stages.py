@@ -1,5 +1,6 @@
 """The stages of a rehearsal, each with a file for its result: what is there is not done again.
 
+recordings.txt    where it was found                                     (`diagnosed`)
 patch.yaml        what the doctor found                                  (`diagnosed`)
 episodes/*.json   scores, episode by episode, by cell
 learned.json      training and distillation; weights/ has both policies  (learning.learn)
@@ -28,6 +29,7 @@ from np_bringup.rehearsal.shares import joined, mean_and_interval, parts, shaple
 from np_effects.patch import Patch, dump_patch, load_patch
 from np_record.bag import BagError, Recording
 from np_record.intervals import wilson_interval
+from np_record.whole_file import write_whole
 from np_ros.parent import end_with_parent
 
 Turn = Callable[[], AbstractContextManager[int | None]]
@@ -81,8 +83,15 @@ def check_episodes(bags: Sequence[Path], domain: str) -> None:
 
 def diagnosed(bags: Sequence[Path], out: Path) -> Patch:
     """What the doctor finds in recordings of the suites: `diagnose` of those of the arm, `chain` of those with keypoints, and out/patch.yaml of
-    both. Raises OSError where a doctor refuses, with its words."""
-    whole = out / "patch.yaml"
+    both. Raises OSError where a doctor refuses, with its words, ValueError where `out` has what was found in other recordings."""
+    whole, of = out / "patch.yaml", out / "recordings.txt"
+    given = "".join(f"{bag.resolve()}\n" for bag in sorted(bags))
+    known = of.read_text(encoding="utf-8") if of.exists() else given
+    if known != given and [*out.glob("patch.yaml"), *out.glob("*/patch.yaml")]:
+        was = ", ".join(known.splitlines())
+        raise ValueError(f"{out}: expected the recordings that it is of, {was}, got others: name another --out")
+    out.mkdir(parents=True, exist_ok=True)
+    write_whole(of, given)
     if not whole.exists():
         seen = {bag: _has_keypoints(bag) for bag in bags}
         arm, task = ([str(bag) for bag in bags if seen[bag] == has] for has in (False, True))
@@ -93,7 +102,6 @@ def diagnosed(bags: Sequence[Path], out: Path) -> Patch:
             effects += _asked(
                 "np_diagnosis.commands.chain", task, out / "chain", ("--arm", str(out / "arm")) if arm else ()
             )
-        out.mkdir(parents=True, exist_ok=True)
         whole.write_text(dump_patch(Patch(effects)), encoding="utf-8")
     return load_patch(whole)
 
