@@ -111,9 +111,15 @@ class Probe(Peer):
             os.environ.pop(key) if value is None else os.environ.update({key: value})
 
     def wait_until_ready(self, names: set[str], timeout: float = 2 * TIMEOUT) -> None:
-        """Until the named nodes are up and every publisher, the probe's too, has found its subscribers."""
+        """Until the named nodes are up, every publisher, the probe's too, has found its subscribers, and the nodes have found the probe."""
         links = Links(self.node)  # anew: it believes only what nodes say from now on
         self.wait_until(lambda: links.are_complete(names), timeout, f"{', '.join(sorted(names))}, all matched")
+        self.be_found(*sorted(names))
+
+    def be_found(self, *names: str) -> None:
+        """Until the nodes have found what the probe has made so far: in what order it speaks on several topics, in that it is heard."""
+        for name in names:
+            self._services.be_found(name, TIMEOUT)
 
     def wait_until(
         self, condition: Callable[[], object], timeout: float | None = None, what: str = "the condition"

@@ -52,6 +52,7 @@ def recorder(graph, probe, tmp_path):
             lambda: all(map(probe.matched, ("joint_states", "effort_command", "episode/phase", "goal_pose"))),
             what="the recorder's subscriptions",
         )
+        probe.be_found("recorder")
         return tmp_path / "bag_000"
 
     return start
