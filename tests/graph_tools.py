@@ -23,10 +23,13 @@ from threading import Thread
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from sensor_msgs.msg import PointCloud2
 
 from np_bringup.task_graph import task_graph
+from np_ros import qos
 from np_ros.graph import NodeSpec
 from np_ros.links import Links
+from np_ros.messages import stamp_nanoseconds
 from np_ros.peer import Peer
 from np_ros.supervisor import Supervisor, installed_command
 
@@ -133,6 +136,23 @@ class Probe(Peer):
             return bool(condition())
 
         self._graph.wait(spun, TIMEOUT if timeout is None else timeout, what)
+
+
+def reset(probe: Probe) -> bool:
+    """Whether `sim_bridge` takes a reset; if so, once its goal is in force: a start that came to `episode` before would be with the one of
+    before, and end with it."""
+    topic = "goal_keypoints"
+    if topic not in probe.messages:
+        probe.collect(topic, PointCloud2, qos.LATCHED)
+    goals = probe.messages[topic]
+    goals.clear()
+    answer = probe.call("sim_bridge/reset")
+    if answer.success:
+        stamp = int(answer.message.split()[-2])  # "episode 0 at 100000000 ns"
+        probe.wait_until(
+            lambda: any(stamp_nanoseconds(g.header.stamp) == stamp for g in goals), what="the goal in force"
+        )
+    return answer.success
 
 
 class Apart:
