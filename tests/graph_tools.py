@@ -35,7 +35,7 @@ from np_ros.supervisor import Supervisor, installed_command
 
 Overrides = Mapping[str, Mapping[str, object]]
 ROOT = Path(__file__).resolve().parents[1]
-TIMEOUT = 60.0  # s; only how long a broken graph takes to fail, never a requirement on speed
+TIMEOUT = 120.0  # s; only how long a broken graph takes to fail, never a requirement on speed
 
 
 def command(package: str, executable: str) -> list[str]:
