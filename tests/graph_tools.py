@@ -23,16 +23,19 @@ from threading import Thread
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from sensor_msgs.msg import PointCloud2
 
 from np_bringup.task_graph import task_graph
+from np_ros import qos
 from np_ros.graph import NodeSpec
 from np_ros.links import Links
+from np_ros.messages import stamp_nanoseconds
 from np_ros.peer import Peer
 from np_ros.supervisor import Supervisor, installed_command
 
 Overrides = Mapping[str, Mapping[str, object]]
 ROOT = Path(__file__).resolve().parents[1]
-TIMEOUT = 60.0  # s; only how long a broken graph takes to fail, never a requirement on speed
+TIMEOUT = 120.0  # s; only how long a broken graph takes to fail, never a requirement on speed
 
 
 def command(package: str, executable: str) -> list[str]:
@@ -111,9 +114,15 @@ class Probe(Peer):
             os.environ.pop(key) if value is None else os.environ.update({key: value})
 
     def wait_until_ready(self, names: set[str], timeout: float = 2 * TIMEOUT) -> None:
-        """Until the named nodes are up and every publisher, the probe's too, has found its subscribers."""
+        """Until the named nodes are up, every publisher, the probe's too, has found its subscribers, and the nodes have found the probe."""
         links = Links(self.node)  # anew: it believes only what nodes say from now on
         self.wait_until(lambda: links.are_complete(names), timeout, f"{', '.join(sorted(names))}, all matched")
+        self.be_found(*sorted(names))
+
+    def be_found(self, *names: str) -> None:
+        """Until the nodes have found what the probe has made so far: in what order it speaks on several topics, in that it is heard."""
+        for name in names:
+            self._services.be_found(name, TIMEOUT)
 
     def wait_until(
         self, condition: Callable[[], object], timeout: float | None = None, what: str = "the condition"
@@ -127,6 +136,23 @@ class Probe(Peer):
             return bool(condition())
 
         self._graph.wait(spun, TIMEOUT if timeout is None else timeout, what)
+
+
+def reset(probe: Probe) -> bool:
+    """Whether `sim_bridge` takes a reset; if so, once its goal is in force: a start that came to `episode` before would be with the one of
+    before, and end with it."""
+    topic = "goal_keypoints"
+    if topic not in probe.messages:
+        probe.collect(topic, PointCloud2, qos.LATCHED)
+    goals = probe.messages[topic]
+    goals.clear()
+    answer = probe.call("sim_bridge/reset")
+    if answer.success:
+        stamp = int(answer.message.split()[-2])  # "episode 0 at 100000000 ns"
+        probe.wait_until(
+            lambda: any(stamp_nanoseconds(g.header.stamp) == stamp for g in goals), what="the goal in force"
+        )
+    return answer.success
 
 
 class Apart:

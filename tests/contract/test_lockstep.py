@@ -150,6 +150,8 @@ def record(harness, end, answer):
     harness.wait(lambda: all(seen), "the first image")
     harness.follow(answer, lambda: harness.stamp >= end, f"{end} ns")
     harness.wait(lambda: all(stamps(messages)[-1] >= end for messages in seen), "the last image")
+    applied = probe.messages["applied_command"]
+    harness.wait(lambda: stamps(applied)[-1] >= end - 5 * PERIOD, "the last applied command")
     return {
         topic: {
             stamp_nanoseconds(m.header.stamp): FILTERS[message_type](serialize_message(m))

@@ -96,7 +96,7 @@ def test_lockstep_recordings_are_equal_bit_for_bit(recorded, tmp_path):
 
 def test_lockstep_waits_for_a_recorder_that_gets_no_processor(recorded, tmp_path):
     """It is halted at the first segment: time stands still before anything is lost, and the recording is what it would be."""
-    waited = []
+    waited, stood = [], []
     with Graph(tmp_path / "log") as graph:
         nodes = make_graph(tmp_path / "bag", "lockstep")
         graph.start(nodes)
@@ -106,11 +106,15 @@ def test_lockstep_waits_for_a_recorder_that_gets_no_processor(recorded, tmp_path
                 values = {pair.key: pair.value for pair in status.values}
                 if values.get("waiting_for") == LISTENERS:
                     waited.append(int(values["stamp"]))
-            if len(waited) == 3:  # a second between each
+            # A second between each. On a busy machine time waits for somebody now and then without this, and goes on.
+            if len(waited) >= 3 and len(set(waited[-3:])) == 1:
+                stood.append(waited[-1])
                 os.kill(graph.pid("recorder"), signal.SIGCONT)
 
         def halt(_, number, count):
             if number == 1:
+                waited.clear()
+                stood.clear()
                 os.kill(graph.pid("recorder"), signal.SIGSTOP)
 
         with Exciter(graph, lockstep=True, on_segment=halt) as exciter:
@@ -121,7 +125,7 @@ def test_lockstep_waits_for_a_recorder_that_gets_no_processor(recorded, tmp_path
             finally:
                 os.kill(graph.pid("recorder"), signal.SIGCONT)
             result = exciter.stop_recording()
-    assert len(waited) >= 3 and len(set(waited[:3])) == 1
+    assert stood
     assert result["lost"] == 0
     with Recording(recorded[1]["bag"]) as before, Recording(result["bag"]) as recording:
         assert recording.digest() == before.digest()
@@ -159,7 +163,7 @@ def test_the_gains_of_an_experiment_hold_from_its_first_state_on(tmp_path):
 
 def test_a_backend_that_does_not_run_is_missed_aloud_and_soon(tmp_path, graph, monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(graph.domain_id))
-    monkeypatch.setattr("np_diagnosis.nodes.excite_node.TOLD_EVERY", 0.2)
+    monkeypatch.setattr("np_diagnosis.nodes.excite_node.TOLD_EVERY", 0.0)
     assert command.RUNNING_TIMEOUT == 20.0
     monkeypatch.setattr(command, "RUNNING_TIMEOUT", 1.0)
     options = ["--backend", "running", "--mode", "realtime", "--out", tmp_path / "bag", "--logs", tmp_path / "log"]

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from graph_tools import Graph, card_specs, command
+from graph_tools import Graph, card_specs, command, reset
 from sensor_msgs.msg import JointState
 
 from np_control.safety import LIMITS
@@ -22,7 +22,8 @@ from np_ros.phases import phase_state
 
 # Who gives up first: the backend, where its answers are missing, or the episode, where its inputs are.
 BACKEND_FIRST = {"sim_bridge": {"lockstep_timeout": 10.0}}
-EPISODE_FIRST = {**BACKEND_FIRST, "episode": {"silence": 2.0, "planning": 2.0}}
+NO_PLAN = {**BACKEND_FIRST, "episode": {"planning": 2.0}}
+NO_KEYPOINTS = {"sim_bridge": {**BACKEND_FIRST["sim_bridge"], "camera": False}, "episode": {"silence": 2.0}}
 
 NAN_CONTROLLER = """
 import rclpy
@@ -72,7 +73,7 @@ class Episode:
 
     def is_reset(self):
         """Whether the backend takes a reset; if not, recover for the next time."""
-        if self.probe.call("sim_bridge/reset").success:
+        if reset(self.probe):
             return True
         self.probe.call("sim_bridge/recover")  # refused while the arm still moves
         return False
@@ -157,14 +158,13 @@ def test_a_node_killed_while_the_arm_pushes(graph, probe, episode, victim, numbe
 
 
 def test_a_planner_killed_before_it_plans(episode):
-    episode.start(EPISODE_FIRST, leave_out=["approach"])
+    episode.start(NO_PLAN, leave_out=["approach"])  # however slowly keypoints come
     phase, reason = episode.end()
     assert phase == "failed" and reason == "approach: no joint_trajectory within 2 s"
 
 
 def test_a_silent_camera(episode):
-    without = {"sim_bridge": {**BACKEND_FIRST["sim_bridge"], "camera": False}}
-    episode.start({**EPISODE_FIRST, **without}, keypoints="camera")
+    episode.start(NO_KEYPOINTS, keypoints="camera")
     phase, reason = episode.end()
     assert phase == "failed" and reason == "pre: no keypoints within 2 s"
 

@@ -49,12 +49,12 @@ def test_the_goal_lies_on_the_table_on_the_backends_clock_and_is_latched(graph, 
     # A best-effort subscriber that we know of may not know of us yet, and miss the first.
     probe.wait_until(lambda: goals or send_state(7_000_000), what="the goal")
     send_state(9_000_000)
-    late = probe.collect("goal_pose", PoseStamped, qos.LATCHED)
-    probe.wait_until(lambda: late, what="the goal, for who comes later")
+    probe.collect("goal_pose", PoseStamped, qos.LATCHED)
+    probe.wait_until(lambda: len(goals) == 2, what="the goal, for who comes later")
     position, quaternion = pose_arrays(goals[0], BASE_FRAME)
     np.testing.assert_allclose(position, [0.45, 0.1, CARD.half_size[2]])
     np.testing.assert_allclose(quaternion, yaw_quaternion(np.asarray(0.5)))
-    assert {stamp_nanoseconds(goal.header.stamp) for goal in (*goals, *late)} == {7_000_000}
+    assert {stamp_nanoseconds(goal.header.stamp) for goal in goals} == {7_000_000}
 
 
 def test_a_goal_ends_when_the_episode_has_it_and_not_before(graph, probe):
@@ -70,7 +70,9 @@ def test_a_goal_ends_when_the_episode_has_it_and_not_before(graph, probe):
     probe.wait_until(lambda: probe.matched("joint_states", 2), what="the node")
     state = joint_state_message(0, STATE_NAMES, [*NOMINAL.ready, 0, 0], np.zeros(9), np.zeros(9))
     probe.wait_until(lambda: graph.ended("goal") or probe.publish("joint_states", state), what="its end")
-    assert len(seen) == 2 and seen[0].data != seen[1].data
+    # Said before the goal could end; on a busy machine we hear of its end first.
+    probe.wait_until(lambda: len(seen) == 2, what="the goal to be taken")
+    assert seen[0].data != seen[1].data
 
 
 def test_a_goal_of_before_that_arrives_late_is_refused(graph, probe):

@@ -3,7 +3,7 @@
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from graph_tools import Graph, card_specs
+from graph_tools import Graph, card_specs, reset
 from random_weights import write_weights
 
 from np_ros import qos
@@ -55,7 +55,7 @@ def test_the_policy_path_does_not_hear_the_truth(controller, graph, probe, tmp_p
             assert subscriptions(probe, node) == ALLOWED[node], node
 
     check()
-    assert probe.call("sim_bridge/reset").success
+    assert reset(probe)
     probe.wait_until(lambda: phases, what="the phase of before")
     phases.clear()
     probe.wait_until(lambda: probe.call("episode/start").success, what="a start")

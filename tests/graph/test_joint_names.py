@@ -82,7 +82,7 @@ def test_a_controller_moves_the_arm_behind_it(graph, probe, tmp_path):
         try:
             graph.run("np_bringup", "joint_names", {"names": "fr3"})
             graph.run("np_control", "joint_impedance", {"mode": "realtime"})
-            probe.wait_until(is_moving, what="commands that the arm takes")
+            probe.wait_until(lambda: is_moving() and states, what="commands that the arm takes, and its states")
         finally:
             arm.terminate()
     position, _, _ = joint_state_arrays(states[-1], STATE_NAMES)

@@ -100,6 +100,10 @@ class Backend:
         self._repeat_at = time.monotonic() + 1.0
         self.probe.publish(topic, message)
 
+    def forget(self):
+        """It is another one from now on, which does not publish again what the one before had."""
+        self._last.clear()
+
     def said(self, topic):
         return self.probe.messages[topic]
 
@@ -340,6 +344,7 @@ def test_a_backend_that_was_restarted_may_give_a_goal_of_the_same_stamp(begin):
     run_to_post(backend, 1)
     for topic in ("goal_keypoints", "episode/tick"):
         backend.said(topic).clear()
+    backend.forget()
     backend.goal(backend.tick(1))
     backend.wait(lambda: backend.phase() == "failed: post: the task was reset")
     backend.stand(backend.tick(1))
@@ -394,7 +399,7 @@ def test_a_hold_of_the_backend_is_a_fault(begin):
 
 
 def test_in_real_time_nobody_is_waited_for_and_a_silent_camera_ends_the_episode(begin):
-    backend = begin(mode="realtime", silence=2.0, settle=0.0)
+    backend = begin(mode="realtime", silence=4.0, settle=0.0)  # more than a busy machine is silent
     backend.goal(backend.tick(1))
     backend.start()
     began, frames = time.monotonic(), []
@@ -419,7 +424,7 @@ def test_in_real_time_nobody_is_waited_for_and_a_silent_camera_ends_the_episode(
     stamps = [stamp for stamp, _ in backend.ticks()]
     assert (np.diff(stamps) >= 0.9 * TICK).all()
     assert {stamp_nanoseconds(m.header.stamp) for m in backend.said("target_pose")} <= set(stamps)
-    backend.probe.wait_until(lambda: backend.phase() == "failed: post: no keypoints within 2 s", what="its end")
+    backend.probe.wait_until(lambda: backend.phase() == "failed: post: no keypoints within 4 s", what="its end")
 
 
 def test_in_real_time_an_episode_does_not_begin_with_what_a_silent_camera_saw(begin):

@@ -5,6 +5,7 @@ import signal
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from graph_tools import reset
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from np_description.camera import CAMERA
@@ -31,7 +32,7 @@ def test_an_episode_in_real_time(graph, probe, untrained, tmp_path):
     probe.wait_until_ready(names | {"round_trip"})
     assert probe.call("round_trip/start").success
     # While processes were starting, the controller may have been silent for long enough to be given up.
-    probe.wait_until(lambda: probe.call("sim_bridge/reset").success or recover(probe), what="a reset")
+    probe.wait_until(lambda: reset(probe) or recover(probe), what="a reset")
     phases.clear()
     probe.wait_until(lambda: probe.call("episode/start").success, what="a start")
 

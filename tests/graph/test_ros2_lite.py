@@ -122,6 +122,11 @@ def line(process: subprocess.Popen, start: str) -> str:
     raise AssertionError(f"no line '{start}...'; the process ended with {process.wait()}: {process.stderr.read()}")
 
 
+def is_listed(ros2, kind: str, name: str) -> bool:
+    """Whether `ros2 topic|service list -t` has the line; each listens for a second, in which a busy machine may say nothing."""
+    return any(name in ros2.start(kind, "list", "-t").stdout.read().splitlines() for _ in range(10))
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_run_becomes_the_node_and_signals_reach_it(ros2, number):
     process = ros2.start("run", "pushers", "talker")
@@ -146,8 +151,7 @@ def test_topic_list_echo_and_hz(ros2):
     echo = ros2.start("topic", "echo", "--once", "/phase")
     assert yaml.safe_load(line(echo, "data:")) == {"data": "idle"}
     assert echo.wait() == 0
-    listed = ros2.start("topic", "list", "-t").stdout.read().splitlines()
-    assert "/gripper_command [std_msgs/msg/Float64]" in listed
+    assert is_listed(ros2, "topic", "/gripper_command [std_msgs/msg/Float64]")
     hz = ros2.start("topic", "hz", "/gripper_command")
     assert float(line(hz, "average rate").split()[-1]) > 0
     hz.send_signal(signal.SIGINT)
@@ -171,8 +175,7 @@ def test_service_list_and_call(ros2):
     line(ros2.start("run", "pushers", "talker"), "pid")
     assert "success=True, message='opened'" in call.communicate()[0]
     assert call.returncode == 0
-    listed = ros2.start("service", "list", "-t").stdout.read().splitlines()
-    assert "/talker/open [std_srvs/srv/SetBool]" in listed
+    assert is_listed(ros2, "service", "/talker/open [std_srvs/srv/SetBool]")
 
 
 def test_launch_runs_the_table_and_stops_it(ros2, probe):

@@ -254,6 +254,7 @@ def test_layouts_fit_a_running_graph(graph, probe):
     assert {marker.header.frame_id for marker in shown[-1].markers} == {rviz["Global Options"]["Fixed Frame"]}
 
     def published(topic: str):
+        probe.wait_until(lambda: probe.node.get_publishers_info_by_topic(topic), what=f"a publisher of {topic}")
         (found,) = probe.node.get_publishers_info_by_topic(topic)
         return found
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from graph_tools import Graph, Probe, card_specs, command
+from graph_tools import Graph, Probe, card_specs, command, reset
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
@@ -42,7 +42,7 @@ def record(folder, weights, seed, episodes):
             bags = []
             for _ in range(episodes):
                 probe.wait_until(lambda: probe.call("recorder/start").success, what="the recorder")
-                assert probe.call("sim_bridge/reset").success
+                assert reset(probe)
                 phases.clear()
                 assert probe.call("episode/start").success
                 probe.wait_until(lambda: phases and phase_state(phases[-1]).phase in ENDS, what="the end")

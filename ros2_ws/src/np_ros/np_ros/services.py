@@ -48,6 +48,20 @@ class Services:
         self._wait(future.done, timeout, f"an answer of {name}")
         return future.result()
 
+    def be_found(self, node: str, timeout: float) -> None:
+        """Wait until `node`, which has parameter services, has found whatever this one has made so far; raises what `wait` raises after
+        `timeout` s.
+
+        A publisher sees when it has found a subscriber, not when that one has found it: until then what it sends waits, and comes after
+        what is sent on other topics meanwhile.
+        """
+        harmless = self._node.create_client(GetParameterTypes, f"{node}/get_parameter_types")
+        try:
+            self._wait(harmless.service_is_ready, timeout, f"the parameter services of {node}")
+            self._be_found(harmless, timeout, f"a sign that {node} has found who asks")
+        finally:
+            self._node.destroy_client(harmless)
+
     def _be_found(self, harmless: Client, timeout: float, what: str) -> None:
         """Ask until an answer comes."""
         futures, again = [], 0.0

@@ -28,6 +28,7 @@ from np_ros.parent import end_with_parent
 STOP_SEQUENCE = ((signal.SIGINT, 8.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """What a process gets, and how long s it may take, until it has ended."""
 
+_ENDED = 60.0  # s in which a process ends that was killed, which may have a bag to close; only how long a broken one takes to be told
 _LAST_LINES = 12
 # MuJoCo, imported, looks for a library of windows in a process of its own, a tenth of a second in each node; none opens one.
 _UNASKED = {"MUJOCO_GL": "disable"}
@@ -207,7 +208,7 @@ class Supervisor:
         """Send a signal that ends a node, wait for that, forget it; its return code. For fault injection."""
         process = self._processes[name]
         process.send_signal(number)
-        returncode = process.wait(STOP_SEQUENCE[0][1])
+        returncode = process.wait(_ENDED)
         del self._processes[name]
         return returncode
 

@@ -45,12 +45,14 @@ class Player(Participant):
             )
 
     def wait_until_ready(self, names: set[str], timeout: float = 120.0) -> None:
-        """Until the nodes are up and matched, among each other and with the player."""
+        """Until the nodes are up and matched, among each other and with the player, which they have found as well."""
         self._wait(
             lambda: self._links.are_complete(names),
             timeout,
             f"the nodes {', '.join(sorted(names))}, all matched",
         )
+        for name in sorted(names):
+            self._services.be_found(name, timeout)
 
     def play(self, step: Step) -> bool:
         """One step: say, hear, compare. False if an answer stayed away: no other is to be relied on."""
