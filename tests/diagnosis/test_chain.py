@@ -205,6 +205,13 @@ def test_a_bag_that_is_none_is_refused_by_name(tmp_path, capsys):
     assert "nothing" in json.loads(capsys.readouterr().out)["error"]
 
 
+def test_of_a_recording_of_the_arms_suite_the_other_suite_is_named(tmp_path, capsys):
+    bag = record_episode(tmp_path / "bag", 50, information={"experiments": ["sweep_7"]}, leave_out=("keypoints",))
+    assert command.main([str(bag)]) == 2
+    assert "expected messages on keypoints" in (said := json.loads(capsys.readouterr().out)["error"])
+    assert said.endswith("; `excite --suite task` records keypoints")
+
+
 def test_an_arms_report_that_is_none_is_refused_by_name(tmp_path, capsys):
     (tmp_path / "report.json").write_text("{}")
     assert command.main([str(tmp_path / "bag"), "--arm", str(tmp_path)]) == 2

@@ -83,7 +83,8 @@ class Recording:
             ]
             wanted = ", ".join(missing) or "the topics of docs/reference/graph.md"
             raise BagError(
-                f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'none at all'}{self._age()}"
+                f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'none at all'}"
+                f"{self._age()}{self._other_suite(missing)}"
             )
         self.start, self.end = self._reader.start_time, self._reader.end_time - 1
 
@@ -133,6 +134,11 @@ class Recording:
             stamp = np.array([m.stamp for m in mine], np.int64)
             rows[topic.name] = Rows(topic, b"".join(m.data for m in mine), stamp, ends[:-1], ends[1:])
         return rows
+
+    def _other_suite(self, missing: Collection[str]) -> str:
+        """Of a bag of the arm's experiments: which command records them with an object."""
+        is_arms = "experiments" in self.information and "suite" not in self.information
+        return "; `excite --suite task` records keypoints" if is_arms and "keypoints" in missing else ""
 
     def _age(self) -> str:
         """Of a bag with former topics: which release it is of, as it may lack what later ones have."""
