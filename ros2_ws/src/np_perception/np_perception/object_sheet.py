@@ -10,10 +10,10 @@ import numpy as np
 
 from np_description.keypoints import CORNERS
 from np_description.scene import CORNER_COLOURS
+from np_perception.calibration import printing
 
-A4 = (0.210, 0.297)  # m, upright
+A4 = printing.A4[::-1]  # upright
 DPI = 300
-_INCH = 0.0254
 _EDGE, _LABEL = 0.010, 0.007  # m: what printers leave white; beside a face, for the names of its sides
 _SCALE = 0.100  # m, a line to measure
 
@@ -68,7 +68,7 @@ def pages(half_size: Sequence[float], title: str, dpi: int = DPI) -> list[np.nda
 
 
 def _px(metres: float, dpi: int) -> int:
-    return round(metres / _INCH * dpi)
+    return round(metres / printing.INCH * dpi)
 
 
 def _blank(title: str, dpi: int) -> np.ndarray:

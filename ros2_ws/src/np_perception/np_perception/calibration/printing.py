@@ -8,7 +8,7 @@ import numpy as np
 from np_perception.calibration.board import Board, BoardError
 
 DPI = 600
-_INCH = 0.0254
+INCH = 0.0254  # m
 A4 = (0.297, 0.210)  # m, landscape
 
 
@@ -19,9 +19,9 @@ def page(board: Board, dpi: int = DPI) -> np.ndarray:
             f"board: expected one that fits on A4 ({A4[0]} x {A4[1]} m), this is {board.size[0]:.3f} x "
             f"{board.size[1]:.3f} m"
         )
-    width, height = (round(side / _INCH * dpi) for side in A4)
+    width, height = (round(side / INCH * dpi) for side in A4)
     sheet = np.full((height, width), 255, np.uint8)
-    picture = board.picture(dpi / _INCH)
+    picture = board.picture(dpi / INCH)
     top, left = (height - picture.shape[0]) // 2, (width - picture.shape[1]) // 2
     sheet[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
     text = (
