@@ -6,7 +6,7 @@ import torch
 
 from np_control.impedance import STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics
-from np_description.domains import BUMP, CARD, sample_task
+from np_description.domains import CARD, sample_task
 from np_description.panda import FINGER_MAX, NOMINAL
 from np_description.rotations import matrix_from_quaternion, six_from_matrix
 from np_perception.pose_estimation import project_keypoints
@@ -14,7 +14,7 @@ from np_policy.action import TIGHT, PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.hand_pose import POSITION_CENTRE, POSITION_RANGE
 from np_policy.networks import PostContactPolicy, PreContactStudent
-from np_policy.policy import LIFT, PEEK_HEIGHT, PostContactController, PreContactPlanner, student_output
+from np_policy.policy import PEEK_HEIGHT, PostContactController, PreContactPlanner, student_output
 from np_policy.weights import WeightsError, save
 
 START, GOAL = (project_keypoints(CARD, pose) for pose in sample_task(CARD, np.random.default_rng(0)))
@@ -123,46 +123,10 @@ def test_a_hand_that_hides_the_object_is_drawn_up_until_it_is_seen_again_or_high
     np.testing.assert_allclose(target.position, place + [0.0, 0.0, TIGHT.position])
     np.testing.assert_allclose(target.rotation, turn, atol=1e-12)
     assert np.abs(controller.act(low, np.zeros(9), START, GOAL).position - place)[:2].max() > 1e-6
-    never = PostContactController(weights_file("post_contact", CARD, folder), CARD, peek_after=0, lift_after=0)
+    never = PostContactController(weights_file("post_contact", CARD, folder), CARD, peek_after=0)
     never.act(low, np.zeros(9), START, GOAL)
     for _ in range(20):
         assert np.abs(never.act(low, np.zeros(9), None, GOAL).position - place)[:2].max() > 1e-6
-
-
-def test_a_hand_that_stands_still_on_a_card_is_drawn_up_and_the_policy_begins_anew(folder):
-    controller = PostContactController(weights_file("post_contact", CARD, folder), CARD, lift_after=4)
-    place, turn = forward_kinematics(Q[:7])
-    still = [START, START, START.copy(), START]
-    still[2][3, :2] += 20.0  # one corner that jumps behind the hand is no motion
-
-    def lifts(keypoints, q=Q) -> bool:
-        target = controller.act(q, np.zeros(9), keypoints, GOAL)
-        return bool(np.allclose(target.position, forward_kinematics(q[:7])[0] + [0.0, 0.0, TIGHT.position]))
-
-    assert not any(map(lifts, still))
-    up = controller.act(Q, np.zeros(9), START, GOAL)
-    np.testing.assert_allclose(up.position, place + [0.0, 0.0, TIGHT.position])
-    np.testing.assert_allclose(up.rotation, turn, atol=1e-12)
-    assert all(lifts(START + [0.0, 9.0 * k, 0.0]) for k in range(1, LIFT))  # to its end, whatever moves
-    assert not any(map(lifts, still))  # and is given as long again
-    controller.reset()
-    assert not any(map(lifts, still))
-    assert not lifts(START + [3.0, 0.0, 0.0])  # the card moves: it begins to count from there
-    moved = Q.copy()
-    moved[1] += 0.02
-    assert not any(lifts(START + [3.0, 0.0, 0.0]) for _ in range(3)) and not lifts(START + [3.0, 0.0, 0.0], moved)
-
-
-def test_a_hand_is_not_lifted_off_what_may_fall_nor_where_it_is_never_asked_for(tmp_path, folder):
-    save(PostContactPolicy(), tmp_path / "bump.safetensors", PolicyContract.of(POST_CONTACT, BUMP))
-    of_bump = PostContactController(tmp_path / "bump.safetensors", BUMP, lift_after=4)
-    of_card = PostContactController(weights_file("post_contact", CARD, folder), CARD, lift_after=0)
-    for controller in (of_bump, of_card):
-        first = controller.act(Q, np.zeros(9), START, GOAL)
-        for _ in range(2 * LIFT + 10):
-            target = controller.act(Q, np.zeros(9), START, GOAL)
-            assert not np.allclose(target.position, first.position + [0.0, 0.0, TIGHT.position])
-            assert np.abs(controller.last_action - np.eye(20)[2]).max() > 1e-3
 
 
 def test_a_network_that_gives_nan_is_refused(tmp_path):

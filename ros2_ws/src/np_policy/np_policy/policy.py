@@ -102,8 +102,6 @@ class PreContactPlanner:
 
 
 PEEK_HEIGHT = 0.25  # m, of T_E: above what an upright hand hides from the nominal camera
-LIFT = 5  # decisions for which the hand goes up from where it stands: its fingertips come free of the object by a centimetre or two
-_STILL = 1.0, 0.002  # px by the middle corner, so that one that jumps behind the hand does not count; m by T_E
 _UP = np.eye(action.SIZE)[2]  # as fast as the residual's limit lets the hand rise, gains in the middle of their ranges
 
 
@@ -111,10 +109,7 @@ class PostContactController:
     """The post-contact policy with its memory: the last action and the last good keypoints.
 
     peek_after: decisions without enough usable keypoints in a row after which the hand is drawn up, off the object and out of the
-    camera's way, until there are enough or it is PEEK_HEIGHT high; 0: never. lift_after: decisions in which neither hand nor object
-    moves after which the hand is drawn up for LIFT decisions, so that the policy begins anew from another state: the same input gives the
-    same output for ever, while it presses too softly to turn a card by the last tenth of a radian. Never where 0, or where the object
-    is tumbled, which may fall. controller, policy_rate, `warnings`: as for PreContactPlanner. Raises WeightsError if its weights are missing or do not fit.
+    camera's way, until there are enough or it is PEEK_HEIGHT high; 0: never. controller, policy_rate, `warnings`: as for PreContactPlanner. Raises WeightsError if its weights are missing or do not fit.
     """
 
     def __init__(
@@ -127,13 +122,11 @@ class PostContactController:
         controller: str = "impedance",
         policy_rate: float = action.RATE,
         peek_after: int = 5,
-        lift_after: int = 20,
     ) -> None:
         contract = PolicyContract.of(POST_CONTACT, domain, controller, policy_rate)
         self._network, self.warnings = weights.load(PostContactPolicy(), file, contract), contract.check(file)
         self._domain, self._camera, self._min_score = domain, camera, min_score
         self._peek_after = peek_after
-        self._lift_after = 0 if domain.is_tumbled else lift_after
         self.reset()
 
     def reset(self) -> None:
@@ -141,10 +134,6 @@ class PostContactController:
         self.last_action = np.zeros(action.SIZE)
         self._keypoints: np.ndarray | None = None
         self._blind = 0  # decisions in a row
-        self._stood: tuple[np.ndarray, np.ndarray] | None = (
-            None  # pixels (8, 2) and T_E (3,) m since which nothing has moved
-        )
-        self._still = 0  # decisions in a row, those of lifting among them
 
     def act(self, q, dq, keypoints, goal) -> action.Target:
         """One policy step.
@@ -161,9 +150,6 @@ class PostContactController:
         seen = self._fill(keypoints)
         if seen is None:
             return action.decode(np.zeros(action.SIZE), position, rotation)
-        if self._lifts(seen, position):
-            self.last_action = _UP
-            return action.decode(self.last_action, position, rotation)
         here, there = self._camera.normalise(seen), self._camera.normalise(np.asarray(goal)[:, :2])
         here, there = renamed(self._domain, here, there)
         state = post_contact_observation(
@@ -174,23 +160,6 @@ class PostContactController:
             raise PolicyError(f"post-contact policy: expected 20 finite numbers, got {chosen.tolist()}")
         self.last_action = chosen
         return action.decode(chosen, position, rotation)
-
-    def _lifts(self, pixels, position) -> bool:
-        """Whether nothing has moved for so long that the hand goes up, at a decision for pixels (8, 2) and T_E (3,) m."""
-        if not self._lift_after:
-            return False
-        if self._still <= self._lift_after and self._moved(pixels, position):
-            self._stood, self._still = (pixels, position), 0
-        self._still += 1
-        if self._still > self._lift_after + LIFT:
-            self._stood, self._still = (pixels, position), 1
-        return self._still > self._lift_after
-
-    def _moved(self, pixels, position) -> bool:
-        if self._stood is None:
-            return True
-        corners, place = np.linalg.norm(pixels - self._stood[0], axis=1), np.linalg.norm(position - self._stood[1])
-        return np.median(corners) > _STILL[0] or place > _STILL[1]
 
     def _fill(self, keypoints) -> np.ndarray | None:
         """Pixels (8, 2): those seen well, the others from the pose that explains them, or as they were last."""

@@ -46,14 +46,6 @@ class PostContactNode(Node):
             0,
             600,
         )
-        lift_after = parameter(
-            self,
-            "lift_after",
-            20,
-            "Ticks in a row without motion of hand or object after which the hand is drawn up, where an object is only slid; 0: never.",
-            0,
-            600,
-        )
         file = weights_file(POST_CONTACT, self._settings.domain, folder)
         import torch  # slow, and only where there are weights: no --help should wait for it
 
@@ -68,7 +60,6 @@ class PostContactNode(Node):
             controller=controller,
             policy_rate=self._settings.policy_rate,
             peek_after=peek_after,
-            lift_after=lift_after,
         )
         self.diagnostics = Diagnostics(self)
         report_weights(self, self.diagnostics, self._policy.warnings)
