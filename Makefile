@@ -32,9 +32,6 @@ $(if $(UNUSED),$(error $(UNUSED): `make $(or $(MAKECMDGOALS),help)` has no use f
 
 BUILT_FROM := $(wildcard $(foreach f,setup.py setup.cfg package.xml launch/* config/*,ros2_ws/src/*/$(f)))
 ACTIVATE := . ./env.sh &&
-REAL_TIME := realtime or real_time
-ALONE := tests/unit tests/training tests/diagnosis tests/parity
-GRAPHS := $(filter-out $(ALONE),$(sort $(patsubst %/,%,$(dir $(wildcard tests/*/test_*.py)))))
 
 .PHONY: help setup demo test test-slow test-driver driver-report hardware physx meshes lerobot cluster bench soak fuzz blind blind-chain evaluate table3 rehearse train identify docs format lock clean distclean
 
@@ -98,16 +95,12 @@ train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that
 identify: setup ## BAG="run1 run2" | none: a simulated arm; friction, damping, armature and what they explain
 	@$(ACTIVATE) exec python -m np_training.identify $(or $(BAG),--simulate) --seed $(SEED) $(ARGS)
 
-# Three files of tests at a time, for graph tests mostly wait; of graphs in real time one, which has the machine to itself.
 test: setup ## every test that needs no GPU; PYTEST_ARGS="tests/unit -k name": only these
 ifdef PYTEST_ARGS
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)
 else
 	@$(ACTIVATE) ruff format --quiet --check . && ruff check --quiet .
-	@$(ACTIVATE) export OMP_NUM_THREADS=1 MUJOCO_GL=disable; \
-		python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not slow" -k "unit or not ($(REAL_TIME))" \
-			|| failed=1; \
-		python -m pytest -m "not slow" -k "$(REAL_TIME)" $(GRAPHS) || failed=1; exit $${failed:-0}
+	@$(ACTIVATE) exec tools/test.sh
 endif
 
 test-slow: setup ## the slowest tests, which say least beyond those of `make test`

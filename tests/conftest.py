@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# How long an example takes says how busy the machine is, nothing else.
+# How long an example takes says how busy the machine is, nothing else. Continuous integration judges a change, not its luck: by
+# Hypothesis's own profile for it a property has the same examples in every run.
 settings.register_profile("np", deadline=None)
-settings.load_profile("np")
+settings.load_profile("ci" if os.environ.get("CI") else "np")
 
 # A shell's background job ignores interrupts, and what it starts inherits that; what the tests interrupt must not.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -38,6 +39,21 @@ def pytest_configure(config):
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     for n in range(len(LARGE) if worker else 0):
         import_module(LARGE[(n + int(worker.lstrip("gw"))) % len(LARGE)])
+
+
+DEAD = pytest.StashKey[bool]()
+
+
+def pytest_testnodedown(node, error):
+    """A worker that died is remembered: after a few of them xdist passes over the tests that are left, and calls that failed tests."""
+    if error:
+        node.config.stash[DEAD] = True
+
+
+def pytest_sessionfinish(session):
+    """A run in which a worker died has another status than one of which tests failed: those can be asked once more."""
+    if session.config.stash.get(DEAD, False):
+        session.exitstatus = pytest.ExitCode.INTERNAL_ERROR
 
 
 def pytest_collection_modifyitems(items):
