@@ -191,13 +191,13 @@ OF_OLDER_CODE = {
     ("task", "72", "904"),
     ("task", "72", "905"),
     ("task", "72", "906"),
-}  # the commits that make them stand in docs/reference/blind_test.md
+}  # the commits that make them stand in docs/decisions/sealed_sets.md
 SEALED = [tuple(line.split()) for line in KEYS.read_text().splitlines() if not line.startswith("#")]
 
 
 @pytest.mark.parametrize("which, count, seed, known", [row for row in SEALED if row[:3] not in OF_OLDER_CODE])
 def test_the_generator_still_makes_every_key_that_was_sealed(which, count, seed, known):
-    # Sets of 300 are of a part of the suite (docs/blind_test.md).
+    # Sets of 300 are of a part of the suite (docs/reference/blind_test.md).
     only = ["reference", "dwell"] if count == "300" else []
     if which == robot_cases.SET:  # sizes were found by episodes: the key is a file
         (file,) = KEYS.parent.glob(f"robots_*_{seed}.json")

@@ -103,37 +103,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
         ),
     ]
     if given["bag"]:
-        information = {
-            **json.loads(given["run_info"]),
-            **{k: v for k, v in given.items() if k not in ("bag", "run_info")},
-        }
-        required = [
-            "joint_states",
-            "effort_command",
-            "keypoints",
-            "episode/tick",
-            "episode/phase",
-            "goal_pose",
-            "target_pose",
-            "target_gains",
-            "joint_trajectory",
-            "pre_contact_pose",
-            "gripper_command",
-            *(() if elsewhere else ("object_pose", "clock")),
-        ]
-        nodes.insert(
-            0,
-            NodeSpec(
-                "np_record",
-                "recorder",
-                parameters={
-                    "bag": given["bag"],
-                    "run_info": json.dumps(information, sort_keys=True),
-                    "record_at_start": given["record_at_start"] == "true",
-                    "required": ",".join(required),
-                },
-            ),
-        )
+        nodes.insert(0, _recorder(given, is_simulated=elsewhere is None))
     if given["mode"] == "realtime":
         # The loop must not wait for those who think: state in, command out, every 2 ms.
         nodes = [
@@ -143,6 +113,35 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
             for node in nodes
         ]
     return nodes
+
+
+def _recorder(given: Mapping[str, str], is_simulated: bool) -> NodeSpec:
+    """The recorder, which knows of the launch arguments, and what a bag must have to be of an episode."""
+    information = {**json.loads(given["run_info"]), **{k: v for k, v in given.items() if k not in ("bag", "run_info")}}
+    required = [
+        "joint_states",
+        "effort_command",
+        "keypoints",
+        "episode/tick",
+        "episode/phase",
+        "goal_pose",
+        "target_pose",
+        "target_gains",
+        "joint_trajectory",
+        "pre_contact_pose",
+        "gripper_command",
+        *(("object_pose", "clock") if is_simulated else ()),
+    ]
+    return NodeSpec(
+        "np_record",
+        "recorder",
+        parameters={
+            "bag": given["bag"],
+            "run_info": json.dumps(information, sort_keys=True),
+            "record_at_start": given["record_at_start"] == "true",
+            "required": ",".join(required),
+        },
+    )
 
 
 def _integer(given: Mapping[str, str], name: str) -> int:

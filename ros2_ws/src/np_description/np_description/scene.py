@@ -17,7 +17,7 @@ from np_description.domains import Domain
 from np_description.hand import BoxShape, CapsuleShape
 from np_description.keypoints import CORNERS
 from np_description.objects.bodies import add_parts
-from np_description.panda import BASE_FRAME, FINGER_FORCE, FINGER_MAX, NOMINAL, TCP_FRAME, PandaModel
+from np_description.panda import BASE_FRAME, FINGER_FORCE, FINGER_MAX, NOMINAL, TCP_FRAME, Frame, Inertial, PandaModel
 from np_description.scene_change import UNCHANGED, SceneChange
 
 OBJECT = "object"
@@ -42,6 +42,10 @@ CORNER_COLOURS = (
     (0.90, 0.40, 0.65),
 )
 """RGB of the block at each corner, keypoint order: every face shows four colours, no two corners look alike."""
+
+_TOUCHING = dict(contype=ROBOT_BIT, conaffinity=ENVIRONMENT_BIT | OBJECT_BIT)
+_SILENT = dict(contype=0, conaffinity=0)
+_WHITE, _DARK = [0.92, 0.92, 0.92, 1], [0.25, 0.26, 0.28, 1]
 
 # Capsules that enclose each link: link -> (centre m, half axis vector m, radius m) in the link frame.
 _LINK_CAPSULES = {
@@ -181,36 +185,15 @@ def _add_surroundings(spec: mujoco.MjSpec, domain: Domain, camera: Camera, conta
 
 
 def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, contact: ContactModel) -> None:
-    touching = dict(contype=ROBOT_BIT, conaffinity=ENVIRONMENT_BIT | OBJECT_BIT)
-    silent = dict(contype=0, conaffinity=0)
-    painted = surface(contact.links, contact.hard)
     # The first two links cannot leave the space above the base. The last one stands beside the hand: a policy that is
     # trained without it reaches through the object with it.
     first_touching = 2 if arm_collision else len(panda.joints) - 1
-
-    def add_body(parent, name, inertial, frame=None):
-        body = parent.add_body(name=name, gravcomp=1.0)
-        if frame is not None:
-            body.pos, body.quat = frame.position, frame.quaternion
-        body.mass, body.ipos, body.fullinertia = inertial.mass, inertial.com, inertial.inertia
-        body.explicitinertial = True
-        return body
-
-    def add_shape(body, shape, rgba, part=None, **collision):
-        named = dict(name=f"{body.name}_{part or len(body.geoms)}", rgba=rgba, group=1, **collision)
-        if isinstance(shape, BoxShape):
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=shape.centre, size=shape.half_size, **named)
-            return
-        centre, half_axis = np.asarray(shape.centre), np.asarray(shape.half_axis)
-        ends = [*(centre - half_axis), *(centre + half_axis)]
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[shape.radius, 0, 0], fromto=ends, **named)
-
-    white, dark = [0.92, 0.92, 0.92, 1], [0.25, 0.26, 0.28, 1]
-    body = add_body(spec.worldbody, BASE_FRAME, panda.inertials["link0"])
+    painted = surface(contact.links, contact.hard)
+    body = _add_body(spec.worldbody, BASE_FRAME, panda.inertials["link0"])
     for capsule in _LINK_CAPSULES[0]:
-        add_shape(body, CapsuleShape(*capsule), white, **silent)
+        _add_shape(body, CapsuleShape(*capsule), _WHITE, **_SILENT)
     for i, joint in enumerate(panda.joints):
-        body = add_body(body, f"panda_link{i + 1}", panda.inertials[f"link{i + 1}"], panda.joint_frames[i])
+        body = _add_body(body, f"panda_link{i + 1}", panda.inertials[f"link{i + 1}"], panda.joint_frames[i])
         body.add_joint(
             name=joint,
             type=mujoco.mjtJoint.mjJNT_HINGE,
@@ -221,7 +204,8 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
             armature=panda.armature[i],
         )
         for capsule in _LINK_CAPSULES[i + 1]:
-            add_shape(body, CapsuleShape(*capsule), white, **painted, **(touching if i >= first_touching else silent))
+            touching = _TOUCHING if i >= first_touching else _SILENT
+            _add_shape(body, CapsuleShape(*capsule), _WHITE, **painted, **touching)
         actuator = spec.add_actuator(
             name=joint,
             target=joint,
@@ -229,14 +213,19 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
             ctrlrange=[-panda.torque_limit[i], panda.torque_limit[i]],
         )
         actuator.set_to_motor()
-    hand = add_body(body, "panda_hand", panda.inertials["hand"], panda.frames["link7_hand"])
+    _add_hand(spec, body, panda, contact)
+
+
+def _add_hand(spec: mujoco.MjSpec, link: mujoco.MjsBody, panda: PandaModel, contact: ContactModel) -> None:
+    """The hand and its two fingers, on the last link."""
+    hand = _add_body(link, "panda_hand", panda.inertials["hand"], panda.frames["link7_hand"])
     housing = surface(contact.housing, contact.hard)
     for shape in contact.hand.housing:
-        add_shape(hand, shape, white, **housing, **touching)
+        _add_shape(hand, shape, _WHITE, **housing, **_TOUCHING)
     tcp = panda.frames["hand_tcp"]
     hand.add_site(name=TCP_FRAME, pos=tcp.position, quat=tcp.quaternion, size=[0.003, 0, 0], group=4)
     for i, finger in enumerate(panda.fingers):
-        body = add_body(
+        body = _add_body(
             hand, finger.replace("_joint", ""), panda.inertials["finger"], panda.frames[f"hand_finger{i + 1}"]
         )
         body.add_joint(
@@ -249,9 +238,9 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
         )
         # Where rubber is another matter than the rest, it decides: MuJoCo would average its compliance with the other's.
         decides = int(contact.rubber != contact.hard)
-        rubber = dict(priority=decides, **surface(contact.finger, contact.rubber), **touching)
-        add_shape(body, contact.hand.shaft, dark, SHAFT, **housing, **touching)
-        add_shape(body, contact.hand.tip, dark, TIP, **rubber)
+        rubber = dict(priority=decides, **surface(contact.finger, contact.rubber), **_TOUCHING)
+        _add_shape(body, contact.hand.shaft, _DARK, SHAFT, **housing, **_TOUCHING)
+        _add_shape(body, contact.hand.tip, _DARK, TIP, **rubber)
         actuator = spec.add_actuator(
             name=finger,
             target=finger,
@@ -260,6 +249,29 @@ def _add_robot(spec: mujoco.MjSpec, panda: PandaModel, arm_collision: bool, cont
             forcerange=[-FINGER_FORCE, FINGER_FORCE],
         )
         actuator.set_to_position(kp=FINGER_STIFFNESS, kv=FINGER_DAMPING)
+
+
+def _add_body(parent: mujoco.MjsBody, name: str, inertial: Inertial, frame: Frame | None = None) -> mujoco.MjsBody:
+    """A body of the robot, its gravity compensated, at a frame of its parent."""
+    body = parent.add_body(name=name, gravcomp=1.0)
+    if frame is not None:
+        body.pos, body.quat = frame.position, frame.quaternion
+    body.mass, body.ipos, body.fullinertia = inertial.mass, inertial.com, inertial.inertia
+    body.explicitinertial = True
+    return body
+
+
+def _add_shape(
+    body: mujoco.MjsBody, shape: BoxShape | CapsuleShape, rgba: list[float], part: str = "", **collision
+) -> None:
+    """A geom of a body, named after it and its part, or its number."""
+    named = dict(name=f"{body.name}_{part or len(body.geoms)}", rgba=rgba, group=1, **collision)
+    if isinstance(shape, BoxShape):
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=shape.centre, size=shape.half_size, **named)
+        return
+    centre, half_axis = np.asarray(shape.centre), np.asarray(shape.half_axis)
+    ends = [*(centre - half_axis), *(centre + half_axis)]
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[shape.radius, 0, 0], fromto=ends, **named)
 
 
 def _add_object(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> int:
@@ -276,7 +288,7 @@ def _add_object(spec: mujoco.MjSpec, domain: Domain, contact: ContactModel) -> i
         size=half,
         density=domain.density,
         **shape,
-        **(dict(contype=0, conaffinity=0) if is_soft else touching),
+        **(_SILENT if is_soft else touching),
     )
     for corner, colour in zip(CORNERS, CORNER_COLOURS):
         body.add_geom(

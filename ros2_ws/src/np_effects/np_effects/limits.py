@@ -7,11 +7,13 @@ leaves less of what was measured at every level.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from np_effects.evidence import Drive
+from np_effects.evidence import Context, Drive
 from np_effects.record import Quantity
+from np_effects.signature import Signature
 
 GRAVITY_APART = Quantity("gravity_apart", "1", 0.0, 1.0)  # 1: the limit is of the command, without gravity
 LEVELS = tuple(0.95 * 0.88**n for n in range(8))  # of the largest asked for
@@ -23,6 +25,45 @@ FINE = (*STEPS, 0.002, 0.001, 5e-4, 2e-4, 1e-4)  # likewise, where what the limi
 ALWAYS = 0.5  # of the squares in the rows in which a limit acts that one which was there leaves at most
 Limited = Callable[[Drive, np.ndarray, float, np.ndarray], np.ndarray]
 """What a limit leaves of torques (n,) Nm asked for, of which (n,) Nm were measured."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit that the drive of a joint may have, as recordings show it.
+
+    limited: what it leaves of torques. levels: limits to try, of (context, joint, whether gravity is apart, rows (n,) bool of the drive).
+    signature: of (limit, joint, whether gravity is apart).
+    """
+
+    limited: Limited
+    levels: Callable[[Context, int, bool, np.ndarray], list[float]]
+    signature: Callable[[float, int, bool], Signature]
+
+    def signatures(self, context: Context) -> list[Signature]:
+        """Every level of each joint, in the reading that its drive is asked for."""
+        if context.drive is None:
+            return []
+        found, later = [], context.is_later(context.drive.trajectory)
+        drive = context.drive.only(later)
+        for j in range(len(context.arm)):
+            tried = self._tried(context, j, later)
+            apart = is_apart(drive, j, self.limited, tried)
+            found += [self.signature(level, j, apart) for level in tried[apart]]
+        return found
+
+    def always(self, context: Context) -> list[Signature]:
+        """The limits that the drives had in the recordings of the arm as it was."""
+        if context.drive is None:
+            return []
+        found, earlier = [], ~context.is_later(context.drive.trajectory)
+        drive = context.drive.only(earlier)
+        for j in range(len(context.arm)):
+            shown = always(drive, j, self.limited, self._tried(context, j, earlier))
+            found += [self.signature(shown[0], j, shown[1])] if shown else []
+        return found
+
+    def _tried(self, context: Context, joint: int, rows: np.ndarray) -> dict[bool, list[float]]:
+        return {apart: self.levels(context, joint, apart, rows) for apart in (False, True)}
 
 
 def lost(d: Drive, joint: int, limited: Limited, limit: float, apart: bool) -> np.ndarray:

@@ -21,6 +21,14 @@ class BagError(ValueError):
     """A bag that cannot be used; the text says what was expected and what was found."""
 
 
+class MissingTopics(BagError):
+    """A bag without messages on topics that were asked for; information: what the recorder knew of the run."""
+
+    def __init__(self, text: str, information: dict):
+        super().__init__(text)
+        self.information = information
+
+
 class Message(NamedTuple):
     """One recorded message: its time ns, its topic, its serialized bytes. Made 1,500 times for a second of recording."""
 
@@ -55,7 +63,7 @@ class Recording:
     """A bag with topics of the contract, checked to be complete.
 
     counts: messages by topic name; information: what the recorder knew of the run; start, end: ns. Raises
-    BagError for a path that is no bag, a bag that was cut off, or one without the topics in `required`.
+    BagError for a path that is no bag or a bag that was cut off, MissingTopics for one without the topics in `required`.
     """
 
     def __init__(self, path: str | Path, required: Collection[str] = ()):
@@ -82,9 +90,9 @@ class Recording:
                 if c.msgcount
             ]
             wanted = ", ".join(missing) or "the topics of docs/reference/graph.md"
-            raise BagError(
-                f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'none at all'}"
-                f"{self._age()}{self._other_suite(missing)}"
+            raise MissingTopics(
+                f"bag {self.path}: expected messages on {wanted}; it has {', '.join(found) or 'none at all'}{self._age()}",
+                self.information,
             )
         self.start, self.end = self._reader.start_time, self._reader.end_time - 1
 
@@ -134,11 +142,6 @@ class Recording:
             stamp = np.array([m.stamp for m in mine], np.int64)
             rows[topic.name] = Rows(topic, b"".join(m.data for m in mine), stamp, ends[:-1], ends[1:])
         return rows
-
-    def _other_suite(self, missing: Collection[str]) -> str:
-        """Of a bag of the arm's experiments: which command records them with an object."""
-        is_arms = "experiments" in self.information and "suite" not in self.information
-        return "; `excite --suite task` records keypoints" if is_arms and "keypoints" in missing else ""
 
     def _age(self) -> str:
         """Of a bag with former topics: which release it is of, as it may lack what later ones have."""

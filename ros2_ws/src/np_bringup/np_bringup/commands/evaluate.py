@@ -74,20 +74,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     for warning in warnings:
         print(f"evaluate: {warning}", file=sys.stderr)
     where = origin(options.weights)
-    settings = {
-        "domain": options.domain,
-        "engine": options.engine,
-        "seed": options.seed,
-        "keypoints": options.keypoints,
-        "controller": options.controller,
-        "object": options.object,
-        **({"scenario": options.scenario} if options.scenario else {}),
-        **({"contacts": options.contacts} if options.contacts > 1 else {}),
-        "effects": "none" if options.effects == "none" else Path(options.effects).read_text(encoding="utf-8"),
-        "code_sha256": code_sha256(),
-        **where,
-    }
-    results = Results(options.out, settings, options.fresh)
+    results = Results(options.out, settings_of(options, where), options.fresh)
     kept = min(results.kept, options.episodes)
     if kept:
         print(
@@ -95,27 +82,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
             "--fresh runs them anew",
             file=sys.stderr,
         )
-    request = Request(
-        {
-            "domain": options.domain,
-            "object": options.object,
-            "scenario": str(options.scenario),
-            "backend": ENGINES[options.engine],
-            "seed": str(options.seed),
-            "keypoints": options.keypoints,
-            "controller": options.controller,
-            "contacts": str(options.contacts),
-            "image_rate": str(IMAGE_RATE),
-            "effects": "" if options.effects == "none" else options.effects,
-            "weights": options.weights,
-            "record_at_start": "false",
-            "bag": str(options.out / "bags" / "episode") if options.bags else "",
-            "run_info": json.dumps(where),
-        },
-        options.engine,
-        options.bags,
-        options.out,
-    )
+    request = request_of(options, where)
     before = sum(result.wall_s for result in results.results[:kept])
     progress, started = Progress(options.episodes, f"evaluate {options.domain}"), time.monotonic()
     missing_runs = results.missing(options.episodes)
@@ -138,6 +105,48 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
         "results": str(results.path),
         "plot": str(picture),
     }
+
+
+def settings_of(options: argparse.Namespace, where: dict[str, object]) -> dict[str, object]:
+    """What episodes must have in common to be counted together; where: of `origin`."""
+    return {
+        "domain": options.domain,
+        "engine": options.engine,
+        "seed": options.seed,
+        "keypoints": options.keypoints,
+        "controller": options.controller,
+        "object": options.object,
+        **({"scenario": options.scenario} if options.scenario else {}),
+        **({"contacts": options.contacts} if options.contacts > 1 else {}),
+        "effects": "none" if options.effects == "none" else Path(options.effects).read_text(encoding="utf-8"),
+        "code_sha256": code_sha256(),
+        **where,
+    }
+
+
+def request_of(options: argparse.Namespace, where: dict[str, object]) -> Request:
+    """What is launched for them."""
+    return Request(
+        {
+            "domain": options.domain,
+            "object": options.object,
+            "scenario": str(options.scenario),
+            "backend": ENGINES[options.engine],
+            "seed": str(options.seed),
+            "keypoints": options.keypoints,
+            "controller": options.controller,
+            "contacts": str(options.contacts),
+            "image_rate": str(IMAGE_RATE),
+            "effects": "" if options.effects == "none" else options.effects,
+            "weights": options.weights,
+            "record_at_start": "false",
+            "bag": str(options.out / "bags" / "episode") if options.bags else "",
+            "run_info": json.dumps(where),
+        },
+        options.engine,
+        options.bags,
+        options.out,
+    )
 
 
 def warnings_of(options: argparse.Namespace) -> list[str]:

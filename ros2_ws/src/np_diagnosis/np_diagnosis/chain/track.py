@@ -51,7 +51,7 @@ class Track:
 
 def read_track(path: str | Path, least_score: float = TRACK.score) -> Track:
     """The keypoints of a rosbag2 recording. Raises ContractViolation."""
-    from np_record.bag import BagError, Recording  # slow
+    from np_record.bag import BagError, MissingTopics, Recording  # slow
     from np_record.bulk import decoded
     from np_ros.messages import BadMessage, keypoints_array
 
@@ -61,11 +61,19 @@ def read_track(path: str | Path, least_score: float = TRACK.score) -> Track:
             messages = recording.rows("keypoints")["keypoints"]
             found = np.array([keypoints_array(decoded(f"{name}: keypoints", m)) for m in messages])
             stamps = np.array([m.stamp for m in messages], dtype=np.int64)
+    except MissingTopics as error:
+        raise ContractViolation(f"{error}{_other_suite(error.information)}") from error
     except (BagError, BadMessage) as error:
         raise violated(path, error) from error
     if not len(stamps):
         raise ContractViolation(f"{name}: expected keypoints, got none")
     return Track(name, (stamps - stamps[0]) / SECOND, found[:, :, :2], found[:, :, 2] >= least_score)
+
+
+def _other_suite(information: dict) -> str:
+    """Of a bag of the arm's experiments: which command records keypoints."""
+    is_arms = "experiments" in information and "suite" not in information
+    return "; `excite --suite task` records keypoints" if is_arms else ""
 
 
 def rests(track: Track) -> list[slice]:

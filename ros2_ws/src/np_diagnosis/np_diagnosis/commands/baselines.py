@@ -12,11 +12,12 @@ import sys
 from pathlib import Path
 
 from np_diagnosis.baselines.budget import Budget
+from np_record.command import Parser
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(prog="baselines", description=__doc__.split("\n")[0])
+    parser = Parser(prog="baselines", description=__doc__.split("\n")[0])
     parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="rosbag2 folder with effort_command")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seed", type=int, default=0)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from np_diagnosis.commands.answers import keep, refuse
 from np_diagnosis.commands.seen import add_seen
+from np_record.command import Parser
 
 SHARES = {
     "read": 30,
@@ -31,9 +32,7 @@ SHARES = {
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="chain", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(prog="chain", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_seen(parser)
     parser.add_argument(
         "--arm", type=Path, metavar="DIR", help="folder of `diagnose`: its report.json and patch.yaml are the arm's row"

@@ -13,13 +13,12 @@ import sys
 from pathlib import Path
 
 from np_diagnosis.commands.answers import keep, refuse
+from np_record.command import Parser
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="clock", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(prog="clock", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("a", metavar="A.npz:NAME", help="the stream whose clock counts")
     parser.add_argument("b", metavar="B.npz:NAME", help="the stream that may be late, such as a camera's")
     parser.add_argument("--within", type=float, help="s to either side that an offset is sought in (default 1)")

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from np_diagnosis.commands.answers import refuse
+from np_record.command import Parser
 
 if TYPE_CHECKING:  # what is slow to import comes after the options are read
     from np_diagnosis.arm.model import Arm
@@ -19,7 +20,7 @@ if TYPE_CHECKING:  # what is slow to import comes after the options are read
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(prog="diagnose", description=__doc__)
+    parser = Parser(prog="diagnose", description=__doc__)
     parser.add_argument(
         "logs",
         nargs="+",

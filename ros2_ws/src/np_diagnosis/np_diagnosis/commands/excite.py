@@ -13,7 +13,7 @@ from np_description.objects.choice import domain_with, portable
 from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
 from np_diagnosis.experiments.task.suite import FAMILIES, check
 from np_diagnosis.thresholds import THRESHOLDS
-from np_record.command import INTERRUPTED, Progress, interrupt_on_sigterm, new_folder, origin
+from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder, origin
 from np_ros.graph import NodeSpec
 from np_ros.supervisor import NodeDied, Supervisor
 from np_sim_bridge.simulators import SIMULATORS
@@ -23,7 +23,7 @@ RUNNING_TIMEOUT = 20.0  # s for an arm that is said to run to be heard
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(prog="excite", description=__doc__)
+    parser = Parser(prog="excite", description=__doc__)
     parser.add_argument(
         "--suite",
         choices=["arm", "task"],

@@ -12,13 +12,12 @@ import sys
 from pathlib import Path
 
 from np_diagnosis.commands.answers import refuse
+from np_record.command import Parser
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="feel", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(prog="feel", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--patch", type=Path, help="the arm's own gap, as `diagnose` found it; else the arm is nominal")
     parser.add_argument("--out", type=Path, help="folder for feel.json and patch.yaml")

@@ -19,12 +19,14 @@ from pathlib import Path
 
 import numpy as np
 
+from np_record.command import Parser
+
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(prog="pushes", description=__doc__.split("\n")[0])
+    parser = Parser(prog="pushes", description=__doc__.split("\n")[0])
     parser.add_argument("file", type=Path, metavar="FILE")
     parser.add_argument("--reference", nargs="+", required=True, metavar="NAME")
     parser.add_argument("--new", nargs="+", required=True, metavar="NAME")

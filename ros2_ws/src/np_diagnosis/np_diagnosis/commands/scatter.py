@@ -12,13 +12,12 @@ import sys
 from pathlib import Path
 
 from np_diagnosis.commands.answers import refuse
+from np_record.command import Parser
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="scatter", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(prog="scatter", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bag", type=Path)
     return parser.parse_args(arguments)
 

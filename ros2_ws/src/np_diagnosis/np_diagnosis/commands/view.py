@@ -14,13 +14,12 @@ from pathlib import Path
 
 from np_diagnosis.commands.answers import keep, refuse
 from np_diagnosis.commands.seen import add_seen
+from np_record.command import Parser
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="view", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(prog="view", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_seen(parser)
     parser.add_argument("--out", type=Path, help="folder for view.json and view.html")
     return parser.parse_args(arguments)

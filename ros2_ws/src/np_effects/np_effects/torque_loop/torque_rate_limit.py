@@ -13,7 +13,7 @@ from np_description.rotations import namespace
 from np_effects import evidence
 from np_effects.behaviour import Drive, DriveSlot, OnDrive, Values, unlimited
 from np_effects.evidence import Context
-from np_effects.limits import GRAVITY_APART, always, is_apart, levels, lost
+from np_effects.limits import GRAVITY_APART, Limit, levels, lost
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import WHOLE, Shape, Signature, stack
 from np_effects.stage import Stage
@@ -74,30 +74,6 @@ def _signature(limit: float, joint: int, apart: bool) -> Signature:
     )
 
 
-def _signatures(context: Context) -> list[Signature]:
-    if context.drive is None:
-        return []
-    found, later = [], context.is_later(context.drive.trajectory)
-    drive = context.drive.only(later)
-    for j in range(len(context.arm)):
-        tried = {apart: _levels(context, j, apart, later) for apart in (False, True)}
-        apart = is_apart(drive, j, ramped, tried)
-        found += [_signature(level, j, apart) for level in tried[apart]]
-    return found
-
-
-def _always(context: Context) -> list[Signature]:
-    if context.drive is None:
-        return []
-    found, earlier = [], ~context.is_later(context.drive.trajectory)
-    drive = context.drive.only(earlier)
-    for j in range(len(context.arm)):
-        tried = {apart: _levels(context, j, apart, earlier) for apart in (False, True)}
-        shown = always(drive, j, ramped, tried)
-        found += [_signature(shown[0], j, shown[1])] if shown else []
-    return found
-
-
 def _levels(context: Context, joint: int, apart: bool, rows: np.ndarray) -> list[float]:
     """Limits Nm/s to try for rows (n,) bool of the drive."""
     d = context.drive
@@ -120,13 +96,15 @@ def _follow(values: Values) -> Drive:
     return drive
 
 
+_SHOWN = Limit(ramped, _levels, _signature)
+
 RECORD = EffectRecord(
     "torque_rate_limit",
     Place.JOINT,
     (LIMIT, GRAVITY_APART),
-    _signatures,
+    _SHOWN.signatures,
     Visible("share of the suite's peak", (0.06,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
     drive=OnDrive(DriveSlot.RATE, _follow, of_total=True),
-    always=_always,
+    always=_SHOWN.always,
     said="the drive of {at} changes its torque by no more than {limit:Nm/s}",
 )

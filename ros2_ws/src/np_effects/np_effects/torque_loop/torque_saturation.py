@@ -10,7 +10,7 @@ from np_description.rotations import namespace
 from np_effects import behaviour
 from np_effects.behaviour import DriveSlot, OnDrive, Values, unlimited
 from np_effects.evidence import Context, Drive
-from np_effects.limits import GRAVITY_APART, always, is_apart, levels, lost
+from np_effects.limits import GRAVITY_APART, Limit, levels, lost
 from np_effects.record import EffectRecord, Place, Quantity, Visible
 from np_effects.signature import WHOLE, Shape, Signature, stack
 from np_effects.stage import Stage
@@ -36,30 +36,6 @@ def _signature(limit: float, joint: int, apart: bool) -> Signature:
     )
 
 
-def _signatures(context: Context) -> list[Signature]:
-    if context.drive is None:
-        return []
-    found, later = [], context.is_later(context.drive.trajectory)
-    drive = context.drive.only(later)
-    for j in range(len(context.arm)):
-        tried = {apart: _levels(context, j, apart, later) for apart in (False, True)}
-        apart = is_apart(drive, j, saturated, tried)
-        found += [_signature(level, j, apart) for level in tried[apart]]
-    return found
-
-
-def _always(context: Context) -> list[Signature]:
-    if context.drive is None:
-        return []
-    found, earlier = [], ~context.is_later(context.drive.trajectory)
-    drive = context.drive.only(earlier)
-    for j in range(len(context.arm)):
-        tried = {apart: _levels(context, j, apart, earlier) for apart in (False, True)}
-        shown = always(drive, j, saturated, tried)
-        found += [_signature(shown[0], j, shown[1])] if shown else []
-    return found
-
-
 def _levels(context: Context, joint: int, apart: bool, rows: np.ndarray) -> list[float]:
     """Limits Nm to try for rows (n,) bool of the drive."""
     d = context.drive
@@ -72,13 +48,15 @@ def _clip(values: Values) -> behaviour.Drive:
     return lambda torque: namespace(torque).clip(torque, -limit, limit)
 
 
+_SHOWN = Limit(saturated, _levels, _signature)
+
 RECORD = EffectRecord(
     "torque_saturation",
     Place.JOINT,
     (LIMIT, GRAVITY_APART),
-    _signatures,
+    _SHOWN.signatures,
     Visible("share of the suite's peak", (0.07,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
     drive=OnDrive(DriveSlot.LIMIT, _clip, of_total=True),
-    always=_always,
+    always=_SHOWN.always,
     said="the drive of {at} gives no more than {limit:Nm}",
 )
