@@ -18,7 +18,7 @@ from np_training.episodes.episodes import MODES, Episodes, concatenate, run_epis
 from np_training.episodes.evaluation import breaks_first, evaluate, rate, summarise
 from np_training.episodes.recording import load_recording
 from np_training.ppo.networks import ActorCritic
-from np_training.tasks.randomisation import GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
+from np_training.tasks.randomisation import CONDITIONS, GROUPS, NOMINAL_CONDITIONS, PAPER, TWICE, widen
 
 WORLDS = 8
 
@@ -87,6 +87,16 @@ def test_an_evaluation_can_be_repeated_and_leaves_no_trace(environment):
     np.testing.assert_allclose(again.distance, first.distance, atol=1e-4)
     assert (again.mode == first.mode).all()
     assert environment.physics.varied.mass[:, environment.physics.varied.object_body].unique().numel() == 1
+
+
+def test_light_objects_are_drawn_evenly_in_the_logarithm_of_their_mass(environment):
+    networks, drawn = ActorCritic(), []
+    for seed in range(10):
+        run_episodes(environment, networks, networks.pre, conditions=CONDITIONS["light"], seed=seed)
+        drawn.append(environment.conditions[:, 2].log())
+    drawn, (low, high) = torch.cat(drawn), np.log(CONDITIONS["light"].mass)
+    assert low <= drawn.min() and drawn.max() <= high
+    assert drawn.mean().item() == pytest.approx((low + high) / 2, abs=4 * (high - low) / (12 * len(drawn)) ** 0.5)
 
 
 def test_widened_conditions_are_tried_one_by_one(environment):

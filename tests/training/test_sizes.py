@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from np_description.domains import BUMP, WALL
 from np_description.rotations import matrix_from_quaternion
@@ -23,7 +25,7 @@ from np_training.physics.config import physics_for
 from np_training.ppo.distillation import Student
 from np_training.ppo.networks import ActorCritic
 from np_training.ppo.training import make_trainer
-from np_training.tasks.poses import Poses
+from np_training.tasks.poses import Poses, uniform_with_ends
 from np_training.tasks.practice import draw_tasks
 from np_training.tasks.randomisation import CONDITIONS, NOMINAL_CONDITIONS
 from np_training.tasks.registry import find_task
@@ -52,6 +54,15 @@ def test_objects_of_other_sizes_rest_where_their_size_lets_them(domain):
     assert (
         physics.varied.mass[:, physics.varied.object_body] == physics.varied.mass[0, physics.varied.object_body]
     ).all()
+
+
+@given(st.floats(0, 0.95), st.integers(0, 99))
+def test_a_share_of_the_sizes_is_at_the_ends_half_of_it_each(ends, seed):
+    sizes = uniform_with_ends(4000, (0.8, 1.2), ends, torch.Generator().manual_seed(seed))
+    low, high = ((sizes == torch.tensor(end)).float().mean().item() for end in (0.8, 1.2))
+    assert low == pytest.approx(ends / 2, abs=0.05) and high == pytest.approx(ends / 2, abs=0.05)
+    between = sizes[(sizes > 0.8) & (sizes < 1.2)]
+    assert between.mean().item() == pytest.approx(1, abs=5 * 0.4 / (12 * len(between)) ** 0.5)
 
 
 @pytest.mark.parametrize("domain", [BUMP, WALL], ids=lambda d: d.name)

@@ -67,12 +67,24 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--contact", choices=list(STEPPING), help="see np_description.contact; default: the domain's")
     parser.add_argument(
         "--conditions",
-        choices=("paper", "robust", "servoed", "shoved", "strange", "restrained", "jostled", "sized"),
+        choices=(
+            "paper",
+            "robust",
+            "servoed",
+            "shoved",
+            "strange",
+            "restrained",
+            "jostled",
+            "light",
+            "sized",
+            "sized_ends",
+        ),
         default=TrainConfig.conditions,
         help="what is randomised at the end: paper; robust: also stiffness of contacts, housing, limits of speed, place of the camera; "
         "servoed: with the goal seen by that camera; shoved: and objects that slip; strange: servoed, and contacts and fingertips of other engines; "
         "restrained: strange, with less of the limits; jostled: restrained, and objects that slip; "
-        "sized: servoed, and objects of .8 to 1.2 times the size",
+        "light: strange, and objects of a tenth to twice the mass; "
+        "sized: servoed, and objects of .8 to 1.2 times the size; sized_ends: sized, half of them at the two ends",
     )
     parser.add_argument("--adaptive-joint-range", action="store_true", help="see np_training.tasks.joint_range")
     parser.add_argument(

@@ -197,7 +197,10 @@ class Environment:
 
     def draw_starts(self, pre_policy, count: int) -> Starts:
         """A pool of `count` tasks with the contacts that `pre_policy.act(state, explore)` -> (action, log p) chooses."""
-        tasks = draw_tasks(self.domain, self.config.shares, count, self.generator, self.config.conditions.size)
+        conditions = self.config.conditions
+        tasks = draw_tasks(
+            self.domain, self.config.shares, count, self.generator, conditions.size, conditions.size_ends
+        )
         state = pre_contact_state(*as_seen(self.domain, tasks.starts, tasks.goals))
         action, log_probability = pre_policy.act(state, self.config.explore)
         contacts = contact.resolve(self.domain, action, tasks.starts, tasks.sunk, self.hand)
@@ -270,7 +273,8 @@ class Environment:
         self.physics.delay[where] = (delay * round(DELAY_STEP / self.config.physics.timestep)).int()
         self.keypoint_bias[where] = c.keypoint_bias * self._normal(n, 2)[:, None]
         if c.randomises_physics:
-            factors = [self._uniform(n, *ends) for ends in (c.table_friction, c.finger_friction, c.mass)]
+            factors = [self._uniform(n, *ends) for ends in (c.table_friction, c.finger_friction, np.log(c.mass))]
+            factors[2] = factors[2].exp()
             self.conditions[where] = torch.stack(factors, -1)
             is_same = c.housing_friction == (1.0, 1.0)
             self.physics.varied.randomise(where, *factors, None if is_same else self._uniform(n, *c.housing_friction))

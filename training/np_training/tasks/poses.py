@@ -36,6 +36,13 @@ def uniform(count: int, bounds: tuple[float, float], generator: torch.Generator)
     return low + (high - low) * torch.rand(count, generator=generator, device=generator.device)
 
 
+def uniform_with_ends(count: int, bounds: tuple[float, float], ends: float, generator: torch.Generator) -> torch.Tensor:
+    """(count,) numbers of which a share `ends`, 0 to less than 1, is one of the two bounds, half of them each, and the others are uniform between."""
+    low, high = bounds
+    beyond = (high - low) * ends / (1 - ends) / 2
+    return uniform(count, (low - beyond, high + beyond), generator).clamp(low, high)
+
+
 def sample_poses(domain: Domain, region: Region, count: int, generator: torch.Generator) -> Poses:
     """(count,) poses at rest in a region."""
     quaternion = yaw_quaternion(uniform(count, region.yaw, generator))

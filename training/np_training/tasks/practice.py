@@ -14,7 +14,7 @@ import torch
 from np_description.domains import Domain
 from np_description.rotations import matrix_from_quaternion
 from np_training.tasks.kinds import Kind, height_at_rest
-from np_training.tasks.poses import Poses, draw_apart, uniform
+from np_training.tasks.poses import Poses, draw_apart, uniform, uniform_with_ends
 from np_training.tasks.registry import find_task
 
 
@@ -34,9 +34,10 @@ def draw_tasks(
     count: int,
     generator: torch.Generator,
     size: tuple[float, float] = (1.0, 1.0),
+    size_ends: float = 0.0,
 ) -> Tasks:
     """(count,) tasks in random order, of which each of the kinds of the domain's task has its share; size: range of the factor that the
-    object's edges have."""
+    object's edges have, size_ends: share that has one of its ends."""
     ends = [round(sum(shares[: k + 1]) * count) for k in range(len(shares) - 1)]
     parts = [
         _draw_kind(domain, number, kind, end - begin, generator)
@@ -52,7 +53,7 @@ def draw_tasks(
         for poses in ([p.starts for p in parts], [p.goals for p in parts])
     )
     if size != (1.0, 1.0):
-        scale = uniform(count, size, generator)
+        scale = uniform_with_ends(count, size, size_ends, generator)
         starts, goals = (scaled(domain, poses, scale) for poses in (starts, goals))
     return Tasks(starts, goals, joined([p.kind for p in parts]), joined([p.sunk for p in parts]))
 
