@@ -1,5 +1,7 @@
 """The phase machine: every way through an episode and every way out of it, without ROS."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from behind_the_hand import CORNERS_OFF
@@ -8,6 +10,7 @@ from hypothesis import strategies as st
 
 from np_description.domains import BUMP, CARD, WALL, Pose, sample_task
 from np_description.phases import PhaseState
+from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 from np_perception.pose_estimation import project_keypoints
 from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, EpisodeConfig, Goal, Refused, Tick
 
@@ -126,6 +129,30 @@ def test_unusable_keypoints_let_time_pass_and_end_pre_after_two_seconds():
     for i in range(1, 21):
         assert ticks(episode.keypoints(i * TICK, None if i % 2 else BLIND)) == [(i, "pre")]
     assert phases(episode.keypoints(21 * TICK, BLIND)) == ["failed: pre: fewer than 6 usable keypoints for 2 s"]
+
+
+LEANING = replace(
+    START,
+    position=START.position + [0, 0, 0.03],
+    quaternion=quaternion_from_matrix(matrix_from_vector(np.array([0.6, 0, 0]))),
+)
+
+
+def test_an_object_that_rests_nowhere_is_refused_before_the_arm_moves():
+    episode = make()
+    episode.goal(TICK, GOAL)
+    episode.start()
+    (event,) = episode.keypoints(TICK, keypoints(LEANING))  # and no tick, in which a plan would begin
+    assert str(event).startswith("failed: pre: expected the object at rest on a face, got one tilted by 34 degrees")
+    with pytest.raises(Refused):
+        episode.trajectory(TICK, 0.2)
+
+
+def test_an_object_that_the_hand_has_set_against_something_may_be_touched_again():
+    episode = in_post(post_timeout=0.5, contacts=2)
+    for i in range(7, 15):
+        events = episode.keypoints(i * TICK, keypoints(LEANING))
+    assert events == [] and (episode.phase, episode.awaits) == ("pre", "joint_trajectory")
 
 
 def test_unusable_keypoints_end_post_after_a_second():

@@ -1,5 +1,7 @@
 """The object's pose from keypoints: exact without noise, close with it, and refused where nothing fits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from behind_the_hand import CORNERS_OFF
@@ -11,7 +13,15 @@ from np_description.camera import CAMERA
 from np_description.domains import CARD, DOMAINS, Pose, pose_error, sample_task
 from np_description.keypoints import box_keypoints
 from np_description.rotations import matrix_from_vector, quaternion_from_matrix, quaternion_multiply
-from np_perception.pose_estimation import FLOOR, LIES, MIN_POINTS, PoseError, estimate_pose
+from np_perception.pose_estimation import (
+    FLOOR,
+    LIES,
+    MIN_POINTS,
+    PoseError,
+    check_rests,
+    estimate_pose,
+    project_keypoints,
+)
 
 
 def seen(domain, pose, noise=0.0, rng=None):
@@ -143,3 +153,15 @@ def test_any_keypoints_have_a_finite_pose_or_none(pixels, domain):
 def test_keypoints_in_one_place_or_on_a_line_are_no_pose(pixels):
     with pytest.raises(PoseError):
         estimate_pose(np.column_stack([pixels, np.ones(8)]), CARD)
+
+
+@given(st.sampled_from(list(DOMAINS.values())), st.integers(0, 2**32 - 1), st.floats(0, 0.028))
+@settings(max_examples=150)
+def test_what_rests_is_taken_to_rest_though_the_camera_is_turned_and_corners_are_off(domain, seed, turn):
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    turned = matrix_from_vector(turn * axis / np.linalg.norm(axis)) @ np.asarray(CAMERA.rotation)
+    keypoints = project_keypoints(domain, sample_task(domain, rng)[0], replace(CAMERA, rotation=turned))
+    keypoints[:, :2] += rng.uniform(-1, 1, (8, 2))
+    keypoints[rng.permutation(8)[: rng.integers(0, 3)], 2] = 0.0
+    check_rests(keypoints, domain)

@@ -16,12 +16,13 @@ import numpy as np
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Box, Domain, Pose
 from np_description.keypoints import CORNERS, box_keypoints
-from np_description.rotations import cross, matrix_from_vector, quaternion_from_matrix
+from np_description.rotations import cross, matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 
 FARTHEST = 3.0  # m; the camera is about 1 m from the workspace
 MIN_POINTS = 6
 FLOOR = -0.01  # m, height below which no corner of an object can be; the table's own is known to some millimetres
 LIES = 2.0  # px: corners behind the hand are found that far off, side by side, so that a tilt explains them better
+TILTED = 0.1  # rad: what rests seems tilted by 0.04 where the camera is turned by 0.028, and by 0.15 where its colours are exchanged
 _GOOD = 1.0  # px, error of a fit that needs no second look
 _HUBER = 1.5  # px, residual from which a keypoint counts less
 _ITERATIONS = 30
@@ -39,6 +40,11 @@ class PoseEstimate:
     rms: float
     resting: bool
 
+    @property
+    def tilt(self) -> float:
+        """Angle rad by which the face that is nearest to lying flat does not."""
+        return float(np.arccos(min(1.0, np.abs(matrix_from_quaternion(self.pose.quaternion)[2]).max())))
+
 
 def usable(keypoints, min_score: float) -> np.ndarray:
     """Which of keypoints (8, 3) u px, v px, score may be used: finite and with at least `min_score`; (8,) bool."""
@@ -49,6 +55,20 @@ def usable(keypoints, min_score: float) -> np.ndarray:
 def are_enough(keypoints, min_score: float) -> bool:
     """Whether MIN_POINTS of keypoints (8, 3) or more are usable; None for a message that could not be read."""
     return keypoints is not None and bool(usable(keypoints, min_score).sum() >= MIN_POINTS)
+
+
+def check_rests(keypoints, domain: Domain, *, min_score: float = 0.3, camera: Camera = CAMERA) -> None:
+    """Raises PoseError where an object that nobody touches rests on none of its faces by its keypoints (8, 3): where only a pose tilted by
+    TILTED explains them within LIES. Then it is another object, or has other colours. What no pose explains is left to `estimate_pose`."""
+    try:
+        found = estimate_pose(keypoints, domain, min_score=min_score, camera=camera, lies=LIES)
+    except PoseError:
+        return
+    if not found.resting and found.tilt > TILTED:
+        raise PoseError(
+            f"expected the object at rest on a face, got one tilted by {np.degrees(found.tilt):.0f} degrees: "
+            "something else, with other colours, or seen by a camera that is not where it is said to be"
+        )
 
 
 def project_keypoints(domain: Domain, pose: Pose, camera: Camera = CAMERA) -> np.ndarray:

@@ -21,6 +21,7 @@ from np_perception.pose_estimation import (
     MIN_POINTS,
     PoseError,
     are_enough,
+    check_rests,
     estimate_pose,
     project_keypoints,
 )
@@ -252,7 +253,7 @@ class Episode:
             return []
         good = are_enough(keypoints, config.min_score)
         if self.phase == PRE:
-            return self._decide_pre(stamp, good)
+            return self._decide_pre(stamp, keypoints, good)
         events: list[Event] = []
         if self.phase == APPROACH and stamp >= self._motion_ends:
             if missed := self._missed():
@@ -265,12 +266,22 @@ class Episode:
                 return events + end
         return [*events, self._tick(stamp)]
 
-    def _decide_pre(self, stamp: int, good: bool) -> list[Event]:
+    def _decide_pre(self, stamp: int, keypoints, good: bool) -> list[Event]:
         self._goal_used = self._begun = True
         if stamp < self._rest_ends:
             return [self._tick(stamp)]
         if self._planned_from is None:
             if good:
+                if self._contact == 1:  # before the hand has touched it
+                    try:
+                        check_rests(
+                            keypoints,
+                            self.config.domain,
+                            min_score=self.config.min_score,
+                            camera=self.config.camera,
+                        )
+                    except PoseError as error:
+                        return self._fail(str(error))
                 self._planned_from = stamp
             elif self._blind_for(stamp) >= self.config.pre_timeout:
                 return self._fail(f"fewer than {MIN_POINTS} usable keypoints for {self.config.pre_timeout:g} s")
