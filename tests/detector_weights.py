@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 import torch
 from safetensors.torch import save_file
 
-from np_description.contract import KEY
 from np_description.domains import find_domain
+from np_description.weights.contract import KEY
 from np_perception.contract import DetectorContract
 from np_training.detector.exporting import export
 from np_training.detector.network import KeypointNetwork, NetworkConfig

@@ -27,11 +27,11 @@ from sensor_msgs.msg import PointCloud2
 
 from np_bringup.task_graph import task_graph
 from np_ros import qos
-from np_ros.graph import NodeSpec
-from np_ros.links import Links
+from np_ros.client.links import Links
+from np_ros.client.peer import Peer
 from np_ros.messages import stamp_nanoseconds
-from np_ros.peer import Peer
-from np_ros.supervisor import Supervisor, installed_command
+from np_ros.processes.graph import NodeSpec
+from np_ros.processes.supervisor import Supervisor, installed_command
 
 Overrides = Mapping[str, Mapping[str, object]]
 ROOT = Path(__file__).resolve().parents[1]

@@ -18,7 +18,7 @@ import torch
 
 from np_bringup.evaluation import summary
 from np_bringup.one_process import OneProcess
-from np_description.contact import CONTACTS
+from np_description.contact.model import CONTACTS
 from np_description.domains import DOMAINS
 from np_description.objects.choice import DEFAULT, domain_with, portable
 from np_effects.patch import Patch, load_patch

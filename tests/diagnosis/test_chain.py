@@ -13,7 +13,7 @@ from np_blind.chain.figures import figures
 from np_blind.chain.judged import judged
 from np_blind.chain.reality import Reality
 from np_description.camera import CAMERA
-from np_description.contact import STEADY
+from np_description.contact.model import STEADY
 from np_description.domains import BUMP, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL

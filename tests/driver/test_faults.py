@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 
 from np_control.safety import LIMITS
 from np_franka.limits import FR3_LIMITS
-from np_ros.supervisor import NodeDied
+from np_ros.processes.supervisor import NodeDied
 
 
 def moving(harness):

@@ -8,7 +8,7 @@ import pytest
 
 from np_franka.client import Aborted, Lost
 from np_franka.turnstile import Turnstile
-from np_ros.supervisor import NodeDied
+from np_ros.processes.supervisor import NodeDied
 
 
 @pytest.mark.parametrize("robot, protocol, spoken", [("fr3", 5, "panda"), ("panda", 10, "fr3")])

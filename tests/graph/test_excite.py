@@ -19,8 +19,8 @@ from np_diagnosis.experiments.excitation import LOW_DAMPING, suite
 from np_diagnosis.nodes.excite_node import Exciter
 from np_record.bag import Recording
 from np_ros import qos
+from np_ros.client.participant import GraphError
 from np_ros.messages import gains_array, joint_state_arrays, joint_state_message, trajectory_arrays
-from np_ros.participant import GraphError
 from np_ros.phases import phase_state
 from np_ros.qos import publisher
 from np_sim_bridge.nodes.bridge import LISTENERS

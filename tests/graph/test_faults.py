@@ -16,9 +16,9 @@ from np_control.safety import LIMITS
 from np_description.panda import STATE_NAMES
 from np_description.phases import ENDS
 from np_ros import qos
-from np_ros.graph import NodeSpec
 from np_ros.messages import joint_state_arrays, stamp_nanoseconds
 from np_ros.phases import phase_state
+from np_ros.processes.graph import NodeSpec
 
 # Who gives up first: the backend, where its answers are missing, or the episode, where its inputs are.
 BACKEND_FIRST = {"sim_bridge": {"lockstep_timeout": 10.0}}

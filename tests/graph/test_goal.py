@@ -32,7 +32,7 @@ from np_record.command import INTERRUPTED
 from np_ros import qos
 from np_ros.messages import joint_state_message, pose_arrays, pose_message, stamp_nanoseconds
 from np_ros.phases import phase_state
-from np_ros.supervisor import NodeDied
+from np_ros.processes.supervisor import NodeDied
 
 
 def test_the_goal_lies_on_the_table_on_the_backends_clock_and_is_latched(graph, probe):

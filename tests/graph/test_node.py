@@ -1,4 +1,4 @@
-"""np_ros.node and np_ros.spin: every kind of callback runs, both ways of spinning; parameters and diagnostics."""
+"""np_ros.node and np_ros.low_latency.spin: every kind of callback runs, both ways of spinning; parameters and diagnostics."""
 
 import importlib
 import os
@@ -23,12 +23,12 @@ from np_bringup.backends import REAL, SIMULATED
 from np_bringup.task_graph import task_graph
 from np_diagnosis.commands import excite
 from np_record.replay import Script
-from np_ros.domain import ros_domain_id
-from np_ros.newest import Newest
+from np_ros.low_latency.newest import Newest
+from np_ros.low_latency.spin import Spinner
 from np_ros.node import SUBSCRIBERS, Diagnostics, parameter
 from np_ros.parameters import declared
+from np_ros.processes.domain import ros_domain_id
 from np_ros.qos import EVENT, LOCKSTEP
-from np_ros.spin import Spinner
 
 TIMEOUT = 60.0  # s; only how long a broken spinner takes to fail
 ROOT = Path(__file__).resolve().parents[2]

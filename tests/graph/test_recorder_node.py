@@ -19,7 +19,7 @@ from np_record.bag_writer import INCOMPLETE
 from np_ros import qos
 from np_ros.messages import joint_state_message, pose_message
 from np_ros.phases import phase_message, phase_state
-from np_ros.supervisor import NodeDied
+from np_ros.processes.supervisor import NodeDied
 
 PERIOD = 2_000_000
 

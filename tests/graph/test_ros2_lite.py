@@ -47,7 +47,7 @@ sys.exit(run(Talker))
 """
 
 LAUNCH_FILE = """
-from np_ros.graph import LaunchArgument, NodeSpec
+from np_ros.processes.graph import LaunchArgument, NodeSpec
 ARGUMENTS = [LaunchArgument("opening", "0.03", "Opening of one finger, m.")]
 def graph(arguments):
     return [NodeSpec("pushers", "talker", "left", {"opening": float(arguments["opening"])},
@@ -55,7 +55,7 @@ def graph(arguments):
 """
 
 NEEDED_LAUNCH_FILE = """
-from np_ros.graph import NodeSpec
+from np_ros.processes.graph import NodeSpec
 ARGUMENTS = []
 def graph(arguments):
     return [NodeSpec("pushers", "talker", "left"), NodeSpec("pushers", "talker", "right", {"nothing": 1}, is_required=True)]

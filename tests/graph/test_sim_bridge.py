@@ -8,10 +8,10 @@ from sensor_msgs.msg import Image, JointState
 from np_description.domains import BUMP
 from np_description.panda import NOMINAL, STATE_NAMES
 from np_effects.patch import Patch, PatchEffect, dump_patch
-from np_ros.graph import NodeSpec
 from np_ros.messages import image_array, joint_state_arrays
+from np_ros.processes.graph import NodeSpec
+from np_ros.processes.supervisor import NodeDied
 from np_ros.qos import EVENT
-from np_ros.supervisor import NodeDied
 from np_sim_bridge.renderer import WarpRenderer
 from np_sim_bridge.simulation import Simulation
 

@@ -9,9 +9,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from graph_tools import command
 from policy_weights import write_policies
 
-from np_description.contract import KEY
 from np_description.domains import CARD
-from np_description.weights_header import with_metadata
+from np_description.weights.contract import KEY
+from np_description.weights.header import with_metadata
 from np_policy.contract import PolicyContract, weights_file
 from np_ros import qos
 

@@ -8,11 +8,11 @@ import torch
 from detector_weights import write_detector
 from safetensors.torch import save_file
 
-from np_description.contact import SOFT
-from np_description.contract import KEY
+from np_description.contact.model import SOFT
 from np_description.domains import BUMP, CARD
-from np_description.released import WeightsError, sha256
-from np_description.weights_header import read_metadata, tensors_sha256, with_metadata
+from np_description.weights.contract import KEY
+from np_description.weights.header import read_metadata, tensors_sha256, with_metadata
+from np_description.weights.released import WeightsError, sha256
 from np_perception.detector import KeypointDetector
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactPolicy

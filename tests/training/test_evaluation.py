@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from np_description.camera import CAMERA
-from np_description.depths import Tally
+from np_description.contact.depths import Tally
 from np_description.domains import BUMP
 from np_training import evaluate as command
 from np_training.environment.environment import Environment, EnvironmentConfig

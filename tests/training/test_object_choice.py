@@ -11,7 +11,7 @@ import torch
 from np_description.domains import BUMP, DOMAINS
 from np_description.objects.choice import choice_of, domain_with
 from np_description.objects.table import ROWS
-from np_description.weights_header import read_metadata
+from np_description.weights.header import read_metadata
 from np_policy.contract import PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PreContactStudent
 from np_policy.weights import load

@@ -9,12 +9,12 @@ import torch
 import warp as wp
 
 from np_description.camera import CAMERA
-from np_description.contact import HARD
-from np_description.depths import PAIRS
+from np_description.contact.depths import PAIRS
+from np_description.contact.model import HARD
+from np_description.contact.penetration import Penetration
 from np_description.domains import BUMP, CARD, WALL, Pose
 from np_description.objects.choice import domain_with
 from np_description.panda import NOMINAL
-from np_description.penetration import Penetration
 from np_description.scene import SUPPORT_PROUD
 from np_policy.action import Target
 from np_training.environment.environment import Environment, EnvironmentConfig, corners

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from np_description.domains import BUMP, CARD
-from np_description.weights_header import tensors_sha256
+from np_description.weights.header import tensors_sha256
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import WeightsError, load, save, sha256

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from np_description.domains import BUMP, WALL
 from np_description.rotations import matrix_from_quaternion
-from np_description.weights_header import read_metadata
+from np_description.weights.header import read_metadata
 from np_policy.contract import PRE_CONTACT, PolicyContract
 from np_policy.networks import PreContactStudent
 from np_policy.other_size import sizes_known

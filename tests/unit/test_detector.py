@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD
-from np_description.released import WeightsError
+from np_description.weights.released import WeightsError
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 from np_training.detector.network import KeypointNetwork, decode, find_peak, heatmap_loss
 

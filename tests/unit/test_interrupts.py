@@ -8,9 +8,9 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import deserialize_message, serialize_message
 
-from np_ros.interrupts import interrupts_wait
-from np_ros.participant import Participant
-from np_ros.peer import Peer
+from np_ros.client.interrupts import interrupts_wait
+from np_ros.client.participant import Participant
+from np_ros.client.peer import Peer
 
 MESSAGE = serialize_message(DiagnosticArray(status=[DiagnosticStatus(name="x")] * 5))
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from np_description.contact import HARD
+from np_description.contact.model import HARD
 from np_physx_bridge.library import missing, sapien
 from np_physx_bridge.scene import Translator, scene, steps_for
 from np_sim_bridge.schedule import PERIOD, SECOND

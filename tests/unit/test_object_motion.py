@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from np_control.kinematics import forward_kinematics, solve_ik
-from np_description.contact import CONTACTS, HARD
+from np_description.contact.model import CONTACTS, HARD
 from np_description.domains import DOMAINS, Pose, resting_pose
 from np_description.objects.choice import domain_with, place_in
 from np_description.objects.spec import Contents

@@ -11,7 +11,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from np_description.contact import CONTACTS, HARD, SOFT
+from np_description.contact.model import CONTACTS, HARD, SOFT
+from np_description.contact.penetration import Penetration
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, is_lost, sample_task
 from np_description.objects.choice import domain_with, find_object, place_in, portable, recorded_domain
 from np_description.objects.files import ObjectError, object_text, parse_object, read_object
@@ -19,7 +20,6 @@ from np_description.objects.parts import split
 from np_description.objects.scenarios import COUNT, fixed_task
 from np_description.objects.spec import Contents, Friction, ObjectSpec, Softness, Surface
 from np_description.objects.table import BASELINES, ROWS, SURFACES, TRIES, rows_of
-from np_description.penetration import Penetration
 from np_description.scene import OBJECT, load_model
 
 SPECS = {f"{row.spec.domain}-{row.spec.name}": row.spec for row in ROWS}

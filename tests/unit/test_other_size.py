@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from np_control.kinematics import solve_ik
-from np_description.contact import HARD, SOFT
+from np_description.contact.model import HARD, SOFT
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, Pose, resting_pose, sample_task
 from np_description.objects.choice import choice_of, place_in
 from np_description.objects.table import rows_of

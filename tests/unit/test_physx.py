@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from np_control.kinematics import forward_kinematics, solve_ik
-from np_description.contact import HARD, SOFT
+from np_description.contact.model import HARD, SOFT
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, Pose
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.rotations import matrix_from_quaternion, yaw_quaternion

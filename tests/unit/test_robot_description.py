@@ -9,8 +9,8 @@ import pytest
 
 from np_control.kinematics import forward_kinematics
 from np_description.domains import DOMAINS
+from np_description.drawing.robot import robot_bodies, roll_pitch_yaw, shapes, urdf
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
-from np_description.robot_description import robot_bodies, roll_pitch_yaw, shapes, urdf
 from np_description.scene import load_model
 
 URDF = urdf()

@@ -178,7 +178,7 @@ def test_an_unknown_service_type_is_refused(name):
 def test_tab_offers_what_may_come_next(prefix, line, expected):
     file = executable(prefix / "share/pushers/launch/push.launch.py")
     file.write_text(
-        "from np_ros.graph import LaunchArgument\n"
+        "from np_ros.processes.graph import LaunchArgument\n"
         "ARGUMENTS = [LaunchArgument('opening', '0.03', 'm'), LaunchArgument('mode', 'lockstep', '')]\n"
     )
     before, typed = completion.words({"COMP_LINE": line + "rest", "COMP_POINT": str(len(line))})

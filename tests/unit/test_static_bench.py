@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from np_description.contact import HARD, SOFT, STEADY, find_contact
+from np_description.contact.model import HARD, SOFT, STEADY, find_contact
 from np_sim_bridge import static_bench as bench
 from np_sim_bridge.box_world import TIP_RADIUS, BoxOnTable
 

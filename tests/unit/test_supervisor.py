@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from np_ros.graph import LaunchArgument, NodeSpec, complete
-from np_ros.supervisor import NodeDied, Supervisor, installed_command, reserve_domain_id
+from np_ros.processes.graph import LaunchArgument, NodeSpec, complete
+from np_ros.processes.supervisor import NodeDied, Supervisor, installed_command, reserve_domain_id
 
 SCRIPTS = {
     "patient": "import signal; print('up', flush=True); signal.pause()",
@@ -55,8 +55,8 @@ def test_stop_ends_every_process(supervisor):
 # As a shell starts a command in the background, and nodes that have not got as far as their own handlers.
 KILLED = """
 import signal, sys
-from np_ros.graph import NodeSpec
-from np_ros.supervisor import Supervisor
+from np_ros.processes.graph import NodeSpec
+from np_ros.processes.supervisor import Supervisor
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 patient = lambda package, executable: [sys.executable, "-c", "import signal; print('up', flush=True); signal.pause()"]
 supervisor = Supervisor(sys.argv[1], locate=patient)
@@ -111,7 +111,7 @@ def test_a_node_that_ends_is_reported_with_its_name_and_last_lines(supervisor):
 
 def test_a_node_that_ignores_signals_is_killed(supervisor, monkeypatch):
     monkeypatch.setattr(
-        "np_ros.supervisor.STOP_SEQUENCE",
+        "np_ros.processes.supervisor.STOP_SEQUENCE",
         ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, 10.0)),
     )
     supervisor.start(NodeSpec("p", "stubborn"))

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from np_description.domains import DOMAINS
 from np_description.objects.scenarios import COUNT
-from np_description.released import WeightsError
+from np_description.weights.released import WeightsError
 from np_record.command import Parser
 from np_training.device import DEVICE_HELP, usable
 from np_training.physics.carried_effects import load_effects

@@ -32,8 +32,8 @@ from np_blind.robots.plot import plot_matrix
 from np_blind.robots.prediction import of_exact, predicted
 from np_blind.robots.queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_bringup.rehearsal.playing import Cell, Kept, play_all, succeeds, text_of
-from np_description.released import WeightsError
-from np_description.weights_header import read_metadata
+from np_description.weights.header import read_metadata
+from np_description.weights.released import WeightsError
 from np_effects.patch import load_patch
 from np_policy.contract import KINDS, PRE_CONTACT
 from np_record.command import INTERRUPTED, Parser, interrupt_on_sigterm

@@ -1,4 +1,4 @@
-"""`ros2 launch` for launch files that are one table of nodes (np_ros.graph).
+"""`ros2 launch` for launch files that are one table of nodes (np_ros.processes.graph).
 
 Such a file defines `ARGUMENTS`, a list of LaunchArgument, and `graph(arguments) -> list[NodeSpec]`. With the
 real ros2, its generate_launch_description() makes a LaunchDescription of the same table.
@@ -49,8 +49,8 @@ def launch(package: str, file: str, pairs: Sequence[str], show_arguments: bool) 
             print(f"'{argument.name}': {argument.description} (default: '{argument.default}')")
         return 0
 
-    from np_ros.graph import complete
-    from np_ros.supervisor import Supervisor
+    from np_ros.processes.graph import complete
+    from np_ros.processes.supervisor import Supervisor
 
     nodes = names["graph"](complete(parse(pairs), names["ARGUMENTS"]))
     signal.signal(signal.SIGTERM, signal.default_int_handler)

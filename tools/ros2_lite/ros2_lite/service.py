@@ -53,7 +53,7 @@ def call(name: str, type_name: str, values: str) -> int:
         fill(request, yaml.safe_load(values) or {})
     except yaml.YAMLError as error:
         raise ValueError(f"request: expected YAML, got {values!r}: {error}") from None
-    from np_ros.services import Services
+    from np_ros.client.services import Services
 
     with graph.node() as node:
 

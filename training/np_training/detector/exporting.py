@@ -13,9 +13,9 @@ from safetensors import safe_open
 from torch import Tensor, nn
 
 from np_description.camera import CAMERA
-from np_description.contract import KEY
 from np_description.domains import find_domain
-from np_description.released import WeightsError, sha256
+from np_description.weights.contract import KEY
+from np_description.weights.released import WeightsError, sha256
 from np_perception.contract import DetectorContract
 from np_perception.detector import KeypointDetector
 from np_training.detector.network import KeypointNetwork, NetworkConfig

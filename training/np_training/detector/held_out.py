@@ -11,7 +11,7 @@ import torch
 
 from np_description.camera import CAMERA
 from np_description.domains import Domain
-from np_description.meshes import drawn_model
+from np_description.drawing.meshes import drawn_model
 from np_description.scene import build_scene
 from np_sim_bridge.renderer import make_renderer
 from np_training.detector.render import (

@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 
 from np_description.domains import find_domain
-from np_description.weights_header import tensors_sha256
+from np_description.weights.header import tensors_sha256
 from np_perception.detector import network_name
 from np_training.detector.exporting import export, load_weights
 from np_training.detector.judging import draw_reliability, evaluate

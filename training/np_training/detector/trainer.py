@@ -12,9 +12,9 @@ from safetensors.torch import save as serialise
 from torch import Tensor
 from torch.nn import functional
 
-from np_description.contract import KEY
 from np_description.domains import Domain
-from np_description.weights_header import with_metadata
+from np_description.weights.contract import KEY
+from np_description.weights.header import with_metadata
 from np_perception.contract import DetectorContract
 from np_training.detector.contrast import ContrastConfig, MomentumContrast
 from np_training.detector.metrics import summarise

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from np_description.depths import Tally
+from np_description.contact.depths import Tally
 from np_description.objects.scenarios import fixed_task
 from np_description.panda import NOMINAL
 from np_description.scene import SUPPORT_SHARE

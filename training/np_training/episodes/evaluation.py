@@ -12,10 +12,10 @@ from typing import NoReturn
 import numpy as np
 
 from np_description import limit_share
-from np_description.depths import Tally
+from np_description.contact.depths import Tally
 from np_description.domains import find_domain
 from np_description.objects.choice import DEFAULT
-from np_description.weights_header import read_metadata
+from np_description.weights.header import read_metadata
 from np_effects.patch import Patch
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PreContactStudent

@@ -1,12 +1,12 @@
-"""How deep things are in each other in every world: np_description.penetration, for many worlds at once."""
+"""How deep things are in each other in every world: np_description.contact.penetration, for many worlds at once."""
 
 from __future__ import annotations
 
 import torch
 import warp as wp
 
-from np_description.depths import PAIRS
-from np_description.penetration import kind_of, pair_of
+from np_description.contact.depths import PAIRS
+from np_description.contact.penetration import kind_of, pair_of
 
 
 class BatchedContacts:
@@ -23,7 +23,7 @@ class BatchedContacts:
         self._pair = torch.tensor(numbers, device=self._dist.device)
 
     def depths(self) -> torch.Tensor:
-        """The deepest depth m (worlds, pairs) of each of `np_description.depths.PAIRS`; 0 where a pair does not touch."""
+        """The deepest depth m (worlds, pairs) of each of `np_description.contact.depths.PAIRS`; 0 where a pair does not touch."""
         # The simulator's arrays are longer than what is in use; all of them is one operation, without waiting for a count.
         rows = torch.arange(len(self._dist), device=self._dist.device)
         used = (rows < self._count[0]) & (self._dist < 0)

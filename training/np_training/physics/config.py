@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from np_description.contact import HARD, SOFT, Compliance, ContactModel
+from np_description.contact.model import HARD, SOFT, Compliance, ContactModel
 from np_description.domains import Domain
 from np_effects.patch import Patch
 from np_training.physics.carried_effects import check_carried

@@ -10,8 +10,8 @@ import mujoco
 import torch
 import warp as wp
 
+from np_description.contact.penetration import kind_of
 from np_description.domains import Domain
-from np_description.penetration import kind_of
 from np_description.rotations import quaternion_multiply
 from np_description.scene import OBJECT, SUPPORT, SUPPORT_PROUD, SUPPORT_SHARE, TIP
 

@@ -16,8 +16,8 @@ import torch
 
 from np_description.domains import find_domain
 from np_description.objects.choice import DEFAULT
-from np_description.released import WeightsError, weights_folder
-from np_description.weights_header import read_metadata, tensors_sha256
+from np_description.weights.header import read_metadata, tensors_sha256
+from np_description.weights.released import WeightsError, weights_folder
 from np_policy.contract import KINDS, POST_CONTACT, PRE_CONTACT
 from np_policy.networks import PostContactPolicy, PreContactStudent
 from np_policy.weights import load, save, sha256

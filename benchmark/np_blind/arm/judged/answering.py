@@ -25,7 +25,7 @@ from np_blind.arm.judged.followup import follow_up
 from np_blind.repository import relative
 from np_record.command import Progress
 from np_record.workers import SINGLE_THREAD, Workers
-from np_ros.parent import end_with_parent
+from np_ros.processes.parent import end_with_parent
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from np_blind.arm.judged.patched import PatchError, patched_physics, read_patch
 from np_blind.arm.judged.scoring import Score, modules, score_case, score_gap, summary
 from np_blind.repository import relative
 from np_description.panda import JOINT_NAMES
-from np_ros.parent import end_with_parent
+from np_ros.processes.parent import end_with_parent
 
 NAMES = ("none", "paper", "sysid_3", "sysid_6")
 COMMAND = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.baselines --threads 1"

@@ -2,7 +2,7 @@
 
 from np_bringup.task_graph import ARGUMENTS
 from np_bringup.task_graph import task_graph as graph
-from np_ros.graph import launch_description
+from np_ros.processes.graph import launch_description
 
 
 def generate_launch_description():

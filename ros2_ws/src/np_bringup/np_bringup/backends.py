@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from np_ros.graph import LaunchArgument, NodeSpec
+from np_ros.processes.graph import LaunchArgument, NodeSpec
 from np_sim_bridge import simulators
 
 ENGINES = {engine: node.executable for engine, node in simulators.SIMULATORS.items()}

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from np_description import limit_share
-from np_description.depths import Tally
+from np_description.contact.depths import Tally
 from np_description.phases import SUCCEEDED
-from np_description.released import sha256
+from np_description.weights.released import sha256
 from np_record.intervals import wilson_interval
 
 if TYPE_CHECKING:  # it is slow to import

@@ -17,7 +17,7 @@ from np_bringup.results import read_results
 from np_description.objects.choice import DEFAULT
 from np_description.objects.scenarios import COUNT
 from np_description.objects.table import BASELINES, TRIES, rows_of
-from np_ros.parent import end_with_parent
+from np_ros.processes.parent import end_with_parent
 
 OURS, OSC, FIXED = "ours", "osc", "fixed_limits"
 TITLES = {OURS: "", OSC: "operational space control", FIXED: "limits at zeta* from the first step"}

@@ -13,7 +13,7 @@ from np_bringup.evaluation import Result, breakdown, result_of
 from np_bringup.results import Part
 from np_description.phases import FAULT
 from np_record.command import new_folder
-from np_ros.supervisor import NodeDied
+from np_ros.processes.supervisor import NodeDied
 
 
 class Takes(Protocol):
@@ -64,7 +64,7 @@ def play_part(request: Request, numbers: range, part: Path) -> None:
 
 def _run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
     """One episode, and whether the graph is still whole."""
-    from np_ros.participant import GraphError
+    from np_ros.client.participant import GraphError
 
     began = time.monotonic()
     try:

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from np_bringup import backends
 from np_description.objects.choice import portable
-from np_ros.answering import CONTROLLERS, answering_nodes
-from np_ros.graph import LaunchArgument, NodeSpec, complete
+from np_ros.processes.answering import CONTROLLERS, answering_nodes
+from np_ros.processes.graph import LaunchArgument, NodeSpec, complete
 
 KEYPOINT_SOURCES = ("camera", "truth")
 LOOP_PRIORITY = 20

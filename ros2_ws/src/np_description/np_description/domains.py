@@ -13,7 +13,7 @@ from math import pi
 
 import numpy as np
 
-from np_description.contact import HARD, ContactModel
+from np_description.contact.model import HARD, ContactModel
 from np_description.objects.spec import ObjectSpec
 from np_description.rotations import (
     matrix_from_quaternion,

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.contact import OBJECT_FRICTION, ROLLING, TORSION, Compliance, ContactModel
+from np_description.contact.model import OBJECT_FRICTION, ROLLING, TORSION, Compliance, ContactModel
 from np_description.domains import Domain
 from np_description.hand import BoxShape, CapsuleShape
 from np_description.keypoints import CORNERS

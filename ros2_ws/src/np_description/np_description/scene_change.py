@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from np_description.contact import ContactModel
+from np_description.contact.model import ContactModel
 from np_description.domains import Domain, Pose
 
 

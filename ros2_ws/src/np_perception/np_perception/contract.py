@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_description.contract import Contract, camera_intrinsics, keypoint_order
 from np_description.domains import Domain
+from np_description.weights.contract import Contract, camera_intrinsics, keypoint_order
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ import numpy as np
 import onnxruntime
 
 from np_description.camera import CAMERA
-from np_description.contract import KEY
 from np_description.domains import Domain
 from np_description.keypoints import COUNT
-from np_description.released import WeightsError, sha256, weights_folder
+from np_description.weights.contract import KEY
+from np_description.weights.released import WeightsError, sha256, weights_folder
 from np_perception.contract import DetectorContract
 
 IMAGE_SHAPE = (CAMERA.height, CAMERA.width, 3)

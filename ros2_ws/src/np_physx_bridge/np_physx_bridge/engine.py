@@ -8,7 +8,7 @@ from math import isfinite
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.contact import HARD, ContactModel
+from np_description.contact.model import HARD, ContactModel
 from np_description.domains import Domain, Pose
 from np_description.panda import (
     BASE_FRAME,

@@ -12,7 +12,7 @@ from types import ModuleType
 import mujoco
 import numpy as np
 
-from np_description.contact import RUBBER_STIFFNESS, ContactModel
+from np_description.contact.model import RUBBER_STIFFNESS, ContactModel
 from np_description.scene import OBJECT, TIP
 from np_physx_bridge.shapes import (
     along,

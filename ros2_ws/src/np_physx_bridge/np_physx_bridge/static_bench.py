@@ -14,7 +14,7 @@ from datetime import date
 from functools import partial
 from pathlib import Path
 
-from np_description.contact import CONTACTS, HARD
+from np_description.contact.model import CONTACTS, HARD
 from np_physx_bridge.box_world import PhysxBoxWorld
 from np_physx_bridge.library import missing
 from np_sim_bridge import static_bench as bench

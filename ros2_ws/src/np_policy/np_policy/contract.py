@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
-from np_description.contact_definition import contact_definition
-from np_description.contract import Contract, camera_intrinsics, keypoint_order, noted, warned
+from np_description.contact.definition import contact_definition
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
-from np_description.released import weights_folder
+from np_description.weights.contract import Contract, camera_intrinsics, keypoint_order, noted, warned
+from np_description.weights.released import weights_folder
 from np_policy import action, hand_pose, observation
 
 PRE_CONTACT, POST_CONTACT = KINDS = ("pre_contact", "post_contact")
@@ -32,7 +32,7 @@ class PolicyContract(Contract):
     keypoints come under other names (np_description.symmetry); camera: size and intrinsics, px; controller: of CONTROLLERS,
     the law that follows the targets; policy_rate Hz; residual_limits m, rad a step; stiffness_range (2, 7) Nm/rad;
     damping_ratio_range; joint_limits: rad, rad/s, beyond which the reflex ended a training's episode.
-    contact: see np_description.contact_definition; other contacts are a warning. For the record: control_rate Hz of the law
+    contact: see np_description.contact.definition; other contacts are a warning. For the record: control_rate Hz of the law
     in training, and target_delay s, the range of the time after which a target took effect there.
     """
 
@@ -86,7 +86,7 @@ class PolicyContract(Contract):
 def weights_file(kind: str, domain: Domain, folder: str | Path = "") -> Path:
     """The file with the weights of a kind for a domain.
 
-    folder: as for `np_description.released.weights_folder`. Raises WeightsError if there is no folder.
+    folder: as for `np_description.weights.released.weights_folder`. Raises WeightsError if there is no folder.
     """
     return weights_folder(folder) / f"{kind}_{domain.name}.safetensors"
 

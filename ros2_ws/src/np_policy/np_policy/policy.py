@@ -17,7 +17,7 @@ from np_description.domains import Domain, Pose
 from np_description.objects.choice import DEFAULT
 from np_description.rotations import matrix_from_quaternion, quaternion_from_matrix
 from np_description.symmetry import renamed
-from np_description.weights_header import read_metadata
+from np_description.weights.header import read_metadata
 from np_perception.pose_estimation import PoseError, are_enough, estimate_pose, project_keypoints, usable
 from np_policy import action, hand_pose, weights
 from np_policy.action import PolicyError

@@ -9,9 +9,9 @@ from safetensors.torch import load_file
 from safetensors.torch import save as serialise
 from torch import nn
 
-from np_description.contract import KEY
-from np_description.released import ENVIRONMENT_VARIABLE, WeightsError, sha256, weights_folder
-from np_description.weights_header import with_metadata
+from np_description.weights.contract import KEY
+from np_description.weights.header import with_metadata
+from np_description.weights.released import ENVIRONMENT_VARIABLE, WeightsError, sha256, weights_folder
 from np_policy.contract import PolicyContract
 
 __all__ = ["ENVIRONMENT_VARIABLE", "WeightsError", "load", "save", "sha256", "weights_folder"]

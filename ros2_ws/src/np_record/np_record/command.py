@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from tqdm import tqdm
 
-from np_description.released import WeightsError, sha256, weights_folder
+from np_description.weights.released import WeightsError, sha256, weights_folder
 
 INTERRUPTED = 130  # the exit status of a command ended by Ctrl-C
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_description.camera import CAMERA
-from np_description.depths import PAIRS
+from np_description.contact.depths import PAIRS
+from np_description.contact.penetration import Penetration
 from np_description.domains import Domain, Pose, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.objects.choice import recorded_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
-from np_description.penetration import Penetration
 from np_description.phases import PRE, PhaseState
 from np_record.bag import BagError, Message, Recording
 from np_record.bag_writer import INCOMPLETE

@@ -17,7 +17,7 @@ from np_record.bag import BagError, Message, Recording
 from np_record.cdr import TYPESTORE
 from np_record.recorded_phases import phase_of
 from np_record.topics import BY_NAME
-from np_ros.answering import answering_nodes
+from np_ros.processes.answering import answering_nodes
 
 BEFORE_TICK = ("keypoints", "gripper_command", "pre_contact_pose", "joint_trajectory", "approach/refusal")
 AFTER_TICK = ("target_gains", "target_pose", "effort_command")

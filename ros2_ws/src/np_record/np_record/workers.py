@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from multiprocessing import active_children, get_context
 from threading import Condition, Lock, local
 
-from np_ros.parent import end_with_parent
+from np_ros.processes.parent import end_with_parent
 
 Workers = Callable[[int], AbstractContextManager[Executor]]
 """So many processes, as long as the context lasts."""

@@ -28,10 +28,10 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from np_ros.domain import ros_domain_id, twins
+from np_ros.low_latency.spin import Spinner
 from np_ros.parameters import HELP, check_known, help_text
+from np_ros.processes.domain import ros_domain_id, twins
 from np_ros.qos import EVENT
-from np_ros.spin import Spinner
 
 Value = TypeVar("Value", bool, int, float, str)
 _ARGUMENTS = "expected --ros-args -p NAME:=VALUE ..."

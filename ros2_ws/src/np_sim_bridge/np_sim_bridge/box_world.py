@@ -8,7 +8,7 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from np_description.contact import OBJECT_FRICTION, ContactModel
+from np_description.contact.model import OBJECT_FRICTION, ContactModel
 from np_description.domains import Pose
 from np_description.scene import set_friction_law, surface
 

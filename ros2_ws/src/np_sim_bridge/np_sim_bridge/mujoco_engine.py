@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from np_description.camera import CAMERA, Camera
-from np_description.contact import ContactModel
+from np_description.contact.model import ContactModel
 from np_description.domains import Domain, Pose
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES, PandaModel
 from np_description.scene import OBJECT, load_model

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from np_ros.graph import NodeSpec
+from np_ros.processes.graph import NodeSpec
 
 SIMULATORS = {
     "mujoco": NodeSpec("np_sim_bridge", "sim_bridge"),

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from np_description.contact import CONTACTS, ContactModel, find_contact
+from np_description.contact.model import CONTACTS, ContactModel, find_contact
 from np_description.rotations import matrix_from_quaternion
 from np_sim_bridge.box_world import GRAVITY, TIP_RADIUS, BoxOnTable, BoxWorld, MujocoBoxWorld
 

@@ -10,8 +10,8 @@ from sensor_msgs.msg import JointState
 
 from np_bringup.backend_suite.commands import EFFORTS, Command, Commands
 from np_ros import qos
+from np_ros.client.peer import Peer
 from np_ros.messages import stamp_nanoseconds
-from np_ros.peer import Peer
 
 
 class Broken(AssertionError):

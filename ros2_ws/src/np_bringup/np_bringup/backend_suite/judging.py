@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from np_bringup.backend_suite.checks import ANY, CAMERA, CHECKS, PAUSE, REAL_TIME, Check
 from np_bringup.backend_suite.commands import EFFORTS, TARGETS
 from np_bringup.backend_suite.harness import Harness, Judged
+from np_ros.client.peer import Peer
 from np_ros.messages import BadMessage
-from np_ros.peer import Peer
 
 
 class NotJudged(RuntimeError):

@@ -13,8 +13,8 @@ from pathlib import Path
 from np_bringup.task_graph import LOOP_PRIORITY, task_graph
 from np_description.domains import find_domain
 from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder
-from np_ros.graph import NodeSpec
-from np_ros.supervisor import NodeDied, Supervisor
+from np_ros.processes.graph import NodeSpec
+from np_ros.processes.supervisor import NodeDied, Supervisor
 
 DOMAIN = "card"
 FRAMES, FRAME_RATE = 500, 30
@@ -52,7 +52,7 @@ def work_in_real_time(specs: list[NodeSpec], seconds: float, logs: Path) -> dict
     """Episodes for so many seconds on a graph with a round_trip; what that says, episodes, stops by the guards, and
     `cores`: how much of a core each process used."""
     from np_bringup.nodes.conductor_node import Conductor
-    from np_ros.participant import GraphError
+    from np_ros.client.participant import GraphError
 
     episodes = stops = 0
     with Supervisor(logs) as supervisor:
@@ -134,7 +134,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("runs/bench"), help="folder for logs; a number is appended")
     options = parser.parse_args(arguments)
     from np_bringup import figures
-    from np_ros.participant import GraphError
+    from np_ros.client.participant import GraphError
 
     interrupt_on_sigterm()
     logs = new_folder(options.out)

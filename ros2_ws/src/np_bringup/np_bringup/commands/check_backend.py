@@ -30,7 +30,7 @@ def main(args: list[str] | None = None) -> int:
     """Entry point of the executable `check_backend`; 0 where every check was kept, 1 where one was not, 2 where none could be put."""
     options = parser().parse_args(args)
     from np_bringup.backend_suite.judging import NotJudged, Verdict, judge
-    from np_ros.peer import Peer
+    from np_ros.client.peer import Peer
 
     def tell(verdict: Verdict) -> None:
         took = f" ({verdict.seconds:.1f} s)" if verdict.was_asked else ""

@@ -10,7 +10,7 @@ from np_bringup.backends import SIMULATED
 from np_bringup.nodes.conductor_node import Conductor
 from np_bringup.task_graph import task_graph
 from np_description.objects.choice import recorded_domain
-from np_ros.supervisor import Supervisor
+from np_ros.processes.supervisor import Supervisor
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from np_description.domains import DOMAINS, find_domain
 from np_description.objects.choice import DEFAULT, portable
 from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder, origin
 from np_record.intervals import wilson_interval
-from np_ros.supervisor import NodeDied
+from np_ros.processes.supervisor import NodeDied
 
 if TYPE_CHECKING:  # what is slow to import comes after the options are read
     from np_description.phases import PhaseState
@@ -118,7 +118,7 @@ def say(text: str) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
-    from np_ros.participant import GraphError
+    from np_ros.client.participant import GraphError
 
     interrupt_on_sigterm()
     try:

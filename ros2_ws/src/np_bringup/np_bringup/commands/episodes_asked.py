@@ -14,7 +14,7 @@ from np_physx_bridge.library import missing
 from np_record.command import INTERRUPTED, interrupt_on_sigterm
 from np_record.workers import HELP
 from np_record.workers import missing as missing_cluster
-from np_ros.supervisor import NodeDied
+from np_ros.processes.supervisor import NodeDied
 
 
 def add_options(parser: argparse.ArgumentParser, *, jobs: int | None, out: str) -> None:

@@ -19,7 +19,7 @@ from np_description.objects.choice import DEFAULT, portable
 from np_description.objects.scenarios import COUNT
 from np_record.command import Parser, Progress, origin
 from np_record.workers import workers
-from np_ros.answering import CONTROLLERS
+from np_ros.processes.answering import CONTROLLERS
 
 IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change nothing
 

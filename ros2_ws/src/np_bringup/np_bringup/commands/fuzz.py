@@ -31,9 +31,9 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     from np_bringup.endurance.fuzz import Fuzzer, everything
     from np_bringup.task_graph import task_graph
-    from np_ros.graph import NodeSpec
-    from np_ros.peer import Peer
-    from np_ros.supervisor import NodeDied, Supervisor
+    from np_ros.client.peer import Peer
+    from np_ros.processes.graph import NodeSpec
+    from np_ros.processes.supervisor import NodeDied, Supervisor
 
     known = {topic.name: topic for topic in everything()}
     unknown = sorted(set(options.topics) - set(known))

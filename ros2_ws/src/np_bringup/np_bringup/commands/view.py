@@ -64,8 +64,8 @@ def _play(options: argparse.Namespace, meshes: bool | None) -> int:
 def _watch(options: argparse.Namespace, meshes: bool | None) -> int:
     from np_bringup.view.live import LiveGraph
     from np_bringup.view.server import serve
-    from np_ros.domain import ros_domain_id
-    from np_ros.peer import Peer
+    from np_ros.client.peer import Peer
+    from np_ros.processes.domain import ros_domain_id
 
     ros_domain_id()  # raises ValueError with words
     with closing(Peer("view")) as peer:

@@ -13,8 +13,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from np_bringup.endurance.random_messages import broken, broken_bytes, message_type, random_message
 from np_record.topics import FORMER, TOPICS, Topic
 from np_ros import qos
-from np_ros.peer import Peer
-from np_ros.supervisor import NodeDied, Supervisor
+from np_ros.client.peer import Peer
+from np_ros.processes.supervisor import NodeDied, Supervisor
 
 BATCH = 20  # messages after which it is looked whether everybody lives
 HEARD = 2  # diagnostics of a node, after the last message, until its counts are believed

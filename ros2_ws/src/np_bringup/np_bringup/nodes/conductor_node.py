@@ -14,21 +14,21 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
 
-from np_description.depths import Tally
+from np_description.contact.depths import Tally
+from np_description.contact.penetration import Penetration
 from np_description.domains import Domain, Pose
 from np_description.limit_share import limit_shares
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
-from np_description.penetration import Penetration
 from np_description.phases import PhaseState, first_end
 from np_record.bulk import joint_state_rows
 from np_record.cdr import header_stamp
 from np_record.outcome import Outcome, score
 from np_ros import qos
-from np_ros.graph import NodeSpec
+from np_ros.client.participant import SERVICE_TIMEOUT, GraphError, Participant
 from np_ros.messages import joint_state_arrays, pose_arrays, stamp_nanoseconds
-from np_ros.participant import SERVICE_TIMEOUT, GraphError, Participant
 from np_ros.phases import phase_state
-from np_ros.supervisor import Supervisor
+from np_ros.processes.graph import NodeSpec
+from np_ros.processes.supervisor import Supervisor
 
 _QUIET = 0.1  # s
 _KEPT = 50  # states that wait for the pose of their stamp

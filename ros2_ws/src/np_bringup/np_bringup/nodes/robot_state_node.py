@@ -10,10 +10,10 @@ from std_msgs.msg import ColorRGBA, String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from np_description.domains import Pose
+from np_description.drawing.robot import WORLD, urdf
+from np_description.drawing.scene_data import SceneData
 from np_description.panda import BASE_FRAME, STATE_NAMES
-from np_description.robot_description import WORLD, urdf
 from np_description.rotations import matrix_from_quaternion, quaternion_multiply
-from np_description.scene_data import SceneData
 from np_ros import qos
 from np_ros.messages import BadMessage, joint_state_arrays, pose_arrays, pose_message, stamp_message, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter, run

@@ -12,14 +12,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from np_description.contact import HARD
+from np_description.contact.model import HARD
 from np_description.domains import find_domain
-from np_description.released import weights_folder
+from np_description.weights.released import weights_folder
 from np_effects.patch import Patch, dump_patch
 from np_policy.contract import POST_CONTACT, PRE_CONTACT
 from np_record.command import Progress
 from np_record.workers import SINGLE_THREAD
-from np_ros.parent import end_with_parent
+from np_ros.processes.parent import end_with_parent
 
 ON_CPU = ("--device", "cpu", "--worlds", "128")
 DISTIL_SHARE = 0.15  # of the time for training; the student is taught on from the one that is there

@@ -30,7 +30,7 @@ from np_effects.patch import Patch, dump_patch, load_patch
 from np_record.bag import BagError, Recording
 from np_record.intervals import wilson_interval
 from np_record.whole_file import write_whole
-from np_ros.parent import end_with_parent
+from np_ros.processes.parent import end_with_parent
 
 Turn = Callable[[], AbstractContextManager[int | None]]
 """Waits for a GPU and gives its number, None for the CPU, until its context is left."""

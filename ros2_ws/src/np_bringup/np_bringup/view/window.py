@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from np_description.domains import Domain, Pose
-from np_description.meshes import drawn_model
+from np_description.drawing.meshes import drawn_model
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_description.scene import OBJECT
 from np_record.bag import Recording

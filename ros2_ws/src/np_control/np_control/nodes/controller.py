@@ -26,9 +26,9 @@ from np_control.trajectory import Trajectory
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import FAULT, PhaseState
 from np_ros import qos
+from np_ros.low_latency.spin import request_realtime
 from np_ros.messages import BadMessage, JointStateWriter, joint_state_arrays, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter
-from np_ros.spin import request_realtime
 
 SECOND = 1_000_000_000
 MEASURED_ANSWERS = 5000  # answers over which times are reported: 10 s

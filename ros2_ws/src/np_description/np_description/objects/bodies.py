@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from np_description.contact import HARD
+from np_description.contact.model import HARD
 from np_description.objects.parts import split
 from np_description.objects.spec import ObjectSpec
 

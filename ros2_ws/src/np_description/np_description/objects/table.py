@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from np_description.contact import HARD
+from np_description.contact.model import HARD
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, Domain
 from np_description.objects.spec import Contents, Friction, ObjectSpec, Softness, Surface
 

@@ -14,8 +14,8 @@ from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
 from np_diagnosis.experiments.task.suite import FAMILIES, check
 from np_diagnosis.thresholds import THRESHOLDS
 from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder, origin
-from np_ros.graph import NodeSpec
-from np_ros.supervisor import NodeDied, Supervisor
+from np_ros.processes.graph import NodeSpec
+from np_ros.processes.supervisor import NodeDied, Supervisor
 from np_sim_bridge.simulators import SIMULATORS
 
 RUNNING_TIMEOUT = 20.0  # s for an arm that is said to run to be heard
@@ -126,7 +126,7 @@ def make_graph(
 def excite(options: argparse.Namespace) -> dict:
     """Run the experiments; what was recorded."""
     from np_diagnosis.nodes.excite_node import READY_TIMEOUT, Exciter  # slow, as what is imported below
-    from np_ros.domain import ros_domain_id
+    from np_ros.processes.domain import ros_domain_id
 
     is_sim = options.backend == "sim"
     information = {
@@ -209,7 +209,7 @@ def _what_is_there(out: Path) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object."""
     options = parse(arguments)
-    from np_ros.participant import GraphError
+    from np_ros.client.participant import GraphError
 
     interrupt_on_sigterm()
     try:

@@ -26,6 +26,7 @@ from np_diagnosis.experiments.excitation import TICK_NS, Segment, end_of, schedu
 from np_diagnosis.experiments.task.suite import Situation, task_suite
 from np_diagnosis.experiments.task.witness import OutOfPicture, Witness
 from np_ros import qos
+from np_ros.client.participant import GraphError, Participant
 from np_ros.messages import (
     BadMessage,
     gains_message,
@@ -34,9 +35,8 @@ from np_ros.messages import (
     stamp_nanoseconds,
     trajectory_message,
 )
-from np_ros.participant import GraphError, Participant
 from np_ros.phases import PhasePublisher
-from np_ros.supervisor import Supervisor
+from np_ros.processes.supervisor import Supervisor
 
 READY_TIMEOUT = 120.0  # s of wall time
 TOLD_EVERY = 4.0  # s between words while it waits

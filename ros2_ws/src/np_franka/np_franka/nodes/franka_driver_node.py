@@ -28,9 +28,9 @@ from np_franka.nodes.settings import declare
 from np_franka.onboard import Onboard
 from np_franka.telling import Telling
 from np_ros import qos
+from np_ros.low_latency.spin import Spinner, request_realtime
 from np_ros.messages import BadMessage, JointStateWriter, stamp_nanoseconds
 from np_ros.node import Diagnostics, run
-from np_ros.spin import Spinner, request_realtime
 
 PERIOD = LIMITS.period_ns
 APPLIED_EVERY = 5 * PERIOD  # ns between messages on applied_command: 100 Hz

@@ -18,10 +18,10 @@ from np_description.panda import STATE_NAMES
 from np_policy import action
 from np_policy.contract import CONTROLLERS
 from np_ros import qos
+from np_ros.low_latency.newest import Newest
+from np_ros.low_latency.raw import decoded
 from np_ros.messages import NANOSECONDS, BadMessage, joint_state_arrays, keypoints_array, stamp_nanoseconds
-from np_ros.newest import Newest
 from np_ros.node import Diagnostics, parameter
-from np_ros.raw import decoded
 from np_ros.task_domain import declare_domain
 
 OLDEST_STATE = 200_000_000  # ns before the image; the clocks of a robot and a camera may be apart too

@@ -17,7 +17,7 @@ from np_policy.action import PolicyError
 from np_policy.contract import PRE_CONTACT, weights_file
 from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, report_weights, subscribe_keypoints
 from np_ros import qos
-from np_ros.links import are_all
+from np_ros.client.links import are_all
 from np_ros.messages import BadMessage, pose_message
 from np_ros.node import Diagnostics, run
 from np_ros.phases import phase_state

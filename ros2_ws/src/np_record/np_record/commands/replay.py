@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm
-from np_ros.supervisor import NodeDied, Supervisor
+from np_ros.processes.supervisor import NodeDied, Supervisor
 
 
 def replay(bag: Path, weights: str, logs: Path) -> dict[str, object]:

@@ -10,8 +10,8 @@ from np_record.nodes.recorder_node import message_class
 from np_record.replay import Comparison, Script, Step
 from np_record.topics import BY_NAME
 from np_ros import qos
-from np_ros.participant import Participant
-from np_ros.supervisor import Supervisor
+from np_ros.client.participant import Participant
+from np_ros.processes.supervisor import Supervisor
 
 _EVENTS = ("gripper_command", "pre_contact_pose", "joint_trajectory", "approach/refusal")
 

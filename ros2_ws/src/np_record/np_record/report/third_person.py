@@ -1,6 +1,6 @@
 """What somebody beside the table sees: arm, object and goal, drawn by a painter, without a graphics card.
 
-The arm looks like itself where its meshes are installed (`np_description.meshes`), else like the shapes that collide.
+The arm looks like itself where its meshes are installed (`np_description.drawing.meshes`), else like the shapes that collide.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from np_description.domains import Domain, Pose
+from np_description.drawing.scene_data import SceneData
 from np_description.panda import FINGER_MAX
 from np_description.rotations import matrix_from_quaternion
-from np_description.scene_data import SceneData
 
 EYE, LOOK = np.array([1.35, -0.95, 0.75]), np.array([0.40, 0.0, 0.22])  # m, base frame
 _FOCUS = 1.35  # focal length over the picture's height

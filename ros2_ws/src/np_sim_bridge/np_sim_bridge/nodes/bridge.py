@@ -21,15 +21,15 @@ from std_srvs.srv import SetBool, Trigger
 
 from np_control.safety import Refusal, SafetyFilter, State
 from np_description.calibration import calibrated_camera
-from np_description.meshes import drawn_model
+from np_description.drawing.meshes import drawn_model
 from np_effects.patch import Patch, load_patch
 from np_effects.view_effects import ViewEffects
 from np_ros import qos
-from np_ros.domain import OnlyPublisher
+from np_ros.low_latency.spin import request_realtime
 from np_ros.messages import BadMessage, stamp_nanoseconds
 from np_ros.node import Diagnostics
 from np_ros.phases import phase_state
-from np_ros.spin import request_realtime
+from np_ros.processes.domain import OnlyPublisher
 from np_sim_bridge.barrier import ACTIVE_PHASES, Barrier
 from np_sim_bridge.engine import MakeEngine
 from np_sim_bridge.nodes.outlet import Outlet

@@ -9,7 +9,7 @@ import numpy as np
 
 from np_control.dynamics import Dynamics
 from np_description.camera import CAMERA, Camera
-from np_description.contact import STEADY
+from np_description.contact.model import STEADY
 from np_description.domains import Domain, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL, PandaModel

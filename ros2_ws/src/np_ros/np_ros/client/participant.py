@@ -13,11 +13,11 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from np_ros.interrupts import interrupts_wait
-from np_ros.links import Links
-from np_ros.services import Services
-from np_ros.spin import Spinner
-from np_ros.supervisor import Supervisor
+from np_ros.client.interrupts import interrupts_wait
+from np_ros.client.links import Links
+from np_ros.client.services import Services
+from np_ros.low_latency.spin import Spinner
+from np_ros.processes.supervisor import Supervisor
 
 SERVICE_TIMEOUT = 60.0  # s of wall time
 _SPIN = 0.05  # s

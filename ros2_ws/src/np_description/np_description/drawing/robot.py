@@ -2,7 +2,7 @@
 
 The scene is the one description that everything else runs with; what is seen is what collides, in our own primitives.
 Links, joints and frames have the manufacturer's names (panda_link0 ... panda_hand, panda_joint1 ..., panda_finger_joint1).
-`python -m np_description.robot_description > panda.urdf` writes a file.
+`python -m np_description.drawing.robot > panda.urdf` writes a file.
 """
 
 from __future__ import annotations

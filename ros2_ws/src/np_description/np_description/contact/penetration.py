@@ -8,8 +8,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from np_description.contact import ContactModel
-from np_description.depths import PAIRS
+from np_description.contact.depths import PAIRS
+from np_description.contact.model import ContactModel
 from np_description.domains import Domain, Pose
 from np_description.panda import STATE_NAMES
 from np_description.scene import OBJECT, SHAFT, SUPPORT, load_model

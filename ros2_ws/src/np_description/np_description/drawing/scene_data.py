@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 
 from np_description.domains import Domain, Pose
-from np_description.meshes import CANVAS, drawn_model
+from np_description.drawing.meshes import CANVAS, drawn_model
+from np_description.drawing.robot import WORLD, robot_bodies, shapes
 from np_description.panda import BASE_FRAME, STATE_NAMES
-from np_description.robot_description import WORLD, robot_bodies, shapes
 from np_description.scene import OBJECT
 
 GOAL = "goal"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from np_description.contact import ContactModel
+from np_description.contact.model import ContactModel
 from np_description.domains import Domain
 from np_description.scene import OBJECT, load_model
 

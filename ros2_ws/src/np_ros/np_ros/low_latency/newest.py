@@ -14,7 +14,7 @@ from np_ros import qos
 
 
 class Unwaited(CallbackGroup):
-    """A group whose members are never ready: neither rclpy's executor nor `np_ros.spin` waits for them."""
+    """A group whose members are never ready: neither rclpy's executor nor `np_ros.low_latency.spin` waits for them."""
 
     def can_execute(self, entity: object) -> bool:
         """Never."""

@@ -10,7 +10,7 @@ import hashlib
 import json
 from pathlib import Path
 
-from np_description.released import WeightsError
+from np_description.weights.released import WeightsError
 
 _LENGTH = 8  # bytes
 _METADATA = "__metadata__"

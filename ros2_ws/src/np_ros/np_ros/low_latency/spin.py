@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from np_ros.newest import Unwaited
+from np_ros.low_latency.newest import Unwaited
 
 _EVENT_PERIOD = 0.2  # s, how often events that only lead to log lines are looked for
 _LOCK_ALL = 1 | 2  # MCL_CURRENT and MCL_FUTURE of mlockall(2)

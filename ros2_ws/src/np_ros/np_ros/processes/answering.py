@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from np_ros.graph import NodeSpec
+from np_ros.processes.graph import NodeSpec
 
 CONTROLLERS = {"impedance": "joint_impedance", "osc": "operational_space"}
 """Executable in np_control of every value of the launch argument `controller`."""

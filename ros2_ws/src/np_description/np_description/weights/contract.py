@@ -12,8 +12,8 @@ from pathlib import Path
 
 from np_description.camera import CAMERA
 from np_description.keypoints import CORNERS
-from np_description.released import WeightsError
-from np_description.weights_header import read_metadata
+from np_description.weights.header import read_metadata
+from np_description.weights.released import WeightsError
 
 KEY = "contract"  # of the metadata
 _NOTHING = object()

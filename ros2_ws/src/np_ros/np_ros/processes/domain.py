@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from np_ros.locks import lock
+from np_ros.processes.locks import lock
 
 if TYPE_CHECKING:  # commands that only ask for the domain's number do without
     from rclpy.node import Node

@@ -12,9 +12,9 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
 from np_ros import qos as profiles
-from np_ros.interrupts import interrupts_wait
-from np_ros.services import Services
-from np_ros.spin import Spinner
+from np_ros.client.interrupts import interrupts_wait
+from np_ros.client.services import Services
+from np_ros.low_latency.spin import Spinner
 
 
 class Peer:

@@ -1,0 +1,1 @@
+"""The scene for those who draw it: meshes, a URDF, shapes and moments as data."""

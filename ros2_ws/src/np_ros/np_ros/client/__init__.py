@@ -1,0 +1,1 @@
+"""Who looks at a graph and asks it: nodes in a command's own process."""

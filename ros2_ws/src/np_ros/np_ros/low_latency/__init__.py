@@ -1,0 +1,1 @@
+"""Callbacks without the time that rclpy's executor takes, and readers without callbacks."""
