@@ -273,14 +273,17 @@ class Environment:
         self.physics.delay[where] = (delay * round(DELAY_STEP / self.config.physics.timestep)).int()
         self.keypoint_bias[where] = c.keypoint_bias * self._normal(n, 2)[:, None]
         if c.randomises_physics:
-            factors = [self._uniform(n, *ends) for ends in (c.table_friction, c.finger_friction, np.log(c.mass))]
-            factors[2] = factors[2].exp()
+            factors = [
+                self._uniform(n, *c.table_friction),
+                self._uniform(n, *c.finger_friction),
+                self._factor(n, c.mass),
+            ]
             self.conditions[where] = torch.stack(factors, -1)
             is_same = c.housing_friction == (1.0, 1.0)
             self.physics.varied.randomise(where, *factors, None if is_same else self._uniform(n, *c.housing_friction))
         if c.randomises_contact:
             ranges = (c.stiffness, c.damping, c.time_constant, c.friction_stiffness)
-            self.physics.varied.stiffen(where, *(torch.exp(self._uniform(n, *np.log(ends))) for ends in ranges))
+            self.physics.varied.stiffen(where, *(self._factor(n, ends) for ends in ranges))
         if c.finger_length or c.finger_tilt:
             length, turn = (self._uniform(k * n, -1.0, 1.0).reshape(n, 2, -1) for k in (2, 6))
             turn[..., 2] = 0  # about its sides, not about the finger
@@ -303,6 +306,10 @@ class Environment:
 
     def _uniform(self, count: int, low: float, high: float) -> torch.Tensor:
         return low + (high - low) * torch.rand(count, generator=self.generator, device=self.device)
+
+    def _factor(self, count: int, ends: tuple[float, float]) -> torch.Tensor:
+        """(count,) numbers drawn evenly in their logarithm."""
+        return torch.exp(self._uniform(count, *np.log(ends)))
 
     # --- step ----------------------------------------------------------------------------------------------------
 

@@ -20,7 +20,7 @@ from np_training.physics.batched import ARM
 from np_training.ppo.distillation import Student
 from np_training.ppo.networks import ActorCritic
 from np_training.tasks.breakdown import groups_of_tasks
-from np_training.tasks.poses import Poses, sample_tasks, uniform
+from np_training.tasks.poses import Poses, sample_tasks, uniform_with_ends
 from np_training.tasks.practice import Tasks, scaled
 from np_training.tasks.randomisation import Conditions
 
@@ -110,8 +110,9 @@ def run_episodes(
     env.physics.varied.support(everyone, SUPPORT_SHARE * one[:, None].expand(worlds, 3))
     env.conditions.fill_(1.0)
     objects, goals = fixed_tasks(env, scenario, seed) if scenario else sample_tasks(env.domain, worlds, env.generator)
-    if env.config.conditions.resizes:
-        scale = uniform(worlds, env.config.conditions.size, env.generator)
+    drawn = env.config.conditions
+    if drawn.resizes:
+        scale = uniform_with_ends(worlds, drawn.size, drawn.size_ends, env.generator)
         objects, goals = (scaled(env.domain, poses, scale) for poses in (objects, goals))
     feasible = _start(env, objects, goals, chooser, student)
     env.reset(everyone)

@@ -272,16 +272,8 @@ class Episode:
             return [self._tick(stamp)]
         if self._planned_from is None:
             if good:
-                if self._contact == 1:  # before the hand has touched it
-                    try:
-                        check_rests(
-                            keypoints,
-                            self.config.domain,
-                            min_score=self.config.min_score,
-                            camera=self.config.camera,
-                        )
-                    except PoseError as error:
-                        return self._fail(str(error))
+                if leaning := self._leaning(keypoints):
+                    return self._fail(leaning)
                 self._planned_from = stamp
             elif self._blind_for(stamp) >= self.config.pre_timeout:
                 return self._fail(f"fewer than {MIN_POINTS} usable keypoints for {self.config.pre_timeout:g} s")
@@ -331,6 +323,17 @@ class Episode:
         self._sure = self._near = self._gone = 0
         self.phase = PRE
         return [PhaseState(PRE, f"contact {self._contact}: {reason}", since=str(self._rest_ends)), self._tick(stamp)]
+
+    def _leaning(self, keypoints) -> str:
+        """How the object does not rest before the hand has touched it, or ""."""
+        config = self.config
+        if self._contact > 1:
+            return ""
+        try:
+            check_rests(keypoints, config.domain, min_score=config.min_score, camera=config.camera)
+        except PoseError as error:
+            return str(error)
+        return ""
 
     def _missed(self) -> str:
         """How the arm is not where the plan ends, as where its controller refused to follow it, or ""."""
