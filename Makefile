@@ -55,27 +55,27 @@ ros2_ws/install/.built: .venv/.ros2 $(BUILT_FROM)
 	@touch $@
 
 demo: setup ## DOMAIN EPISODES SEED KEYPOINTS OBJECT: three episodes through the graph: bag, report, video
-	@$(ACTIVATE) exec ros2 run np_bringup demo --domain $(DOMAIN) --seed $(SEED) --keypoints $(KEYPOINTS) --object $(OBJECT) \
+	@$(ACTIVATE) exec ros2 run np_evaluation demo --domain $(DOMAIN) --seed $(SEED) --keypoints $(KEYPOINTS) --object $(OBJECT) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
 evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT EFFECTS ENGINE=mujoco|physx CONTACTS=1 JOBS=1 CLUSTER: success rate as JSON
-	@$(ACTIVATE) exec ros2 run np_bringup evaluate --engine $(ENGINE) --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \
+	@$(ACTIVATE) exec ros2 run np_evaluation evaluate --engine $(ENGINE) --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \
 		--keypoints $(KEYPOINTS) --controller $(CONTROLLER) --object $(OBJECT) --effects $(EFFECTS) \
 		$(if $(CONTACTS),--contacts $(CONTACTS)) $(if $(filter-out file,$(origin JOBS)),--jobs $(JOBS)) $(ON) $(ARGS)
 
 table3: $(if $(filter physx,$(ENGINE)),physx,setup) ## ENGINE KEYPOINTS SEED CONTACTS=1 JOBS CLUSTER ARGS="--tries 50": the paper's 21 objects in three scenarios, beside its own successes
-	@$(ACTIVATE) exec ros2 run np_bringup table3 --engine $(ENGINE) --keypoints $(KEYPOINTS) --seed $(SEED) --jobs $(JOBS) \
+	@$(ACTIVATE) exec ros2 run np_evaluation table3 --engine $(ENGINE) --keypoints $(KEYPOINTS) --seed $(SEED) --jobs $(JOBS) \
 		$(if $(CONTACTS),--contacts $(CONTACTS)) $(ON) $(ARGS)
 
 bench: setup ## latencies, real-time factor, planning time as JSON
-	@$(ACTIVATE) exec ros2 run np_bringup bench $(ARGS)
+	@$(ACTIVATE) exec ros2 run np_evaluation bench $(ARGS)
 
 soak: setup ## DOMAIN EPISODES SEED ARGS="--hours 1": episodes in one graph, in lockstep, or hours in real time: memory, handles and threads stay flat, as JSON
-	@$(ACTIVATE) exec ros2 run np_bringup soak --domain $(DOMAIN) --seed $(SEED) \
+	@$(ACTIVATE) exec ros2 run np_evaluation soak --domain $(DOMAIN) --seed $(SEED) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
 fuzz: setup ## SEED: random and malformed messages on every topic: none of the nodes dies, as JSON
-	@$(ACTIVATE) exec ros2 run np_bringup fuzz --seed $(SEED) $(ARGS)
+	@$(ACTIVATE) exec ros2 run np_evaluation fuzz --seed $(SEED) $(ARGS)
 
 blind: setup ## CASES SEED SET=[locked|development][_changes|_six] JOBS CLUSTER: the gap doctor against sealed cases, as JSON
 	@$(ACTIVATE) exec python -m np_blind.arm.set --cases $(CASES) --seed $(SEED) --set $(SET) --jobs $(JOBS) \
@@ -86,14 +86,14 @@ blind-chain: physx ## CASES=16 SEED=1 JOBS CLUSTER ARGS=--seal: what is beside t
 		$(if $(filter-out file,$(origin SEED)),--seed $(SEED)) --jobs $(JOBS) $(ON) $(ARGS)
 
 rehearse: $(if $(filter physx,$(ENGINE)),physx,setup) ## BAG="runs/suite_000 runs/task_000" DOMAIN EPISODES=100 OBJECT SEED JOBS ARGS="--minutes 5": what a gap costs the task, which effect most, trained on with it, judged again; a page
-	@$(ACTIVATE) exec ros2 run np_bringup rehearse $(BAG) --domain $(DOMAIN) --object $(OBJECT) --seed $(SEED) --jobs $(JOBS) \
+	@$(ACTIVATE) exec ros2 run np_evaluation finetune $(BAG) --domain $(DOMAIN) --object $(OBJECT) --seed $(SEED) --jobs $(JOBS) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
 train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that is there
 	@$(ACTIVATE) exec python -m $(if $(GPUS),torch.distributed.run --standalone --nproc-per-node $(GPUS) -m )np_training.train --domain $(DOMAIN) --seed $(SEED) $(ARGS)
 
 identify: setup ## BAG="run1 run2" | none: a simulated arm; friction, damping, armature and what they explain
-	@$(ACTIVATE) exec python -m np_training.identify $(or $(BAG),--simulate) --seed $(SEED) $(ARGS)
+	@$(ACTIVATE) exec python -m np_blind.baselines.identify $(or $(BAG),--simulate) --seed $(SEED) $(ARGS)
 
 test: setup ## every test that needs no GPU; PYTEST_ARGS="tests/unit -k name": only these
 ifdef PYTEST_ARGS

@@ -10,9 +10,10 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from np_control.safety import LIMITS, Refusal, SafetyFilter, State
+from np_description.message_arrays import BadMessage, stamp_nanoseconds
 from np_description.panda import FINGER_MAX, FINGER_SPEED, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_ros import qos
-from np_ros.messages import BadMessage, joint_state_message, stamp_nanoseconds
+from np_ros.messages import joint_state_message
 from np_ros.node import Diagnostics, run
 
 PERIOD = LIMITS.period_ns

@@ -3,21 +3,16 @@
 import numpy as np
 from rclpy.serialization import serialize_message
 
+from np_common.rotations import yaw_quaternion
 from np_description.camera import CAMERA
 from np_description.domains import CARD, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.phases import PhaseState
-from np_description.rotations import yaw_quaternion
 from np_record.bag_writer import BagWriter
 from np_record.recorder import Sequencer
 from np_record.topics import BY_NAME, TIMELINE
-from np_ros.messages import (
-    image_message,
-    joint_state_message,
-    keypoints_message,
-    pose_message,
-)
+from np_ros.messages import image_message, joint_state_message, keypoints_message, pose_message
 from np_ros.phases import phase_message
 
 PERIOD = 2_000_000

@@ -26,10 +26,10 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from sensor_msgs.msg import PointCloud2
 
 from np_bringup.task_graph import task_graph
+from np_description.message_arrays import stamp_nanoseconds
 from np_ros import qos
 from np_ros.client.links import Links
 from np_ros.client.peer import Peer
-from np_ros.messages import stamp_nanoseconds
 from np_ros.processes.graph import NodeSpec
 from np_ros.processes.supervisor import Supervisor, installed_command
 

@@ -12,16 +12,17 @@ ABOVE = {"np_training": ROOT / "training", "np_blind": ROOT / "benchmark"}
 WITHOUT_GRAPH = ("unit", "diagnosis", "parity")
 
 FLOORS = (
+    {"np_common"},
     {"np_description"},
     {"np_ros"},
     {"np_record"},
-    {"np_effects"},
     {"np_control"},
-    {"np_perception"},
-    {"np_policy"},
+    {"np_perception", "np_planning"},
+    {"np_policy", "sim2real"},
     {"np_sim_bridge"},
     {"np_franka", "np_diagnosis", "np_physx_bridge"},
     {"np_bringup"},
+    {"np_evaluation"},
     {"np_training", "np_blind"},
 )
 """From low to high: a package imports only from those below its own floor, those of the last also from each other."""

@@ -16,13 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
+from np_common.cli import Progress
+from np_common.files import write_whole
+from np_common.parallel import workers
 from np_description.domains import DOMAINS, find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.objects.scenarios import COUNT
 from np_description.objects.table import rows_of
-from np_record.command import Progress, origin
-from np_record.whole_file import write_whole
-from np_record.workers import workers
+from np_description.weights.provenance import origin
 
 SURE = 0.3  # score from which policies use a corner
 NEAR = 3.0  # px
@@ -63,11 +64,11 @@ def main() -> None:
 def row(domain: str, name: str, options: argparse.Namespace) -> dict[str, object]:
     """The figures of one row, or of a size."""
     import torch  # slow, as what follows
+    from sim2real.effects.patch import Patch
 
-    from np_bringup.images_seen import DetectorEyes
-    from np_bringup.one_process import Eyes, OneProcess
     from np_description.objects.choice import domain_with
-    from np_effects.patch import Patch
+    from np_evaluation.in_process import Eyes, OneProcess
+    from np_evaluation.keypoint_projector import DetectorEyes
 
     class Watched(Eyes):
         """True corners for who asks; what the detector says beside them, kept."""

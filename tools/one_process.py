@@ -1,4 +1,4 @@
-"""Episodes of drawn tasks without a graph: `np_bringup.one_process`. The paper's table without one: `table3 --without-graph`.
+"""Episodes of drawn tasks without a graph: `np_evaluation.in_process`. The paper's table without one: `table3 --without-graph`.
 
     python tools/one_process.py --domains bump --object cube.yaml --tries 24 [--alone] [--keypoints camera]
 
@@ -15,13 +15,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
+from sim2real.effects.patch import Patch, load_patch
 
-from np_bringup.evaluation import summary
-from np_bringup.one_process import OneProcess
 from np_description.contact.model import CONTACTS
 from np_description.domains import DOMAINS
 from np_description.objects.choice import DEFAULT, domain_with, portable
-from np_effects.patch import Patch, load_patch
+from np_evaluation.in_process import OneProcess
+from np_evaluation.scoring import summary
 
 
 def main() -> None:

@@ -57,7 +57,7 @@ def check_doctor(out: Path, is_locked: bool) -> str:
     A run in parts is of one doctor: raises SealError where `out` of a locked set holds answers of another one.
     """
     code = hashlib.sha256()
-    for package in ("np_diagnosis", "np_effects"):
+    for package in ("sim2real",):
         root = Path(str(files(package)))
         for path in sorted(root.rglob("*.py")):
             code.update(path.relative_to(root.parent).as_posix().encode() + path.read_bytes())

@@ -8,14 +8,14 @@ This file is all that it takes: what a patch says, what the simulated arm feels,
 from __future__ import annotations
 
 import numpy as np
+from sim2real.effects.behaviour import Resistance, Values
+from sim2real.effects.evidence import Context
+from sim2real.effects.record import EffectRecord, Place, Quantity
+from sim2real.effects.signature import Parameter, Signature
+from sim2real.effects.stage import Stage
 
 from np_control.kinematics import jacobian
 from np_description.panda import JOINT_NAMES
-from np_effects.behaviour import Resistance, Values
-from np_effects.evidence import Context
-from np_effects.record import EffectRecord, Place, Quantity
-from np_effects.signature import Parameter, Signature
-from np_effects.stage import Stage
 
 FORCES = tuple(Quantity(f"force_{axis}", "N", -30.0, 30.0) for axis in "xyz")  # in the base frame
 

@@ -1,7 +1,7 @@
 """The backends that the contract suite judges, each started anew for every check.
 
 To have another backend judged in the tests, add it to BACKENDS; `check_backend` puts the same checks to one that is
-running (np_bringup.backend_suite)."""
+running (np_evaluation.conformance)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from np_bringup.backend_suite import harness
-from np_bringup.backend_suite.commands import EFFORTS, PERIOD, TARGETS, Commands, pushing, stay
-from np_bringup.backend_suite.harness import silent
+from np_evaluation.conformance import harness
+from np_evaluation.conformance.commands import EFFORTS, PERIOD, TARGETS, Commands, pushing, stay
+from np_evaluation.conformance.harness import silent
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "driver"))
 

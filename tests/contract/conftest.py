@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from backends import BACKENDS, Harness  # noqa: E402
 from graph_tools import Graph, Probe  # noqa: E402
 
-from np_bringup.backend_suite.checks import Check  # noqa: E402
+from np_evaluation.conformance.checks import Check  # noqa: E402
 
 PAIRS = [(name, mode) for name, backend in BACKENDS.items() for mode in backend.modes]
 STARTS = {

@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from np_bringup.backend_suite.checks import ANY, CHECKS
+from np_evaluation.conformance.checks import ANY, CHECKS
 
 
 @pytest.mark.parametrize("check", [c for c in CHECKS if c.asked_of == ANY], ids=lambda c: c.run.__name__)

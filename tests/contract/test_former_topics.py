@@ -7,11 +7,12 @@ from std_msgs.msg import Header, String
 from trajectory_msgs.msg import JointTrajectory
 
 from np_description.domains import CARD, sample_task
+from np_description.message_arrays import stamp_nanoseconds
 from np_description.panda import BASE_FRAME, JOINT_NAMES
 from np_description.scene import CAMERA_NAME
 from np_perception.pose_estimation import project_keypoints
 from np_ros import qos
-from np_ros.messages import keypoints_message, pose_message, stamp_nanoseconds, trajectory_message
+from np_ros.messages import keypoints_message, pose_message, trajectory_message
 
 TICK = 100_000_000
 START, GOAL = sample_task(CARD, np.random.default_rng(0))

@@ -8,11 +8,12 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
 from np_description.camera import CAMERA
+from np_description.message_arrays import camera_info_arrays, image_array, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, NOMINAL
 from np_description.phases import PhaseState
 from np_record.cdr import padding_filter
 from np_ros import qos
-from np_ros.messages import camera_info_arrays, image_array, pose_message, stamp_nanoseconds
+from np_ros.messages import pose_message
 from np_ros.phases import phase_message
 
 TICK = 100_000_000

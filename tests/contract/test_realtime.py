@@ -2,7 +2,7 @@
 
 import pytest
 
-from np_bringup.backend_suite.checks import CAMERA, CHECKS, PAUSE, REAL_TIME
+from np_evaluation.conformance.checks import CAMERA, CHECKS, PAUSE, REAL_TIME
 
 
 def asked_of(whom):

@@ -11,6 +11,7 @@ from functools import cache
 
 import mujoco
 import numpy as np
+from sim2real.recordings.signals import Commands, Log
 
 from np_control.controller import ControllerConfig
 from np_control.dynamics import Dynamics
@@ -18,7 +19,6 @@ from np_control.impedance import damping
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.scene import load_model
-from np_diagnosis.recordings.signals import Commands, Log
 
 PERIOD = 0.002
 WRIST = np.array([1, 1, 1, 1, 0.2, 0.2, 0.2])

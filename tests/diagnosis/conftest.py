@@ -2,8 +2,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from np_diagnosis.diagnosis import diagnose
+from sim2real.diagnosis import diagnose
 
 sys.path.insert(0, str(Path(__file__).parent))
 

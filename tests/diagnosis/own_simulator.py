@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from sim2real.effects.patch import Patch
+from sim2real.excitation.suite import schedule, suite
+from sim2real.recordings.signals import Commands, Log
 
 from np_control.controller import Controller
 from np_control.impedance import STIFFNESS_MAX, damping
 from np_control.safety import SafetyFilter
 from np_description.domains import CARD
 from np_description.panda import JOINT_NAMES
-from np_diagnosis.experiments.excitation import schedule, suite
-from np_diagnosis.recordings.signals import Commands, Log
-from np_effects.patch import Patch
 from np_sim_bridge.simulation import Simulation
 
 PERIOD = 0.002

@@ -2,9 +2,10 @@
 
 from concurrent.futures import Future
 
-from np_bringup.corrections import OF_DRIVER
-from np_bringup.rehearsal.playing import patch_of
-from np_effects.patch import Patch, PatchEffect
+from sim2real.effects.patch import Patch, PatchEffect
+
+from np_evaluation.corrections import OF_DRIVER
+from np_evaluation.finetune.playing import patch_of
 
 FRICTION = PatchEffect("coulomb_friction", "panda_joint4", {"level": 2.0})
 GRIP = PatchEffect("gripper_friction", "contact", {"relative": -0.4})

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from arm_generator import record as panda_log
 from rclpy.serialization import serialize_message
+from sim2real.arm import rigid
+from sim2real.arm.files import load_arm
+from sim2real.arm.model import panda
+from sim2real.checks.plausibility import check
+from sim2real.cli import diagnose as command
+from sim2real.diagnosis import diagnose
+from sim2real.effects.patch import load_patch
+from sim2real.recordings.current import as_current, as_torque, torque_constants
+from sim2real.recordings.reading import ContractViolation, read
+from sim2real.recordings.signals import Commands, Log
 from six_hinges import MJCF, PER_AMPERE, RATE, URDF, Truth, record
 
-from np_diagnosis.arm import rigid
-from np_diagnosis.arm.files import load_arm
-from np_diagnosis.arm.model import panda
-from np_diagnosis.checks.plausibility import check
-from np_diagnosis.commands import diagnose as command
-from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.recordings.current import as_current, as_torque, torque_constants
-from np_diagnosis.recordings.reading import ContractViolation, read
-from np_diagnosis.recordings.signals import Commands, Log
-from np_effects.patch import load_patch
 from np_record.bag_writer import BagWriter
 from np_record.recorder import Sequencer
 from np_record.topics import BY_NAME

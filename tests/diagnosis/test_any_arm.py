@@ -5,26 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arm_generator import Truth, record
+from sim2real.arm import link_errors, rigid
+from sim2real.arm.model import panda
+from sim2real.arm.stages import drive
+from sim2real.diagnosis import diagnose
+from sim2real.effects.registry import all_signatures
+from sim2real.effects.stage import Stage
+from sim2real.effects.timing.packet_loss import _share
+from sim2real.effects.transmission.backlash import LEAST_REACH, _reach
+from sim2real.excitation.suite import suite
+from sim2real.inference import nuisances
+from sim2real.inference.context import make_context
+from sim2real.inference.design import make_design
+from sim2real.inference.estimates import estimate
+from sim2real.inference.residuals import Stages
+from sim2real.inference.search import Search
+from sim2real.inference.visible import visible
+from sim2real.thresholds import THRESHOLDS
 
 from np_blind.arm.loop import make_targets
 from np_control.safety import LIMITS, limit_torque
-from np_diagnosis.arm import link_errors, rigid
-from np_diagnosis.arm.model import panda
-from np_diagnosis.arm.stages import drive
-from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.experiments.excitation import suite
-from np_diagnosis.inference import nuisances
-from np_diagnosis.inference.context import make_context
-from np_diagnosis.inference.design import make_design
-from np_diagnosis.inference.estimates import estimate
-from np_diagnosis.inference.residuals import Stages
-from np_diagnosis.inference.search import Search
-from np_diagnosis.inference.visible import visible
-from np_diagnosis.thresholds import THRESHOLDS
-from np_effects.registry import all_signatures
-from np_effects.stage import Stage
-from np_effects.timing.packet_loss import _share
-from np_effects.transmission.backlash import LEAST_REACH, _reach
 
 ARM = panda()
 

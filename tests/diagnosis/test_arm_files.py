@@ -4,9 +4,8 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from sim2real.arm.files import load_arm
 from six_hinges import MJCF, URDF
-
-from np_diagnosis.arm.files import load_arm
 
 JOINTS = ("waist", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3")
 GRIPPER = """<body name="palm" pos="0 .12 0"><inertial mass=".5" pos="0 .03 0" diaginertia=".001 .001 .001"/>

@@ -2,20 +2,20 @@
 
 import numpy as np
 import pytest
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.effects.saying import Value
+from sim2real.effects.view_effects import ViewEffects
+from sim2real.task.camera.lying import lying
+from sim2real.task.camera.model import scene
+from sim2real.task.explanations import Explained
+from sim2real.task.explanations import Named as Felt
+from sim2real.task.suite.astray import turned
+from sim2real.task.suite.meeting import Meeting
+from sim2real.task.together.claims import of_meeting
 
 from np_blind.camera.boxes import Case, Detector, Truth, places
 from np_description.camera import CAMERA
 from np_description.domains import BUMP
-from np_diagnosis.chain.explanations import Explained
-from np_diagnosis.chain.explanations import Named as Felt
-from np_diagnosis.chain.task.astray import turned
-from np_diagnosis.chain.task.meeting import Meeting
-from np_diagnosis.chain.together.claims import of_meeting
-from np_diagnosis.chain.view_stage.lying import lying
-from np_diagnosis.chain.view_stage.model import scene
-from np_effects.patch import Patch, PatchEffect
-from np_effects.saying import Value
-from np_effects.view_effects import ViewEffects
 
 MOVED, TURNED = Truth(camera=(0.011, -0.009, 0.0)), Truth(turn=(-0.017, -0.016, 0.0))
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sim2real.excitation.suite import READY, SECOND
 
 from np_blind.arm.drawn.background import MASS_ERROR, WIDE_DELAY, WIDE_FROM
 from np_blind.arm.drawn.cases import Case, draw_cases, make_physics
@@ -11,7 +12,6 @@ from np_blind.arm.plant.blind_arm import Plant
 from np_blind.arm.plant.physics import nominal_physics
 from np_blind.arm.plant.rigid_arm import tcp_in_link7
 from np_description.panda import NOMINAL
-from np_diagnosis.experiments.excitation import READY, SECOND
 
 
 def clean(count, seed=WIDE_FROM):

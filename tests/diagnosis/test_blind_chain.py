@@ -14,10 +14,10 @@ import pytest
 from np_blind.chain import set as task_set
 from np_blind.chain.answering import answered, settle_all
 from np_blind.chain.cases import draw
+from np_common.parallel import LOCAL, workers
+from np_common.parallel import missing as missing_cluster
 from np_description.domains import BUMP
 from np_physx_bridge.library import missing
-from np_record.workers import LOCAL, workers
-from np_record.workers import missing as missing_cluster
 
 ROOT = Path(__file__).resolve().parents[2]
 CASES = draw(4, 1)

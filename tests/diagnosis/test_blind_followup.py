@@ -5,13 +5,13 @@ import json
 
 import numpy as np
 import pytest
+from sim2real.recordings.reading import read
 
 from np_blind.arm.drawn.cases import Case
 from np_blind.arm.drawn.faults import Fault
 from np_blind.arm.generate import bag_path, make_bags
 from np_blind.arm.judged.followup import could_settle, follow_up, is_settled, suggested
 from np_description.panda import JOINT_NAMES
-from np_diagnosis.recordings.reading import read
 from np_record.bag import Recording
 
 CASE = Case(3, "single", (Fault("coulomb_friction", 6, 8.0),), (1, 2, 3))

@@ -6,6 +6,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from sim2real.effects.patch import Patch, PatchEffect, dump_patch
 
 from np_blind.arm.drawn.cases import draw_cases, make_physics
 from np_blind.arm.drawn.key import make_key
@@ -14,7 +15,6 @@ from np_blind.arm.judged.scoring import score_case, summary
 from np_blind.arm.judged.tables import figures_table
 from np_blind.repository import ROOT
 from np_description.panda import JOINT_NAMES
-from np_effects.patch import Patch, PatchEffect, dump_patch
 
 FAKE = (
     "import pathlib, sys; out = pathlib.Path(sys.argv[-1]); "

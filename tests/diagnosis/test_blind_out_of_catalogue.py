@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sim2real.excitation.suite import READY
 
 from np_blind.arm.plant.blind_arm import PERIOD
 from np_blind.arm.plant.out_of_catalogue_physics import OutOfCatalogue, off_centre, slipped
 from np_blind.arm.plant.physics import nominal_physics
-from np_diagnosis.experiments.excitation import READY
 
 paths = st.lists(st.floats(-3, 3), min_size=5, max_size=80)
 

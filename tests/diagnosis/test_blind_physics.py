@@ -8,6 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from sim2real.effects.arm_effects import ArmEffects
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.excitation.suite import READY, SECOND, THIRD, suite
 
 from np_blind.arm.drawn.cases import Case, draw_cases, make_physics
 from np_blind.arm.drawn.faults import EFFECTS, Fault, soften, visible
@@ -26,9 +29,6 @@ from np_control.safety import LIMITS
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.scene import load_model
-from np_diagnosis.experiments.excitation import READY, SECOND, THIRD, suite
-from np_effects.arm_effects import ArmEffects
-from np_effects.patch import Patch, PatchEffect
 
 postures = arrays(float, 7, elements=st.floats(-2.5, 2.5))
 speeds = arrays(float, 7, elements=st.floats(-2, 2))

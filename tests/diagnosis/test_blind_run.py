@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sim2real.excitation.suite import suite
 
 from np_blind.arm import bags as recordings
 from np_blind.arm import generate
@@ -20,12 +21,11 @@ from np_blind.arm.generate import make_bags
 from np_blind.arm.judged import rehearsal
 from np_blind.arm.judged.answering import Asking
 from np_blind.sealed import SealError, check_doctor, digest
+from np_common.parallel import workers
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, PhaseState
-from np_diagnosis.experiments.excitation import suite
 from np_record.bag import Recording
 from np_record.recorded_phases import phase_of
-from np_record.workers import workers
 
 ONLY = ["sinusoid_2", "sinusoid_4", "triangle_fast"]  # the doctor asks for ten blocks of motion
 COUNT = 3
@@ -76,7 +76,7 @@ def test_bags_are_those_of_a_session_and_show_no_cause(bags):
 def test_no_ros_no_mujoco_and_no_pinocchio_is_needed():
     code = (
         "import sys, np_blind.arm.set, np_blind.arm.generate; "
-        "unwanted = ('rclpy', 'pinocchio', 'mujoco', 'torch', 'np_diagnosis.diagnosis'); "
+        "unwanted = ('rclpy', 'pinocchio', 'mujoco', 'torch', 'sim2real.diagnosis'); "
         "print([m for m in unwanted if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -99,7 +99,7 @@ def test_the_command_scores_the_doctor(tmp_path):
         "--out",
         str(tmp_path / "run"),
         "--doctor",
-        f"{sys.executable} -m np_diagnosis.commands.diagnose --quick",
+        f"{sys.executable} -m sim2real.cli.diagnose --quick",
     ]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
     assert done.returncode == 0, done.stderr

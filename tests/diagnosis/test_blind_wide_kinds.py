@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sim2real.excitation.suite import READY, suite
 
 from np_blind.arm.drawn.background import WIDE_FROM
 from np_blind.arm.drawn.cases import Case, draw_cases, make_physics
@@ -19,7 +20,6 @@ from np_blind.arm.plant.physics import nominal_physics
 from np_blind.arm.plant.rigid_arm import JOINTS
 from np_control.safety import LIMITS
 from np_description.panda import NOMINAL
-from np_diagnosis.experiments.excitation import READY, suite
 
 STEP = 5e-4
 STILL = np.zeros((1, JOINTS))

@@ -7,43 +7,43 @@ from functools import partial
 import numpy as np
 import pytest
 from bags import record_episode
+from sim2real.cli import chain as command
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.effects.saying import Value
+from sim2real.effects.view_effects import ViewEffects
+from sim2real.recordings.reading import ContractViolation
+from sim2real.recordings.signals import Log
+from sim2real.report.chain_page import render
+from sim2real.report.chain_words import check, document
+from sim2real.task.explanations import Explained, Named
+from sim2real.task.findings import effects
+from sim2real.task.object_motion.stage import predict, share
+from sim2real.task.scatter import Scatter
+from sim2real.task.suite.lag import Led, lag
+from sim2real.task.suite.lag import judge as judge_lag
+from sim2real.task.suite.meeting import Met
+from sim2real.task.suite.meeting import judge as judge_meeting
+from sim2real.task.suite.recording import TaskRecording
+from sim2real.task.suite.seen import over, seen_pose
+from sim2real.task.surface.stage import Felt
+from sim2real.task.together import claims as made
+from sim2real.task.together.claims import Claim, Way
+from sim2real.task.together.elsewhere import of_clock, of_pushes
+from sim2real.task.together.reading import read_seen
+from sim2real.task.together.whole import MODULES, NOT_SEEN, Seen, diagnose, patch
+from sim2real.task.track import Track
 
 from np_blind.chain.cases import GAPS, ORDER, draw, make_key
 from np_blind.chain.figures import figures
 from np_blind.chain.judged import judged
 from np_blind.chain.reality import Reality
+from np_common.rotations import yaw_quaternion
 from np_description.camera import CAMERA
 from np_description.contact.model import STEADY
 from np_description.domains import BUMP, Pose
 from np_description.keypoints import box_keypoints
+from np_description.mujoco_engine import MujocoEngine
 from np_description.panda import NOMINAL
-from np_description.rotations import yaw_quaternion
-from np_diagnosis.chain.explanations import Explained, Named
-from np_diagnosis.chain.findings import effects
-from np_diagnosis.chain.motion.stage import predict, share
-from np_diagnosis.chain.scatter import Scatter
-from np_diagnosis.chain.task.lag import Led, lag
-from np_diagnosis.chain.task.lag import judge as judge_lag
-from np_diagnosis.chain.task.meeting import Met
-from np_diagnosis.chain.task.meeting import judge as judge_meeting
-from np_diagnosis.chain.task.recording import TaskRecording
-from np_diagnosis.chain.task.seen import over, seen_pose
-from np_diagnosis.chain.together import claims as made
-from np_diagnosis.chain.together.claims import Claim, Way
-from np_diagnosis.chain.together.elsewhere import of_clock, of_pushes
-from np_diagnosis.chain.together.reading import read_seen
-from np_diagnosis.chain.together.whole import MODULES, NOT_SEEN, Seen, diagnose, patch
-from np_diagnosis.chain.touch.stage import Felt
-from np_diagnosis.chain.track import Track
-from np_diagnosis.commands import chain as command
-from np_diagnosis.recordings.reading import ContractViolation
-from np_diagnosis.recordings.signals import Log
-from np_diagnosis.report.chain_page import render
-from np_diagnosis.report.chain_words import check, document
-from np_effects.patch import Patch, PatchEffect
-from np_effects.saying import Value
-from np_effects.view_effects import ViewEffects
-from np_sim_bridge.mujoco_engine import MujocoEngine
 
 
 def push(late, speed, rng, scale=0.0, noise=3e-4):

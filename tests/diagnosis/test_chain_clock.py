@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sim2real.cli.clock import main
+from sim2real.recordings.reading import ContractViolation
+from sim2real.report.clock_words import sentence
+from sim2real.task.alignment import align, pairs
+from sim2real.task.clock import compare
+from sim2real.task.course import course
+from sim2real.task.frames import frames
+from sim2real.task.streams import from_arrays, read
 
 from np_blind.camera.clocks import PAIRS, SHIFTS, drawn, half_width
 from np_blind.camera.pose_streams import Motion, Rig, random_motion, record
 from np_description.panda import NOMINAL
-from np_diagnosis.chain.alignment import align, pairs
-from np_diagnosis.chain.clock import compare
-from np_diagnosis.chain.course import course
-from np_diagnosis.chain.frames import frames
-from np_diagnosis.chain.streams import from_arrays, read
-from np_diagnosis.commands.clock import main
-from np_diagnosis.recordings.reading import ContractViolation
-from np_diagnosis.report.clock_words import sentence
 
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 STREAMS = REAL / "eth_hand_eye" / "streams.npz"

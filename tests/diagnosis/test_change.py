@@ -8,24 +8,23 @@ import pytest
 from arm_generator import Truth, at, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from np_diagnosis.arm import rigid
-from np_diagnosis.arm.model import panda
-from np_diagnosis.arm.stages import drive
-from np_diagnosis.commands.diagnose import parse
-from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.inference import nuisances
-from np_diagnosis.inference.change import apart, directions
-from np_diagnosis.inference.context import lost_since, make_context
-from np_diagnosis.inference.design import make_design
-from np_diagnosis.inference.loop_delay import settle_delay
-from np_diagnosis.inference.residuals import Stages
-from np_diagnosis.report.document import make_report, to_json
-from np_diagnosis.simulation.patching import make_patch
-from np_effects.stage import Stage
-from np_effects.sums import bent, sliding
-from np_effects.torque_loop import torque_saturation
-from np_effects.transmission import backlash
+from sim2real.arm import rigid
+from sim2real.arm.model import panda
+from sim2real.arm.stages import drive
+from sim2real.cli.diagnose import parse
+from sim2real.diagnosis import diagnose
+from sim2real.effects.stage import Stage
+from sim2real.effects.sums import bent, sliding
+from sim2real.effects.torque_loop import torque_saturation
+from sim2real.effects.transmission import backlash
+from sim2real.inference import nuisances
+from sim2real.inference.change import apart, directions
+from sim2real.inference.context import lost_since, make_context
+from sim2real.inference.design import make_design
+from sim2real.inference.loop_delay import settle_delay
+from sim2real.inference.residuals import Stages
+from sim2real.report.document import make_report, to_json
+from sim2real.simulation.patching import make_patch
 
 # Against the nominal arm: friction, damping, an offset, what no catalogue knows, and every link 5 % heavier.
 WRONG = Truth(

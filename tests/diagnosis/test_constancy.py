@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arm_generator import PERIOD, Truth, record
-
-from np_diagnosis.arm import rigid
-from np_diagnosis.arm.model import panda
-from np_diagnosis.arm.stages import expected_torque
-from np_diagnosis.checks.constancy import _has_slipped, misfits, unexplained_patterns
-from np_diagnosis.checks.omnibus import omnibus_test
-from np_diagnosis.inference.context import make_context
-from np_diagnosis.inference.design import make_design
-from np_diagnosis.inference.search import Search
-from np_diagnosis.recordings.signals import Log
-from np_effects.transmission import transmission_hysteresis as transmission
+from sim2real.arm import rigid
+from sim2real.arm.model import panda
+from sim2real.arm.stages import expected_torque
+from sim2real.checks.constancy import _has_slipped, misfits, unexplained_patterns
+from sim2real.checks.omnibus import omnibus_test
+from sim2real.effects.transmission import transmission_hysteresis as transmission
+from sim2real.inference.context import make_context
+from sim2real.inference.design import make_design
+from sim2real.inference.search import Search
+from sim2real.recordings.signals import Log
 
 JOINT = 2  # counted from 0: the third
 

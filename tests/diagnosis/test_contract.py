@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from arm_generator import Truth, record
 from rclpy.serialization import serialize_message
+from sim2real.arm.model import panda
+from sim2real.arm.stages import expected_torque
+from sim2real.checks.plausibility import check
+from sim2real.cli import diagnose as command
+from sim2real.recordings.reading import ContractViolation, read
+from sim2real.recordings.signals import Log
 
 from np_description.panda import JOINT_NAMES, STATE_NAMES
-from np_diagnosis.arm.model import panda
-from np_diagnosis.arm.stages import expected_torque
-from np_diagnosis.checks.plausibility import check
-from np_diagnosis.commands import diagnose as command
-from np_diagnosis.recordings.reading import ContractViolation, read
-from np_diagnosis.recordings.signals import Log
 from np_record.bag_writer import BagWriter
 from np_record.recorder import Sequencer
 from np_record.topics import BY_NAME, TIMELINE

@@ -7,17 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arm_generator import Truth, at, record
-
-from np_diagnosis.arm.files import load_arm
-from np_diagnosis.arm.model import panda
-from np_diagnosis.checks.plausibility import check
-from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.recordings.reading import read
-from np_diagnosis.report.document import make_report, to_json
-from np_diagnosis.report.page import render
-from np_diagnosis.simulation.simulated_arm import Z1
-from np_effects.joint_dynamics.presliding_friction import MOST as PRESLIDING_MOST
-from np_effects.joint_dynamics.presliding_friction import STROKES as PRESLIDING_STROKES
+from sim2real.arm.files import load_arm
+from sim2real.arm.model import panda
+from sim2real.checks.plausibility import check
+from sim2real.diagnosis import diagnose
+from sim2real.effects.joint_dynamics.presliding_friction import MOST as PRESLIDING_MOST
+from sim2real.effects.joint_dynamics.presliding_friction import STROKES as PRESLIDING_STROKES
+from sim2real.recordings.reading import read
+from sim2real.report.document import make_report, to_json
+from sim2real.report.page import render
+from sim2real.simulation.simulated_arm import Z1
 
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arm_generator import Truth, at, record
+from sim2real.arm.model import panda
+from sim2real.checks.effort_side import DRIVE, SENSOR, is_after_gear, on_the_drives_side
 
 from np_description.panda import NOMINAL
-from np_diagnosis.arm.model import panda
-from np_diagnosis.checks.effort_side import DRIVE, SENSOR, is_after_gear, on_the_drives_side
 
 ARM = panda()
 # Friction that one joint has too much or not at all is no question of the sensor.

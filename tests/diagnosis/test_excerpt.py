@@ -5,10 +5,9 @@ import pytest
 from arm_generator import Truth, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.recordings.excerpt import excerpts
-from np_diagnosis.thresholds import THRESHOLDS
+from sim2real.diagnosis import diagnose
+from sim2real.recordings.excerpt import excerpts
+from sim2real.thresholds import THRESHOLDS
 
 
 def at(joint, value):

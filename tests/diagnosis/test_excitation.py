@@ -8,16 +8,16 @@ import pytest
 from arm_generator import record
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sim2real.diagnosis import diagnose
+from sim2real.excitation.contact_suite.suite import FAMILIES
+from sim2real.excitation.motions import chirp, triangle, visits, waves
+from sim2real.excitation.suite import FURTHER, NAMES, PAUSE, READY, TICK_NS, end_of, schedule, suite
+from sim2real.thresholds import THRESHOLDS
 
 from np_control.controller import Controller
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS, check_command, torque_bounds, velocity_bounds
 from np_description.panda import NOMINAL
-from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.experiments.excitation import FURTHER, NAMES, PAUSE, READY, TICK_NS, end_of, schedule, suite
-from np_diagnosis.experiments.motions import chirp, triangle, visits, waves
-from np_diagnosis.experiments.task.suite import FAMILIES
-from np_diagnosis.thresholds import THRESHOLDS
 
 PLAN = suite()
 EVERYTHING = PLAN + suite(FURTHER)

@@ -10,27 +10,27 @@ import pytest
 from arm_generator import Truth, coloured, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sim2real.arm import rigid
+from sim2real.arm.model import panda
+from sim2real.effects import RECORDS
+from sim2real.effects.catalogue import catalogue
+from sim2real.effects.registry import all_signatures
+from sim2real.effects.sensing.encoder_quantisation import find_quantum
+from sim2real.effects.signature import Parameter
+from sim2real.effects.stage import Stage
+from sim2real.effects.sums import bent
+from sim2real.effects.timing.command_delay import USUAL
+from sim2real.inference import nuisances
+from sim2real.inference.arrow import Arrow, Shape
+from sim2real.inference.cells import Block, make_blocks, make_cell
+from sim2real.inference.context import make_context
+from sim2real.inference.design import make_design
+from sim2real.inference.fit import fit
+from sim2real.inference.loop_delay import loop_delay, settle_delay
+from sim2real.recordings.signals import Log, sample
+from sim2real.report.document import to_json
 
 from np_control.dynamics import build_model
-from np_diagnosis.arm import rigid
-from np_diagnosis.arm.model import panda
-from np_diagnosis.inference import nuisances
-from np_diagnosis.inference.arrow import Arrow, Shape
-from np_diagnosis.inference.cells import Block, make_blocks, make_cell
-from np_diagnosis.inference.context import make_context
-from np_diagnosis.inference.design import make_design
-from np_diagnosis.inference.fit import fit
-from np_diagnosis.inference.loop_delay import loop_delay, settle_delay
-from np_diagnosis.recordings.signals import Log, sample
-from np_diagnosis.report.document import to_json
-from np_effects import RECORDS
-from np_effects.catalogue import catalogue
-from np_effects.registry import all_signatures
-from np_effects.sensing.encoder_quantisation import find_quantum
-from np_effects.signature import Parameter
-from np_effects.stage import Stage
-from np_effects.sums import bent
-from np_effects.timing.command_delay import USUAL
 
 ARM = panda()
 EMPTY = {

@@ -8,14 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from own_simulator import record
-
-from np_diagnosis.arm.model import panda
-from np_diagnosis.inference.estimates import Estimate
-from np_diagnosis.simulation import refit as refitting
-from np_diagnosis.simulation.forward import departures, rms, windows
-from np_diagnosis.simulation.refit import Part, disagree, refit
-from np_diagnosis.thresholds import THRESHOLDS
-from np_effects.patch import Patch, PatchEffect
+from sim2real.arm.model import panda
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.inference.estimates import Estimate
+from sim2real.simulation import refit as refitting
+from sim2real.simulation.forward import departures, rms, windows
+from sim2real.simulation.refit import Part, disagree, refit
+from sim2real.thresholds import THRESHOLDS
 
 SHOT = THRESHOLDS.simulation
 

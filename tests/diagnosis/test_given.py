@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.effects.saying import Value
+from sim2real.report.chain_words import check, document
+from sim2real.task.object_motion import given as motion
+from sim2real.task.object_motion.given import Given, given
+from sim2real.task.object_motion.stage import errors, share
+from sim2real.task.together.whole import Seen, diagnose
 
 from np_blind.chain.reality import Reality
 from np_description.domains import BUMP
-from np_diagnosis.chain.motion import given as motion
-from np_diagnosis.chain.motion.given import Given, given
-from np_diagnosis.chain.motion.stage import errors, share
-from np_diagnosis.chain.together.whole import Seen, diagnose
-from np_diagnosis.report.chain_words import check, document
-from np_effects.patch import Patch, PatchEffect
-from np_effects.saying import Value
-from np_sim_bridge.mujoco_engine import MujocoEngine
+from np_description.mujoco_engine import MujocoEngine
 
 ASIDE, OTHER = (PatchEffect("camera_extrinsics", "camera", {"x": x, "y": x}) for x in (0.01, -0.01))
 ROUGH = PatchEffect("table_friction", "contact", {"relative": 0.9})

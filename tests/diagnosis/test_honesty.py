@@ -9,26 +9,26 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from arm_generator import Truth, at, record
+from sim2real.arm.model import panda
+from sim2real.checks.omnibus import _outlying, omnibus_test
+from sim2real.checks.standstill import _memory, ageing
+from sim2real.diagnosis import diagnose
+from sim2real.effects.stage import Stage
+from sim2real.excitation.suite import suite
+from sim2real.inference.averaging import spread
+from sim2real.inference.context import make_context
+from sim2real.inference.design import make_design
+from sim2real.inference.ranking import generalisations
+from sim2real.inference.search import Model, Search
+from sim2real.recordings.reading import read_bag
+from sim2real.recordings.signals import GRID
+from sim2real.simulation.patching import tried_patch
+from sim2real.thresholds import THRESHOLDS
 
 from np_blind.arm.bags import write_bag
 from np_blind.arm.loop import make_targets, run
 from np_blind.arm.plant.physics import nominal_physics
 from np_description.panda import NOMINAL
-from np_diagnosis.arm.model import panda
-from np_diagnosis.checks.omnibus import _outlying, omnibus_test
-from np_diagnosis.checks.standstill import _memory, ageing
-from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.experiments.excitation import suite
-from np_diagnosis.inference.averaging import spread
-from np_diagnosis.inference.context import make_context
-from np_diagnosis.inference.design import make_design
-from np_diagnosis.inference.ranking import generalisations
-from np_diagnosis.inference.search import Model, Search
-from np_diagnosis.recordings.reading import read_bag
-from np_diagnosis.recordings.signals import GRID
-from np_diagnosis.simulation.patching import tried_patch
-from np_diagnosis.thresholds import THRESHOLDS
-from np_effects.stage import Stage
 
 RNG = np.random.default_rng(3)
 STUCK, AGEING, DROPPING = 3, 3, 1  # the joints, counted from 0
@@ -154,6 +154,6 @@ def test_an_inertia_has_to_matter_in_all_rows_of_a_joint_and_friction_where_it_a
     squares = {(): [9000 * 0.02**2, 1000 * 0.024**2], (0,): [9000 * (0.02**2 - 0.003**2), 1000 * (0.024**2 - 0.011**2)]}
     monkeypatch.setattr(Search, "energies", lambda _, members: squares[members])
     monkeypatch.setattr(Search, "is_negligible", lambda *_: False)
-    monkeypatch.setattr("np_diagnosis.inference.search.visible", lambda *_: 0.0087)
+    monkeypatch.setattr("sim2real.inference.search.visible", lambda *_: 0.0087)
     one, none = (Model(members, np.zeros(1), 0.0) for members in ((0,), ()))
     assert search.is_material(one, none) is matters

@@ -13,16 +13,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
+from sim2real.recordings.signals import Commands, Log
+from sim2real.simulation.closed_loop import Replay, stretch, stretches
+from sim2real.simulation.simulated_arm import Z1, Plant, load_plant, panda_plant
 
 from np_blind.arm import generate
 from np_blind.arm.drawn.cases import Case, make_physics
 from np_blind.arm.drawn.faults import Fault
 from np_blind.arm.judged.patched import patched_physics, read_patch
-from np_control.impedance import torque
-from np_diagnosis.baselines import methods as baselines
-from np_diagnosis.baselines.budget import Budget
-from np_diagnosis.baselines.drive_log import read_drive_log
-from np_diagnosis.baselines.identification import (
+from np_blind.baselines import compare as command
+from np_blind.baselines import methods as baselines
+from np_blind.baselines.budget import Budget
+from np_blind.baselines.drive_log import read_drive_log
+from np_blind.baselines.identification import (
     JOINT,
     Fit,
     active_windows,
@@ -30,11 +34,7 @@ from np_diagnosis.baselines.identification import (
     likeliest_delay,
     paper_identification,
 )
-from np_diagnosis.commands import baselines as command
-from np_diagnosis.recordings.signals import Commands, Log
-from np_diagnosis.simulation.closed_loop import Replay, stretch, stretches
-from np_diagnosis.simulation.simulated_arm import Z1, Plant, load_plant, panda_plant
-from np_effects.patch import Patch, PatchEffect, dump_patch, load_patch
+from np_control.impedance import torque
 
 pytestmark = pytest.mark.timeout(900)  # on a machine with nothing else to do all of it takes one minute
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
@@ -268,7 +268,7 @@ def test_a_patch_of_moments_weighs_what_the_fit_weighs(plant, factors, shifts):
 
 def test_the_baselines_need_neither_ros_nor_torch_nor_pinocchio():
     heavy = "[m for m in ('rclpy', 'torch', 'pinocchio') if m in sys.modules]"
-    command = f"import sys, np_diagnosis.commands.baselines, np_diagnosis.baselines.methods; print({heavy})"
+    command = f"import sys, np_blind.baselines.compare, np_blind.baselines.methods; print({heavy})"
     done = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

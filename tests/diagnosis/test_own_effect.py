@@ -7,9 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from np_diagnosis.experiments.excitation import NAMES
-from np_effects.registry import FOLDERS
+from sim2real.effects.registry import FOLDERS
+from sim2real.excitation.suite import NAMES
 
 HERE = Path(__file__).resolve()
 EXPERIMENTS = ["sinusoid_2", "sinusoid_4", "dwell"]
@@ -17,8 +16,8 @@ SCRIPT = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
 from own_simulator import record
-from np_diagnosis.diagnosis import diagnose
-from np_effects.patch import Patch, PatchEffect
+from sim2real.diagnosis import diagnose
+from sim2real.effects.patch import Patch, PatchEffect
 pull = PatchEffect("steady_pull", "arm", {"force_x": 3.0, "force_z": 4.0})
 found = diagnose([record(json.loads(sys.argv[2]), Patch((pull,)))])
 print(json.dumps([[f.effect.id, f.component, {k: [v.low, v.high] for k, v in f.parameters.items()}]

@@ -7,13 +7,11 @@ import pytest
 from arm_generator import Truth, at, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from np_diagnosis.arm.model import panda
-from np_diagnosis.diagnosis import diagnose
-from np_diagnosis.experiments.ambiguity import Ambiguity, ambiguity, open_question
-from np_diagnosis.experiments.excitation import experiment, suite
-from np_diagnosis.experiments.forecast import planned_cells, planned_log
-from np_diagnosis.experiments.power import (
+from sim2real.arm.model import panda
+from sim2real.diagnosis import diagnose
+from sim2real.excitation.ambiguity import Ambiguity, ambiguity, open_question
+from sim2real.excitation.forecast import planned_cells, planned_log
+from sim2real.excitation.power import (
     EXPERIMENTS,
     NONE,
     UNLIKELY,
@@ -23,14 +21,15 @@ from np_diagnosis.experiments.power import (
     next_experiment,
     powers,
 )
-from np_diagnosis.inference.context import make_context
-from np_diagnosis.inference.design import make_design
-from np_diagnosis.inference.ranking import generalisations, spans
-from np_diagnosis.inference.search import Search
-from np_diagnosis.report.document import make_report, to_json
-from np_diagnosis.report.page import render
-from np_diagnosis.simulation.refit import second_opinion
-from np_diagnosis.thresholds import THRESHOLDS
+from sim2real.excitation.suite import experiment, suite
+from sim2real.inference.context import make_context
+from sim2real.inference.design import make_design
+from sim2real.inference.ranking import generalisations, spans
+from sim2real.inference.search import Search
+from sim2real.report.document import make_report, to_json
+from sim2real.report.page import render
+from sim2real.simulation.refit import second_opinion
+from sim2real.thresholds import THRESHOLDS
 
 
 def belief(ids, mean, spread):
@@ -167,7 +166,7 @@ def test_an_ambiguity_is_answered_with_a_command_and_its_probability(stuck, monk
     diagnosis, log = stuck
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
     # As if the recording had left it open whether it is viscous.
-    monkeypatch.setattr("np_diagnosis.experiments.ambiguity.AMBIGUITY", replace(THRESHOLDS.ambiguity, near=np.inf))
+    monkeypatch.setattr("sim2real.excitation.ambiguity.AMBIGUITY", replace(THRESHOLDS.ambiguity, near=np.inf))
     open_ = replace(diagnosis, findings=(replace(finding, equivalent_to=("viscous_friction",)),))
     question = open_question(open_)
     answer = next_experiment(open_, question)

@@ -4,8 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from np_diagnosis.inference.search import Model, Search
+from sim2real.inference.search import Model, Search
 
 ELASTICITY, BACKLASH, DELAY = 0, 1, 2  # of two parameters, one and one
 NATS = {(): 0.0, (ELASTICITY,): 270.0, (BACKLASH,): 269.0, (DELAY,): 1950.0}

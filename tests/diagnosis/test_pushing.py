@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from push_generator import Sensing, World, pushes, support
-
-from np_diagnosis.chain.limit_surface import CHANNELS, Pushed, residuals, wrench
-from np_diagnosis.chain.push_change import what_changed
-from np_diagnosis.chain.push_fit import identify, registered
-from np_diagnosis.chain.push_parameters import PARAMETERS, from_vector, to_vector
-from np_diagnosis.chain.pushing import read_push, windows
-from np_diagnosis.commands import pushes as command
+from sim2real.cli import pushes as command
+from sim2real.task.limit_surface import CHANNELS, Pushed, residuals, wrench
+from sim2real.task.push_change import what_changed
+from sim2real.task.push_fit import identify, registered
+from sim2real.task.push_parameters import PARAMETERS, from_vector, to_vector
+from sim2real.task.pushing import read_push, windows
 
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 SENSING = Sensing()

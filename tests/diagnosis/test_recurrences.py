@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sim2real.effects import RECORDS
+from sim2real.effects.arm_effects import ArmEffects
+from sim2real.effects.limits import always, is_apart, lost
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.effects.signature import Parameter
+from sim2real.effects.stage import Stage
+from sim2real.effects.sums import first_order, lagged, play, recurrence
+from sim2real.effects.timing.command_delay import delayed
+from sim2real.effects.timing.packet_loss import find_held
+from sim2real.effects.torque_loop.torque_rate_limit import ramped, rate_limited
+from sim2real.effects.torque_loop.torque_saturation import saturated
+from sim2real.inference.cells import Block, Cell, make_cell
+from sim2real.recordings.signals import Log, sample
+from sim2real.thresholds import THRESHOLDS
 
 from np_description.panda import NOMINAL
-from np_diagnosis.inference.cells import Block, Cell, make_cell
-from np_diagnosis.recordings.signals import Log, sample
-from np_diagnosis.thresholds import THRESHOLDS
-from np_effects import RECORDS
-from np_effects.arm_effects import ArmEffects
-from np_effects.limits import always, is_apart, lost
-from np_effects.patch import Patch, PatchEffect
-from np_effects.signature import Parameter
-from np_effects.stage import Stage
-from np_effects.sums import first_order, lagged, play, recurrence
-from np_effects.timing.command_delay import delayed
-from np_effects.timing.packet_loss import find_held
-from np_effects.torque_loop.torque_rate_limit import ramped, rate_limited
-from np_effects.torque_loop.torque_saturation import saturated
 
 PERIOD = 0.002
 

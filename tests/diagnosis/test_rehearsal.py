@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from bags import record_episode
 from rehearsing import BOTH, FRICTION, GRIP, WEIGHTS, Here, losing
+from sim2real.effects.patch import Patch, PatchEffect, load_patch
 
-from np_bringup.commands import rehearse as command
-from np_bringup.commands.rehearse import parse
-from np_bringup.rehearsal import playing, stages
-from np_bringup.rehearsal.learning import Learning, carried
-from np_bringup.rehearsal.page import render, sentence
-from np_bringup.rehearsal.playing import Cell, patch_of, play_all, text_of
-from np_bringup.rehearsal.shares import joined, parts, shapley, subsets, with_intervals
-from np_bringup.rehearsal.stages import Rehearsal, rehearse
-from np_effects.patch import Patch, PatchEffect, load_patch
+from np_evaluation.commands import finetune as command
+from np_evaluation.commands.finetune import parse
+from np_evaluation.finetune import playing, stages
+from np_evaluation.finetune.learning import Learning, carried
+from np_evaluation.finetune.page import render, sentence
+from np_evaluation.finetune.playing import Cell, patch_of, play_all, text_of
+from np_evaluation.finetune.shares import joined, parts, shapley, subsets, with_intervals
+from np_evaluation.finetune.stages import Rehearsal, rehearse
 
 CAMERA = PatchEffect("camera_extrinsics", "camera", {"x": 0.0, "y": 0.01})
 TABLE = PatchEffect("table_height", "environment", {"height": 0.005})
@@ -163,14 +163,14 @@ class TestStages:
         )
 
     def test_last_words_of_libraries_cost_no_training(self, tmp_path):
-        from np_bringup.rehearsal.learning import _last_told
+        from np_evaluation.finetune.learning import _last_told
 
         assert _last_told(['{"steps": 3}', "{0} devices left", "leaked semaphores"], tmp_path) == {"steps": 3}
         with pytest.raises(OSError, match="expected a line of JSON"):
             _last_told(["Killed"], tmp_path)
 
     def test_training_leaves_the_diagnosis_as_it_is(self, tmp_path, monkeypatch):
-        from np_bringup.rehearsal import learning
+        from np_evaluation.finetune import learning
 
         def run(arguments, log, *rest):
             if arguments[0] == "np_training.distill":
@@ -187,7 +187,7 @@ class TestStages:
 
     @pytest.mark.parametrize(("seen", "wanted"), [(None, "1"), ("2,3", "3")])
     def test_a_training_has_the_gpu_of_those_that_are_seen(self, tmp_path, monkeypatch, seen, wanted):
-        from np_bringup.rehearsal import learning
+        from np_evaluation.finetune import learning
 
         code = "import json, os; print(json.dumps({'gpu': os.environ['CUDA_VISIBLE_DEVICES']}))"
         (tmp_path / "tells_its_gpu.py").write_text(code)

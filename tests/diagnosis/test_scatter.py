@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import yaml
 from scipy.signal import lfilter
+from sim2real.effects.patch import load_patch
+from sim2real.recordings.reading import ContractViolation
+from sim2real.task.findings import document
+from sim2real.task.scatter import scatter
+from sim2real.task.track import Track, rests
+from sim2real.thresholds import THRESHOLDS
 
 from np_description.camera import CAMERA
 from np_description.keypoints import box_keypoints
-from np_diagnosis.chain.findings import document
-from np_diagnosis.chain.scatter import scatter
-from np_diagnosis.chain.track import Track, rests
-from np_diagnosis.recordings.reading import ContractViolation
-from np_diagnosis.thresholds import THRESHOLDS
-from np_effects.patch import load_patch
 
 RATE = 30.0  # Hz
 HALF_SIZE = np.array([0.025, 0.035, 0.0025])

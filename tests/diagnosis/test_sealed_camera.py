@@ -2,6 +2,10 @@
 
 import numpy as np
 import pytest
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.effects.view_effects import ViewEffects
+from sim2real.excitation.contact_suite.path import Leg, segment
+from sim2real.excitation.contact_suite.tip import BEYOND
 
 from np_blind.camera.film import BREATH, Film, Strange
 from np_blind.camera.hand_in_view import hidden
@@ -13,10 +17,6 @@ from np_description.camera import CAMERA
 from np_description.domains import Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
-from np_diagnosis.experiments.task.path import Leg, segment
-from np_diagnosis.experiments.task.tip import BEYOND
-from np_effects.patch import Patch, PatchEffect
-from np_effects.view_effects import ViewEffects
 
 HALF = np.array([0.045, 0.03, 0.02])
 PERIOD, IMAGE = 2_000_000, 17  # ns; periods between images

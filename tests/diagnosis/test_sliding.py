@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from push_generator import World, support
 from scipy.spatial.transform import Rotation
-
-from np_diagnosis.chain.sliding import friction, slides
+from sim2real.task.sliding import friction, slides
 
 REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
 HALF, STEP, EVERY, GRAVITY = 0.05, 0.001, 7, 9.81

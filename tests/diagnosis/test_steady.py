@@ -4,9 +4,8 @@ import warnings
 
 import numpy as np
 import pytest
-
-from np_diagnosis.chain.task.steady import unsteady
-from np_diagnosis.chain.track import Track
+from sim2real.task.suite.steady import unsteady
+from sim2real.task.track import Track
 
 IMAGES, CORNERS = 900, 8
 RESTS = [slice(0, IMAGES)]

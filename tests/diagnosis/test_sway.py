@@ -4,22 +4,22 @@ from functools import cache
 
 import numpy as np
 import pytest
+from sim2real.excitation.contact_suite.contacts import SWAY, SWAYS, sway
+from sim2real.excitation.contact_suite.path import OutOfReach, Swing, segment, tip_of
+from sim2real.excitation.contact_suite.room import Lain, Room
+from sim2real.excitation.contact_suite.suite import Situation, task_suite
+from sim2real.recordings.signals import Log
+from sim2real.task.suite.lag import lag
+from sim2real.task.suite.recording import TaskRecording, spans_of
+from sim2real.task.suite.sway import swayed
+from sim2real.task.track import Track
 
+from np_common.rotations import yaw_quaternion
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_description.phases import EXCITE, PhaseState
-from np_description.rotations import yaw_quaternion
-from np_diagnosis.chain.task.lag import lag
-from np_diagnosis.chain.task.recording import TaskRecording, spans_of
-from np_diagnosis.chain.task.sway import swayed
-from np_diagnosis.chain.track import Track
-from np_diagnosis.experiments.task.contacts import SWAY, SWAYS, sway
-from np_diagnosis.experiments.task.path import OutOfReach, Swing, segment, tip_of
-from np_diagnosis.experiments.task.room import Lain, Room
-from np_diagnosis.experiments.task.suite import Situation, task_suite
-from np_diagnosis.recordings.signals import Log
 
 LAIN = Pose(np.array([0.5, -0.05, CARD.half_size[2]]), yaw_quaternion(np.asarray(0.2)))
 TALL = Pose(np.array([0.5, -0.14, 0.045]), LAIN.quaternion)

@@ -8,7 +8,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sim2real.effects.patch import Patch
+from sim2real.simulation.closed_loop import stretches
 
+from np_blind.baselines.identification import Fit
 from np_blind.chain import others as task_others
 from np_blind.chain.baselines import cma as task_cma
 from np_blind.chain.baselines import paper as task_paper
@@ -19,12 +22,9 @@ from np_control.safety import LIMITS
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, Pose
 from np_description.keypoints import box_keypoints
+from np_description.mujoco_engine import MujocoEngine
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_description.phases import EXCITE, PhaseState
-from np_diagnosis.baselines.identification import Fit
-from np_diagnosis.simulation.closed_loop import stretches
-from np_effects.patch import Patch
-from np_sim_bridge.mujoco_engine import MujocoEngine
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_a_case_is_recorded_once_for_all_baselines_and_one_that_fails_takes_none
         raise ValueError("nothing moves")
 
     monkeypatch.setattr("np_blind.chain.judged.recorded", recorded)
-    monkeypatch.setattr("np_diagnosis.chain.motion.stage.errors", lambda recordings, patch: np.array([2.0, 2.0]))
+    monkeypatch.setattr("sim2real.task.object_motion.stage.errors", lambda recordings, patch: np.array([2.0, 2.0]))
     monkeypatch.setattr(task_others, "workers", threads)
     for method, ask in (("paper", fails), ("residual", told), ("cma", told)):
         monkeypatch.setattr(f"np_blind.chain.baselines.{method}.ask", ask)

@@ -4,28 +4,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sim2real.effects import SCENE_RECORDS
+from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
+from sim2real.excitation.contact_suite.contacts import DEEPER, SLOW, touch
+from sim2real.excitation.contact_suite.path import Leg, OutOfReach, joined, segment, tip_of
+from sim2real.excitation.contact_suite.room import Lain, Room
+from sim2real.excitation.contact_suite.suite import FAMILIES, Situation, sides_with_room, task_suite
+from sim2real.excitation.contact_suite.tip import BEYOND, CORNERS, EDGE, RADIUS, leading_yaw, upright
+from sim2real.excitation.contact_suite.witness import OutOfPicture, Witness
+from sim2real.task.contact_force.readings import Reading
+from sim2real.task.contact_force.slide import Slide, slows
+from sim2real.task.contact_force.stage import Believed, hops, judge
+from sim2real.task.explanations import Measured, explain
+from sim2real.task.wrench import Motion, force_covariance, forces
+from sim2real.thresholds import THRESHOLDS
 
+from np_common.rotations import yaw_quaternion
 from np_control.impedance import STIFFNESS_MAX
 from np_control.kinematics import forward_kinematics, jacobian
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, Pose
 from np_description.hand import FLAT_HAND
 from np_description.panda import NOMINAL
-from np_description.rotations import yaw_quaternion
-from np_diagnosis.chain.contact_force import Motion, force_covariance, forces
-from np_diagnosis.chain.explanations import Measured, explain
-from np_diagnosis.chain.force.readings import Reading
-from np_diagnosis.chain.force.slide import Slide, slows
-from np_diagnosis.chain.force.stage import Believed, hops, judge
-from np_diagnosis.experiments.task.contacts import DEEPER, SLOW, touch
-from np_diagnosis.experiments.task.path import Leg, OutOfReach, joined, segment, tip_of
-from np_diagnosis.experiments.task.room import Lain, Room
-from np_diagnosis.experiments.task.suite import FAMILIES, Situation, sides_with_room, task_suite
-from np_diagnosis.experiments.task.tip import BEYOND, CORNERS, EDGE, RADIUS, leading_yaw, upright
-from np_diagnosis.experiments.task.witness import OutOfPicture, Witness
-from np_diagnosis.thresholds import THRESHOLDS
-from np_effects import SCENE_RECORDS
-from np_effects.patch import Patch, PatchEffect, dump_patch, load_patch
 from np_sim_bridge.simulation import Simulation
 
 LAIN = Pose(np.array([0.5, -0.14, 0.045]), yaw_quaternion(np.asarray(0.2)))

@@ -3,9 +3,8 @@
 from dataclasses import FrozenInstanceError, dataclass, field, fields
 
 import pytest
-
-from np_diagnosis.thresholds import THRESHOLDS
-from np_diagnosis.thresholds.entry import entries, table, threshold
+from sim2real.thresholds import THRESHOLDS
+from sim2real.thresholds.entry import entries, table, threshold
 
 
 def test_every_threshold_has_unit_meaning_and_source():

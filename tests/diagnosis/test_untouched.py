@@ -5,23 +5,23 @@ from functools import cache
 
 import numpy as np
 import pytest
+from sim2real.excitation.contact_suite import contacts
+from sim2real.excitation.contact_suite.path import joined, still
+from sim2real.excitation.contact_suite.room import Lain
+from sim2real.recordings.signals import Log
+from sim2real.task.scatter import scatter
+from sim2real.task.suite.covered import uncovered, without_covered
+from sim2real.task.suite.near import Hand, hand
+from sim2real.task.suite.recording import TaskRecording, spans_of
+from sim2real.task.suite.untouched import untouched
+from sim2real.task.track import Track
 
+from np_common.rotations import matrix_from_vector, quaternion_from_matrix, yaw_quaternion
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_description.phases import EXCITE, PhaseState
-from np_description.rotations import matrix_from_vector, quaternion_from_matrix, yaw_quaternion
-from np_diagnosis.chain.scatter import scatter
-from np_diagnosis.chain.task.covered import uncovered, without_covered
-from np_diagnosis.chain.task.near import Hand, hand
-from np_diagnosis.chain.task.recording import TaskRecording, spans_of
-from np_diagnosis.chain.task.untouched import untouched
-from np_diagnosis.chain.track import Track
-from np_diagnosis.experiments.task import contacts
-from np_diagnosis.experiments.task.path import joined, still
-from np_diagnosis.experiments.task.room import Lain
-from np_diagnosis.recordings.signals import Log
 
 LAIN = Pose(np.array([0.5, -0.14, 0.045]), yaw_quaternion(np.asarray(0.2)))
 TOP, ELSEWHERE = 0.09, np.array([0.5, 0.1])

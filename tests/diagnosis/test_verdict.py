@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sim2real.checks.omnibus import LackOfFit
+from sim2real.diagnosis import _lacking
+from sim2real.effects.stage import Stage
 
 from np_description.panda import NOMINAL
-from np_diagnosis.checks.omnibus import LackOfFit
-from np_diagnosis.diagnosis import _lacking
-from np_effects.stage import Stage
 
 ARM = SimpleNamespace(torque_limit=NOMINAL.torque_limit, frictionloss=np.full(7, 0.2))
 CONTEXT = SimpleNamespace(arm=ARM, reference=0)

@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import pytest
 from own_simulator import record
-
-from np_diagnosis.commands import diagnose
-from np_diagnosis.simulation.verification import sentence, verify, write
-from np_effects.patch import Patch, PatchEffect, dump_patch
+from sim2real.cli import diagnose
+from sim2real.effects.patch import Patch, PatchEffect, dump_patch
+from sim2real.simulation.verification import sentence, verify, write
 
 FRICTION = PatchEffect("coulomb_friction", "panda_joint4", {"level": 0.4})
 WRONG = PatchEffect("coulomb_friction", "panda_joint4", {"level": -0.3})

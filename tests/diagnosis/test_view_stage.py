@@ -7,24 +7,24 @@ import numpy as np
 import pytest
 import yaml
 from bags import record_episode
+from sim2real.cli import view as command
+from sim2real.effects.patch import load_patch
+from sim2real.effects.view_effects import ViewEffects
+from sim2real.recordings.reading import ContractViolation
+from sim2real.report.view_page import render
+from sim2real.report.view_words import document
+from sim2real.task.camera.fit import Prior, _Search, at_numbers
+from sim2real.task.camera.lying import lying
+from sim2real.task.camera.model import linearise, scene
+from sim2real.task.camera.parameters import COUNT, EFFECTS, GAP, NAMES, USUAL
+from sim2real.task.camera.places import Place, read_places
+from sim2real.task.camera.view import view
 
 from np_blind.camera import views
 from np_blind.camera.boxes import DEGREE, Case, Detector, Truth, pixels, places, usual
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, WALL, Pose, sample_pose
 from np_description.keypoints import box_keypoints
-from np_diagnosis.chain.view_stage.fit import Prior, _Search, at_numbers
-from np_diagnosis.chain.view_stage.lying import lying
-from np_diagnosis.chain.view_stage.model import linearise, scene
-from np_diagnosis.chain.view_stage.parameters import COUNT, EFFECTS, GAP, NAMES, USUAL
-from np_diagnosis.chain.view_stage.places import Place, read_places
-from np_diagnosis.chain.view_stage.view import view
-from np_diagnosis.commands import view as command
-from np_diagnosis.recordings.reading import ContractViolation
-from np_diagnosis.report.view_page import render
-from np_diagnosis.report.view_words import document
-from np_effects.patch import load_patch
-from np_effects.view_effects import ViewEffects
 
 EXACT = Detector(own=0.0, shared=0.0, gross=(0.0, 0.0), scatter=0.0, measured=(0.0, 0.0))
 UNMEASURED = Detector(measured=None)

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 import yaml
 from rehearsing import BOTH, FRICTION, WEIGHTS, Here, losing
+from sim2real.effects.patch import Patch
 
 from np_blind.robots.queue import DOCTOR, ENGINE, Queue, TimeOver
-from np_bringup.rehearsal import playing, stages
-from np_bringup.rehearsal.learning import Learning
-from np_bringup.rehearsal.playing import text_of
-from np_effects.patch import Patch
+from np_evaluation.finetune import playing, stages
+from np_evaluation.finetune.learning import Learning
+from np_evaluation.finetune.playing import text_of
 
 
 def test_what_is_drawn_is_of_the_seed_and_grows_with_its_size():
@@ -37,8 +37,9 @@ def test_what_is_drawn_is_of_the_seed_and_grows_with_its_size():
 
 
 def test_all_that_is_drawn_is_physical(tmp_path):
+    from sim2real.effects.patch import load_patch
+
     from np_blind.robots.cases import drawn
-    from np_effects.patch import load_patch
 
     for seed in range(6):
         for number in range(12):
@@ -256,10 +257,11 @@ def test_no_stage_is_begun_when_the_time_is_over(tmp_path, monkeypatch):
 
 
 def test_a_recording_is_what_the_doctor_reads():
+    from sim2real.arm.model import panda
+    from sim2real.checks.plausibility import check
+
     from np_blind.robots.recording import record_arm
-    from np_diagnosis.arm.model import panda
-    from np_diagnosis.checks.plausibility import check
-    from np_sim_bridge.mujoco_engine import MujocoEngine
+    from np_description.mujoco_engine import MujocoEngine
 
     log = record_arm(Patch((FRICTION,)), 3, MujocoEngine, ("sweep_4",))
     check(log, panda())

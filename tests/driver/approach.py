@@ -13,16 +13,17 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from np_common.rotations import quaternion_from_matrix, rotation_angle
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA
 from np_description.domains import find_domain, sample_task
 from np_description.keypoints import box_keypoints
+from np_description.message_arrays import pose_arrays, trajectory_arrays
 from np_description.panda import BASE_FRAME, JOINT_NAMES
 from np_description.phases import FAILED, FAULT, POST
-from np_description.rotations import quaternion_from_matrix, rotation_angle
 from np_description.scene import CAMERA_NAME
 from np_ros import qos
-from np_ros.messages import keypoints_message, pose_arrays, pose_message, trajectory_arrays
+from np_ros.messages import keypoints_message, pose_message
 from np_ros.phases import phase_state
 
 DOMAIN = find_domain("card")

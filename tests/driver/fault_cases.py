@@ -12,7 +12,7 @@ import numpy as np
 from backends import silent
 from moving_arm import RUNNING, MovingArm
 
-from np_bringup.backend_suite.commands import Make
+from np_evaluation.conformance.commands import Make
 from np_franka.limits import FR3_LIMITS
 
 BOTH = ("topic", "onboard")

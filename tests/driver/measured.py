@@ -13,11 +13,11 @@ from moving_arm import MovingArm
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from np_bringup.backend_suite.commands import PERIOD
 from np_control.kinematics import forward_kinematics
+from np_description.message_arrays import joint_state_arrays, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, NOMINAL
+from np_evaluation.conformance.commands import PERIOD
 from np_ros import qos
-from np_ros.messages import joint_state_arrays, stamp_nanoseconds
 
 STATISTICS = ("cycles", "cycle_rate_hz", "cycle_p50_ms", "cycle_p99_ms", "cycle_max_ms")
 COUNTS = ("lost_cycles", "commands")

@@ -17,11 +17,11 @@ from graph_tools import Graph, Probe
 from simulated_robot import DRIVER_CORES, SLOW, SimulatedRobot, simulated_robot, urgent
 from trajectory_msgs.msg import JointTrajectory
 
-from np_bringup.backend_suite.commands import TARGETS
 from np_description.panda import JOINT_NAMES, NOMINAL
 from np_description.phases import FAULT, IDLE, PhaseState
+from np_evaluation.conformance.commands import TARGETS
 from np_franka.limits import FR3_LIMITS
-from np_policy.retiming import ACCELERATION_LIMIT, retime
+from np_planning.time_parametrization import ACCELERATION_LIMIT, retime
 from np_ros import qos
 from np_ros.messages import trajectory_message
 from np_ros.phases import phase_message

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 import suite
 from moving_arm import MovingArm
+from sim2real.arm.model import panda
+from sim2real.checks.plausibility import check
+from sim2real.excitation.suite import suite as experiments
+from sim2real.recordings.reading import read
 
-from np_diagnosis.arm.model import panda
-from np_diagnosis.checks.plausibility import check
-from np_diagnosis.experiments.excitation import suite as experiments
-from np_diagnosis.recordings.reading import read
 from np_record.bag import Recording
 
 EXPERIMENT = "sinusoid_7"

@@ -10,16 +10,17 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import PointCloud2
 
 from np_bringup.task_graph import task_graph
+from np_common.rotations import matrix_from_vector, quaternion_from_matrix
 from np_description.calibration import Calibration, Errors, Lens
 from np_description.camera import CAMERA
 from np_description.domains import CARD, sample_task
 from np_description.keypoints import box_keypoints
+from np_description.message_arrays import keypoints_array
 from np_description.panda import BASE_FRAME
-from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 from np_description.scene import CAMERA_NAME
 from np_perception.pose_estimation import project_keypoints
 from np_policy.episode import Episode, EpisodeConfig, Goal
-from np_ros.messages import keypoints_array, pose_message
+from np_ros.messages import pose_message
 from np_sim_bridge.simulation import Simulation
 
 
@@ -42,7 +43,7 @@ def test_the_oracle_projects_from_where_the_camera_is(graph, probe, calibration,
     received = probe.collect("keypoints", PointCloud2)
     probe.advertise("object_pose", PoseStamped)
     probe.wait_until_ready(
-        {graph.run("np_perception", "keypoint_oracle", {"calibration": str(tmp_path / "camera.yaml")})}
+        {graph.run("np_sim_bridge", "keypoint_oracle", {"calibration": str(tmp_path / "camera.yaml")})}
     )
     pose, _ = sample_task(CARD, np.random.default_rng(1))
     probe.publish("object_pose", pose_message(100_000_000, BASE_FRAME, pose.position, pose.quaternion))

@@ -10,14 +10,14 @@ from detector_weights import write_detector
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
+from np_common.rotations import matrix_from_vector, quaternion_from_matrix
 from np_description.calibration import Calibration, Errors, Lens
 from np_description.camera import CAMERA
 from np_description.domains import CARD
-from np_description.rotations import matrix_from_vector, quaternion_from_matrix
+from np_description.message_arrays import camera_info_lens, image_array, keypoints_array, stamp_nanoseconds
 from np_perception.camera.rectify import Rectifier
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 from np_ros import qos
-from np_ros.messages import camera_info_lens, image_array, keypoints_array, stamp_nanoseconds
 
 STAMPS = [3_000_000_000 + 40_000_000 * i for i in range(6)]
 

@@ -29,7 +29,7 @@ def test_what_a_backend_does_not_keep_is_named_and_the_rest_is_judged(graph, pro
     try:
         probe.wait_until(lambda: probe.publishers("joint_states"), what="the backend")
         judged = subprocess.run(
-            [*command("np_bringup", "check_backend"), "minimal_backend", "--limit", "10"],
+            [*command("np_evaluation", "check_backend"), "minimal_backend", "--limit", "10"],
             env=environment,
             capture_output=True,
             text=True,
@@ -49,7 +49,7 @@ def test_what_a_backend_does_not_keep_is_named_and_the_rest_is_judged(graph, pro
 
 def test_nobody_to_judge_is_said(graph):
     judged = subprocess.run(
-        [*command("np_bringup", "check_backend"), "my_arm", "--limit", "1"],
+        [*command("np_evaluation", "check_backend"), "my_arm", "--limit", "1"],
         env={**os.environ, **graph.environment},
         capture_output=True,
         text=True,

@@ -9,8 +9,8 @@ import subprocess
 import pytest
 from graph_tools import command
 
-from np_bringup.commands import demo, evaluate, fuzz, soak
 from np_description.phases import ENDS
+from np_evaluation.commands import demo, evaluate, fuzz, soak
 from np_record.bag import Recording
 
 LIMIT = 280  # s

@@ -11,11 +11,11 @@ from rclpy.duration import Duration
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from np_bringup.nodes.conductor_node import Conductor
 from np_description.domains import CARD, Pose, sample_task
 from np_description.panda import BASE_FRAME
 from np_description.phases import PhaseState
 from np_description.scene import CAMERA_NAME
+from np_evaluation.nodes.episode_runner_node import Conductor
 from np_perception.pose_estimation import project_keypoints
 from np_ros import qos
 from np_ros.messages import keypoints_message, pose_message

@@ -13,23 +13,17 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
+from np_common.rotations import quaternion_from_matrix
 from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, jacobian, pose_distance
 from np_control.operational_space import chosen_gains
 from np_control.safety import LIMITS
+from np_description.message_arrays import joint_state_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.phases import PhaseState
-from np_description.rotations import quaternion_from_matrix
 from np_ros import qos
-from np_ros.messages import (
-    gains_message,
-    joint_state_arrays,
-    joint_state_message,
-    pose_message,
-    stamp_nanoseconds,
-    trajectory_message,
-)
+from np_ros.messages import gains_message, joint_state_message, pose_message, trajectory_message
 from np_ros.phases import phase_message
 
 PERIOD = LIMITS.period_ns

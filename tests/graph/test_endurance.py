@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from np_bringup.commands import fuzz, soak
+from np_evaluation.commands import fuzz, soak
 
 
 def last_line(capsys) -> dict:

@@ -8,19 +8,20 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_tools import Graph
 from sensor_msgs.msg import JointState
+from sim2real.excitation.suite import LOW_DAMPING, suite
 
 from np_control.dynamics import Dynamics
 from np_control.safety import LIMITS
+from np_description.message_arrays import gains_array, joint_state_arrays, trajectory_arrays
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
 from np_diagnosis.commands import excite as command
 from np_diagnosis.commands.excite import make_graph
-from np_diagnosis.experiments.excitation import LOW_DAMPING, suite
 from np_diagnosis.nodes.excite_node import Exciter
 from np_record.bag import Recording
 from np_ros import qos
 from np_ros.client.participant import GraphError
-from np_ros.messages import gains_array, joint_state_arrays, joint_state_message, trajectory_arrays
+from np_ros.messages import joint_state_message
 from np_ros.phases import phase_state
 from np_ros.qos import publisher
 from np_sim_bridge.nodes.bridge import LISTENERS

@@ -13,10 +13,10 @@ from graph_tools import Graph, card_specs, command, reset
 from sensor_msgs.msg import JointState
 
 from np_control.safety import LIMITS
+from np_description.message_arrays import joint_state_arrays, stamp_nanoseconds
 from np_description.panda import STATE_NAMES
 from np_description.phases import ENDS
 from np_ros import qos
-from np_ros.messages import joint_state_arrays, stamp_nanoseconds
 from np_ros.phases import phase_state
 from np_ros.processes.graph import NodeSpec
 
@@ -28,7 +28,8 @@ NO_KEYPOINTS = {"sim_bridge": {**BACKEND_FIRST["sim_bridge"], "camera": False}, 
 NAN_CONTROLLER = """
 import rclpy
 from np_ros import qos
-from np_ros.messages import joint_state_message, stamp_nanoseconds
+from np_description.message_arrays import stamp_nanoseconds
+from np_ros.messages import joint_state_message
 from np_ros.node import Diagnostics, run
 from np_description.panda import JOINT_NAMES
 from rclpy.node import Node

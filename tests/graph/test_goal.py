@@ -13,6 +13,8 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
 
 from np_bringup.nodes.goal_node import MARGIN, goal_pose
+from np_common.cli import INTERRUPTED
+from np_common.rotations import yaw_quaternion
 from np_description.domains import (
     BUMP,
     CARD,
@@ -25,12 +27,11 @@ from np_description.domains import (
     pose_error,
     sample_task,
 )
+from np_description.message_arrays import pose_arrays, stamp_nanoseconds
 from np_description.objects.scenarios import COUNT, fixed_task
 from np_description.panda import BASE_FRAME, NOMINAL, STATE_NAMES
-from np_description.rotations import yaw_quaternion
-from np_record.command import INTERRUPTED
 from np_ros import qos
-from np_ros.messages import joint_state_message, pose_arrays, pose_message, stamp_nanoseconds
+from np_ros.messages import joint_state_message, pose_message
 from np_ros.phases import phase_state
 from np_ros.processes.supervisor import NodeDied
 

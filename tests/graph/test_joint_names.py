@@ -11,8 +11,9 @@ from graph_tools import ROOT
 from sensor_msgs.msg import JointState
 
 from np_bringup.nodes.joint_names_node import Names
+from np_description.message_arrays import BadMessage, joint_state_arrays, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES
-from np_ros.messages import BadMessage, joint_state_arrays, joint_state_message, stamp_nanoseconds
+from np_ros.messages import joint_state_message
 
 FR3 = [name.replace("panda", "fr3") for name in STATE_NAMES]
 """As Franka's own driver calls the arm of today."""

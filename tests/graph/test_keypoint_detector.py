@@ -14,9 +14,10 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from np_description.camera import CAMERA
 from np_description.domains import CARD
+from np_description.message_arrays import keypoints_array, stamp_nanoseconds
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 from np_ros import qos
-from np_ros.messages import camera_info_message, image_message, keypoints_array, stamp_nanoseconds
+from np_ros.messages import camera_info_message, image_message
 
 TOPIC = "camera/image_raw"
 

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import PointCloud2
+from sim2real.effects.patch import Patch, PatchEffect, dump_patch
 
 from np_description.camera import CAMERA
 from np_description.domains import CARD, sample_task
 from np_description.keypoints import box_keypoints
+from np_description.message_arrays import keypoints_array, stamp_nanoseconds
 from np_description.panda import BASE_FRAME
-from np_effects.patch import Patch, PatchEffect, dump_patch
-from np_ros.messages import keypoints_array, pose_message, stamp_nanoseconds
+from np_ros.messages import pose_message
 
 STAMPS = (100_000_000, 134_000_000, 166_000_000)
 
@@ -30,7 +31,7 @@ def ask(probe, pose):
 def test_keypoints_are_the_projected_truth(graph, probe, noise):
     probe.collect("keypoints", PointCloud2)
     probe.advertise("object_pose", PoseStamped)
-    names = {graph.run("np_perception", "keypoint_oracle", {"noise": noise, "seed": 4})}
+    names = {graph.run("np_sim_bridge", "keypoint_oracle", {"noise": noise, "seed": 4})}
     probe.wait_until_ready(names)
     pose, _ = sample_task(CARD, np.random.default_rng(1))
     corners = box_keypoints(np.asarray(CARD.half_size), pose.position, pose.quaternion)
@@ -58,7 +59,7 @@ def test_with_a_patch_it_sees_as_the_camera_that_is_wrong(graph, probe, tmp_path
     (tmp_path / "patch.yaml").write_text(dump_patch(Patch(effects)))
     probe.collect("keypoints", PointCloud2)
     probe.advertise("object_pose", PoseStamped)
-    names = {graph.run("np_perception", "keypoint_oracle", {"effects": str(tmp_path / "patch.yaml")})}
+    names = {graph.run("np_sim_bridge", "keypoint_oracle", {"effects": str(tmp_path / "patch.yaml")})}
     probe.wait_until_ready(names)
     pose, _ = sample_task(CARD, np.random.default_rng(1))
     for number, stamp in enumerate(STAMPS[:2]):

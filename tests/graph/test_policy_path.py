@@ -18,24 +18,22 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
+from np_common.rotations import matrix_from_quaternion
 from np_control.kinematics import forward_kinematics, pose_distance
 from np_description.domains import CARD, sample_task
-from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
-from np_description.phases import PhaseState
-from np_description.rotations import matrix_from_quaternion
-from np_perception.pose_estimation import project_keypoints
-from np_policy.action import TIGHT
-from np_ros import qos
-from np_ros.messages import (
+from np_description.message_arrays import (
     gains_array,
-    joint_state_message,
     keypoints_array,
-    keypoints_message,
     pose_arrays,
-    pose_message,
     stamp_nanoseconds,
     trajectory_arrays,
 )
+from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
+from np_description.phases import PhaseState
+from np_perception.pose_estimation import project_keypoints
+from np_policy.action import TIGHT
+from np_ros import qos
+from np_ros.messages import joint_state_message, keypoints_message, pose_message
 from np_ros.phases import phase_state, refusal_reason
 
 TICK = 100_000_000

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import Image, JointState
+from sim2real.effects.patch import Patch, PatchEffect, dump_patch
 
 from np_description.domains import BUMP
+from np_description.message_arrays import image_array, joint_state_arrays
 from np_description.panda import NOMINAL, STATE_NAMES
-from np_effects.patch import Patch, PatchEffect, dump_patch
-from np_ros.messages import image_array, joint_state_arrays
 from np_ros.processes.graph import NodeSpec
 from np_ros.processes.supervisor import NodeDied
 from np_ros.qos import EVENT

@@ -4,12 +4,12 @@ import json
 
 import pytest
 from graph_tools import Graph
+from sim2real.cli import chain, feel
+from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
 
 from np_description.domains import BUMP
-from np_diagnosis.commands import chain, feel
 from np_diagnosis.commands.excite import make_graph
 from np_diagnosis.nodes.excite_node import Exciter
-from np_effects.patch import Patch, PatchEffect, dump_patch, load_patch
 
 HIGHER = Patch((PatchEffect("table_height", "environment", {"height": 0.006}),))
 SCENE = {"domain": "bump", "object": "default", "seed": 1, "calibration": ""}

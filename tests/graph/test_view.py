@@ -25,12 +25,12 @@ from np_bringup.nodes import robot_state_node
 from np_bringup.view import window
 from np_bringup.view.recorded import RecordedEpisode
 from np_bringup.view.server import PAGE, serve
+from np_common.rotations import matrix_from_quaternion
 from np_control.kinematics import forward_kinematics, hand_pose
 from np_description.domains import BUMP, CARD, Pose
 from np_description.drawing.robot import urdf
 from np_description.drawing.scene_data import SceneData
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_quaternion
 from np_record.bag import Recording
 from np_record.nodes.recorder_node import message_class
 from np_record.topics import BY_NAME

@@ -38,7 +38,7 @@ def test_a_node_refuses_weights_of_another_controller(name, weights, graph):
 def test_an_evaluation_refuses_weights_of_another_controller_before_it_starts_a_node(weights, tmp_path):
     out = tmp_path / "eval"
     options = ["--weights", weights, "--keypoints", "truth", "--controller", "osc", "--out", out]
-    result = finished(*command("np_bringup", "evaluate"), *map(str, options))
+    result = finished(*command("np_evaluation", "evaluate"), *map(str, options))
     assert result.returncode == 1 and result.stdout == ""
     (line,) = result.stderr.splitlines()
     assert line.startswith("evaluate: weights: ") and line.endswith("controller: expected osc, got impedance")

@@ -2,9 +2,9 @@
 
 import torch
 
+from np_common.rotations import matrix_from_vector
 from np_control import kinematics as reference
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_vector
 from np_training.physics import batched_kinematics as kinematics
 
 ROWS = 200

@@ -6,10 +6,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from np_common.rotations import matrix_from_quaternion, quaternion_multiply
 from np_description.camera import CAMERA
 from np_description.domains import BUMP, CARD, WALL, sample_task
 from np_description.keypoints import box_keypoints
-from np_description.rotations import matrix_from_quaternion, quaternion_multiply
 from np_description.symmetry import corner_orders, naming, renamed, symmetries
 from np_policy.observation import normalised_keypoints
 from np_training.environment.environment import as_seen, corners

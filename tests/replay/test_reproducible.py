@@ -12,13 +12,13 @@ from graph_tools import Graph, Probe, card_specs, command, reset
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
+from np_description.message_arrays import pose_arrays
 from np_description.panda import BASE_FRAME
 from np_description.phases import ENDS
 from np_record.bag import Recording
 from np_record.bag_writer import BagWriter
 from np_record.topics import TOPICS
 from np_ros import qos
-from np_ros.messages import pose_arrays
 from np_ros.phases import phase_state
 
 SEED = 5

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from np_common.rotations import matrix_from_vector, quaternion_from_matrix
 from np_description.domains import BUMP, CARD, DOMAINS
-from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 from np_training.reports.words import said
 from np_training.tasks.breakdown import goal_region, groups, groups_of_tasks
 from np_training.tasks.poses import Poses, quarter_tips, sample_poses, sample_tasks

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import torch
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.camera import CAMERA
 from np_description.domains import CARD
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_quaternion
 from np_description.scene import load_model
 from np_training.detector.augment import Augmentation, augment, reduce
 from np_training.detector.contrast import ContrastConfig, MomentumContrast

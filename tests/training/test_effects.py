@@ -7,17 +7,17 @@ import sys
 import numpy as np
 import pytest
 import torch
+from sim2real.effects import RECORDS
+from sim2real.effects.arm_effects import ArmEffects
+from sim2real.effects.patch import Patch, PatchEffect, dump_patch
+from sim2real.effects.record import Place
+from sim2real.effects.view_effects import ViewEffects
+from sim2real.effects.weight import Hold
 
 from np_description.camera import CAMERA
 from np_description.domains import CARD, WALL
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
-from np_effects import RECORDS
-from np_effects.arm_effects import ArmEffects
-from np_effects.patch import Patch, PatchEffect, dump_patch
-from np_effects.record import Place
-from np_effects.view_effects import ViewEffects
-from np_effects.weight import Hold
 from np_training import evaluate, train
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.environment.view import BatchedView, Past

@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from sim2real.excitation.suite import suite
+from sim2real.simulation.simulated_arm import panda_plant
 
-from np_diagnosis.baselines.methods import gap
-from np_diagnosis.experiments.excitation import suite
-from np_diagnosis.simulation.simulated_arm import panda_plant
-from np_training import identify
-from np_training.identify_reference import known_arm, record
+from np_blind.baselines import identify
+from np_blind.baselines.identify_reference import known_arm, record
+from np_blind.baselines.methods import gap
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from np_common.rotations import matrix_from_vector
 from np_control.impedance import STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, pose_distance
 from np_control.operational_space import chosen_gains, operational_space_torque
 from np_description.domains import BUMP, CARD
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_vector
 from np_policy.action import Target
 from np_training.physics.batched import ARM, BatchedPhysics
 from np_training.physics.config import PhysicsConfig

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
+from np_common.rotations import matrix_from_quaternion, rotation_angle
 from np_control.impedance import torque
 from np_control.kinematics import forward_kinematics, pose_distance
 from np_description.domains import BUMP, CARD, DOMAINS, WALL
 from np_description.hand import FLAT_HAND, ROUND_HAND
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_quaternion, rotation_angle
 from np_policy import hand_pose
 from np_policy.networks import PreContactStudent
 from np_training import train

@@ -10,12 +10,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from np_common.rotations import matrix_from_quaternion
 from np_control.impedance import STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics
 from np_description.domains import BUMP, CARD, DOMAINS, WALL
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_quaternion
 from np_description.scene import load_model
 from np_training import train
 from np_training.environment.environment import Environment, EnvironmentConfig

@@ -9,8 +9,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.domains import BUMP, WALL
-from np_description.rotations import matrix_from_quaternion
 from np_description.weights.header import read_metadata
 from np_policy.contract import PRE_CONTACT, PolicyContract
 from np_policy.networks import PreContactStudent

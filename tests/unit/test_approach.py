@@ -6,16 +6,16 @@ import sys
 import numpy as np
 import pytest
 
+from np_common.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 from np_control.kinematics import forward_kinematics, pose_distance
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, Pose, resting_height, sample_task
 from np_description.hand import FLAT_HAND
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
-from np_policy.approach import ApproachConfig, StartError, UnreachableError, plan_approach
-from np_policy.collision import CollisionModel
-from np_policy.planning import Budget, PlanningError, densify, find_path, length
-from np_policy.retiming import ACCELERATION_LIMIT, retime, round_corners
-from np_policy.stand_off import CLEARANCE, gap
+from np_planning.approach import ApproachConfig, StartError, UnreachableError, plan_approach
+from np_planning.collision import CollisionModel
+from np_planning.rrt import Budget, PlanningError, densify, find_path, length
+from np_planning.stand_off import CLEARANCE, gap
+from np_planning.time_parametrization import ACCELERATION_LIMIT, retime, round_corners
 
 FAST = ApproachConfig(budget=Budget(improve=3000))
 
@@ -206,8 +206,8 @@ import numpy as np
 from np_description.domains import WALL, Pose
 from np_description.hand import FLAT_HAND
 from np_description.panda import NOMINAL
-from np_policy.collision import CollisionModel
-from np_policy.planning import Budget, find_path
+from np_planning.collision import CollisionModel
+from np_planning.rrt import Budget, find_path
 collision = CollisionModel(WALL)
 collision.place(Pose(np.array([0.53, 0, 0.05]), np.array([1.0, 0, 0, 0])), 0.01)
 start, goal = np.array({start!r}), np.array({goal!r})

@@ -3,11 +3,11 @@
 import pytest
 
 from np_bringup.backends import ENGINES
-from np_bringup.commands import evaluate
-from np_bringup.commands.bench import observer
 from np_bringup.task_graph import task_graph
 from np_diagnosis.commands import excite
 from np_diagnosis.commands.excite import make_graph
+from np_evaluation.commands import evaluate
+from np_evaluation.commands.bench import observer
 from np_sim_bridge.simulators import SIMULATORS
 
 REAL = {"backend": "franka_driver", "mode": "realtime", "hostname": "robot", "calibration": "camera.yaml"}

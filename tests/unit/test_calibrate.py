@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 
-from np_bringup.calibration_trial.board_recording import record_rests
-from np_bringup.calibration_trial.board_scene import BoardScene, hand_mount, table_mount
-from np_bringup.calibration_trial.trial import card_errors, true_view
+from np_common.rotations import matrix_from_vector, vector_from_matrix
 from np_description.calibration import Lens, load
 from np_description.camera import CAMERA
 from np_description.panda import NOMINAL, STATE_NAMES
-from np_description.rotations import matrix_from_vector, vector_from_matrix
+from np_evaluation.calibration_trial.board_recording import record_rests
+from np_evaluation.calibration_trial.board_scene import BoardScene, hand_mount, table_mount
+from np_evaluation.calibration_trial.trial import card_errors, true_view
 from np_perception.calibration.board import Board, BoardError, Detection
 from np_perception.calibration.evidence import RESTING, CalibrationRefused, averaged, find_rests, read_evidence
 from np_perception.calibration.fitting import calibrate, keypoint_bound

@@ -8,6 +8,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from np_common.rotations import matrix_from_vector, quaternion_from_matrix
 from np_description.calibration import (
     MAX_AGE,
     Calibration,
@@ -20,7 +21,6 @@ from np_description.calibration import (
     norm_bound,
 )
 from np_description.camera import CAMERA
-from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 LENS = Lens(400, 400, 741.0, 742.0, 199.0, 200.5, (0.1, -0.2, 1e-3, -2e-3, 0.05))

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from np_bringup.commands import demo, evaluate
+from np_common.cli import Progress
 from np_description.domains import DOMAINS
 from np_diagnosis.commands import excite
-from np_record.command import Progress
+from np_evaluation.commands import demo, evaluate
 
 ROOT = Path(__file__).resolve().parents[2]
-SHOWN = "from np_record.command import Progress; p = Progress(4, 'part'); [p.show(n, f'at {n}') for n in range(5)]"
+SHOWN = "from np_common.cli import Progress; p = Progress(4, 'part'); [p.show(n, f'at {n}') for n in range(5)]"
 
 
 ALONE = {name: value for name, value in os.environ.items() if not name.startswith("M")}
@@ -133,14 +133,14 @@ SLOW = ("rclpy", "rosbags", "matplotlib", "mujoco", "onnxruntime", "torch", "cv2
     [
         "np_blind.arm.set",
         "np_blind.chain.set",
-        "np_bringup.commands.bench",
-        "np_bringup.commands.calibration_trial",
-        "np_bringup.commands.check_backend",
-        "np_bringup.commands.demo",
-        "np_bringup.commands.evaluate",
-        "np_diagnosis.commands.baselines",
-        "np_diagnosis.commands.clock",
-        "np_diagnosis.commands.diagnose",
+        "np_evaluation.commands.bench",
+        "np_evaluation.commands.calibration_trial",
+        "np_evaluation.commands.check_backend",
+        "np_evaluation.commands.demo",
+        "np_evaluation.commands.evaluate",
+        "np_blind.baselines.compare",
+        "sim2real.cli.clock",
+        "sim2real.cli.diagnose",
         "np_diagnosis.commands.excite",
         "np_perception.commands.calibrate",
         "np_perception.commands.calibration_board",

@@ -12,12 +12,12 @@ import torch
 from policy_weights import write_policies
 from safetensors.torch import load_file, save_file
 
+from np_common.rotations import matrix_from_vector
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
 from np_description.camera import CAMERA
 from np_description.contact.definition import contact_definition
 from np_description.contact.model import HARD, OBJECT_FRICTION, SOFT
 from np_description.domains import BUMP, CARD, DOMAINS, find_domain
-from np_description.rotations import matrix_from_vector
 from np_description.symmetry import renamed
 from np_description.weights.contract import KEY
 from np_description.weights.header import read_metadata, tensors_sha256, with_metadata

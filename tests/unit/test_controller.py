@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
+from sim2real.excitation.contact_suite.tip import BEYOND
 
 from np_control.controller import Controller, ControllerConfig
 from np_control.following import Following
@@ -20,7 +21,6 @@ from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.phases import PhaseState
 from np_description.scene import load_model
-from np_diagnosis.experiments.task.tip import BEYOND
 
 PERIOD = LIMITS.period_ns
 READY = NOMINAL.ready

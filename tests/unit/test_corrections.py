@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from sim2real.effects.arm_effects import ArmEffects
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.effects.view_effects import ViewEffects
 
-from np_bringup.corrections import FRICTION_SHARE, CorrectedDriver, CorrectedView, Foretold, corrections
 from np_control.dynamics import Dynamics
 from np_description.camera import CAMERA
 from np_description.domains import find_domain, sample_task
-from np_effects.arm_effects import ArmEffects
-from np_effects.patch import Patch, PatchEffect
-from np_effects.view_effects import ViewEffects
+from np_evaluation.corrections import FRICTION_SHARE, CorrectedDriver, CorrectedView, Foretold, corrections
 from np_perception.pose_estimation import project_keypoints
 from np_sim_bridge.simulation import Measurement
 

@@ -7,16 +7,16 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sim2real.effects import RECORDS
+from sim2real.effects.arm_effects import ArmEffects
+from sim2real.effects.catalogue import ROW, catalogue, equivalence_classes
+from sim2real.effects.patch import Patch, PatchEffect, load_patch
+from sim2real.effects.record import ARM, EffectRecord, Place
+from sim2real.effects.registry import MODULES, find_records
+from sim2real.effects.stage import Stage
+from sim2real.effects.weight import Hold
 
 from np_description.panda import NOMINAL
-from np_effects import RECORDS
-from np_effects.arm_effects import ArmEffects
-from np_effects.catalogue import ROW, catalogue, equivalence_classes
-from np_effects.patch import Patch, PatchEffect, load_patch
-from np_effects.record import ARM, EffectRecord, Place
-from np_effects.registry import MODULES, find_records
-from np_effects.stage import Stage
-from np_effects.weight import Hold
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "effects"
 every = pytest.mark.parametrize("record", RECORDS.values(), ids=list(RECORDS))
@@ -118,13 +118,13 @@ def test_an_effect_of_ones_own_is_one_file():
 @pytest.mark.parametrize(
     "name, text, message",
     [
-        ("other", "", "expected an np_effects.record.EffectRecord called RECORD"),
+        ("other", "", "expected an sim2real.effects.record.EffectRecord called RECORD"),
         (
             "other",
-            "from np_effects.timing.packet_loss import RECORD\n",
+            "from sim2real.effects.timing.packet_loss import RECORD\n",
             "expected the record of 'other', once; got 'packet_loss'",
         ),
-        ("packet_loss", "from np_effects.timing.packet_loss import RECORD\n", "'packet_loss', once"),
+        ("packet_loss", "from sim2real.effects.timing.packet_loss import RECORD\n", "'packet_loss', once"),
     ],
 )
 def test_a_file_that_is_no_effect_is_named(tmp_path, name, text, message):

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
-from np_bringup.commands import common, soak
-from np_bringup.endurance.random_messages import broken, broken_bytes, message_type, random_message
-from np_bringup.endurance.resources import Trend, Use, growing, trend, use_of
+from np_description.message_arrays import BadMessage, joint_state_arrays
 from np_description.panda import STATE_NAMES
+from np_evaluation.commands import common, soak
+from np_evaluation.endurance.random_messages import broken, broken_bytes, message_type, random_message
+from np_evaluation.endurance.resources import Trend, Use, growing, trend, use_of
 from np_record.topics import FORMER, TOPICS
-from np_ros.messages import BadMessage, joint_state_arrays, joint_state_message
+from np_ros.messages import joint_state_message
 
 KINDS = sorted({topic.type for topic in (*TOPICS, *FORMER)})
 

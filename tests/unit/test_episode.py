@@ -8,9 +8,9 @@ from behind_the_hand import CORNERS_OFF
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from np_common.rotations import matrix_from_vector, quaternion_from_matrix
 from np_description.domains import BUMP, CARD, WALL, Pose, sample_task
 from np_description.phases import PhaseState
-from np_description.rotations import matrix_from_vector, quaternion_from_matrix
 from np_perception.pose_estimation import project_keypoints
 from np_policy.episode import ACTIVE, FAILED, IDLE, Episode, EpisodeConfig, Goal, Refused, Tick
 

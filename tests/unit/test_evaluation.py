@@ -9,16 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from packages import packages_of, sources
 
-from np_bringup import playing
-from np_bringup.commands import demo
-from np_bringup.commands import evaluate as command
-from np_bringup.evaluation import CODE, breakdown, code_sha256, result_of, summary
-from np_bringup.results import Part, Results, split
-from np_bringup.results_plot import results_plot
 from np_bringup.task_graph import task_graph
+from np_common.intervals import wilson_interval
 from np_description.domains import CARD
 from np_description.objects.choice import portable, recorded_domain
-from np_record.intervals import wilson_interval
+from np_evaluation import run_episodes as playing
+from np_evaluation.commands import demo
+from np_evaluation.commands import evaluate as command
+from np_evaluation.results import Part, Results, split
+from np_evaluation.results_plot import results_plot
+from np_evaluation.scoring import CODE, breakdown, code_sha256, result_of, summary
 from np_record.outcome import Outcome
 
 SETTINGS = {
@@ -135,7 +135,7 @@ def test_edited_code_is_other_code(tmp_path, monkeypatch):
     source = package / "policy.py"
     source.write_text("GAIN = 1\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr("np_bringup.evaluation.CODE", ("np_edited",))
+    monkeypatch.setattr("np_evaluation.scoring.CODE", ("np_edited",))
     before = code_sha256()
     assert code_sha256() == before
     (package / "__pycache__").mkdir()

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from sim2real.effects import RECORDS
+from sim2real.effects.arm_effects import ArmEffects
+from sim2real.effects.behaviour import STICTION_SPEED
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.effects.weight import Hold
 
 from np_control.dynamics import Dynamics
 from np_description.panda import NOMINAL
-from np_effects import RECORDS
-from np_effects.arm_effects import ArmEffects
-from np_effects.behaviour import STICTION_SPEED
-from np_effects.patch import Patch, PatchEffect
-from np_effects.weight import Hold
 
 PERIOD = 0.002
 JOINT = "panda_joint3"

@@ -44,7 +44,7 @@ def test_a_loaded_arm_of_six_hinges_is_diagnosed_by_its_motor_current_as_the_gui
     run([sys.executable, "-c", code("diagnose")], tmp_path)
     text = (ROOT / "docs/guide/diagnose.md").read_text()
     line = re.search(r"ros2 run np_diagnosis diagnose (loaded\.npz .*)", text)[1]
-    said = run([sys.executable, "-m", "np_diagnosis.commands.diagnose", *line.split()], tmp_path)
+    said = run([sys.executable, "-m", "sim2real.cli.diagnose", *line.split()], tmp_path)
     assert json.loads(said.splitlines()[-1])["effects"] == ["payload at arm"]
     (entry,) = yaml.safe_load((tmp_path / "runs/six/patch.yaml").read_text())["effects"]
     assert 0.38 < entry["parameters"]["mass"] < 0.42
@@ -54,6 +54,6 @@ def test_another_arm_is_diagnosed_as_the_guide_has_it(tmp_path):
     run([sys.executable, "-c", code("your_own_robot")], tmp_path)
     text = (ROOT / "docs/guide/your_own_robot.md").read_text()
     line = re.search(r"ros2 run np_diagnosis diagnose (run\.npz .*)", text)[1]
-    said = run([sys.executable, "-m", "np_diagnosis.commands.diagnose", *line.split()], tmp_path)
+    said = run([sys.executable, "-m", "sim2real.cli.diagnose", *line.split()], tmp_path)
     assert json.loads(said.splitlines()[-1])["effects"] == ["coulomb_friction at elbow"]
     assert "coulomb_friction" in (tmp_path / "report/patch.yaml").read_text()

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from np_common.rotations import matrix_from_vector, vector_from_matrix
 from np_description.calibration import Lens
 from np_description.camera import CAMERA
-from np_description.rotations import matrix_from_vector, vector_from_matrix
 from np_perception.calibration.board import Board
 from np_perception.calibration.bundle import DegenerateError, Fit, Touch, View, linearise, moved
 from np_perception.calibration.hand_eye import check, park_martin, solve

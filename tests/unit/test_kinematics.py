@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from np_common.rotations import cross, matrix_from_quaternion, matrix_from_vector, vector_from_matrix
 from np_control.dynamics import build_model
 from np_control.kinematics import forward_kinematics, hand_pose, jacobian, pose_distance, solve_ik
 from np_description.domains import CARD
 from np_description.panda import NOMINAL, TCP_FRAME
-from np_description.rotations import cross, matrix_from_quaternion, matrix_from_vector, vector_from_matrix
 from np_description.scene import load_model
 
 torch.set_num_threads(1)

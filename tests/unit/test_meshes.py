@@ -4,12 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.domains import BUMP, CARD, Pose
 from np_description.drawing import meshes
 from np_description.drawing.robot import shapes, urdf
 from np_description.drawing.scene_data import SceneData
 from np_description.panda import FINGER_MAX, NOMINAL
-from np_description.rotations import matrix_from_quaternion
 from np_description.scene import build_scene, load_model
 from np_record.report.third_person import ThirdPerson
 

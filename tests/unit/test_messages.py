@@ -9,9 +9,9 @@ from hypothesis.extra.numpy import arrays
 from rclpy.serialization import deserialize_message, serialize_message
 
 from np_description.camera import CAMERA
+from np_description.message_arrays import BadMessage
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_ros import messages
-from np_ros.messages import BadMessage
 
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 doubles = st.floats(allow_nan=False, allow_infinity=False)

@@ -6,19 +6,19 @@ import mujoco
 import numpy as np
 import pytest
 
+from np_common.rotations import matrix_from_quaternion
 from np_control.kinematics import forward_kinematics, solve_ik
 from np_description.contact.model import CONTACTS, HARD
 from np_description.domains import DOMAINS, Pose, resting_pose
+from np_description.mujoco_engine import MujocoEngine
 from np_description.objects.choice import domain_with, place_in
 from np_description.objects.spec import Contents
 from np_description.objects.table import ROWS, rows_of
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_quaternion
 from np_physx_bridge.engine import PhysxEngine
 from np_physx_bridge.library import missing, sapien
 from np_physx_bridge.scene import Translator
-from np_policy.collision import CollisionModel
-from np_sim_bridge.mujoco_engine import MujocoEngine
+from np_planning.collision import CollisionModel
 from np_sim_bridge.simulation import Simulation
 
 ENGINES = {

@@ -4,14 +4,14 @@ from functools import partial
 
 import numpy as np
 import pytest
+from sim2real.effects.patch import Patch, PatchEffect
 
-from np_bringup.images_seen import DetectorEyes
-from np_bringup.one_process import Eyes, OneProcess
 from np_description.domains import WALL, Pose
-from np_effects.patch import Patch, PatchEffect
+from np_evaluation.in_process import Eyes, OneProcess
+from np_evaluation.keypoint_projector import DetectorEyes
+from np_planning.rrt import PlanningError
 from np_policy.action import PolicyError
 from np_policy.episode import EpisodeConfig
-from np_policy.planning import PlanningError
 from np_sim_bridge.simulation import Simulation
 
 LATE = Patch((PatchEffect("camera_latency", "camera", {"delay": 0.3}),))
@@ -32,7 +32,7 @@ def test_an_episode_succeeds_and_is_the_same_again(first):
 def test_a_patch_changes_an_episode(first, monkeypatch):
     weak = Patch((PatchEffect("gripper_friction", "contact", {"relative": -0.85}),))
     short = partial(EpisodeConfig, post_timeout=2 * first.duration)
-    monkeypatch.setattr("np_bringup.one_process.EpisodeConfig", short)
+    monkeypatch.setattr("np_evaluation.in_process.EpisodeConfig", short)
     weaker = OneProcess(WALL, "mujoco", seed=3, patch=weak).play(0)
     assert first.success and not weaker.success and weaker.reason == "post: timeout"
 
@@ -43,7 +43,7 @@ def test_a_plan_that_is_refused_ends_the_episode_in_words(monkeypatch):
     def refuse(*arguments, **options):
         raise PlanningError("no path found")
 
-    monkeypatch.setattr("np_bringup.one_process.plan_approach", refuse)
+    monkeypatch.setattr("np_evaluation.in_process.plan_approach", refuse)
     refused = played.play(0)
     assert (refused.success, refused.failed_in, refused.reason) == (False, "approach", "approach: no path found")
 

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from np_common.rotations import matrix_from_vector
 from np_control.controller import Controller, ControllerConfig
 from np_control.dynamics import Dynamics
 from np_control.impedance import DAMPING_RATIO_MAX, STIFFNESS_MAX, STIFFNESS_MIN
@@ -15,7 +16,6 @@ from np_control.operational_space import SOFTEST, STIFFEST, chosen_gains, operat
 from np_control.safety import LIMITS
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_vector
 from np_description.scene import load_model
 
 DYNAMICS = Dynamics()

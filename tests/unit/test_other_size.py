@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 import torch
 
+from np_common.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 from np_control.kinematics import solve_ik
 from np_description.contact.model import HARD, SOFT
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, Pose, resting_pose, sample_task
 from np_description.objects.choice import choice_of, place_in
 from np_description.objects.table import rows_of
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 from np_description.scene import OBJECT
 from np_perception.pose_estimation import project_keypoints
+from np_planning.collision import CollisionModel
+from np_planning.stand_off import CLEARANCE, gap
 from np_policy.action import PolicyError
-from np_policy.collision import CollisionModel
 from np_policy.contract import PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PreContactStudent
 from np_policy.other_size import SIZES, carried_over, known_domain, known_in_place
 from np_policy.policy import PreContactPlanner
-from np_policy.stand_off import CLEARANCE, gap
 from np_policy.weights import save
 
 FLAT = np.array([1.0, 0, 0, 0])

@@ -25,7 +25,7 @@ from packages import (
 from pages.renamed import RENAMED
 
 MODULES = modules()
-DOWN_THE_STAIRS = {("np_bringup", "np_training")}
+DOWN_THE_STAIRS = {("np_evaluation", "np_training")}
 """The one arrow upwards: `make bench` measures the detector against its torch module where that is installed."""
 
 KEYS = {
@@ -94,11 +94,11 @@ def test_packages_import_only_from_lower_floors():
     assert upwards == DOWN_THE_STAIRS
 
 
-def test_nobody_imports_bringup_but_the_benchmark_that_judges_it():
+def test_only_the_evaluation_and_the_benchmark_import_bringup():
     assert not [
         m
         for m, path in MODULES.items()
-        if not m.startswith(("np_bringup", "np_blind.robots.")) and "np_bringup" in packages_of(path)
+        if not m.startswith(("np_bringup", "np_evaluation", "np_blind.robots.")) and "np_bringup" in packages_of(path)
     ]
 
 

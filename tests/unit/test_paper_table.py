@@ -6,14 +6,27 @@ from dataclasses import replace
 
 import pytest
 
-from np_bringup.commands import evaluate
-from np_bringup.commands import table3 as command
-from np_bringup.evaluation import Result, breakdown, result_of
-from np_bringup.paper_table import FIXED, OSC, OURS, Cell, Played, Setting, cells, episodes, papers, play, rows, totals
-from np_bringup.paper_table_alone import play_alone
-from np_bringup.paper_table_plot import table_plot
-from np_bringup.results import Results
 from np_description.domains import DOMAINS
+from np_evaluation.commands import evaluate
+from np_evaluation.commands import table3 as command
+from np_evaluation.paper_table import (
+    FIXED,
+    OSC,
+    OURS,
+    Cell,
+    Played,
+    Setting,
+    cells,
+    episodes,
+    papers,
+    play,
+    rows,
+    totals,
+)
+from np_evaluation.paper_table_alone import play_alone
+from np_evaluation.paper_table_plot import table_plot
+from np_evaluation.results import Results
+from np_evaluation.scoring import Result, breakdown, result_of
 from np_record.outcome import Outcome
 
 
@@ -121,7 +134,7 @@ def test_a_cell_is_an_evaluation_with_everything_that_was_asked_for(tmp_path, mo
         return subprocess.CompletedProcess(given, 0, json.dumps({"results": str(file.path)}))
 
     monkeypatch.setattr(subprocess, "run", run)
-    monkeypatch.setattr("np_bringup.commands.episodes_asked.missing", lambda: "")
+    monkeypatch.setattr("np_evaluation.commands.episodes_asked.missing", lambda: "")
     played = play(Cell("bump", "sponge", 2), setting)
     assert [result.episode for result in played.results] == [0, 1] and played.successes == 2
     (options,) = asked
@@ -183,7 +196,7 @@ def test_a_cell_without_a_graph_is_played_once_and_shown(tmp_path, monkeypatch, 
     setting = Setting("mujoco", "truth", 1, 0, tmp_path / "mujoco_truth_0_without_graph", {OURS: ""})
     (result,) = play_alone(Cell("wall", "default", 1), setting).results
     assert result.success and result.engine == "mujoco" and result.contacts == 1
-    monkeypatch.setattr("np_bringup.one_process.OneProcess", None)  # not asked for again
+    monkeypatch.setattr("np_evaluation.in_process.OneProcess", None)  # not asked for again
     assert play_alone(Cell("wall", "default", 1), setting).results == (result,)
     options.show = True
     shown = command.table3(options)

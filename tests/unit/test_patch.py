@@ -6,13 +6,13 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sim2real.effects import RECORDS
+from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
+from sim2real.effects.record import Place
 
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
 from np_description.scene import load_model
-from np_effects import RECORDS
-from np_effects.patch import Patch, PatchEffect, dump_patch, load_patch
-from np_effects.record import Place
 
 joints = st.sampled_from(NOMINAL.joints)
 

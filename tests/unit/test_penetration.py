@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
+from np_common.rotations import matrix_from_quaternion
 from np_control.kinematics import forward_kinematics, solve_ik
 from np_description.contact.depths import PAIRS, Tally
 from np_description.contact.penetration import Penetration
 from np_description.domains import CARD, WALL, Pose
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_quaternion
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 DOWN = matrix_from_quaternion(np.array([0.0, 1.0, 0.0, 0.0]))

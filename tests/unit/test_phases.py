@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
+from np_description.message_arrays import BadMessage, stamp_nanoseconds
 from np_description.phases import PHASES, PhaseState, first_end
 from np_record.bag import BagError, Message
 from np_record.recorded_phases import phase_changes, phase_of
 from np_record.topics import BY_NAME
-from np_ros.messages import BadMessage, stamp_nanoseconds
 from np_ros.phases import phase_message, phase_state, refusal_message, refusal_reason
 
 texts = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)

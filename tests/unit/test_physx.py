@@ -9,21 +9,21 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sim2real.effects.patch import Patch, PatchEffect
 
+from np_common.rotations import matrix_from_quaternion, yaw_quaternion
 from np_control.kinematics import forward_kinematics, solve_ik
 from np_description.contact.model import HARD, SOFT
 from np_description.domains import BUMP, CARD, DOMAINS, WALL, Pose
+from np_description.mujoco_engine import MujocoEngine
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
-from np_description.rotations import matrix_from_quaternion, yaw_quaternion
 from np_description.scene import OBJECT, load_model
-from np_effects.patch import Patch, PatchEffect
 from np_physx_bridge.box_world import PhysxBoxWorld
 from np_physx_bridge.engine import PhysxEngine
 from np_physx_bridge.library import missing, sapien
 from np_physx_bridge.scene import PAD_MASS, SURFACING, Translator, coefficient, scene
 from np_physx_bridge.shapes import CORE, RECESS, RODS
 from np_sim_bridge import static_bench as bench
-from np_sim_bridge.mujoco_engine import MujocoEngine
 from np_sim_bridge.schedule import PERIOD, SECOND
 from np_sim_bridge.simulation import Simulation
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+from np_common.rotations import matrix_from_quaternion, six_from_matrix
 from np_control.impedance import STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics
 from np_description.domains import CARD, sample_task
 from np_description.panda import FINGER_MAX, NOMINAL
-from np_description.rotations import matrix_from_quaternion, six_from_matrix
 from np_perception.pose_estimation import project_keypoints
 from np_policy.action import TIGHT, PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from np_common.rotations import matrix_from_vector, quaternion_from_matrix, quaternion_multiply
 from np_description.camera import CAMERA
 from np_description.domains import CARD, DOMAINS, Pose, pose_error, sample_task
 from np_description.keypoints import box_keypoints
-from np_description.rotations import matrix_from_vector, quaternion_from_matrix, quaternion_multiply
 from np_perception.pose_estimation import (
     FLOOR,
     LIES,

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from np_common.rotations import matrix_from_vector
 from np_description.calibration import CalibrationError, Lens
 from np_description.camera import CAMERA
-from np_description.rotations import matrix_from_vector
 from np_perception.camera.rectify import Rectifier, project_distorted, view_camera
 
 D435 = Lens(1280, 720, 920.0, 921.0, 641.0, 358.0, (0.12, -0.25, 8e-4, -5e-4, 0.08))

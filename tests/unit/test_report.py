@@ -12,15 +12,15 @@ from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import Writer
 from std_msgs.msg import String
 
+from np_common.intervals import wilson_interval
+from np_common.rotations import yaw_quaternion
 from np_description.domains import CARD, WALL, Pose
 from np_description.panda import NOMINAL
 from np_description.phases import PhaseState
-from np_description.rotations import yaw_quaternion
 from np_record.bag import BagError, Recording
 from np_record.bag_writer import INCOMPLETE
 from np_record.cdr import TYPESTORE
 from np_record.commands import report as command
-from np_record.intervals import wilson_interval
 from np_record.outcome import score
 from np_record.recorded_episode import images, load_episode
 from np_record.report.episodes import make_section, write_report

@@ -4,13 +4,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from sim2real.effects import RECORDS
+from sim2real.effects.record import EffectRecord, Place, Quantity
+from sim2real.effects.saying import Value, fields, say
+from sim2real.report.next_steps import next_steps
+from sim2real.report.sentence import sentence
 
 from np_description.panda import NOMINAL
-from np_diagnosis.report.next_steps import next_steps
-from np_diagnosis.report.sentence import sentence
-from np_effects import RECORDS
-from np_effects.record import EffectRecord, Place, Quantity
-from np_effects.saying import Value, fields, say
 
 SIMULATOR = "the simulator"
 

@@ -91,7 +91,7 @@ def test_a_command_is_interrupted_by_a_closed_terminal_too(number):
     # children ignore a closed terminal, and so would the command.
     code = (
         "import signal, time; signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
-        "from np_record.command import interrupt_on_sigterm; interrupt_on_sigterm()\n"
+        "from np_common.cli import interrupt_on_sigterm; interrupt_on_sigterm()\n"
         "try:\n    print('up', flush=True)\n    while True: time.sleep(0.05)\nexcept KeyboardInterrupt:\n    print('ended')"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:

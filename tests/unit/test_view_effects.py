@@ -6,15 +6,15 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sim2real.effects import VIEW_RECORDS
+from sim2real.effects.catalogue import ROW
+from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
+from sim2real.effects.saying import Value, fields, say
+from sim2real.effects.view_effects import ViewEffects
 
 from np_description.camera import CAMERA
 from np_description.domains import CARD, Pose, sample_task
 from np_description.keypoints import box_keypoints
-from np_effects import VIEW_RECORDS
-from np_effects.catalogue import ROW
-from np_effects.patch import Patch, PatchEffect, dump_patch, load_patch
-from np_effects.saying import Value, fields, say
-from np_effects.view_effects import ViewEffects
 from np_perception.seen_corners import SeenCorners
 from np_sim_bridge.view import View
 

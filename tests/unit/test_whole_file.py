@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from np_record.whole_file import write_whole
+from np_common.files import write_whole
 
 
 def test_a_write_that_is_cut_off_leaves_what_was_there(tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from np_record.workers import LOCAL, missing, workers
+from np_common.parallel import LOCAL, missing, workers
 
 needs_dask = pytest.mark.skipif(bool(missing(LOCAL)), reason="Dask is an extra: make cluster")
 
@@ -71,7 +71,7 @@ KILLED = """
 import os, signal, sys, time
 from pathlib import Path
 from test_workers import lasting
-from np_record.workers import workers
+from np_common.parallel import workers
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
@@ -129,13 +129,13 @@ def test_a_case_that_loses_its_worker_twice_fails_alone(cluster):
 
 @needs_dask
 def test_a_cluster_that_does_not_answer_is_refused(monkeypatch):
-    monkeypatch.setattr("np_record.workers._CONNECT", 0.5)
+    monkeypatch.setattr("np_common.parallel._CONNECT", 0.5)
     with pytest.raises(OSError, match="127.0.0.1:1"), workers(1, "tcp://127.0.0.1:1"):
         pass
 
 
 def test_without_dask_the_error_names_the_command(monkeypatch):
-    monkeypatch.setattr("np_record.workers.find_spec", lambda name: None)
+    monkeypatch.setattr("np_common.parallel.find_spec", lambda name: None)
     assert "`make cluster`" in missing(LOCAL) and not missing("")
     with pytest.raises(OSError, match="expected the package distributed, which `make cluster` installs"):
         workers(1, LOCAL)

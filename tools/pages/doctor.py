@@ -101,7 +101,7 @@ def identified(data: Mapping) -> tuple[str, str]:
         for name, m in data["methods"].items()
     ]
     header = ("method", "held-out error before, mrad", "after, mrad", "physics steps", "s")
-    body = f"`python -m np_training.identify {' '.join(data['command'])}`\n\n" + table(header, rows)
+    body = f"`python -m np_blind.baselines.identify {' '.join(data['command'])}`\n\n" + table(header, rows)
     headline = ", ".join(f"{name} {1e3 * m['gap_after_rad']:.3g} mrad" for name, m in data["methods"].items())
     return headline, body + (f"\n{data['note']}\n" if data.get("note") else "")
 

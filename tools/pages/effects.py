@@ -1,8 +1,9 @@
-"""docs/reference/effects.md: the catalogue of effects, from the records of np_effects."""
+"""docs/reference/effects.md: the catalogue of effects, from the records of sim2real.effects."""
 
 from __future__ import annotations
 
-import np_effects
+import sim2real.effects
+
 from pages.markdown import head, table
 
 INTRODUCTION = """What an arm may have that its nominal simulator has not. An entry of `patch.yaml` is an id, a
@@ -22,10 +23,10 @@ def page() -> str:
     """The page: one table of all effects."""
     header = ("effect", "module", "where", "model", "parameters", "visible", "carried by")
     return (
-        head("Effects", "the records of np_effects", f"{INTRODUCTION} {RECORDED}")
-        + table(header, (recorded(record) for record in np_effects.RECORDS.values()))
-        + parts("Camera and keypoints", VIEW, np_effects.VIEW_RECORDS)
-        + parts("Contact, object and table", SCENE, np_effects.SCENE_RECORDS)
+        head("Effects", "the records of sim2real.effects", f"{INTRODUCTION} {RECORDED}")
+        + table(header, (recorded(record) for record in sim2real.effects.RECORDS.values()))
+        + parts("Camera and keypoints", VIEW, sim2real.effects.VIEW_RECORDS)
+        + parts("Contact, object and table", SCENE, sim2real.effects.SCENE_RECORDS)
     )
 
 
@@ -55,7 +56,7 @@ def ranges(record) -> str:
 
 
 def recorded(record) -> tuple[str, ...]:
-    """The row of an np_effects.record.EffectRecord."""
+    """The row of an sim2real.effects.record.EffectRecord."""
     visible = ""
     if record.visible:
         limit = record.visible.limit

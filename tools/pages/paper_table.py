@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from np_bringup.paper_table import OURS, TITLES
+from np_evaluation.paper_table import OURS, TITLES
 from pages.markdown import rate, table
 
 LISTED = 100  # failures, at most

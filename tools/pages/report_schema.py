@@ -9,13 +9,13 @@ from importlib.resources import files
 from pages.markdown import head, table
 
 INTRODUCTION = """`report.json` of `ros2 run np_diagnosis diagnose` keeps this schema
-(`np_diagnosis/data/gap_report.schema.json`) and may have keys beyond it. A name with `[]` is that of each item of a
+(`sim2real/data/gap_report.schema.json`) and may have keys beyond it. A name with `[]` is that of each item of a
 list, with `<name>` that of each key."""
 
 
 def page() -> str:
     """The page: one row a key."""
-    schema = json.loads((files("np_diagnosis") / "data" / "gap_report.schema.json").read_text(encoding="utf-8"))
+    schema = json.loads((files("sim2real") / "data" / "gap_report.schema.json").read_text(encoding="utf-8"))
     return head("The doctor's report", "its schema", INTRODUCTION) + table(
         ("key", "type", "required", "meaning"), rows(schema, "")
     )

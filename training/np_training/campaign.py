@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 
+from np_common.cli import Parser
 from np_description.domains import DOMAINS
-from np_record.command import Parser
 from np_training.options import duration
 from np_training.train_options import CHECKPOINT
 

@@ -12,7 +12,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from np_record.command import Parser
+from np_common.cli import Parser
 from np_training.setting import UNSAID
 
 if TYPE_CHECKING:

@@ -13,13 +13,13 @@ import argparse
 import json
 from pathlib import Path
 
+from np_common.cli import Parser
 from np_description.domains import Domain, find_domain
 from np_description.weights.contract import KEY, Contract
 from np_description.weights.header import read_metadata, tensors_sha256, with_metadata
 from np_description.weights.released import WeightsError, sha256
 from np_perception.contract import DetectorContract
 from np_policy.contract import CONTROLLERS, KINDS, PolicyContract
-from np_record.command import Parser
 from np_training.physics.config import LEARNED_IN, PhysicsConfig, physics_for
 from np_training.tasks.randomisation import DELAY_STEP, PAPER
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from np_common.cli import Parser
 from np_description.domains import DOMAINS
-from np_record.command import Parser
 from np_training.device import DEVICE_HELP, usable
 from np_training.options import duration
 from np_training.physics.carried_effects import load_effects

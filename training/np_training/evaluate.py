@@ -15,10 +15,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from np_common.cli import Parser
 from np_description.domains import DOMAINS
 from np_description.objects.scenarios import COUNT
 from np_description.weights.released import WeightsError
-from np_record.command import Parser
 from np_training.device import DEVICE_HELP, usable
 from np_training.physics.carried_effects import load_effects
 from np_training.physics.config import CONTROLLERS, STEPPING, PhysicsConfig

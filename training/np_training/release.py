@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from np_record.command import Parser
+from np_common.cli import Parser
 from np_training.setting import OBJECT_HELP, RESULTS, WEIGHTS
 
 

@@ -13,8 +13,8 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from np_record.command import Parser
-from np_record.report.pages import page, svg
+from np_common.cli import Parser
+from np_common.html_pages import page, svg
 from np_training.ppo.log import read_log
 from np_training.reports.curves import draw_curves, reached
 from np_training.reports.words import said

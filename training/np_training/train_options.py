@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from np_common.cli import Parser
 from np_description.domains import DOMAINS, Domain, find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.panda import FINGER_MAX
-from np_record.command import Parser
 from np_training.device import DEVICE_HELP, usable
 from np_training.options import count, duration
 from np_training.physics.carried_effects import load_effects

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from np_record.command import Parser
+from np_common.cli import Parser
 
 
 def main() -> None:

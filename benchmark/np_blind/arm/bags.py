@@ -7,12 +7,12 @@ from heapq import merge
 from pathlib import Path
 
 import numpy as np
+from sim2real.excitation.suite import TICK_NS
 
 from np_blind.arm.loop import Run, Targets
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
-from np_diagnosis.experiments.excitation import TICK_NS
 from np_record.bag_writer import BagWriter
 from np_record.bulk import serialized_joint_states
 from np_record.cdr import TYPESTORE, serialized

@@ -16,6 +16,7 @@ from concurrent.futures import as_completed
 from pathlib import Path
 
 import numpy as np
+from sim2real.excitation.suite import suite
 
 from np_blind.arm import six_motion
 from np_blind.arm.drawn.cases import SETS, Case, as_it_was, draw_cases, make_physics
@@ -23,9 +24,8 @@ from np_blind.arm.drawn.changes import SECOND_DAY
 from np_blind.arm.drawn.key import make_key
 from np_blind.arm.loop import Targets, make_targets, run_staying
 from np_blind.sealed import digest
-from np_diagnosis.experiments.excitation import suite
-from np_record.command import Parser, Progress
-from np_record.workers import HELP, workers
+from np_common.cli import Parser, Progress
+from np_common.parallel import HELP, workers
 
 BATCH = 25  # arms moved at once, at most: 30 MB each
 LATER = 86_400 * 1_000_000_000  # ns, from the first day to the second

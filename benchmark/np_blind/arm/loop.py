@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from sim2real.excitation.suite import READY, Segment, end_of, schedule
 
 from np_blind.arm.plant.blind_arm import PERIOD, Plant
 from np_blind.arm.plant.out_of_catalogue_physics import off_centre, slipped
@@ -19,7 +20,6 @@ from np_blind.arm.plant.rigid_arm import JOINTS
 from np_control.impedance import lead
 from np_control.impedance import torque as impedance_torque
 from np_control.safety import LIMITS, limit_torque, slew_gains
-from np_diagnosis.experiments.excitation import READY, Segment, end_of, schedule
 
 WRIST = np.array([1, 1, 1, 1, 0.4, 0.4, 0.3])
 ANGLE_NOISE = 1e-5  # rad

@@ -12,8 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from np_blind.arm.judged.scoring import Score, median
-from np_record.command import Parser
-from np_record.intervals import wilson_interval
+from np_common.cli import Parser
+from np_common.intervals import wilson_interval
 
 NORMAL95 = 1.96  # standard deviations
 # Key of a figure, what it says, its answers to a case, whether more is better.

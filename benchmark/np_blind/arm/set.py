@@ -29,10 +29,10 @@ from np_blind.arm.judged.rehearsal import rehearse
 from np_blind.arm.judged.scoring import Score, score_case, score_gap, summary
 from np_blind.arm.judged.tables import failures_table, figures_table, plot
 from np_blind.sealed import SealError, check, check_doctor, digest
-from np_record.command import Parser
-from np_record.workers import workers
+from np_common.cli import Parser
+from np_common.parallel import workers
 
-DOCTOR = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.diagnose"
+DOCTOR = f"{shlex.quote(sys.executable)} -m sim2real.cli.diagnose"
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

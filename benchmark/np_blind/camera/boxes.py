@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from sim2real.task.camera.places import Place
 
 from np_blind.camera.film import SIGNS
 from np_description.domains import CARD, Domain
-from np_diagnosis.chain.view_stage.places import Place
 
 MIDDLE = np.array([0.5, 0.0])  # m, about which a table tilts
 OPTICAL_X, FORWARD = (

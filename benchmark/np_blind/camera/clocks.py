@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from np_record.command import Parser, Progress
+from np_common.cli import Parser, Progress
 
 if TYPE_CHECKING:  # slow: no --help should wait for it
+    from sim2real.task.clock import Clock
+    from sim2real.task.streams import Stream
+
     from np_blind.camera.pose_streams import Rig
-    from np_diagnosis.chain.clock import Clock
-    from np_diagnosis.chain.streams import Stream
 
 SHIFTS = (-0.08, -0.06, -0.04, -0.02, 0.02, 0.04, 0.06, 0.08)  # s
 DRIFTS = (0.0, 50.0, 100.0, 200.0)  # ppm
@@ -79,8 +80,8 @@ def half_width(clock: Clock) -> float:
 
 def shifted(path: Path, rng: np.random.Generator, tell: Callable[[str], None]) -> Iterator[dict]:
     """A row for each recording, condition and shift: what is recovered of the shift."""
-    from np_diagnosis.chain.clock import compare
-    from np_diagnosis.chain.streams import read
+    from sim2real.task.clock import compare
+    from sim2real.task.streams import read
 
     for recording, names in PAIRS.items():
         a, b = (read(f"{path}:{name}") for name in names)
@@ -110,8 +111,9 @@ def _row(clock: Clock) -> dict:
 
 def drawn(draws: int, seed: int, tell: Callable[[str], None], base: Rig | None = None) -> Iterator[dict]:
     """A row for each synthetic recording: what was true, and what was found. base: what they are changes of, None: `Rig()`."""
+    from sim2real.task.clock import compare
+
     from np_blind.camera.pose_streams import Rig, record
-    from np_diagnosis.chain.clock import compare
 
     base = base or Rig()
     for number in range(draws):

@@ -13,15 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from sim2real.effects.patch import Patch
 
 from np_blind.camera.finding import Finding
 from np_blind.camera.hand_in_view import hidden
 from np_blind.camera.quirks import Quirks
+from np_common.rotations import xyzw_from_wxyz
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA
 from np_description.domains import Pose
-from np_description.rotations import xyzw_from_wxyz
-from np_effects.patch import Patch
 
 NS = 1e-9  # s
 MOMENTS = 7  # of an exposure, whose pictures are averaged

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from sim2real.task.streams import Stream, from_arrays
 
 from np_control.kinematics import hand_pose
 from np_description.panda import NOMINAL
-from np_diagnosis.chain.streams import Stream, from_arrays
 
 WAVES = 4  # sinusoids a joint
 BEND = 0.4  # m

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
+from sim2real.task.sliding import GRAVITY, Slide, friction, slides
 
-from np_diagnosis.chain.sliding import GRAVITY, Slide, friction, slides
-from np_record.command import Parser
+from np_common.cli import Parser
 
 HALF, RATE = 0.0524, 148.0  # m and 1/s, of the tossed cube as it is published
 SUPPORT = 0.383 * 2 * HALF  # m: radius of the limit surface of uniform pressure

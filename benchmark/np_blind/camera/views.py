@@ -14,14 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from sim2real.task.camera.parameters import EFFECTS, NAMES
 
 from np_blind.camera.boxes import DEGREE, Case, Detector, Truth, places, usual
+from np_common.cli import Parser, Progress
 from np_description.domains import BUMP, CARD
-from np_diagnosis.chain.view_stage.parameters import EFFECTS, NAMES
-from np_record.command import Parser, Progress
 
 if TYPE_CHECKING:
-    from np_diagnosis.chain.view_stage.view import View
+    from sim2real.task.camera.view import View
 
 LIMITS = {
     "camera_place": ("camera", 3, 0.002),
@@ -66,7 +66,7 @@ UNKNOWN = ("moved", "dented", "wild")
 
 def row(kind: str, seed: int, number: int, measured: bool) -> dict:
     """One case: what was true, and what was found."""
-    from np_diagnosis.chain.view_stage.view import view  # slow: no --help should wait for it
+    from sim2real.task.camera.view import view  # slow: no --help should wait for it
 
     rng = np.random.default_rng([seed, number, list(KINDS).index(kind), measured])
     gap, more = KINDS[kind](rng)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from np_blind.chain.cases import SET, Case
 from np_blind.repository import relative
-from np_record.command import Progress
-from np_record.whole_file import write_whole
+from np_common.cli import Progress
+from np_common.files import write_whole
 
 NAME = "answer.json"  # of the doctor's answer to a case, in its folder
 Answer = Callable[[Case, int], dict]

@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass, field, replace
 from math import radians
 
 import numpy as np
+from sim2real.effects import SCENE_RECORDS, VIEW_RECORDS
+from sim2real.effects.patch import Patch, PatchEffect
 
 from np_blind.camera import quirks
 from np_blind.camera.film import Film, Strange
@@ -18,8 +20,6 @@ from np_blind.camera.quirks import Quirks
 from np_blind.sealed import SCHEMA
 from np_description.domains import BUMP, Domain
 from np_description.panda import NOMINAL
-from np_effects import SCENE_RECORDS, VIEW_RECORDS
-from np_effects.patch import Patch, PatchEffect
 
 SET = "task"
 OUT = "out"

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from np_blind.chain.cases import CONFOUNDED, OUT
-from np_record.intervals import wilson_interval
+from np_common.intervals import wilson_interval
 
 SEEN = ("camera_extrinsics", "camera_latency", "keypoint_noise", "keypoint_outliers")
 """Effects of camera and timing."""

@@ -15,17 +15,17 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from sim2real.effects import SCENE_RECORDS
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.task.contact_force.stage import Believed
+from sim2real.task.object_motion.stage import errors, share
+from sim2real.task.object_motion.windows import FAMILIES
 
 from np_blind.chain.answering import NAME as ANSWER
 from np_blind.chain.answering import publish, settle_all
 from np_blind.chain.cases import Case, draw
+from np_common.cli import Parser
 from np_description.domains import BUMP
-from np_diagnosis.chain.force.stage import Believed
-from np_diagnosis.chain.motion.stage import errors, share
-from np_diagnosis.chain.motion.windows import FAMILIES
-from np_effects import SCENE_RECORDS
-from np_effects.patch import Patch, PatchEffect
-from np_record.command import Parser
 
 NAME = "harm.json"
 NUMBERS = {"table_friction": "table", "object_mass": "mass", "gripper_friction": "finger"}

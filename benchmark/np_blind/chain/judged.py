@@ -6,24 +6,24 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
+from sim2real.effects.patch import Patch
+from sim2real.effects.view_effects import ViewEffects
+from sim2real.task.camera.places import places
+from sim2real.task.contact_force.stage import Believed
+from sim2real.task.object_motion.given import Given, given
+from sim2real.task.object_motion.stage import errors, share
+from sim2real.task.object_motion.windows import FAMILIES
+from sim2real.task.suite.covered import uncovered
+from sim2real.task.suite.recording import TaskRecording
+from sim2real.task.suite.seen import over, pose_between
+from sim2real.task.together.claims import module_of
+from sim2real.task.together.whole import Seen, Whole, diagnose, patch
 
 from np_blind.chain.baselines.at_once import at_once
 from np_blind.chain.cases import Case
 from np_blind.chain.reality import Reality
 from np_description.camera import CAMERA
 from np_description.domains import BUMP
-from np_diagnosis.chain.force.stage import Believed
-from np_diagnosis.chain.motion.given import Given, given
-from np_diagnosis.chain.motion.stage import errors, share
-from np_diagnosis.chain.motion.windows import FAMILIES
-from np_diagnosis.chain.task.covered import uncovered
-from np_diagnosis.chain.task.recording import TaskRecording
-from np_diagnosis.chain.task.seen import over, pose_between
-from np_diagnosis.chain.together.claims import module_of
-from np_diagnosis.chain.together.whole import Seen, Whole, diagnose, patch
-from np_diagnosis.chain.view_stage.places import places
-from np_effects.patch import Patch
-from np_effects.view_effects import ViewEffects
 
 HELD_OUT = 500_000  # added to the seed of a recording that no stage hears: other starts, other noise, the same set-up
 FELT_FIRST = "touch_object"  # so that drags press as they should

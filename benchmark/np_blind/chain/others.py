@@ -27,8 +27,8 @@ from np_blind.chain.answering import answered, publish, settle_all
 from np_blind.chain.cases import Case, draw
 from np_blind.chain.figures import HARM, rates, share_of_true
 from np_blind.repository import relative
-from np_record.command import Parser
-from np_record.workers import HELP, SINGLE_THREAD, workers
+from np_common.cli import Parser
+from np_common.parallel import HELP, SINGLE_THREAD, workers
 
 METHODS = ("paper", "residual", "cma")
 BESIDE = ("doctor", "at once")
@@ -49,10 +49,11 @@ class Told:
 
 def ask(case: Case, seed: int, methods: Sequence[str], seconds: float) -> dict:
     """What baselines make of a case, and what is left of the held-out motion with each. seconds: that CMA-ES may take."""
+    from sim2real.effects.patch import Patch
+    from sim2real.task.object_motion.stage import errors
+    from sim2real.task.object_motion.windows import FAMILIES
+
     from np_blind.chain.judged import FELT_FIRST, HELD_OUT, recorded
-    from np_diagnosis.chain.motion.stage import errors
-    from np_diagnosis.chain.motion.windows import FAMILIES
-    from np_effects.patch import Patch
 
     begun = time.perf_counter()
     recording, fresh = recorded(case, seed), recorded(case, seed + HELD_OUT, (FELT_FIRST, *FAMILIES))

@@ -15,22 +15,22 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from sim2real.effects.view_effects import ViewEffects
+from sim2real.task.camera.places import Place, places
+from sim2real.task.track import Track
+from sim2real.thresholds import THRESHOLDS
 
 from np_blind.camera.boxes import Case as Scene
 from np_blind.camera.boxes import Truth, put_down
 from np_blind.chain.answering import answered, publish
 from np_blind.chain.cases import Case, draw
 from np_blind.chain.figures import rates
+from np_common.cli import Parser
+from np_common.rotations import wxyz_from_xyzw
 from np_description.camera import CAMERA, Camera
 from np_description.domains import BUMP, Pose
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
-from np_description.rotations import wxyz_from_xyzw
-from np_diagnosis.chain.track import Track
-from np_diagnosis.chain.view_stage.places import Place, places
-from np_diagnosis.thresholds import THRESHOLDS
-from np_effects.view_effects import ViewEffects
-from np_record.command import Parser
 
 COUNT, RESTS, RATE = 8, 3.0, 30  # places; s at each; images a second
 HIDDEN = 1.0  # s between two places, of which there is no image
@@ -42,8 +42,8 @@ PICTURE = "camera_extrinsics"
 
 def ask(case: Case, seed: int) -> dict:
     """What the view stage says of a case once the object has been put down."""
-    from np_diagnosis.chain.view_stage.parameters import EFFECTS
-    from np_diagnosis.chain.view_stage.view import view
+    from sim2real.task.camera.parameters import EFFECTS
+    from sim2real.task.camera.view import view
 
     found = view(recorded(case, seed), CAMERA)
     named = [sorted({one for way in (n.effect, *n.rivals) for one in EFFECTS[way].ids}) for n in found.named]

@@ -6,27 +6,27 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from sim2real.effects.patch import Patch
+from sim2real.effects.view_effects import ViewEffects
+from sim2real.excitation.contact_suite.path import still
+from sim2real.excitation.contact_suite.suite import Situation, task_suite
+from sim2real.excitation.contact_suite.witness import OutOfPicture, Witness
+from sim2real.excitation.suite import Segment, end_of, schedule
+from sim2real.recordings.reading import SECOND
+from sim2real.recordings.signals import Commands, Log
+from sim2real.task.suite.recording import TaskRecording, spans_of
+from sim2real.task.track import Track
+from sim2real.thresholds import THRESHOLDS
 
 from np_control.controller import Answer, Controller
 from np_control.impedance import damping
 from np_control.safety import LIMITS, SafetyFilter
 from np_description.camera import CAMERA
 from np_description.domains import Domain, Pose
+from np_description.engine import MakeEngine
 from np_description.panda import JOINT_NAMES
 from np_description.phases import EXCITE, PhaseState
-from np_diagnosis.chain.task.recording import TaskRecording, spans_of
-from np_diagnosis.chain.track import Track
-from np_diagnosis.experiments.excitation import Segment, end_of, schedule
-from np_diagnosis.experiments.task.path import still
-from np_diagnosis.experiments.task.suite import Situation, task_suite
-from np_diagnosis.experiments.task.witness import OutOfPicture, Witness
-from np_diagnosis.recordings.reading import SECOND
-from np_diagnosis.recordings.signals import Commands, Log
-from np_diagnosis.thresholds import THRESHOLDS
-from np_effects.patch import Patch
-from np_effects.view_effects import ViewEffects
 from np_perception.seen_corners import SeenCorners
-from np_sim_bridge.engine import MakeEngine
 from np_sim_bridge.schedule import PERIOD, Schedule
 from np_sim_bridge.simulation import Simulation
 

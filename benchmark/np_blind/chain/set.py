@@ -17,10 +17,10 @@ from np_blind.chain.answering import answered, publish, settle_all
 from np_blind.chain.cases import SET, draw, make_key
 from np_blind.chain.figures import figures
 from np_blind.sealed import SealError, check, check_doctor, digest, put_down
+from np_common.cli import INTERRUPTED, Parser, interrupt_on_sigterm
+from np_common.parallel import HELP, SINGLE_THREAD, workers
+from np_common.parallel import missing as missing_cluster
 from np_physx_bridge.library import missing
-from np_record.command import INTERRUPTED, Parser, interrupt_on_sigterm
-from np_record.workers import HELP, SINGLE_THREAD, workers
-from np_record.workers import missing as missing_cluster
 
 LOCKED_FROM = 900  # seed from which on a set is sealed
 

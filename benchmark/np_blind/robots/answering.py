@@ -15,17 +15,17 @@ from pathlib import Path
 from threading import Condition, Event
 
 import numpy as np
+from sim2real.effects.patch import Patch, dump_patch, load_patch
 
 from np_blind.repository import relative
 from np_blind.robots.cases import DOMAINS, Robot
 from np_blind.robots.queue import DOCTOR, ENGINE, REHEARSAL, Queue, TimeOver
-from np_bringup.corrections import corrections
-from np_bringup.rehearsal.learning import Learning, carried, warm
-from np_bringup.rehearsal.playing import Cell, Kept, patch_of, play_all, succeeds, text_of
-from np_bringup.rehearsal.stages import KEPT, Rehearsal, rehearse, trained
-from np_effects.patch import Patch, dump_patch, load_patch
-from np_record.command import Progress
-from np_record.whole_file import write_whole
+from np_common.cli import Progress
+from np_common.files import write_whole
+from np_evaluation.corrections import corrections
+from np_evaluation.finetune.learning import Learning, carried, warm
+from np_evaluation.finetune.playing import Cell, Kept, patch_of, play_all, succeeds, text_of
+from np_evaluation.finetune.stages import KEPT, Rehearsal, rehearse, trained
 
 SUITES = 2  # recordings of the task suite, in which the object lies elsewhere
 TASKS = 900  # seed of the tasks by which robots are judged

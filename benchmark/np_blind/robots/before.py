@@ -10,8 +10,8 @@ import numpy as np
 from np_blind.robots.answering import Judging, ablations, nominal_success, reality_of, without_each
 from np_blind.robots.cases import Robot
 from np_blind.robots.queue import ENGINE, REHEARSAL, Queue, TimeOver
-from np_bringup.rehearsal.playing import play_all, succeeds
-from np_bringup.rehearsal.shares import mean_and_interval
+from np_evaluation.finetune.playing import play_all, succeeds
+from np_evaluation.finetune.shares import mean_and_interval
 
 
 def play_before(robots: Sequence[Robot], judging: Judging, queue: Queue) -> list[dict]:

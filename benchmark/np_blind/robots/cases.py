@@ -12,10 +12,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from sim2real.effects.patch import Patch, PatchEffect
 
 from np_blind.sealed import SCHEMA
 from np_description.panda import JOINT_NAMES
-from np_effects.patch import Patch, PatchEffect
 
 SET = "robots"
 DOMAINS = ("wall", "bump")

@@ -25,19 +25,19 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from sim2real.effects.patch import load_patch
 
 from np_blind.robots.answering import TASKS, reality_of
 from np_blind.robots.cases import Robot, read_key
 from np_blind.robots.plot import plot_matrix
 from np_blind.robots.prediction import of_exact, predicted
 from np_blind.robots.queue import AT_ONCE, ENGINE, Queue, TimeOver
-from np_bringup.rehearsal.playing import Cell, Kept, play_all, succeeds, text_of
+from np_common.cli import INTERRUPTED, Parser, interrupt_on_sigterm
+from np_common.parallel import HELP, SINGLE_THREAD, workers
 from np_description.weights.header import read_metadata
 from np_description.weights.released import WeightsError
-from np_effects.patch import load_patch
+from np_evaluation.finetune.playing import Cell, Kept, play_all, succeeds, text_of
 from np_policy.contract import KINDS, PRE_CONTACT
-from np_record.command import INTERRUPTED, Parser, interrupt_on_sigterm
-from np_record.workers import HELP, SINGLE_THREAD, workers
 
 POLICIES = Path(str(files("np_blind") / "data" / "policies.yaml"))
 ROUND = 10  # episodes of every cell before any cell has more

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from np_record.intervals import wilson_interval
+from np_common.intervals import wilson_interval
 
 STAGES = (("nominal", "without the gap", "tab:gray"), ("before", "with it", "tab:red"), ("adopted", "kept", "tab:blue"))
 OF_KEPT = {"before": "patched", "corrected": "patched_corrected", "trained": "patched_after"}

@@ -5,27 +5,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from sim2real.diagnosis import diagnose as diagnose_arm
+from sim2real.effects.patch import Patch
+from sim2real.excitation.suite import end_of, schedule, suite
+from sim2real.recordings.reading import SECOND
+from sim2real.recordings.signals import Commands, Log
+from sim2real.simulation.patching import tried_patch
+from sim2real.task.camera.places import places
+from sim2real.task.object_motion.given import given
+from sim2real.task.suite.recording import TaskRecording
+from sim2real.task.together.whole import Seen
+from sim2real.task.together.whole import diagnose as diagnose_chain
+from sim2real.task.together.whole import patch as patch_of_chain
 
 from np_blind.chain.reality import TORQUE_NOISE, Reality
 from np_control.controller import Controller
 from np_control.impedance import damping
 from np_control.safety import LIMITS, SafetyFilter
 from np_description.domains import BUMP, CARD
+from np_description.engine import MakeEngine
 from np_description.panda import JOINT_NAMES
 from np_description.phases import EXCITE, PhaseState
-from np_diagnosis.chain.motion.given import given
-from np_diagnosis.chain.task.recording import TaskRecording
-from np_diagnosis.chain.together.whole import Seen
-from np_diagnosis.chain.together.whole import diagnose as diagnose_chain
-from np_diagnosis.chain.together.whole import patch as patch_of_chain
-from np_diagnosis.chain.view_stage.places import places
-from np_diagnosis.diagnosis import diagnose as diagnose_arm
-from np_diagnosis.experiments.excitation import end_of, schedule, suite
-from np_diagnosis.recordings.reading import SECOND
-from np_diagnosis.recordings.signals import Commands, Log
-from np_diagnosis.simulation.patching import tried_patch
-from np_effects.patch import Patch
-from np_sim_bridge.engine import MakeEngine
 from np_sim_bridge.simulation import Simulation
 
 SETTLING = 1_000_000_000  # ns at rest before the plan

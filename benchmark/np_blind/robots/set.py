@@ -26,10 +26,11 @@ from np_blind.robots.plot import plot_robots
 from np_blind.robots.queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_blind.robots.sizes import find_robots
 from np_blind.sealed import KEYS, SealError, answered_by, check, check_doctor, digest, put_down
-from np_bringup.rehearsal.learning import Learning, gpus
+from np_common.cli import INTERRUPTED, Parser, interrupt_on_sigterm
+from np_common.parallel import HELP, SINGLE_THREAD, workers
+from np_description.weights.provenance import origin
+from np_evaluation.finetune.learning import Learning, gpus
 from np_physx_bridge.library import missing
-from np_record.command import INTERRUPTED, Parser, interrupt_on_sigterm, origin
-from np_record.workers import HELP, SINGLE_THREAD, workers
 
 LOCKED_FROM = 30  # seed from which on a set is sealed
 

@@ -9,12 +9,12 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+from sim2real.effects.patch import Patch
 
 from np_blind.robots.cases import DOMAINS, LOSS, MOST, Robot, drawn
 from np_blind.robots.queue import TimeOver
-from np_bringup.rehearsal.playing import Cell, play_all, succeeds, text_of
-from np_effects.patch import Patch
-from np_record.command import Progress
+from np_common.cli import Progress
+from np_evaluation.finetune.playing import Cell, play_all, succeeds, text_of
 
 TASKS = 700  # seed of the tasks by which sizes are found: none that a robot is judged by
 MIDDLE = (0.15, 0.33)  # of the loss, so that with as few episodes it is within LOSS

@@ -24,7 +24,6 @@ setup(
             "calibration_board = np_perception.commands.calibration_board:main",
             "camera_player = np_perception.nodes.camera_player_node:main",
             "keypoint_detector = np_perception.nodes.keypoint_detector_node:main",
-            "keypoint_oracle = np_perception.nodes.keypoint_oracle_node:main",
             "object_sheet = np_perception.commands.object_sheet:main",
         ],
     },

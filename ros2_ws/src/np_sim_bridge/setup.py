@@ -19,6 +19,9 @@ setup(
     license="Apache-2.0",
     entry_points={
         # executable = node name = 'np_sim_bridge.nodes.<name>_node:main'
-        "console_scripts": ["sim_bridge = np_sim_bridge.nodes.sim_bridge_node:main"],
+        "console_scripts": [
+            "keypoint_oracle = np_sim_bridge.nodes.keypoint_oracle_node:main",
+            "sim_bridge = np_sim_bridge.nodes.sim_bridge_node:main",
+        ],
     },
 )

@@ -20,8 +20,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from np_common.cli import Parser
 from np_description.domains import DOMAINS
-from np_record.command import Parser
 from np_training.device import DEVICE_HELP, usable
 from np_training.ppo.config import TrainConfig
 

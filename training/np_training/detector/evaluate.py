@@ -18,8 +18,8 @@ import argparse
 import json
 from pathlib import Path
 
+from np_common.cli import Parser
 from np_description.domains import DOMAINS
-from np_record.command import Parser
 
 SETS = ("nominal", "shifted", "ray_caster", "meshes")
 ALWAYS = SETS[:3]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from np_record.command import Parser
+from np_common.cli import Parser
 
 
 def main() -> None:

@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
+from np_common.html_pages import style
 from np_description.domains import Domain
 from np_description.objects.choice import domain_with
 from np_perception.detector import KeypointDetector
-from np_record.report.pages import style
 from np_sim_bridge.renderer import egl_works
 from np_training.detector.held_out import SHIFTED_LOOK, HeldOut, held_out_images
 from np_training.detector.metrics import summarise

@@ -11,8 +11,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from np_common.cli import Parser
 from np_description.domains import DOMAINS
-from np_record.command import Parser
 
 
 def main() -> None:

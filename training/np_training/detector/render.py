@@ -14,10 +14,10 @@ import numpy as np
 import torch
 import warp as wp
 
+from np_common.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 from np_description.camera import CAMERA
 from np_description.domains import Domain
 from np_description.keypoints import box_keypoints
-from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 from np_description.scene import OBJECT, load_model
 from np_training.detector.scenes import STATE_SIZE
 

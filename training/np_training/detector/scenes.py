@@ -13,16 +13,16 @@ from math import pi
 import torch
 from torch.nn import functional
 
-from np_control.kinematics import solve_ik
-from np_description.domains import Domain
-from np_description.panda import FINGER_MAX, NOMINAL
-from np_description.rotations import (
+from np_common.rotations import (
     matrix_from_quaternion,
     matrix_from_vector,
     quaternion_from_matrix,
     quaternion_multiply,
     yaw_quaternion,
 )
+from np_control.kinematics import solve_ik
+from np_description.domains import Domain
+from np_description.panda import FINGER_MAX, NOMINAL
 from np_training.environment import contact
 from np_training.tasks.poses import Poses, sample_tasks, uniform
 

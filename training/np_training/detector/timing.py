@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from np_common.timing import milliseconds
 from np_description.domains import Domain
-from np_description.timing import milliseconds
 from np_description.weights.released import weights_folder
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector, network_name
 from np_training.detector.exporting import Deployed, load_weights

@@ -14,8 +14,8 @@ import json
 import time
 from pathlib import Path
 
+from np_common.cli import Parser
 from np_description.domains import DOMAINS
-from np_record.command import Parser
 from np_training.device import DEVICE_HELP, usable
 from np_training.options import duration
 

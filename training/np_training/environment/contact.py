@@ -16,12 +16,12 @@ from math import pi
 import numpy as np
 import torch
 
+from np_common.rotations import matrix_from_quaternion, matrix_from_vector
 from np_control.kinematics import pose_distance
 from np_description.domains import Domain
 from np_description.hand import BoxShape, CapsuleShape, HandShapes, Shape
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_quaternion, matrix_from_vector
-from np_policy.stand_off import CLEARANCE
+from np_planning.stand_off import CLEARANCE
 from np_training.physics.batched_kinematics import forward_kinematics, solve_ik
 from np_training.tasks.poses import Poses
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import torch
 
+from np_common.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_multiply, six_from_matrix
 from np_description.camera import CAMERA
 from np_description.domains import Domain, is_lost, is_success, pose_error
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
-from np_description.rotations import matrix_from_quaternion, matrix_from_vector, quaternion_multiply, six_from_matrix
 from np_description.symmetry import naming, symmetries
 from np_policy import action as actions
 from np_policy.observation import normalised_keypoints, post_contact_observation

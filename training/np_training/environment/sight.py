@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 import torch
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.camera import CAMERA
 from np_description.keypoints import CORNERS
-from np_description.rotations import matrix_from_quaternion
 from np_training.tasks.poses import Poses
 
 ENOUGH = 3  # corners in sight, with which the detector has six usable ones in .96 of the images

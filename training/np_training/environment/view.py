@@ -1,4 +1,4 @@
-"""The view of a patch in every world at once: np_effects.view_effects for tensors, and images that are late.
+"""The view of a patch in every world at once: sim2real.effects.view_effects for tensors, and images that are late.
 
 Camera, lens and age are the records' own. What is random about keypoints comes from the same hooks too, an image at a time, with tensors in
 place of NumPy's arrays.
@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from sim2real.effects.patch import Patch
+from sim2real.effects.view_record import Disturbance
 
 from np_description.camera import CAMERA
 from np_description.keypoints import COUNT
-from np_effects.patch import Patch
-from np_effects.view_record import Disturbance
 
 IMAGES = 3  # in a policy period, at the camera's 30 Hz
 

@@ -10,18 +10,18 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
+from sim2real.effects.patch import Patch
 
+from np_common.intervals import wilson_interval
 from np_description import limit_share
 from np_description.contact.depths import Tally
 from np_description.domains import find_domain
 from np_description.objects.choice import DEFAULT
 from np_description.weights.header import read_metadata
-from np_effects.patch import Patch
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
 from np_policy.networks import PreContactStudent
 from np_policy.other_size import sizes_known
 from np_policy.weights import load
-from np_record.intervals import wilson_interval
 from np_training.checkpoints import read_state
 from np_training.environment.environment import Environment, EnvironmentConfig
 from np_training.environment.fixed_contact import FixedContact

@@ -13,10 +13,10 @@ import numpy as np
 import torch
 import warp as wp
 
+from np_common.rotations import quaternion_from_matrix, xyzw_from_wxyz
 from np_control.operational_space import chosen_gains
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
-from np_description.rotations import quaternion_from_matrix, xyzw_from_wxyz
 from np_description.scene import OBJECT, load_model
 from np_policy.action import Target
 from np_training.physics.batched_contacts import BatchedContacts

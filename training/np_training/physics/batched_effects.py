@@ -1,4 +1,4 @@
-"""Effects of a patch.yaml in the batched simulator: np_effects.arm_effects for all worlds at once, on the simulator's device."""
+"""Effects of a patch.yaml in the batched simulator: sim2real.effects.arm_effects for all worlds at once, on the simulator's device."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from functools import partial
 
 import numpy as np
 import torch
+from sim2real.effects.arm_effects import ArmEffects
+from sim2real.effects.arrays import Arrays
+from sim2real.effects.patch import Patch
 
-from np_effects.arm_effects import ArmEffects
-from np_effects.arrays import Arrays
-from np_effects.patch import Patch
 from np_training.physics.batched_gravity import BatchedHold
 
 

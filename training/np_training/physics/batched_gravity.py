@@ -1,4 +1,4 @@
-"""The torque that holds many arms against gravity: np_effects.weight.Hold, one thread a posture."""
+"""The torque that holds many arms against gravity: sim2real.effects.weight.Hold, one thread a posture."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import torch
 import warp as wp
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.panda import NOMINAL, PandaModel
-from np_description.rotations import matrix_from_quaternion
 from np_training.physics.chain import Chain, make_chain, posture, vec7
 
 wp.set_module_options({"max_unroll": 1, "enable_backward": False})

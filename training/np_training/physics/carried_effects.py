@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from np_effects import RECORDS, SCENE_RECORDS, VIEW_RECORDS
-from np_effects.patch import Patch, load_patch
+from sim2real.effects import RECORDS, SCENE_RECORDS, VIEW_RECORDS
+from sim2real.effects.patch import Patch, load_patch
 
 CARRIED = tuple(
     record.id

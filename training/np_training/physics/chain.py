@@ -11,8 +11,8 @@ from typing import Any
 
 import warp as wp
 
+from np_common.rotations import xyzw_from_wxyz
 from np_description.panda import NOMINAL, PandaModel
-from np_description.rotations import xyzw_from_wxyz
 
 wp.set_module_options({"max_unroll": 1, "enable_backward": False})
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from sim2real.effects.patch import Patch
+
 from np_description.contact.model import HARD, SOFT, Compliance, ContactModel
 from np_description.domains import Domain
-from np_effects.patch import Patch
 from np_training.physics.carried_effects import check_carried
 
 CONTROLLERS = ("impedance", "osc")

@@ -10,9 +10,9 @@ import mujoco
 import torch
 import warp as wp
 
+from np_common.rotations import quaternion_multiply
 from np_description.contact.penetration import kind_of
 from np_description.domains import Domain
-from np_description.rotations import quaternion_multiply
 from np_description.scene import OBJECT, SUPPORT, SUPPORT_PROUD, SUPPORT_SHARE, TIP
 
 # A body's mass has to change together with that of its subtree, which centres of mass are divided by.

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from np_record.report.pages import style
+from np_common.html_pages import style
 from np_training.ppo.curriculum import STAGES
 from np_training.reports.words import said
 

@@ -6,8 +6,8 @@ from math import degrees, pi
 
 import torch
 
+from np_common.rotations import rotation_angle
 from np_description.domains import Domain
-from np_description.rotations import rotation_angle
 from np_training.tasks.poses import Poses, quarter_tips
 
 

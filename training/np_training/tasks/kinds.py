@@ -8,8 +8,8 @@ from math import pi
 
 import torch
 
+from np_common.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
 from np_description.domains import Domain
-from np_description.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
 from np_training.tasks.poses import Poses, from_any, sample_poses, sample_tasks, uniform
 
 SQUARE = 0.35  # rad: how far a cube that is to roll is turned from the bump's direction

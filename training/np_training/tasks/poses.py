@@ -8,8 +8,8 @@ from math import pi
 
 import torch
 
+from np_common.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
 from np_description.domains import Domain, Region
-from np_description.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
 
 
 @dataclass(frozen=True)

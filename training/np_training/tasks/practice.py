@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import torch
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.domains import Domain
-from np_description.rotations import matrix_from_quaternion
 from np_training.tasks.kinds import Kind, height_at_rest
 from np_training.tasks.poses import Poses, draw_apart, uniform, uniform_with_ends
 from np_training.tasks.registry import find_task

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from sim2real.excitation.suite import READY
 
 from np_blind.arm.drawn import six_hinges
 from np_blind.arm.drawn.background import WIDE_FROM, give_background, give_day, holds, is_wide
@@ -12,7 +13,6 @@ from np_blind.arm.drawn.changes import FIRST_DAY, SECOND_DAY, levels, since
 from np_blind.arm.drawn.faults import EFFECTS, Fault, Parameters, apply, largest, limit_of, visible, widen
 from np_blind.arm.drawn.out_of_catalogue import OUT_OF_CATALOGUE, apply_out_of_catalogue, deal
 from np_blind.arm.plant.physics import Physics, nominal_physics
-from np_diagnosis.experiments.excitation import READY
 
 OUT_OF_CATALOGUE_KIND = "stranger"  # as sealed keys and published results say it
 KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, OUT_OF_CATALOGUE_KIND: 0.175}

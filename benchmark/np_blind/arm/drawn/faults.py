@@ -1,6 +1,6 @@
 """The faults an arm of the blind test may have: the arm-side effects of the catalogue, and what no catalogue has.
 
-A fault has a size in multiples of its declared detection limit (`np_effects.record.Visible`). Parameters that the
+A fault has a size in multiples of its declared detection limit (`sim2real.effects.record.Visible`). Parameters that the
 key names are changes against the nominal arm; torques are those that resist the motion.
 """
 
@@ -10,13 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from sim2real.effects import RECORDS
+from sim2real.effects.record import Visible
 
 from np_blind.arm.plant.physics import Physics
 from np_blind.arm.plant.rigid_arm import nominal_inertials, tcp_in_link7
 from np_control.impedance import STIFFNESS_MAX
 from np_description.panda import JOINT_NAMES, NOMINAL
-from np_effects import RECORDS
-from np_effects.record import Visible
 
 ARM = "arm"
 ROTOR_FIXED = 1e5  # Nm/rad, of a gear in which nothing but play or hysteresis is of interest

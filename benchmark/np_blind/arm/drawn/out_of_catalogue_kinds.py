@@ -4,10 +4,10 @@ by any name of it."""
 from __future__ import annotations
 
 import numpy as np
+from sim2real.excitation.suite import READY, SECOND, THIRD
 
 from np_blind.arm.drawn.faults import Parameters
 from np_blind.arm.plant.physics import Physics
-from np_diagnosis.experiments.excitation import READY, SECOND, THIRD
 
 SCALE = np.array([0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015])  # Nm of size 1
 LOAD = np.array([3.0, 20.0, 8.0, 16.0, 1.0, 2.0, 0.4])  # Nm that the drives give now and then

@@ -7,13 +7,13 @@ among kinds.
 from __future__ import annotations
 
 import numpy as np
+from sim2real.excitation.suite import READY
 
 from np_blind.arm.drawn.faults import Parameters
 from np_blind.arm.drawn.out_of_catalogue_kinds import LOAD
 from np_blind.arm.plant.physics import Physics
 from np_control.impedance import STIFFNESS_MAX
 from np_description.panda import NOMINAL
-from np_diagnosis.experiments.excitation import READY
 
 SPEED = 0.3  # rad/s, of a joint in motion
 SWING = np.array([2.2, 1.9, 2.1, 1.3, 0.6, 0.4, 0.3])  # Nm, RMS of what the suite asks drives for beside gravity

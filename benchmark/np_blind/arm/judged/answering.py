@@ -23,9 +23,9 @@ from np_blind.arm.generate import bag_path, batches, make_bags, reference_path, 
 from np_blind.arm.judged import others
 from np_blind.arm.judged.followup import follow_up
 from np_blind.repository import relative
-from np_record.command import Progress
-from np_record.workers import SINGLE_THREAD, Workers
-from np_ros.processes.parent import end_with_parent
+from np_common.cli import Progress
+from np_common.parallel import SINGLE_THREAD, Workers
+from np_common.parent_process import end_with_parent
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from sim2real.excitation.suite import suite
 
 from np_blind.arm.drawn.cases import OUT_OF_CATALOGUE_KIND, Case, make_physics
 from np_blind.arm.loop import make_targets, run_staying
 from np_blind.repository import relative
-from np_diagnosis.experiments.excitation import suite
 
 FOLDER = "next"
 LATER = 600_000_000_000  # ns from the beginning of one recording to the next

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
+from sim2real.excitation.motions import Motion, visits, waves
+from sim2real.excitation.suite import READY, SCALE, Segment
 
 from np_blind.arm.drawn.cases import Case, make_physics
 from np_blind.arm.judged.patched import patched_physics
 from np_blind.arm.loop import Targets, make_targets, run_staying
 from np_blind.arm.plant.physics import Physics, stack
 from np_control.impedance import STIFFNESS_MAX
-from np_diagnosis.experiments.excitation import READY, SCALE, Segment
-from np_diagnosis.experiments.motions import Motion, visits, waves
 
 LOST = 1.0  # rad
 _SEED = 20261121

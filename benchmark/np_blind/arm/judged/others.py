@@ -1,4 +1,4 @@
-"""What others' identification makes of the same cases (np_diagnosis.baselines.methods), scored by the same rules.
+"""What others' identification makes of the same cases (np_blind.baselines.methods), scored by the same rules.
 
 A baseline fits a fixed list of parameters. To be asked the doctor's questions it is read as generously as
 can be: what
@@ -27,11 +27,11 @@ from np_blind.arm.judged.heldout import heldout_gaps
 from np_blind.arm.judged.patched import PatchError, patched_physics, read_patch
 from np_blind.arm.judged.scoring import Score, modules, score_case, score_gap, summary
 from np_blind.repository import relative
+from np_common.parent_process import end_with_parent
 from np_description.panda import JOINT_NAMES
-from np_ros.processes.parent import end_with_parent
 
 NAMES = ("none", "paper", "sysid_3", "sysid_6")
-COMMAND = f"{shlex.quote(sys.executable)} -m np_diagnosis.commands.baselines --threads 1"
+COMMAND = f"{shlex.quote(sys.executable)} -m np_blind.baselines.compare --threads 1"
 KEYS = (
     "module_accuracy",
     "joint_accuracy",

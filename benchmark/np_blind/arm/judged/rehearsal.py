@@ -11,7 +11,7 @@ from dataclasses import replace
 from np_blind.arm.drawn.cases import draw_cases
 from np_blind.arm.judged.answering import Asking, answer_all, report_path
 from np_blind.sealed import SealError
-from np_record.workers import Workers
+from np_common.parallel import Workers
 
 MOTIONS = ("sinusoid_2", "sinusoid_4", "triangle_fast")  # the doctor asks for ten blocks of motion
 

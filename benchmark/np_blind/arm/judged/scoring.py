@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from sim2real.effects.catalogue import catalogue, equivalence_classes
 
 from np_blind.arm.drawn.cases import OUT_OF_CATALOGUE_KIND
-from np_effects.catalogue import catalogue, equivalence_classes
-from np_record.intervals import wilson_interval
+from np_common.intervals import wilson_interval
 
 CLEAR = 3.0  # times its detection limit, from which on an effect must be named
 REDUCIBLE = 0.2  # of the gap, which the true faults must remove for its share to mean something

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.panda import NOMINAL, Frame, PandaModel
-from np_description.rotations import matrix_from_quaternion
 
 JOINTS = 7
 GRAVITY = 9.81

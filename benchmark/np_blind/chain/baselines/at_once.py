@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_diagnosis.chain.force.stage import Believed
-from np_diagnosis.chain.together.whole import Whole
-from np_effects import SCENE_RECORDS, VIEW_RECORDS
-from np_effects.patch import Patch, PatchEffect
+from sim2real.effects import SCENE_RECORDS, VIEW_RECORDS
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.task.contact_force.stage import Believed
+from sim2real.task.together.whole import Whole
 
 FORCES = {"table": "table_friction", "mass": "object_mass", "finger": "gripper_friction"}
 

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.task.object_motion.stage import errors
+from sim2real.task.suite.recording import TaskRecording
 
 from np_blind.chain.cases import RECORDS
 from np_blind.chain.others import Told
-from np_diagnosis.chain.motion.stage import errors
-from np_diagnosis.chain.task.recording import TaskRecording
-from np_effects.patch import Patch, PatchEffect
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """A baseline of the chain's set: the paper's identification, of the arm alone.
 
 Friction, damping and armature of each joint by CMA-ES, as Kim et al. (IROS 2023) do before their randomisation: commands are replayed until the
-joint positions agree (`np_diagnosis.baselines.identification`). The task suite has no sinusoids of single joints; what of it the hand does in the
+joint positions agree (`np_blind.baselines.identification`). The task suite has no sinusoids of single joints; what of it the hand does in the
 air is used, and of each joint the windows in which it moves most.
 """
 
@@ -11,19 +11,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from sim2real.effects.patch import Patch
+from sim2real.simulation.closed_loop import Stretch, stretches
+from sim2real.simulation.simulated_arm import panda_plant
+from sim2real.task.object_motion.stage import errors
+from sim2real.task.suite.recording import TaskRecording
 
 from np_blind.arm.drawn.faults import limit_of
+from np_blind.baselines.budget import Budget
+from np_blind.baselines.identification import paper_identification
+from np_blind.baselines.methods import as_patch
 from np_blind.chain.others import Told
 from np_control.safety import LIMITS
 from np_description.panda import JOINT_NAMES, NOMINAL
-from np_diagnosis.baselines.budget import Budget
-from np_diagnosis.baselines.identification import paper_identification
-from np_diagnosis.baselines.methods import as_patch
-from np_diagnosis.chain.motion.stage import errors
-from np_diagnosis.chain.task.recording import TaskRecording
-from np_diagnosis.simulation.closed_loop import Stretch, stretches
-from np_diagnosis.simulation.simulated_arm import panda_plant
-from np_effects.patch import Patch
 
 IN_THE_AIR = ("transfer", "drag_0")
 """Segments of the task suite in which the hand touches nothing; the first drag is the way of the others above the object."""

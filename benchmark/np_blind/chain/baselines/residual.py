@@ -12,18 +12,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from sim2real.effects.patch import Patch
+from sim2real.recordings.reading import ContractViolation
+from sim2real.task.object_motion.simulated import LEAST_CORNERS, MOTION, Simulated
+from sim2real.task.object_motion.windows import Window, windows
+from sim2real.task.suite.recording import TaskRecording
 
 from np_blind.chain.others import Told
+from np_common.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA
 from np_description.domains import Pose
 from np_description.keypoints import box_keypoints
-from np_description.rotations import matrix_from_quaternion, quaternion_multiply, yaw_quaternion
-from np_diagnosis.chain.motion.simulated import LEAST_CORNERS, MOTION, Simulated
-from np_diagnosis.chain.motion.windows import Window, windows
-from np_diagnosis.chain.task.recording import TaskRecording
-from np_diagnosis.recordings.reading import ContractViolation
-from np_effects.patch import Patch
 
 PENALTIES = (1e1, 1e2, 1e3, 1e4, 1e5)
 ORDERS = 1, 2  # of products: none, or two by two

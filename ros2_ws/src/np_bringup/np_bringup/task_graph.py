@@ -96,7 +96,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
         *(elsewhere(given, CONTROLLERS[given["controller"]]) if elsewhere else simulated),
         answering["keypoint_detector"]
         if from_camera
-        else NodeSpec("np_perception", "keypoint_oracle", parameters={**seeing, "seed": seed, **effects}),
+        else NodeSpec("np_sim_bridge", "keypoint_oracle", parameters={**seeing, "seed": seed, **effects}),
         *(answering[name] for name in ("pre_contact", "approach", "post_contact")),
         NodeSpec(
             "np_policy", "episode", parameters={**seeing, "backend": backends.node_name(given), "contacts": contacts}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_description.rotations import namespace
+from np_common.rotations import namespace
 
 STIFFNESS_MIN = np.array([40.0, 40.0, 40.0, 40.0, 10.0, 10.0, 10.0])
 STIFFNESS_MAX = np.array([400.0, 400.0, 400.0, 400.0, 100.0, 100.0, 100.0])

@@ -11,9 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from np_common.rotations import cross, is_one, matrix_from_quaternion, namespace, vector_from_matrix
 from np_control.one_configuration import chain_of_one, pose_and_jacobian_of_one
 from np_description.panda import NOMINAL, PandaModel
-from np_description.rotations import cross, is_one, matrix_from_quaternion, namespace, vector_from_matrix
 
 IK_ITERATIONS = 3
 IK_DAMPING = 0.03  # lambda; singular values of the Panda's Jacobian in the workspace are 0.1 to 2

@@ -11,8 +11,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.panda import PandaModel
-from np_description.rotations import matrix_from_quaternion
 
 Numbers = tuple[float, ...]
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_common.rotations import namespace, vector_from_matrix
 from np_control.impedance import STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, jacobian
-from np_description.rotations import namespace, vector_from_matrix
 
 REGULARISATION = 1e-4  # added to J M^-1 J', whose entries are 0.1 to 10 away from singularities
 SOFTEST, STIFFEST = 50.0, 600.0  # 1/s^2, per unit inertia, in each direction: 1.1 to 3.9 Hz

@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from np_common.rotations import matrix_from_quaternion, vector_from_matrix
 from np_description.camera import CAMERA, Camera, Pinhole
 from np_description.panda import BASE_FRAME
-from np_description.rotations import matrix_from_quaternion, vector_from_matrix
 
 FORMAT = 1
 MAX_AGE = timedelta(days=30)

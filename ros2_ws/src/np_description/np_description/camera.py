@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from np_description.rotations import namespace
+from np_common.rotations import namespace
 
 
 @dataclass(frozen=True)

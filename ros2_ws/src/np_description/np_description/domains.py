@@ -13,9 +13,7 @@ from math import pi
 
 import numpy as np
 
-from np_description.contact.model import HARD, ContactModel
-from np_description.objects.spec import ObjectSpec
-from np_description.rotations import (
+from np_common.rotations import (
     matrix_from_quaternion,
     matrix_from_vector,
     quaternion_from_matrix,
@@ -23,6 +21,8 @@ from np_description.rotations import (
     rotation_angle,
     yaw_quaternion,
 )
+from np_description.contact.model import HARD, ContactModel
+from np_description.objects.spec import ObjectSpec
 
 
 @dataclass(frozen=True)

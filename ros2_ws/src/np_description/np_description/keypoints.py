@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from np_description.rotations import matrix_from_quaternion, namespace
+from np_common.rotations import matrix_from_quaternion, namespace
 
 COUNT = 8
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)

@@ -12,10 +12,10 @@ from itertools import permutations, product
 
 import numpy as np
 
+from np_common.rotations import namespace, quaternion_from_matrix
 from np_description.camera import CAMERA
 from np_description.domains import Domain
 from np_description.keypoints import CORNERS, box_keypoints
-from np_description.rotations import namespace, quaternion_from_matrix
 
 _IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 

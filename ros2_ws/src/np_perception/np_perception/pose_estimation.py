@@ -13,10 +13,10 @@ from functools import cached_property
 import cv2
 import numpy as np
 
+from np_common.rotations import cross, matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Box, Domain, Pose
 from np_description.keypoints import CORNERS, box_keypoints
-from np_description.rotations import cross, matrix_from_quaternion, matrix_from_vector, quaternion_from_matrix
 
 FARTHEST = 3.0  # m; the camera is about 1 m from the workspace
 MIN_POINTS = 6

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.contact.model import OBJECT_FRICTION, ContactModel
 from np_description.domains import Pose
-from np_description.rotations import matrix_from_quaternion
 from np_physx_bridge.library import sapien
 from np_physx_bridge.scene import (
     CONTACT_OFFSET,

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from np_common.rotations import matrix_from_vector, namespace
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
-from np_description.rotations import matrix_from_vector, namespace
 
 SIZE = 20
 # Weights are refused that were trained with another version. Raise it whenever `decode` makes another target of the same

@@ -6,8 +6,8 @@ teacher's choice with PyTorch, the node decodes with NumPy.
 
 from __future__ import annotations
 
+from np_common.rotations import matrix_from_six, namespace, six_from_matrix
 from np_description.panda import FINGER_MAX
-from np_description.rotations import matrix_from_six, namespace, six_from_matrix
 
 SIZE = 10
 # Weights are refused that were trained with another version. Raise it whenever `decode` makes something else of the same ten

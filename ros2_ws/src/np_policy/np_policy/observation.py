@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from np_common.rotations import namespace, six_from_matrix
 from np_description.camera import CAMERA, Camera
 from np_description.panda import FINGER_MAX, NOMINAL
-from np_description.rotations import namespace, six_from_matrix
 
 POST_SIZE = 9 + 9 + 16 + 16 + 9 + 20
 STUDENT_SIZE = 16 + 16

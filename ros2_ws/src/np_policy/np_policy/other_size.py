@@ -11,10 +11,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.domains import Domain
 from np_description.objects.choice import DEFAULT, domain_with
-from np_description.rotations import matrix_from_quaternion
-from np_policy.stand_off import CLEARANCE, gap, like
+from np_planning.stand_off import CLEARANCE, gap, like
 
 SAME = 1e-6  # m
 SIZES = "sizes"  # of the metadata of weights that were trained with several

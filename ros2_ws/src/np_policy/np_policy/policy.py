@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from np_common.rotations import matrix_from_quaternion, quaternion_from_matrix
 from np_control.kinematics import forward_kinematics
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
 from np_description.objects.choice import DEFAULT
-from np_description.rotations import matrix_from_quaternion, quaternion_from_matrix
 from np_description.symmetry import renamed
 from np_description.weights.header import read_metadata
 from np_perception.pose_estimation import PoseError, are_enough, estimate_pose, project_keypoints, usable

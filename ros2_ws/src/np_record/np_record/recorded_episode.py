@@ -12,6 +12,7 @@ from np_description.contact.depths import PAIRS
 from np_description.contact.penetration import Penetration
 from np_description.domains import Domain, Pose, pose_error
 from np_description.keypoints import box_keypoints
+from np_description.message_arrays import image_array, joint_state_arrays, keypoints_array, pose_arrays
 from np_description.objects.choice import recorded_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import PRE, PhaseState
@@ -19,7 +20,6 @@ from np_record.bag import BagError, Message, Recording
 from np_record.bag_writer import INCOMPLETE
 from np_record.outcome import Outcome, score
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
-from np_ros.messages import image_array, joint_state_arrays, keypoints_array, pose_arrays
 
 SECOND = 1e9
 

@@ -13,9 +13,10 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from std_msgs.msg import Header, String
 
+from np_description.message_arrays import BadMessage
 from np_description.phases import FAILED, FAULT, PhaseState
 from np_ros import qos
-from np_ros.messages import BadMessage, header_message
+from np_ros.messages import header_message
 
 EPISODE, APPROACH = "episode", "approach"
 

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from np_control.safety.limits import PERIOD_NS as PERIOD
-
-SECOND = 1_000_000_000
+from np_description.control_rate import PERIOD_NS as PERIOD
+from np_description.control_rate import SECOND_NS as SECOND
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from sim2real.effects.view_effects import ViewEffects
 
-from np_effects.view_effects import ViewEffects
 from np_sim_bridge.imaging import CameraThread
 from np_sim_bridge.renderer import Renderer
 from np_sim_bridge.view import View

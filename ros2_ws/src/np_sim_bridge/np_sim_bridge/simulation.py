@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from sim2real.effects.arm_effects import ArmEffects
+from sim2real.effects.patch import Patch
 
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose, sample_task
+from np_description.engine import MakeEngine
+from np_description.mujoco_engine import MujocoEngine
 from np_description.objects.scenarios import fixed_task
 from np_description.panda import FINGER_MAX, FINGER_SPEED
-from np_effects.arm_effects import ArmEffects
-from np_effects.patch import Patch
-from np_sim_bridge.engine import MakeEngine
-from np_sim_bridge.mujoco_engine import MujocoEngine
 from np_sim_bridge.schedule import PERIOD, SECOND
 
 _TRAVEL = FINGER_SPEED * PERIOD / SECOND  # m of a finger in a period, at most

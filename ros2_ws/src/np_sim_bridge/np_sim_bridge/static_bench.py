@@ -14,8 +14,8 @@ from functools import partial
 
 import numpy as np
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.contact.model import CONTACTS, ContactModel, find_contact
-from np_description.rotations import matrix_from_quaternion
 from np_sim_bridge.box_world import GRAVITY, TIP_RADIUS, BoxOnTable, BoxWorld, MujocoBoxWorld
 
 Make = Callable[[BoxOnTable], BoxWorld]

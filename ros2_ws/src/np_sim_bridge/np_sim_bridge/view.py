@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
+from sim2real.effects.view_effects import ViewEffects
 
-from np_effects.view_effects import ViewEffects
 from np_sim_bridge.schedule import PERIOD, SECOND
 
 ROUNDS = 20  # in which the pixel is found that a lens puts somewhere

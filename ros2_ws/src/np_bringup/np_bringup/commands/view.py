@@ -7,9 +7,9 @@ import sys
 from contextlib import closing
 from functools import partial
 
+from np_common.cli import Parser
 from np_description.domains import DOMAINS
 from np_description.objects.choice import DEFAULT, domain_with, recorded_domain
-from np_record.command import Parser
 
 
 def parser() -> argparse.ArgumentParser:
@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of the executable `view`; serves until Ctrl-C."""
     options = parser().parse_args(arguments)
-    from np_record.command import interrupt_on_sigterm
+    from np_common.cli import interrupt_on_sigterm
 
     interrupt_on_sigterm()
     try:

@@ -20,14 +20,15 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from np_common.cli import INTERRUPTED
 from np_description.domains import Domain, Pose, goal_region, resting_pose
+from np_description.message_arrays import BadMessage, stamp_nanoseconds
 from np_description.panda import BASE_FRAME
-from np_record.command import INTERRUPTED
 from np_ros import qos
 from np_ros.client.services import Services, Wait
 from np_ros.goals import GOAL, REFUSED, goal_text
 from np_ros.low_latency.spin import Spinner
-from np_ros.messages import BadMessage, pose_message, stamp_nanoseconds
+from np_ros.messages import pose_message
 from np_ros.node import Diagnostics, parameter, run
 from np_ros.task_domain import declare_domain
 

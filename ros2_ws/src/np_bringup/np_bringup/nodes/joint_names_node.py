@@ -13,9 +13,10 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
+from np_description.message_arrays import BadMessage, joint_state_arrays, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_ros import qos
-from np_ros.messages import BadMessage, joint_state_arrays, joint_state_message, stamp_nanoseconds
+from np_ros.messages import joint_state_message
 from np_ros.node import Diagnostics, parameter, run
 
 

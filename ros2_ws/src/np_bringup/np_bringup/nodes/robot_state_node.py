@@ -9,13 +9,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, String
 from visualization_msgs.msg import Marker, MarkerArray
 
+from np_common.rotations import matrix_from_quaternion, quaternion_multiply
 from np_description.domains import Pose
 from np_description.drawing.robot import WORLD, urdf
 from np_description.drawing.scene_data import SceneData
+from np_description.message_arrays import BadMessage, joint_state_arrays, pose_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, STATE_NAMES
-from np_description.rotations import matrix_from_quaternion, quaternion_multiply
 from np_ros import qos
-from np_ros.messages import BadMessage, joint_state_arrays, pose_arrays, pose_message, stamp_message, stamp_nanoseconds
+from np_ros.messages import pose_message, stamp_message
 from np_ros.node import Diagnostics, parameter, run
 from np_ros.task_domain import declare_domain
 

@@ -12,11 +12,11 @@ from np_bringup.view.recorded import encoded, error
 from np_bringup.view.window import Moment
 from np_description.domains import Domain, Pose
 from np_description.drawing.scene_data import SceneData
+from np_description.message_arrays import BadMessage, image_array, joint_state_arrays, pose_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_ros import qos
 from np_ros.client.peer import Peer
 from np_ros.low_latency.raw import decoded
-from np_ros.messages import BadMessage, image_array, joint_state_arrays, pose_arrays, stamp_nanoseconds
 from np_ros.phases import phase_state
 
 _SILENT = "no joint_states in this ROS_DOMAIN_ID"

@@ -7,11 +7,11 @@ import numpy as np
 
 from np_description.domains import Pose, pose_error
 from np_description.drawing.scene_data import SceneData
+from np_description.message_arrays import image_array, joint_state_arrays, pose_arrays
 from np_description.objects.choice import recorded_domain
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_record.bag import BagError, Recording
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
-from np_ros.messages import image_array, joint_state_arrays, pose_arrays
 
 RATE = 20  # moments a second
 _SECOND = 1_000_000_000

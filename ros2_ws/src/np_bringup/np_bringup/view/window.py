@@ -13,10 +13,10 @@ import numpy as np
 
 from np_description.domains import Domain, Pose
 from np_description.drawing.meshes import drawn_model
+from np_description.message_arrays import joint_state_arrays, pose_arrays
 from np_description.panda import BASE_FRAME, STATE_NAMES
 from np_description.scene import OBJECT
 from np_record.bag import Recording
-from np_ros.messages import joint_state_arrays, pose_arrays
 
 _PERIOD = 0.05  # s between two pictures
 _GOAL = np.array([0.2, 0.8, 0.3, 0.3], np.float32)

@@ -23,11 +23,12 @@ from np_control.nodes.inputs import Pose
 from np_control.safety import LIMITS, Refusal
 from np_control.tick_gate import TickGate
 from np_control.trajectory import Trajectory
+from np_description.message_arrays import BadMessage, joint_state_arrays, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import FAULT, PhaseState
 from np_ros import qos
 from np_ros.low_latency.spin import request_realtime
-from np_ros.messages import BadMessage, JointStateWriter, joint_state_arrays, stamp_nanoseconds
+from np_ros.messages import JointStateWriter
 from np_ros.node import Diagnostics, parameter
 
 SECOND = 1_000_000_000

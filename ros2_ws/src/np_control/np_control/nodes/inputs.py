@@ -14,13 +14,13 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import JointTrajectory
 
+from np_common.rotations import matrix_from_quaternion
 from np_control.safety import Refusal, SafetyLimits
 from np_control.trajectory import Trajectory, make_trajectory
+from np_description.message_arrays import BadMessage, gains_array, pose_arrays, stamp_nanoseconds, trajectory_arrays
 from np_description.panda import BASE_FRAME, JOINT_NAMES
 from np_description.phases import PhaseState
-from np_description.rotations import matrix_from_quaternion
 from np_ros import qos
-from np_ros.messages import BadMessage, gains_array, pose_arrays, stamp_nanoseconds, trajectory_arrays
 from np_ros.phases import phase_state
 
 Pose = tuple[np.ndarray, np.ndarray]  # position (3,) m, rotation (3, 3)

@@ -13,11 +13,11 @@ import numpy as np
 
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.safety.refusals import Reason, Refusal, check_finite
+from np_description.control_rate import PERIOD_NS
 from np_description.panda import NOMINAL, PandaModel
 
 _GAIN_SPAN = np.stack([STIFFNESS_MAX - STIFFNESS_MIN, np.full(7, DAMPING_RATIO_MAX - DAMPING_RATIO_MIN)])
 _SIDES = np.array([[-1.0], [1.0]])  # lower and upper
-PERIOD_NS = 2_000_000  # the control period, 500 Hz
 
 
 def _constant(*values: float):

@@ -8,12 +8,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+from sim2real.excitation.contact_suite.suite import FAMILIES, check
+from sim2real.excitation.suite import FURTHER, NAMES, suite
+from sim2real.thresholds import THRESHOLDS
+
+from np_common.cli import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder
 from np_description.calibration import CalibrationError, calibrated_camera
 from np_description.objects.choice import domain_with, portable
-from np_diagnosis.experiments.excitation import FURTHER, NAMES, suite
-from np_diagnosis.experiments.task.suite import FAMILIES, check
-from np_diagnosis.thresholds import THRESHOLDS
-from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm, new_folder, origin
+from np_description.weights.provenance import origin
 from np_ros.processes.graph import NodeSpec
 from np_ros.processes.supervisor import NodeDied, Supervisor
 from np_sim_bridge.simulators import SIMULATORS
@@ -119,7 +121,7 @@ def make_graph(
             seeing = {"mode": mode, "domain": scene["domain"]}
             nodes.append(NodeSpec("np_perception", "keypoint_detector", parameters=seeing))
         elif scene is not None:
-            nodes.append(NodeSpec("np_perception", "keypoint_oracle", parameters={"mode": mode, **carried, **scene}))
+            nodes.append(NodeSpec("np_sim_bridge", "keypoint_oracle", parameters={"mode": mode, **carried, **scene}))
     return nodes
 
 

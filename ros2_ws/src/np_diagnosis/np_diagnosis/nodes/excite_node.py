@@ -14,27 +14,21 @@ from contextlib import contextmanager
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState, PointCloud2
+from sim2real.excitation.contact_suite.suite import Situation, task_suite
+from sim2real.excitation.contact_suite.witness import OutOfPicture, Witness
+from sim2real.excitation.suite import TICK_NS, Segment, end_of, schedule, suite
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from np_control.safety import LIMITS
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain
+from np_description.message_arrays import BadMessage, joint_state_arrays, keypoints_array, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import EXCITE, IDLE, PhaseState
-from np_diagnosis.experiments.excitation import TICK_NS, Segment, end_of, schedule, suite
-from np_diagnosis.experiments.task.suite import Situation, task_suite
-from np_diagnosis.experiments.task.witness import OutOfPicture, Witness
 from np_ros import qos
 from np_ros.client.participant import GraphError, Participant
-from np_ros.messages import (
-    BadMessage,
-    gains_message,
-    joint_state_arrays,
-    keypoints_array,
-    stamp_nanoseconds,
-    trajectory_message,
-)
+from np_ros.messages import gains_message, trajectory_message
 from np_ros.phases import PhasePublisher
 from np_ros.processes.supervisor import Supervisor
 

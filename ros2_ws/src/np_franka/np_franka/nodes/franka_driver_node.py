@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from np_control.nodes import inputs
 from np_control.safety import LIMITS, Refusal
 from np_control.trajectory import Trajectory
+from np_description.message_arrays import BadMessage, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, STATE_NAMES
 from np_description.phases import PhaseState
 from np_franka.driver import Cycle
@@ -29,7 +30,7 @@ from np_franka.onboard import Onboard
 from np_franka.telling import Telling
 from np_ros import qos
 from np_ros.low_latency.spin import Spinner, request_realtime
-from np_ros.messages import BadMessage, JointStateWriter, stamp_nanoseconds
+from np_ros.messages import JointStateWriter
 from np_ros.node import Diagnostics, run
 
 PERIOD = LIMITS.period_ns

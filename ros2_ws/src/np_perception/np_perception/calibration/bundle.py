@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from np_common.rotations import cross, matrix_from_vector
 from np_description.calibration import Lens, norm_bound
-from np_description.rotations import cross, matrix_from_vector
 
 _HUBER = 2.5  # robust standard deviations from which a corner counts less
 _ITERATIONS = 30

@@ -10,11 +10,11 @@ import numpy as np
 
 from np_control.kinematics import forward_kinematics
 from np_description.calibration import Lens
+from np_description.message_arrays import BadMessage, camera_info_lens, image_array, joint_state_arrays
 from np_description.panda import STATE_NAMES
 from np_perception.calibration.board import Board, Detection, undistort
 from np_perception.calibration.bundle import View
 from np_record.bag import Recording
-from np_ros.messages import BadMessage, camera_info_lens, image_array, joint_state_arrays
 
 RESTING = 0.01  # rad/s, of every joint
 REST_BEFORE = 0.3  # s without movement before a posture counts: the mount stops swinging

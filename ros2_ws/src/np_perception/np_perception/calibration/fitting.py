@@ -8,11 +8,11 @@ from datetime import datetime
 
 import numpy as np
 
+from np_common.rotations import cross, quaternion_from_matrix
 from np_control.kinematics import forward_kinematics
 from np_description.calibration import Calibration, Errors, Table, norm_bound
 from np_description.camera import CAMERA
 from np_description.domains import CARD
-from np_description.rotations import cross, quaternion_from_matrix
 from np_perception.calibration.board import Board, pose_in_camera
 from np_perception.calibration.bundle import BOARD, DegenerateError, Fit, Touch, linearise, refine
 from np_perception.calibration.evidence import REST_BEFORE, SHORTEST, CalibrationRefused, Evidence, views_of

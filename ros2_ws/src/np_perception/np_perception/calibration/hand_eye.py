@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from np_common.rotations import vector_from_matrix
 from np_description.calibration import Lens, norm_bound
-from np_description.rotations import vector_from_matrix
 from np_perception.calibration.board import pose_in_camera
 from np_perception.calibration.bundle import (
     LENS,

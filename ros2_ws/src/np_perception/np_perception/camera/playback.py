@@ -12,9 +12,9 @@ import yaml
 
 from np_description.calibration import Lens
 from np_description.camera import CAMERA
+from np_description.message_arrays import BadMessage, camera_info_lens, image_array
 from np_perception.camera.source import CameraError, EndOfImages, Frame
 from np_record.bag import BagError, Recording
-from np_ros.messages import BadMessage, camera_info_lens, image_array
 
 LENS_FILE = "camera.yaml"
 STAMPS = ("now", "recorded")

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from np_common.cli import Parser, Progress
 from np_perception.calibration.board_layout import BoardLayout
-from np_record.command import Parser, Progress
 
 if TYPE_CHECKING:  # what is slow to import comes after the options are read
     from np_perception.calibration.board import Board

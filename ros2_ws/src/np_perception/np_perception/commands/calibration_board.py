@@ -6,8 +6,8 @@ import json
 import sys
 from pathlib import Path
 
+from np_common.cli import Parser
 from np_perception.commands.calibrate import add_board, board_of
-from np_record.command import Parser
 
 
 def main(arguments: list[str] | None = None) -> int:

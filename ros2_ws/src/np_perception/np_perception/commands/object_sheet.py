@@ -6,9 +6,9 @@ import json
 import sys
 from pathlib import Path
 
+from np_common.cli import Parser
 from np_description.domains import DOMAINS
 from np_description.objects.choice import DEFAULT, domain_with
-from np_record.command import Parser
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -15,9 +15,10 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from np_description.camera import CAMERA
 from np_description.domains import find_domain
+from np_description.message_arrays import BadMessage, camera_info_arrays, image_array, stamp_nanoseconds
 from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 from np_ros import qos
-from np_ros.messages import BadMessage, camera_info_arrays, image_array, keypoints_message, stamp_nanoseconds
+from np_ros.messages import keypoints_message
 from np_ros.node import Diagnostics, parameter, run
 
 _SAME = 0.01  # px, within which a camera's parameters are those of training

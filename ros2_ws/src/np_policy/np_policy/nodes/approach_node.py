@@ -12,14 +12,15 @@ from std_msgs.msg import Float64
 from trajectory_msgs.msg import JointTrajectory
 
 from np_description.domains import Pose
+from np_description.message_arrays import BadMessage, pose_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, FINGER_MAX, JOINT_NAMES
 from np_perception.pose_estimation import PoseError, estimate_pose
-from np_policy.approach import Approach, ApproachConfig, plan_approach
-from np_policy.collision import CollisionModel
+from np_planning.approach import Approach, ApproachConfig, plan_approach
+from np_planning.collision import CollisionModel
+from np_planning.rrt import Budget, PlanningError
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
-from np_policy.planning import Budget, PlanningError
 from np_ros import qos
-from np_ros.messages import BadMessage, pose_arrays, stamp_nanoseconds, trajectory_message
+from np_ros.messages import trajectory_message
 from np_ros.node import Diagnostics, parameter, run
 from np_ros.phases import refusal_message
 

@@ -14,13 +14,19 @@ from std_msgs.msg import Header
 from np_description.calibration import calibrated_camera
 from np_description.camera import Camera
 from np_description.domains import Domain
+from np_description.message_arrays import (
+    NANOSECONDS,
+    BadMessage,
+    joint_state_arrays,
+    keypoints_array,
+    stamp_nanoseconds,
+)
 from np_description.panda import STATE_NAMES
 from np_policy import action
 from np_policy.contract import CONTROLLERS
 from np_ros import qos
 from np_ros.low_latency.newest import Newest
 from np_ros.low_latency.raw import decoded
-from np_ros.messages import NANOSECONDS, BadMessage, joint_state_arrays, keypoints_array, stamp_nanoseconds
 from np_ros.node import Diagnostics, parameter
 from np_ros.task_domain import declare_domain
 

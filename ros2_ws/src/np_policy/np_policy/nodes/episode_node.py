@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from np_description.domains import Pose, check_goal
+from np_description.message_arrays import BadMessage, pose_arrays, stamp_nanoseconds, trajectory_arrays
 from np_description.panda import BASE_FRAME, JOINT_NAMES
 from np_description.phases import ACTIVE, SUCCEEDED, PhaseState
 from np_description.scene import CAMERA_NAME
@@ -24,13 +25,7 @@ from np_policy.episode import Episode, EpisodeConfig, Event, Goal, Refused, Tick
 from np_policy.nodes.common import StateStream, declare_settings, subscribe_keypoints
 from np_ros import qos
 from np_ros.goals import GOAL, REFUSED, goal_text
-from np_ros.messages import (
-    BadMessage,
-    keypoints_message,
-    pose_arrays,
-    stamp_nanoseconds,
-    trajectory_arrays,
-)
+from np_ros.messages import keypoints_message
 from np_ros.node import Diagnostics, parameter, run
 from np_ros.phases import PhasePublisher, refusal_reason
 

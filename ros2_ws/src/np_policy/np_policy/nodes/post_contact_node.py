@@ -10,9 +10,10 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
+from np_common.rotations import quaternion_from_matrix
+from np_description.message_arrays import BadMessage, stamp_nanoseconds
 from np_description.panda import BASE_FRAME
 from np_description.phases import POST
-from np_description.rotations import quaternion_from_matrix
 from np_policy.action import PolicyError
 from np_policy.contract import POST_CONTACT, weights_file
 from np_policy.nodes.common import (
@@ -24,7 +25,7 @@ from np_policy.nodes.common import (
     subscribe_keypoints,
 )
 from np_ros import qos
-from np_ros.messages import BadMessage, gains_message, pose_message, stamp_nanoseconds
+from np_ros.messages import gains_message, pose_message
 from np_ros.node import Diagnostics, parameter, run
 from np_ros.phases import phase_state
 

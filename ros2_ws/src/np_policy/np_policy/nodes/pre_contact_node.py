@@ -10,6 +10,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
+from np_description.message_arrays import BadMessage
 from np_description.panda import BASE_FRAME
 from np_description.phases import PRE
 from np_perception.pose_estimation import are_enough
@@ -18,7 +19,7 @@ from np_policy.contract import PRE_CONTACT, weights_file
 from np_policy.nodes.common import GoalStream, declare_settings, declare_weights, report_weights, subscribe_keypoints
 from np_ros import qos
 from np_ros.client.links import are_all
-from np_ros.messages import BadMessage, pose_message
+from np_ros.messages import pose_message
 from np_ros.node import Diagnostics, run
 from np_ros.phases import phase_state
 

@@ -6,7 +6,7 @@ import json
 import sys
 from pathlib import Path
 
-from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm
+from np_common.cli import INTERRUPTED, Parser, Progress, interrupt_on_sigterm
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -9,7 +9,7 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from np_record.command import INTERRUPTED, Parser, Progress, interrupt_on_sigterm
+from np_common.cli import INTERRUPTED, Parser, Progress, interrupt_on_sigterm
 from np_ros.processes.supervisor import NodeDied, Supervisor
 
 

@@ -6,7 +6,7 @@ import json
 import sys
 from pathlib import Path
 
-from np_record.command import Parser
+from np_common.cli import Parser
 
 
 def main(arguments: list[str] | None = None) -> int:

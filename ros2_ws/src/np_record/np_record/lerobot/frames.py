@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_description.domains import Domain, Pose
+from np_description.message_arrays import gains_array, image_array, keypoints_array, pose_arrays
 from np_description.objects.choice import recorded_domain
 from np_description.panda import BASE_FRAME, JOINT_NAMES, STATE_NAMES
 from np_description.phases import ACTIVE, PRE, SUCCEEDED, first_end
@@ -15,7 +16,6 @@ from np_record.bulk import BulkError, joint_states
 from np_record.lerobot.layout import ACTION, DONE, GOAL, KEYPOINTS, OBJECT, PHASE, STATE, SUCCESS, TARGET, TORQUE
 from np_record.outcome import score
 from np_record.recorded_phases import PHASE_TOPICS, phase_changes
-from np_ros.messages import gains_array, image_array, keypoints_array, pose_arrays
 
 RATE = 10
 """Frames a second: the policies' rate. There is always an image at a policy's tick, whatever the camera's rate."""

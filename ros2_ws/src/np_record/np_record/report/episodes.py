@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from np_common.html_pages import page
+from np_common.intervals import wilson_interval
 from np_description.panda import NOMINAL
 from np_description.phases import PhaseState
 from np_record.bag import Recording
-from np_record.intervals import wilson_interval
 from np_record.outcome import position_only
 from np_record.recorded_episode import EpisodeData, images, load_episode
 from np_record.report import plots
-from np_record.report.pages import page
 from np_record.report.video import write_video
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from np_common.html_pages import style, svg
 from np_description.keypoints import box_keypoints
 from np_description.panda import NOMINAL
 from np_description.phases import APPROACH, FAILED, FAULT, IDLE, POST, PRE, SUCCEEDED
 from np_record.recorded_episode import EpisodeData, Series
-from np_record.report.pages import style, svg
 
 WIDTH = 9.6
 PHASE_COLOURS = {

@@ -11,10 +11,10 @@ from functools import partial
 import cv2
 import numpy as np
 
+from np_common.rotations import matrix_from_quaternion
 from np_description.domains import Domain, Pose
 from np_description.drawing.scene_data import SceneData
 from np_description.panda import FINGER_MAX
-from np_description.rotations import matrix_from_quaternion
 
 EYE, LOOK = np.array([1.35, -0.95, 0.75]), np.array([0.40, 0.0, 0.22])  # m, base frame
 _FOCUS = 1.35  # focal length over the picture's height

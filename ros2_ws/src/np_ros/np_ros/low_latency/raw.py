@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rclpy.serialization import deserialize_message
 
-from np_ros.messages import BadMessage
+from np_description.message_arrays import BadMessage
 
 
 def decoded(data: bytes, kind: type):

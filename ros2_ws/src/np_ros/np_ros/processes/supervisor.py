@@ -20,10 +20,10 @@ from typing import TextIO
 
 import yaml
 
+from np_common.parent_process import end_with_parent
 from np_ros.processes.domain import ros_domain_id
 from np_ros.processes.graph import NodeSpec
 from np_ros.processes.locks import lock
-from np_ros.processes.parent import end_with_parent
 
 STOP_SEQUENCE = ((signal.SIGINT, 8.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """What a process gets, and how long s it may take, until it has ended."""

@@ -16,22 +16,22 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from sim2real.effects.patch import Patch, load_patch
+from sim2real.effects.view_effects import ViewEffects
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from np_control.safety import Refusal, SafetyFilter, State
 from np_description.calibration import calibrated_camera
 from np_description.drawing.meshes import drawn_model
-from np_effects.patch import Patch, load_patch
-from np_effects.view_effects import ViewEffects
+from np_description.engine import MakeEngine
+from np_description.message_arrays import BadMessage, stamp_nanoseconds
 from np_ros import qos
 from np_ros.low_latency.spin import request_realtime
-from np_ros.messages import BadMessage, stamp_nanoseconds
 from np_ros.node import Diagnostics
 from np_ros.phases import phase_state
 from np_ros.processes.domain import OnlyPublisher
 from np_sim_bridge.barrier import ACTIVE_PHASES, Barrier
-from np_sim_bridge.engine import MakeEngine
 from np_sim_bridge.nodes.outlet import Outlet
 from np_sim_bridge.nodes.settings import MESHES, declare
 from np_sim_bridge.renderer import make_renderer

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from np_description.mujoco_engine import MujocoEngine
 from np_ros.node import run
-from np_sim_bridge.mujoco_engine import MujocoEngine
 from np_sim_bridge.nodes.bridge import Bridge
 
 

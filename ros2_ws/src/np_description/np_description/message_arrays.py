@@ -1,0 +1,193 @@
+"""Standard ROS messages to arrays, checked. No ROS is needed: a message read from a bag will do.
+
+Every reader raises `BadMessage`, a ValueError that names what was expected and what came; its `kind` is a short word
+to count by. Stamps are integers of nanoseconds. Quaternions are xyzw in messages and wxyz in arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from np_common.rotations import wxyz_from_xyzw
+from np_description.calibration import Lens
+from np_description.keypoints import COUNT
+
+NANOSECONDS = 1_000_000_000
+Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
+KEYPOINT_FIELDS = ("u", "v", "score")
+KEYPOINT_STEP = 4 * len(KEYPOINT_FIELDS)
+FLOAT32 = 7
+"""sensor_msgs/PointField.FLOAT32."""
+FARTHEST_PIXEL = 1e5
+"""px; a hidden corner may project far outside of an image."""
+_UNIT_TOLERANCE = 1e-3
+
+
+class BadMessage(ValueError):
+    """A message that breaks docs/reference/graph.md.
+
+    `kind` is one of stamp, names, shape, finite, range, frame, encoding.
+    """
+
+    def __init__(self, kind: str, text: str):
+        super().__init__(kind, text)
+        self.kind = kind
+
+    def __str__(self) -> str:
+        return self.args[1]
+
+
+def check_finite(values: np.ndarray, what: str) -> np.ndarray:
+    if not np.isfinite(values).all():
+        raise BadMessage("finite", f"{what}: expected finite numbers, got {values.tolist()}")
+    return values
+
+
+def check_shape(values, shape: tuple[int, ...], what: str) -> np.ndarray:
+    result = np.asarray(values, dtype=np.float64)
+    if result.shape != shape:
+        raise BadMessage("shape", f"{what}: expected shape {shape}, got {result.shape}")
+    return result
+
+
+def check_names(got: Sequence[str], names: Sequence[str], what: str) -> None:
+    if list(got) != list(names):
+        raise BadMessage("names", f"{what}: expected the names {list(names)} in this order, got {list(got)}")
+
+
+def stamp_nanoseconds(stamp) -> int:
+    """Integer nanoseconds of a builtin_interfaces/Time."""
+    if stamp.sec < 0 or not 0 <= stamp.nanosec < NANOSECONDS:
+        raise BadMessage(
+            "stamp",
+            f"stamp: expected sec >= 0 and nanosec in 0 .. 999999999, got sec {stamp.sec}, nanosec {stamp.nanosec}",
+        )
+    return stamp.sec * NANOSECONDS + stamp.nanosec
+
+
+def joint_state_arrays(message, names: Sequence[str]) -> Arrays:
+    """(position, velocity, effort), each (n,), of a JointState with exactly these names in this order."""
+    check_names(message.name, names, "JointState.name")
+    shape = (len(names),)
+    return tuple(
+        check_finite(check_shape(getattr(message, part), shape, f"JointState.{part}"), f"JointState.{part}")
+        for part in ("position", "velocity", "effort")
+    )
+
+
+def pose_arrays(message, frame_id: str) -> tuple[np.ndarray, np.ndarray]:
+    """(position (3,) m, quaternion (4,) wxyz) of a PoseStamped that must be given in `frame_id`."""
+    if message.header.frame_id != frame_id:
+        raise BadMessage(
+            "frame", f"PoseStamped.header.frame_id: expected '{frame_id}', got '{message.header.frame_id}'"
+        )
+    p, q = message.pose.position, message.pose.orientation
+    position = check_finite(np.array([p.x, p.y, p.z]), "PoseStamped.pose.position")
+    xyzw = check_finite(np.array([q.x, q.y, q.z, q.w]), "PoseStamped.pose.orientation")
+    norm = float(np.linalg.norm(xyzw))
+    if abs(norm - 1) > _UNIT_TOLERANCE:
+        raise BadMessage(
+            "range", f"PoseStamped.pose.orientation: expected norm 1 within {_UNIT_TOLERANCE}, got {norm:.6g}"
+        )
+    return position, wxyz_from_xyzw(xyzw)
+
+
+def trajectory_arrays(message, names: Sequence[str]) -> Arrays:
+    """(times (n,) s, positions (n, joints), velocities (n, joints)); times are not negative and increase."""
+    check_names(message.joint_names, names, "JointTrajectory.joint_names")
+    durations = [point.time_from_start for point in message.points]
+    times = np.array([d.sec * NANOSECONDS + d.nanosec for d in durations], dtype=np.int64)
+    if times.size and (times[0] < 0 or (np.diff(times) <= 0).any()):
+        raise BadMessage(
+            "stamp", f"JointTrajectory: expected time_from_start >= 0 and increasing, got {times.tolist()} ns"
+        )
+    shape = (len(names),)
+    tables = []
+    for part in ("positions", "velocities"):
+        what = f"JointTrajectory.points.{part}"
+        rows = [check_shape(getattr(point, part), shape, what) for point in message.points]
+        tables.append(check_finite(np.array(rows, dtype=np.float64).reshape(times.size, *shape), what))
+    return times / NANOSECONDS, *tables
+
+
+def gains_array(message) -> np.ndarray:
+    """Gains (2, 7) of a Float64MultiArray labelled "gain" x "joint"."""
+    dims = [(d.label, d.size) for d in message.layout.dim]
+    if dims != [("gain", 2), ("joint", 7)] or message.layout.data_offset or len(message.data) != 14:
+        raise BadMessage(
+            "shape",
+            "Float64MultiArray: expected dims gain 2 x joint 7, offset 0, 14 numbers, "
+            f"got {dims}, {message.layout.data_offset}, {len(message.data)}",
+        )
+    return check_finite(np.array(message.data, dtype=np.float64).reshape(2, 7), "Float64MultiArray.data")
+
+
+def keypoints_array(message) -> np.ndarray:
+    """Keypoints (8, 3) float64: u px, v px, score 0..1, in the layout of `keypoints_message` only."""
+    fields = [(f.name, f.offset, f.datatype, f.count) for f in message.fields]
+    expected = [(name, 4 * i, FLOAT32, 1) for i, name in enumerate(KEYPOINT_FIELDS)]
+    if fields != expected or message.is_bigendian:
+        raise BadMessage(
+            "encoding",
+            "PointCloud2.fields: expected little-endian (name, offset, datatype, "
+            f"count) {expected}, got {fields}, bigendian {message.is_bigendian}",
+        )
+    size = KEYPOINT_STEP * COUNT
+    wanted = (1, COUNT, KEYPOINT_STEP, size)
+    layout = (message.height, message.width, message.point_step, len(message.data))
+    if layout != wanted:
+        raise BadMessage("shape", f"PointCloud2: expected height, width, point_step, bytes {wanted}, got {layout}")
+    keypoints = np.frombuffer(message.data, dtype="<f4").astype(np.float64).reshape(COUNT, 3)
+    check_finite(keypoints, "PointCloud2 keypoints")
+    if (np.abs(keypoints[:, :2]) > FARTHEST_PIXEL).any():
+        raise BadMessage(
+            "range", f"PointCloud2 pixels: expected within {FARTHEST_PIXEL:g} px, got {keypoints[:, :2].tolist()}"
+        )
+    if not ((keypoints[:, 2] >= 0) & (keypoints[:, 2] <= 1)).all():
+        raise BadMessage("range", f"PointCloud2 scores: expected 0 .. 1, got {keypoints[:, 2].tolist()}")
+    return keypoints
+
+
+def image_array(message) -> np.ndarray:
+    """Pixels (height, width, 3) uint8 of an rgb8 Image; rows may be padded. Read-only view of the message."""
+    if message.encoding != "rgb8":
+        raise BadMessage("encoding", f"Image.encoding: expected 'rgb8', got '{message.encoding}'")
+    height, width, step = message.height, message.width, message.step
+    if step < 3 * width or len(message.data) != step * height or not height * width:
+        raise BadMessage(
+            "shape",
+            "Image: expected step >= 3 x width and step x height bytes, "
+            f"got {height} x {width}, step {step}, {len(message.data)} bytes",
+        )
+    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(height, step)
+    pixels = rows[:, : 3 * width].reshape(height, width, 3)
+    pixels.setflags(write=False)
+    return pixels
+
+
+def camera_info_arrays(message) -> tuple[int, int, np.ndarray]:
+    """(width px, height px, K (3, 3)) of a CameraInfo without distortion."""
+    if any(message.d):
+        raise BadMessage("range", f"CameraInfo.d: expected no distortion (rectified images), got {list(message.d)}")
+    return message.width, message.height, check_finite(np.array(message.k).reshape(3, 3), "CameraInfo.k")
+
+
+def camera_info_lens(message) -> tuple[Lens, np.ndarray]:
+    """Lens of the images that come with a CameraInfo, and the rotation (3, 3) by which they were turned already."""
+    k = check_finite(np.array(message.k, dtype=np.float64).reshape(3, 3), "CameraInfo.k")
+    r = check_finite(np.array(message.r, dtype=np.float64).reshape(3, 3), "CameraInfo.r")
+    d = check_finite(np.array(message.d, dtype=np.float64), "CameraInfo.d")
+    if d.any() and (message.distortion_model != "plumb_bob" or len(d) != 5):
+        raise BadMessage(
+            "range",
+            f"CameraInfo: expected plumb_bob with 5 coefficients, got '{message.distortion_model}' with {len(d)}",
+        )
+    if not np.allclose(r @ r.T, np.eye(3), rtol=0, atol=1e-6) or np.linalg.det(r) < 0:
+        raise BadMessage("range", f"CameraInfo.r: expected a rotation, got {r.tolist()}")
+    distortion = tuple(d.tolist()) if d.any() else (0.0,) * 5
+    try:
+        return Lens(message.width, message.height, *k[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), distortion), r
+    except ValueError as error:
+        raise BadMessage("range", f"CameraInfo: {error}") from error

@@ -1,0 +1,76 @@
+"""The engine of `sim_bridge`: MuJoCo."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from np_description.camera import CAMERA, Camera
+from np_description.contact.model import ContactModel
+from np_description.control_rate import PERIOD_NS, SECOND_NS
+from np_description.domains import Domain, Pose
+from np_description.panda import JOINT_NAMES, NOMINAL, STATE_NAMES, PandaModel
+from np_description.scene import OBJECT, load_model
+from np_description.scene_change import UNCHANGED, SceneChange
+
+DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+
+
+class MujocoEngine:
+    """An Engine of MuJoCo; arguments as for MakeEngine. contact: how rough and how hard everything is; default: the domain's."""
+
+    def __init__(
+        self,
+        domain: Domain,
+        *,
+        substeps: int = 1,
+        camera: Camera = CAMERA,
+        panda: PandaModel = NOMINAL,
+        contact: ContactModel | None = None,
+        change: SceneChange = UNCHANGED,
+    ):
+        timestep = PERIOD_NS / SECOND_NS / substeps
+        self.model = load_model(domain, timestep=timestep, camera=camera, panda=panda, contact=contact, change=change)
+        self.data = mujoco.MjData(self.model)
+        self._substeps = substeps
+        joints = [self.model.joint(name) for name in STATE_NAMES]
+        self._position = np.array([joint.qposadr[0] for joint in joints])
+        self._velocity = np.array([joint.dofadr[0] for joint in joints])
+        self._motors = np.array([self.model.actuator(name).id for name in JOINT_NAMES])
+        self._fingers = np.array([self.model.actuator(name).id for name in STATE_NAMES[len(JOINT_NAMES) :]])
+        self._object = int(self.model.joint(OBJECT).qposadr[0])
+
+    def reset(self, start: Pose) -> None:
+        """As in Engine."""
+        mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key("ready").id)
+        self.data.qpos[self._object : self._object + 7] = [*start.position, *start.quaternion]
+
+    def place(self, position: np.ndarray, velocity: np.ndarray | float = 0.0) -> None:
+        """Put the arm's joints at (7,) rad, with a velocity (7,) rad/s."""
+        self.data.qpos[self._position[: len(JOINT_NAMES)]] = position
+        self.data.qvel[self._velocity[: len(JOINT_NAMES)]] = velocity
+        mujoco.mj_forward(self.model, self.data)
+
+    def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As in Engine."""
+        data = self.data
+        return data.qpos[self._position], data.qvel[self._velocity], data.qfrc_actuator[self._velocity]
+
+    def object_pose(self) -> Pose:
+        """As in Engine."""
+        pose = self.data.qpos[self._object : self._object + 7].copy()
+        return Pose(pose[:3], pose[3:])
+
+    def configuration(self) -> np.ndarray:
+        """As in Engine."""
+        return self.data.qpos.copy()
+
+    def step(self, torque: np.ndarray, extra: np.ndarray, opening: float) -> None:
+        """As in Engine; what is named is MuJoCo's warning."""
+        self.data.ctrl[self._motors], self.data.ctrl[self._fingers] = torque, opening
+        self.data.qfrc_applied[self._velocity[: len(JOINT_NAMES)]] = extra
+        mujoco.mj_step(self.model, self.data, self._substeps)
+        for warning in DIVERGED:
+            # MuJoCo answers these by resetting the scene to its default, which would pass for a measurement.
+            if self.data.warning[warning].number:
+                raise FloatingPointError(warning.name)

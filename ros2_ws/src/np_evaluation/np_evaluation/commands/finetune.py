@@ -1,0 +1,120 @@
+"""`rehearse BAG... --domain DOMAIN --out DIR`: from recordings of the suites to recovered success.
+
+Diagnoses what is recorded (`diagnose`, and `chain` where a recording has the task suite), predicts success with it and without it, says which
+effect costs how much of it, trains the policies on with it, and judges them again. The same command goes on where it ended. The last line
+printed is one JSON object; DIR gets rehearsal.html, rehearsal.json, patch.yaml and weights/.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+from sim2real.effects.patch import Patch, load_patch
+
+from np_common.cli import INTERRUPTED, Parser, interrupt_on_sigterm
+from np_common.parallel import SINGLE_THREAD, workers
+from np_description.domains import DOMAINS
+from np_description.objects.choice import DEFAULT, portable
+from np_evaluation.finetune.learning import Learning, gpus
+from np_evaluation.finetune.playing import Cell, text_of
+from np_evaluation.finetune.stages import Rehearsal, check_episodes, diagnosed, rehearse
+from np_physx_bridge.library import missing
+
+MOST_MINUTES = 5.0
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = Parser(prog="rehearse", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bags", nargs="*", type=Path, metavar="BAG", help="recordings of `excite`, of either suite")
+    parser.add_argument("--patch", type=Path, help="patch.yaml in place of recordings: the diagnosis is there already")
+    parser.add_argument("--domain", choices=list(DOMAINS), default="wall")
+    parser.add_argument("--object", default=DEFAULT, help="a row of the domain's table of objects, or a .yaml file")
+    parser.add_argument("--episodes", type=int, default=100, help="of every figure (default: %(default)s)")
+    parser.add_argument(
+        "--share-episodes", type=int, default=50, help="of every subset of the effects (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of tasks and training")
+    parser.add_argument("--contacts", type=int, default=1, help="how often a contact may be chosen in an episode")
+    parser.add_argument("--minutes", type=float, default=5.0, help=f"of training, up to {MOST_MINUTES:g}")
+    parser.add_argument("--weights", default="", help="folder of weights to go on from; default: the project's own")
+    parser.add_argument(
+        "--reality",
+        metavar="physx|FILE.yaml",
+        help="judge by another engine, with the effects of a file: in the lab's place where there is none",
+    )
+    parser.add_argument("--train", nargs=argparse.REMAINDER, default=[], help="further options of np_training.train")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes (default: %(default)s)")
+    parser.add_argument("--out", type=Path, default=Path("runs/rehearsal"))
+    options = parser.parse_args(arguments)
+    if bool(options.bags) == bool(options.patch):
+        parser.error("expected recordings, or --patch")
+    if not 0 < options.minutes <= MOST_MINUTES:
+        parser.error(f"--minutes: expected up to {MOST_MINUTES:g}, got {options.minutes:g}")
+    if min(options.episodes, options.share_episodes, options.jobs, options.contacts) < 1:
+        parser.error("--episodes, --share-episodes, --jobs, --contacts: expected at least 1")
+    if options.reality and (problem := missing()):
+        parser.error(f"--reality: {problem}")
+    return options
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point. Status 1: a doctor refuses, training fails, a recording is of another domain's episodes, or files are of another rehearsal."""
+    options = parse(arguments)
+    interrupt_on_sigterm()
+    begun, out = time.monotonic(), options.out.resolve()
+    try:
+        robot = Cell(
+            options.domain,
+            weights=str(Path(options.weights).resolve()) if options.weights else "",
+            object=portable(options.domain, options.object),
+            seed=options.seed,
+            contacts=options.contacts,
+        )
+        check_episodes(options.bags, options.domain)
+        patch = load_patch(options.patch) if options.patch else diagnosed(options.bags, out)
+        there = gpus()
+        what = Rehearsal(
+            robot,
+            out,
+            _reality(robot, options.reality),
+            options.episodes,
+            options.share_episodes,
+            beside=bool(there),  # where there is no GPU the cores play first
+        )
+        how = Learning(options.minutes, there[0] if there else None, options.seed, tuple(options.train))
+        os.environ.update(SINGLE_THREAD)  # of the processes that are started: each has a core
+        with workers(options.jobs) as pool:
+            told = rehearse(what, patch, how, pool)
+    except KeyboardInterrupt:
+        print("interrupted; what is finished is kept, the same command goes on with the rest", file=sys.stderr)
+        return INTERRUPTED
+    except (OSError, ValueError) as error:
+        print(f"rehearse: {error}", file=sys.stderr)
+        print(json.dumps({"error": str(error)}))
+        return 1
+    from np_evaluation.finetune.page import render, sentence  # drawing is slow to import
+
+    told["wall_s"] = round(time.monotonic() - begun, 1)
+    report = out / "rehearsal.html"
+    report.write_text(render(told, patch, out), encoding="utf-8")
+    print(sentence(told))
+    print(json.dumps({name: value for name, value in told.items() if name != "played"} | {"report": str(report)}))
+    return 0
+
+
+def _reality(robot: Cell, asked: str | None) -> Cell | None:
+    """PhysX in the lab's place, with what a file says that the robot has."""
+    if not asked:
+        return None
+    effects = Patch() if asked == "physx" else load_patch(asked)
+    return Cell(robot.domain, "physx", text_of(effects), robot.weights, robot.object, robot.seed, robot.contacts)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

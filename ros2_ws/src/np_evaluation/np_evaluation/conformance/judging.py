@@ -1,0 +1,99 @@
+"""Puts the checks to a backend that is running: what it is, what can be asked of it, and what it kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from np_description.message_arrays import BadMessage
+from np_evaluation.conformance.checks import ANY, CAMERA, CHECKS, PAUSE, REAL_TIME, Check
+from np_evaluation.conformance.commands import EFFORTS, TARGETS
+from np_evaluation.conformance.harness import Harness, Judged
+from np_ros.client.peer import Peer
+
+
+class NotJudged(RuntimeError):
+    """No check could be put; the text says what was expected and what came."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A check, how long it took (s), and what was broken; "" where it was kept. Of one that was not asked: why not."""
+
+    check: Check
+    was_asked: bool
+    text: str
+    seconds: float = 0.0
+
+    @property
+    def mark(self) -> str:
+        """A word for a list."""
+        return ("FAIL" if self.text else "ok") if self.was_asked else "-"
+
+
+def look_at(peer: Peer, name: str) -> Judged:
+    """The backend of this name, by its topics and services. Raises NotJudged."""
+    node = peer.node
+    try:
+        peer.wait_until(lambda: name in node.get_node_names(), what=f"a node {name} in this ROS_DOMAIN_ID")
+        peer.wait_until(
+            lambda: name in {*peer.subscribers("effort_command"), *peer.subscribers("target_pose")},
+            what=f"{name} to subscribe to effort_command, or to target_pose where the controller is on board",
+        )
+    except TimeoutError as error:
+        raise NotJudged(f"{error}; nodes that are there: {', '.join(sorted(node.get_node_names()))}") from None
+    is_effort = name in peer.subscribers("effort_command")
+    commands = EFFORTS if is_effort else TARGETS
+    others = {p for topic in commands.sent for p in peer.publishers(topic)} - {name}
+    if others:
+        raise NotJudged(f"expected nobody else to command it, got {', '.join(sorted(others))}: end them for this")
+    services = {service for service, _ in node.get_service_names_and_types_by_node(name, "/")}
+    return Judged(
+        name,
+        commands,
+        has_tasks=f"/{name}/reset" in services,
+        has_camera=name in peer.publishers("camera/image_raw"),
+        can_pause=f"/{name}/pause" in services,
+    )
+
+
+def judge(peer: Peer, name: str, mode: str, tell: Callable[[Verdict], None]) -> list[Verdict]:
+    """Put every check that applies, telling each as it is done. Raises NotJudged."""
+    backend = look_at(peer, name)
+    harness = Harness(peer, backend)
+    try:
+        harness.meet()
+    except TimeoutError as error:
+        raise NotJudged(str(error)) from None
+    is_real_time = mode == "realtime"
+    asked = {
+        ANY: True,
+        REAL_TIME: is_real_time,
+        CAMERA: is_real_time and backend.has_camera,
+        PAUSE: is_real_time and backend.can_pause,
+    }
+    verdicts = []
+    for check in CHECKS:
+        if not asked[check.asked_of]:
+            verdict = Verdict(check, False, f"asked of {check.asked_of} only")
+        else:
+            began, text = time.monotonic(), ""
+            try:
+                harness.prepare()
+                check.run(harness)
+            except (AssertionError, TimeoutError, BadMessage) as error:
+                text = str(error)
+            verdict = Verdict(check, True, text, time.monotonic() - began)
+        verdicts.append(verdict)
+        tell(verdict)
+    _leave(harness)
+    return verdicts
+
+
+def _leave(harness: Harness) -> None:
+    """Ready, as it was found; where it cannot be, a check has said so."""
+    try:
+        harness.prepare()
+    except (AssertionError, TimeoutError):
+        pass

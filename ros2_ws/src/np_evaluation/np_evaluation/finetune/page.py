@@ -1,0 +1,143 @@
+"""rehearsal.html: from gap to recovered success on one page, in plain words."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from sim2real.effects.patch import Patch
+from sim2real.effects.saying import Value, say
+
+from np_common.html_pages import page, style, svg
+from np_evaluation.finetune.stages import KEPT
+
+BLUE, RED, GREEN, GREY = "#1f5fa8", "#b02020", "#1d7a2a", "#8a8f98"
+BARS = (
+    ("nominal", "simulator without the gap", GREY),
+    ("patched", "simulator with the gap", RED),
+    ("patched_corrected", "the same, corrected", GREEN),
+    ("patched_after", "the same, trained on", GREEN),
+    ("reality", "the robot itself", RED),
+    ("reality_corrected", "the same, corrected", GREEN),
+    ("reality_after", "the same, trained on", GREEN),
+)
+"""Key of `success`, what it is called, colour."""
+
+
+def sentence(told: Mapping) -> str:
+    """What came of it, for who reads no table."""
+    if not told["effects"]:
+        return "The doctor found no gap: there is nothing to train for."
+    nominal, predicted = told["success"]["nominal"], told["success"]["patched"]
+    said = [
+        f"The simulator succeeds in {_percent(nominal)} of the episodes of the {told['domain']}, with what was found in {_percent(predicted)}."
+    ]
+    if told["cause"] is None or told["lost"]["ci95"][0] <= 0:
+        said.append("That is no loss beyond chance.")
+    else:
+        cost, lost = told["costs"][told["cause"]]["value"], told["lost"]["value"]
+        said.append(f"Most of it goes to {_name(told['cause'])}: {_points(cost)} of {_points(lost)} points.")
+    if told["corrected"]:
+        names = ", ".join(_name(name) for name in told["corrected"])
+        worse = ", which is not better: leave it" if told["kept"] == "before" else ""
+        said.append(
+            f"With detector and driver told of {names} it comes to {_percent(told['success']['patched_corrected'])}{worse}."
+        )
+    if told["learned"] is None:
+        said.append("Nothing was trained: training has none of what is left.")
+    else:
+        after = _percent(told["success"]["patched_after"])
+        worse = "" if told["kept"] == "trained" else ", which is not better: keep the old ones"
+        said.append(f"Trained on, the policies come to {after}{worse}.")
+    if told["success_before"] is not None and told["kept"] != "before":
+        before, after = told["success"]["reality"], told["success"][KEPT[told["kept"]].replace("patched", "reality")]
+        said.append(f"On the robot itself: {_percent(before)} before, {_percent(after)} after.")
+    elif told["success_before"] is None:
+        said.append("On the robot itself nothing was measured yet.")
+    return " ".join(said)
+
+
+def render(told: Mapping, patch: Patch, folder: Path) -> str:
+    """The page as text, with its pictures in it. folder: of the rehearsal, whose training's log is drawn."""
+    return page(
+        "np_evaluation",
+        "finetune.html.j2",
+        told=told,
+        sentence=sentence(told),
+        found=[_said(effect) for effect in patch.effects],
+        bars=[(words, told["success"][key]) for key, words, _ in BARS if key in told["success"]],
+        costs=[(_name(name), cost) for name, cost in told["costs"].items()],
+        success_plot=_drawn(_success, told),
+        cost_plot=_drawn(_costs, told) if told["costs"] else "",
+        curve=_drawn(_curve, folder / "training" / "log.csv") if told["learned"] else "",
+    )
+
+
+def _drawn(draw, what) -> str:
+    with style():
+        figure = Figure(figsize=(6.4, 2.4), layout="constrained")
+        draw(figure.subplots(), what)
+    return svg(figure)
+
+
+def _success(ax, told: Mapping) -> None:
+    bars = [(words, told["success"][key], colour) for key, words, colour in BARS if key in told["success"]]
+    for row, (_, rate, colour) in enumerate(reversed(bars)):
+        low, high = rate["ci95"]
+        ax.barh(row, 100 * rate["value"], color=colour, height=0.6)
+        ax.plot([100 * low, 100 * high], [row, row], color="#222", linewidth=1.2)
+    ax.set(yticks=range(len(bars)), yticklabels=[words for words, *_ in reversed(bars)], xlim=(0, 100))
+    ax.set_xlabel("success, % of episodes; line: 95 % interval")
+    ax.grid(axis="y", visible=False)
+
+
+def _costs(ax, told: Mapping) -> None:
+    rows = list(reversed(told["costs"].items()))
+    for row, (_, cost) in enumerate(rows):
+        low, high = cost["ci95"]
+        ax.barh(row, 100 * cost["value"], color=BLUE, height=0.6)
+        ax.plot([100 * low, 100 * high], [row, row], color="#222", linewidth=1.2)
+    ax.set(yticks=range(len(rows)), yticklabels=[_name(name) for name, _ in rows])
+    ax.set_xlabel("points of success that it costs; line: 95 % interval")
+    ax.grid(axis="y", visible=False)
+
+
+def _curve(ax, log: Path) -> None:
+    with log.open(encoding="utf-8") as lines:
+        rows = [(float(r["elapsed"]), float(r["success"])) for r in csv.DictReader(lines) if float(r["episodes"])]
+    begun = rows[0][0] if rows else 0.0
+    ax.plot([(at - begun) / 60 for at, _ in rows], [100 * success for _, success in rows], color=GREEN, linewidth=1)
+    ax.set(xlabel="minutes of training", ylabel="success of drawn actions, %", ylim=(0, 102))
+
+
+def _said(effect) -> str:
+    """An effect of the patch in words; intervals are in the doctor's own report."""
+    values = {name: _Plain(value) for name, value in effect.values.items()}
+    return say(effect.record, effect.component, values, "the simulator")
+
+
+class _Plain(Value):
+    """A number without an interval."""
+
+    def __init__(self, value: float):
+        super().__init__(value, value, value)
+
+    def __format__(self, spec: str) -> str:
+        text = super().__format__(spec)
+        begin, end = text.find(" ("), text.find(")")
+        return text[:begin] + text[end + 1 :]
+
+
+def _name(part: str) -> str:
+    return part.replace("_", " ").removesuffix(" at camera").removesuffix(" at contact").removesuffix(" at object")
+
+
+def _percent(rate: Mapping) -> str:
+    low, high = rate["ci95"]
+    return f"{100 * rate['value']:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
+
+
+def _points(share: float) -> str:
+    return f"{100 * share:.0f}"

@@ -1,0 +1,282 @@
+"""The stages of a rehearsal, each with a file for its result: what is there is not done again.
+
+recordings.txt    where it was found                                     (`diagnosed`)
+patch.yaml        what the doctor found                                  (`diagnosed`)
+episodes/*.json   scores, episode by episode, by cell
+learned.json      training and distillation; weights/ has both policies  (learning.learn)
+rehearsal.json    all of it, of what is known so far                     (`rehearse`)
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+from sim2real.effects.patch import Patch, dump_patch, load_patch
+
+from np_common.files import write_whole
+from np_common.intervals import wilson_interval
+from np_common.parent_process import end_with_parent
+from np_evaluation.corrections import corrections
+from np_evaluation.finetune.learning import Learning, carried, learn, learned
+from np_evaluation.finetune.playing import Cell, play_all, succeeds, text_of
+from np_evaluation.finetune.shares import joined, mean_and_interval, parts, shapley, subsets, with_intervals
+from np_record.bag import BagError, Recording
+
+Turn = Callable[[], AbstractContextManager[int | None]]
+"""Waits for a GPU and gives its number, None for the CPU, until its context is left."""
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """What is rehearsed.
+
+    robot: the nominal one in the simulator, with the policies that are there; reality: what it is judged by besides, None where that is the
+    lab; episodes: of every figure; share_episodes: of every subset of effects, 0: nobody is blamed; out: folder of all results; name: in front
+    of what progress says; beside: training begins at once, while episodes are played; tell: hears what is known after every stage; go_on:
+    called before every stage with the seconds that it takes at least, and raises where it is not to be begun; is_over: asked while
+    training whether it shall end; left: effects that nobody corrects, by id.
+    """
+
+    robot: Cell
+    out: Path
+    reality: Cell | None = None
+    episodes: int = 100
+    share_episodes: int = 50
+    name: str = ""
+    beside: bool = False
+    tell: Callable[[dict], None] = lambda told: None
+    go_on: Callable[[float], None] = lambda seconds: None
+    is_over: Callable[[], bool] = lambda: False
+    left: tuple[str, ...] = ()
+
+    def play(self, cells: dict[str, Cell], episodes: int, what: str, pool: Executor) -> dict[str, list[float]]:
+        """Scores of cells, kept in `out`."""
+        self.go_on(0.0)
+        return play_all(cells, episodes, self.out / "episodes", pool, self.name + what)
+
+    def patched(self, patch: Patch) -> Cell:
+        """The simulated robot with a patch."""
+        return replace(self.robot, effects=text_of(patch))
+
+
+def check_episodes(bags: Sequence[Path], domain: str) -> None:
+    """Raises BagError for a recording of episodes of another domain: what is seen in it another detector saw. What `excite` recorded is of the robot,
+    whatever object lay there; of a recording that does not say what it is nothing is known."""
+    for bag in bags:
+        with Recording(bag) as recording:
+            said = recording.information
+        if "experiments" not in said and said.get("domain", domain) != domain:
+            raise BagError(
+                f"bag {bag}: expected a recording of `excite`, or episodes of {domain}, got episodes of {said['domain']}"
+            )
+
+
+def diagnosed(bags: Sequence[Path], out: Path) -> Patch:
+    """What the doctor finds in recordings of the suites: `diagnose` of those of the arm, `chain` of those with keypoints, and out/patch.yaml of
+    both. Raises OSError where a doctor refuses, with its words, ValueError where `out` has what was found in other recordings."""
+    whole, of = out / "patch.yaml", out / "recordings.txt"
+    given = "".join(f"{bag.resolve()}\n" for bag in sorted(bags))
+    known = of.read_text(encoding="utf-8") if of.exists() else given
+    if known != given and [*out.glob("patch.yaml"), *out.glob("*/patch.yaml")]:
+        was = ", ".join(known.splitlines())
+        raise ValueError(f"{out}: expected the recordings that it is of, {was}, got others: name another --out")
+    out.mkdir(parents=True, exist_ok=True)
+    write_whole(of, given)
+    if not whole.exists():
+        seen = {bag: _has_keypoints(bag) for bag in bags}
+        arm, task = ([str(bag) for bag in bags if seen[bag] == has] for has in (False, True))
+        effects = ()
+        if arm:
+            effects += _asked("sim2real.cli.diagnose", arm, out / "arm")
+        if task:
+            effects += _asked("sim2real.cli.chain", task, out / "chain", ("--arm", str(out / "arm")) if arm else ())
+        whole.write_text(dump_patch(Patch(effects)), encoding="utf-8")
+    return load_patch(whole)
+
+
+def _has_keypoints(bag: Path) -> bool:
+    with Recording(bag) as recording:
+        return bool(recording.rows("keypoints").get("keypoints"))
+
+
+def _asked(doctor: str, bags: Sequence[str], out: Path, options: Sequence[str] = ()) -> tuple:
+    """Effects of the patch that a doctor writes into `out`; what is there is not asked again."""
+    if not (out / "patch.yaml").exists():
+        command = [sys.executable, "-m", doctor, *bags, "--out", str(out), *options]
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, preexec_fn=end_with_parent)
+        if done.returncode:
+            raise OSError(f"{doctor.rpartition('.')[2]} refuses: {done.stdout.strip().splitlines()[-1:]}")
+    return load_patch(out / "patch.yaml").effects
+
+
+def rehearse(what: Rehearsal, patch: Patch, how: Learning | None, pool: Executor, turn: Turn | None = None) -> dict:
+    """From a patch to recovered success; what is told, which out/rehearsal.json keeps, also where it ends early. how: None: nothing is trained;
+    turn: who trains when, None: at once, where `how` says.
+
+    What detector and driver can be told of the patch they are told (`np_evaluation.corrections`); policies are trained on with the rest.
+    """
+    begun = time.monotonic()
+    corrected = corrections(patch, what.left)
+    trained_with, left_out = trained_for(what, patch)
+    told_of = "" if corrected.is_none else text_of(Patch(tuple(e for e in patch.effects if e.effect not in what.left)))
+
+    def say(played: dict, costs: dict, learned: dict | None, after: dict) -> dict:
+        told = _told(what, patch, played, after, costs, learned, left_out)
+        told["wall_s"] = round(time.monotonic() - begun, 1)
+        told["played"] = {name: [int(s) for s in succeeds(each)] for name, each in {**played, **after}.items()}
+        (what.out / "rehearsal.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        what.tell(told)
+        return told
+
+    with _begun(what, patch, how, turn) as learning:
+        cells = {"nominal": what.robot, "patched": what.patched(patch)}
+        if what.reality is not None:
+            cells["reality"] = what.reality
+        for name in ("patched", "reality") if told_of else ():
+            if name in cells:
+                cells[f"{name}_corrected"] = replace(cells[name], corrected=told_of)
+        played = what.play(cells, what.episodes, "success before", pool)
+        costs = _costs(what, parts(patch), played, pool) if patch.effects and what.share_episodes else {}
+        told = say(played, costs, None, {})
+        if trained_with.effects and how is not None:
+            new = learning()
+            told = say(played, costs, new, _chosen(what, patch, told_of, new, pool))
+    return told
+
+
+def trained_for(what: Rehearsal, patch: Patch) -> tuple[Patch, list[str]]:
+    """The part of a patch that policies are trained on with, and what neither corrections nor training have, in words."""
+    return carried(corrections(patch, what.left).remaining)
+
+
+def trained(
+    what: Rehearsal, patch: Patch, how: Learning, turn: Turn | None = None, is_over: Callable[[], bool] = lambda: False
+) -> dict:
+    """What training comes to (`learning.learn`), when it is its turn; what is there already waits for none. Also before a rehearsal, which then
+    finds it."""
+    if (known := learned(what.out)) is not None:
+        return known
+    with (turn or (lambda: nullcontext(how.gpu)))() as gpu:
+        what.go_on(how.seconds)
+        return learn(
+            what.robot.domain,
+            trained_for(what, patch)[0],
+            what.out,
+            replace(how, gpu=gpu),
+            what.robot.weights,
+            lambda: is_over() or what.is_over(),
+        )
+
+
+@contextmanager
+def _begun(what: Rehearsal, patch: Patch, how: Learning | None, turn: Turn | None) -> Iterator[Callable[[], dict]]:
+    """Waits for what training comes to, which is begun at once or then. Where this is interrupted training is too; where anything else is raised
+    it is done to its end, and kept."""
+    interrupted = Event()
+
+    def train() -> dict:
+        return trained(what, patch, how, turn, interrupted.is_set)
+
+    if not (what.beside and how is not None and trained_for(what, patch)[0].effects):
+        yield train
+        return
+    with ThreadPoolExecutor(1) as thread:
+        learning = thread.submit(train)
+        try:
+            yield learning.result
+        except BaseException as error:
+            if not isinstance(error, Exception):
+                interrupted.set()
+            raise
+
+
+def _chosen(what: Rehearsal, patch: Patch, told_of: str, learned: dict, pool: Executor) -> dict[str, list[float]]:
+    """Scores of the new policies, with the new student or with the old one: whichever the patched simulator has the better scores with, which
+    reality is then asked for."""
+    places = {"new": learned["weights"], "old": learned["weights_old_student"]}
+    patched = replace(what.patched(patch), corrected=told_of)
+    cells = {f"patched_{student}_student": replace(patched, weights=place) for student, place in places.items()}
+    played = what.play(cells, what.episodes, "success after", pool)
+    learned["student"] = max(places, key=lambda student: sum(played[f"patched_{student}_student"]))
+    learned["chosen"] = places[learned["student"]]
+    played["patched_after"] = played[f"patched_{learned['student']}_student"]
+    if what.reality is not None:
+        reality = replace(what.reality, weights=learned["chosen"], corrected=told_of)
+        cell = {f"reality_{learned['student']}_student": reality}
+        (played["reality_after"],) = what.play(cell, what.episodes, "success after", pool).values()
+    return played
+
+
+def _costs(what: Rehearsal, blamed: dict[str, Patch], played: dict, pool: Executor) -> dict[str, dict]:
+    """What each part of the patch costs in the patched simulator: its share of success, of the score, and the score that comes back where it alone
+    is taken out."""
+    names = list(blamed)
+    count = min(what.share_episodes, what.episodes) if len(names) > 1 else what.episodes
+    asked = {some: f"subset_{sum(1 << names.index(name) for name in some)}" for some in subsets(names)}
+    cells = {label: what.patched(joined(blamed, some)) for some, label in asked.items() if 0 < len(some) < len(names)}
+    success = what.play(cells, count, "which effect", pool) if cells else {}
+    success |= {asked[frozenset()]: played["nominal"][:count], asked[frozenset(names)]: played["patched"][:count]}
+    scores = {some: np.array(success[label], float) for some, label in asked.items()}
+    lost = with_intervals(shapley(names, {some: np.array(succeeds(each), float) for some, each in scores.items()}))
+    # Where success is at 1 with every effect, room for it is what tells them apart.
+    every = frozenset(names)
+    taken = {name: mean_and_interval(scores[every - {name}] - scores[every]) for name in names}
+    shares = with_intervals(shapley(names, scores))
+    return {name: {**lost[name], "score": score, "taken_out": taken[name]} for name, score in shares.items()}
+
+
+KEPT = {"before": "patched", "corrected": "patched_corrected", "trained": "patched_after"}
+"""What a rehearsal may say is best, and by which scores: nothing told or trained, only told, or both."""
+
+
+def _told(what, patch, played, after, costs, learned, left_out) -> dict:
+    """The whole rehearsal as JSON has it."""
+    scores = {**played, **after}
+    success = {name: _rate(succeeds(each)) for name, each in scores.items()}
+    remaining = corrections(patch, what.left).remaining.effects
+    # What is best is what the simulator that knows the gap says: reality is asked once, not to choose.
+    kept = max((k for k, name in KEPT.items() if name in scores), key=lambda k: sum(scores[KEPT[k]]))
+    lost = _paired(played["nominal"], played["patched"])
+    returned = None if kept == "before" else _paired(scores[KEPT[kept]], played["patched"])
+    cause = next((name for name, cost in costs.items() if cost["score"]["value"] > 0 or len(costs) == 1), None)
+    value = {name: rate["value"] for name, rate in success.items()}
+    return {
+        "success_nominal": value["nominal"],
+        "success_predicted": value["patched"],
+        "success_before": value.get("reality"),
+        "success_after": value.get(KEPT[kept].replace("patched", "reality")),
+        "success_after_predicted": value[KEPT[kept]],
+        "cause": cause,
+        "costs": costs,
+        "lost": lost,
+        "returned": returned,
+        "kept": kept,
+        "effects": [f"{e.effect} at {e.component}" for e in patch.effects],
+        "corrected": [f"{e.effect} at {e.component}" for e in patch.effects if e not in remaining],
+        "not_trained": left_out,
+        "success": success,
+        "learned": learned,
+        "domain": what.robot.domain,
+        "episodes": what.episodes,
+        "reality": None if what.reality is None else what.reality.engine,
+        "weights": learned["chosen"] if learned else None,
+    }
+
+
+def _rate(each: Sequence[bool]) -> dict:
+    return {"value": sum(each) / len(each), "ci95": list(wilson_interval(sum(each), len(each))), "of": len(each)}
+
+
+def _paired(more: Sequence[float], less: Sequence[float]) -> dict:
+    """Difference of two successes on the same episodes, of which these are the scores."""
+    return mean_and_interval(np.array(succeeds(more), float) - np.array(succeeds(less), float))

@@ -1,0 +1,212 @@
+"""Episodes without a graph: simulated robot, guards, controller, planner, policies and the phases of an episode in one process.
+
+One takes 1 to 4 s of processor time with true corners, 2 to 8 with images, where eight nodes take 20 to 70. What the nodes call
+is called in the same order, without messages, so that an episode is not the graph's bit for bit: contacts tell the last digit.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from sim2real.effects.patch import Patch
+from sim2real.effects.view_effects import ViewEffects
+
+from np_control.controller import Controller, ControllerConfig
+from np_control.safety import Refusal, SafetyFilter
+from np_description.camera import CAMERA
+from np_description.domains import Domain, find_domain
+from np_description.engine import MakeEngine
+from np_description.mujoco_engine import MujocoEngine
+from np_description.panda import JOINT_NAMES
+from np_description.phases import FAULT, POST, PRE, PhaseState
+from np_evaluation.corrections import CorrectedDriver, CorrectedView, corrections
+from np_evaluation.keypoint_projector import DetectorEyes
+from np_evaluation.scoring import Result, result_of
+from np_perception.pose_estimation import PoseError, estimate_pose, project_keypoints
+from np_perception.seen_corners import SeenCorners
+from np_planning.approach import plan_approach
+from np_planning.collision import CollisionModel
+from np_planning.rrt import PlanningError
+from np_policy.action import PolicyError
+from np_policy.contract import POST_CONTACT, PRE_CONTACT, weights_file
+from np_policy.episode import SECOND, Episode, EpisodeConfig, Event
+from np_policy.policy import PostContactController, PreContactPlanner
+from np_record.outcome import score
+from np_sim_bridge.simulation import Simulation
+
+TICK = SECOND // 10  # ns
+IMAGE = SECOND // 30  # ns
+
+
+def engine_called(name: str) -> MakeEngine:
+    """The engine mujoco or physx. Raises OSError where the second is not installed."""
+    if name == "mujoco":
+        return MujocoEngine
+    from np_physx_bridge.engine import PhysxEngine
+
+    return PhysxEngine
+
+
+class OneProcess:
+    """A domain's graph as one object. alone: contacts are chosen as if the object had the size that the weights know; patch: what arm,
+    scene and view have that policies and planner do not know of; corrected: what detector and driver are told of it (`np_evaluation.corrections`);
+    weights: folder, "" for the project's own; keypoints: truth or camera; controller: impedance or osc."""
+
+    def __init__(
+        self,
+        domain: Domain,
+        engine: str,
+        *,
+        seed: int = 0,
+        contacts: int = 1,
+        alone: bool = False,
+        patch: Patch = Patch(),
+        corrected: Patch = Patch(),
+        weights: str | Path = "",
+        keypoints: str = "truth",
+        controller: str = "impedance",
+    ):
+        self._told = corrections(corrected)
+        self._domain, self._seed, self._contacts, self._patch = domain, seed, contacts, patch
+        self._engine = engine_called(engine)
+        chosen_for = find_domain(domain.name) if alone else domain
+        law = {"controller": controller}
+        self._pre = PreContactPlanner(weights_file(PRE_CONTACT, domain, weights), chosen_for, **law)
+        self._post = PostContactController(weights_file(POST_CONTACT, domain, weights), domain, **law)
+        self._law = ControllerConfig(cartesian=controller == "osc")
+        self._images = DetectorEyes(domain, patch, seed, weights) if keypoints == "camera" else None
+        self._collision = CollisionModel(domain)
+
+    @property
+    def domain(self) -> Domain:
+        """Whose episodes they are."""
+        return self._domain
+
+    def time_engine(self, take: Callable[[float], None]) -> None:
+        """From now on `take` is told the processor time s of every step of the engine."""
+        make = self._engine
+
+        def timed(*arguments, **options):
+            engine = make(*arguments, **options)
+            step = engine.step
+
+            def measured(*given) -> None:
+                began = time.process_time()
+                step(*given)
+                take(time.process_time() - began)
+
+            engine.step = measured
+            return engine
+
+        self._engine = timed
+
+    def play(self, number: int, scenario: int = 0) -> Result:
+        """One episode."""
+        began, said = time.monotonic(), []
+        arm = Simulation(
+            self._domain,
+            seed=self._seed,
+            first_episode=number,
+            engine=self._engine,
+            scenario=scenario,
+            camera=ViewEffects(self._patch, CAMERA, self._seed).camera if self._images else CAMERA,
+            patch=self._patch,
+        )
+        eyes = self._eyes()
+        view, driver = CorrectedView(self._told, self._domain), CorrectedDriver(self._told)
+        controller, guard = Controller(self._law), SafetyFilter()
+        guard.start(driver.read(arm.measure()).position[:7])
+        config = EpisodeConfig(self._domain, contacts=self._contacts, success_share=self._domain.aim)
+        episode = Episode(config, lambda: driver.read(arm.measure()).position[:7].copy())
+        goal = project_keypoints(self._domain, arm.task.goal)
+        _note(said, [*episode.start(), *episode.goal(0, arm.task.goal)])
+        while True:
+            now = driver.read(arm.measure())
+            q, dq = now.position[:7], now.velocity[:7]
+            if not guard.watchdog.may_move:
+                said.append(PhaseState(FAULT, guard.watchdog.cause))
+                break
+            controller.observe(now.stamp, q, dq)
+            eyes.look(arm)
+            if now.stamp % TICK == 0:
+                self._tick(arm, controller, episode, now, view(eyes.seen(now.stamp), now.stamp), goal, said)
+                if not episode.is_active:
+                    break
+            answer = controller.answer()
+            guard.offer(now.stamp, JOINT_NAMES, answer.position, answer.velocity, answer.torque, now=now.stamp)
+            arm.step(driver.drive(guard.apply(now.stamp, q, dq).torque, q, dq))
+        outcome = score(self._domain, said, arm.object_pose(), arm.task.goal, arm.stamp / SECOND)
+        return result_of(number, outcome, time.monotonic() - began)
+
+    def _eyes(self) -> Eyes | DetectorEyes:
+        if self._images is None:
+            return Eyes(self._domain, self._patch, self._seed)
+        self._images.begin()
+        return self._images
+
+    def _tick(self, arm: Simulation, controller: Controller, episode: Episode, now, seen, goal, said) -> None:
+        before = episode.phase
+        _note(said, episode.keypoints(now.stamp, seen))
+        if episode.phase == PRE and episode.awaits == "joint_trajectory":
+            _note(said, self._approach(arm, controller, episode, now, seen, goal))
+        elif episode.phase == PRE and before == POST:
+            controller.hold()
+        elif episode.phase == POST:
+            if before != POST:
+                self._post.reset()
+            try:
+                target = self._post.act(now.position, now.velocity, seen, goal)
+                controller.set_target(
+                    now.stamp, target.position, target.rotation, target.stiffness, target.damping_ratio
+                )
+            except (PolicyError, Refusal):
+                pass  # as in the graph: the target before stays
+
+    def _approach(self, arm: Simulation, controller: Controller, episode: Episode, now, seen, goal) -> list[Event]:
+        try:
+            wanted = self._pre.propose(seen, goal)
+            objekt = estimate_pose(seen, self._domain).pose
+            plan = plan_approach(
+                self._collision, now.position[:7], wanted.pose, wanted.opening, objekt, seed=self._seed
+            )
+        except (PlanningError, PoseError, PolicyError) as error:
+            return episode.refusal(now.stamp, str(error))
+        arm.set_fingers(wanted.opening)
+        controller.follow(plan.trajectory, now.stamp)
+        return episode.trajectory(now.stamp, plan.trajectory.duration, plan.trajectory.positions[-1])
+
+
+class Eyes:
+    """The object's true corners as a patch's camera shows them, in the detector's place."""
+
+    def __init__(self, domain: Domain, patch: Patch, seed: int):
+        self._domain = domain
+        self._view = ViewEffects(patch, CAMERA, seed) if patch.view.effects else None
+        self._corners = SeenCorners(np.asarray(domain.half_size), self._view.oldest if self._view else 0.0)
+        self._pose, self._next = None, 0
+
+    def look(self, arm: Simulation) -> None:
+        """Once a control period: keep the object's pose where an image is due, or somebody will ask."""
+        if arm.stamp % TICK == 0:
+            self._pose = arm.object_pose()
+        if self._view is not None and (arm.stamp >= self._next or arm.stamp % TICK == 0):
+            self._corners.keep(arm.stamp, arm.object_pose())
+            self._next = arm.stamp - arm.stamp % IMAGE + IMAGE
+
+    def seen(self, stamp: int) -> np.ndarray:
+        """Corners (8, 3) as they are found now, usable where they lie in the image; none of an object that was thrown behind the camera."""
+        try:
+            seen = project_keypoints(self._domain, self._pose)
+        except ValueError:
+            return np.zeros((8, 3))
+        if self._view is not None:
+            seen[:, :2] = self._view.keypoints(self._corners.at, stamp)
+        seen[:, 2] = ((seen[:, :2] > -0.5) & (seen[:, :2] < (CAMERA.width - 0.5, CAMERA.height - 0.5))).all(axis=1)
+        return seen
+
+
+def _note(said: list[PhaseState], events: list[Event]) -> None:
+    said += [event for event in events if isinstance(event, PhaseState)]

@@ -1,0 +1,80 @@
+"""Some episodes of an evaluation through a graph, in this process or in one of its own."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+from np_common.cli import new_folder
+from np_description.phases import FAULT
+from np_evaluation.results import Part
+from np_evaluation.scoring import Result, breakdown, result_of
+from np_ros.processes.supervisor import NodeDied
+
+
+class Takes(Protocol):
+    """Who takes results."""
+
+    def add(self, result: Result) -> None:
+        """One result, which has to be kept at once."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """Arguments of the graph but for the first episode, name of the engine, whether to record, folder of the logs."""
+
+    arguments: Mapping[str, str]
+    engine: str
+    record: bool
+    out: Path
+
+
+def play(
+    request: Request, numbers: range, results: Takes, on_tick: Callable[[int, float], None] = lambda number, s: None
+) -> None:
+    """Run episodes one after the other, and add what came of them; on_tick is told an episode's number and its time, s.
+
+    A graph that breaks down costs its episode and is started anew; one that does not come up at all raises NodeDied or TimeoutError.
+    """
+    from np_evaluation.commands.common import running_graph
+
+    number = numbers.start
+    while number < numbers.stop:
+        logs = new_folder(request.out / "log")
+        arguments = {**request.arguments, "first_episode": str(number)}
+        with running_graph(arguments, logs, on_tick=lambda s: on_tick(number, s)) as conductor:
+            whole = True
+            while whole and number < numbers.stop:
+                result, whole = _run_one(conductor, number, request.record)
+                results.add(replace(result, engine=request.engine))
+                number += 1
+        if not whole:
+            print(f"episode {number - 1}: {result.reason}\nlogs are in {logs}", file=sys.stderr)
+
+
+def play_part(request: Request, numbers: range, part: Path) -> None:
+    """`play`, with results in a file of its own; goes on where a process that was lost has ended."""
+    results = Part(part)
+    play(request, numbers[results.done :], results)
+
+
+def _run_one(conductor, number: int, record: bool) -> tuple[Result, bool]:
+    """One episode, and whether the graph is still whole."""
+    from np_ros.client.participant import GraphError
+
+    began = time.monotonic()
+    try:
+        if record:
+            conductor.start_recording()
+        outcome = conductor.run_episode()
+        if record:
+            conductor.stop_recording()
+    except (NodeDied, GraphError, TimeoutError) as error:
+        return breakdown(number, str(error), time.monotonic() - began), False
+    return result_of(
+        number, outcome, time.monotonic() - began, conductor.depths, conductor.limit_shares
+    ), outcome.declared != FAULT

@@ -1,0 +1,143 @@
+"""Results of an evaluation, one line of JSON for each episode, and their summary. No ROS."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from np_common.intervals import wilson_interval
+from np_description import limit_share
+from np_description.contact.depths import Tally
+from np_description.phases import SUCCEEDED
+from np_description.weights.released import sha256
+
+if TYPE_CHECKING:  # it is slow to import
+    from np_record.outcome import Outcome
+
+CODE = (
+    "np_common",
+    "np_description",
+    "np_ros",
+    "np_record",
+    "np_control",
+    "np_perception",
+    "np_planning",
+    "np_policy",
+    "sim2real",
+    "np_sim_bridge",
+    "np_physx_bridge",
+    "np_bringup",
+    "np_evaluation",
+)
+"""The packages whose code takes part in an evaluation."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One episode: number, how it ended, wall time s, engine, contacts chosen. `declared` is "graph" where the graph broke down."""
+
+    episode: int
+    engine: str = field(default="mujoco", kw_only=True)
+    success: bool
+    declared: str
+    reason: str
+    failed_in: str
+    distance: float | None
+    angle: float | None
+    duration: float
+    wall_s: float
+    contacts: int = field(default=1, kw_only=True)
+    depths: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    limit_shares: Sequence[Sequence[float]] = field(default_factory=list)
+
+
+def result_of(
+    episode: int, outcome: Outcome, wall_s: float, depths: Tally | None = None, shares: np.ndarray | None = None
+) -> Result:
+    """The result of an episode that came to an end, how deep things were in each other, and the shares (3, 7) of its limits that
+    the arm came to."""
+    return Result(
+        episode,
+        outcome.success,
+        outcome.declared,
+        outcome.reason,
+        outcome.failed_in,
+        round(outcome.distance, 6),
+        round(outcome.angle, 6),
+        round(outcome.duration, 3),
+        round(wall_s, 2),
+        depths.as_dict() if depths else {},
+        [] if shares is None else shares.round(4).tolist(),
+        contacts=outcome.contacts,
+    )
+
+
+def breakdown(episode: int, reason: str, wall_s: float) -> Result:
+    """The result of an episode in which the graph broke down: a failure."""
+    return Result(episode, False, "graph", reason, "graph", None, None, 0.0, round(wall_s, 2))
+
+
+def summary(results: list[Result]) -> dict[str, object]:
+    """The figures of an evaluation.
+
+    success: rate by the truth; ci95: Wilson; first_contact: the rate of those that needed one contact, where some had more, with its
+    own interval; failures: number by phase; declared_wrongly: episodes the
+    graph took for a success that were none; missed: true successes that it did not declare; depth_mm: how deep shapes were in
+    each other, fingertips apart, by pair, and the share of the time in which housing or links pushed; limit_share: how much of the
+    arm's limits of speed, torque and range the episodes came to.
+    """
+    successes = sum(r.success for r in results)
+    again = max((r.contacts for r in results), default=1) > 1
+    return {
+        **_rate(successes, len(results)),
+        **(
+            {"first_contact": _rate(sum(r.success and r.contacts == 1 for r in results), len(results))} if again else {}
+        ),
+        "episodes": len(results),
+        "failures": dict(sorted(Counter(r.failed_in for r in results if not r.success).items())),
+        "declared_wrongly": sum(r.declared == SUCCEEDED and not r.success for r in results),
+        "missed": sum(r.declared != SUCCEEDED and r.success for r in results),
+        "depth_mm": Tally.summary(Tally(r.depths) for r in results).as_dict(),
+        "limit_share": limit_share.summary(np.array(r.limit_shares) for r in results if r.limit_shares),
+        "wall_s": round(sum(r.wall_s for r in results), 1),
+    }
+
+
+def reasons(results: Sequence[Result]) -> dict[str, int]:
+    """What the graph said of the episodes that failed, and how often, the most frequent first: numbers are left out (#)."""
+    said = (
+        "declared a success and was none" if r.declared == SUCCEEDED else re.sub(r"-?\d+(\.\d+)?", "#", r.reason)
+        for r in results
+        if not r.success
+    )
+    return dict(Counter(said).most_common())
+
+
+def _rate(successes: int, episodes: int) -> dict[str, object]:
+    return {
+        "success": round(successes / episodes, 4) if episodes else None,
+        "ci95": [round(bound, 4) for bound in wilson_interval(successes, episodes)],
+    }
+
+
+def code_sha256() -> str:
+    """SHA-256 (hex) of every file of the packages that an evaluation runs, whatever git says of them, and of the effects of
+    one's own."""
+    from sim2real.effects.registry import FOLDERS  # slow
+
+    folders = [Path(find_spec(package).submodule_search_locations[0]) for package in CODE]
+    own = [Path(folder) for folder in os.environ.get(FOLDERS, "").split(":") if folder]
+    total = hashlib.sha256()
+    for root in (*folders, *own):
+        for path in sorted(path for path in root.rglob("*") if path.is_file() and "__pycache__" not in path.parts):
+            total.update(f"{root.name}/{path.relative_to(root)} {sha256(path)}\n".encode())
+    return total.hexdigest()

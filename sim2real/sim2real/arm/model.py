@@ -1,0 +1,158 @@
+"""The nominal arm as the doctor sees it: a tree of hinges, taken from any MuJoCo model (from a file: `arm.files`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import mujoco
+import numpy as np
+
+from np_description.domains import CARD
+from np_description.panda import NOMINAL, TCP_FRAME
+from np_description.scene import load_model
+from sim2real.effects.patch import PANDA
+
+UNLIMITED_TORQUE = 100.0  # Nm, the scale of a joint whose model states no limit
+UNLIMITED_SPEED = 10.0  # rad/s, likewise
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """Hinges base to tip, n of them; SI units.
+
+    parent (n,): index of the link that carries each joint, -1 for the base. At reference angle: offset (n, 3)
+    m and rotation (n, 3, 3), the joint's frame in its parent link (the base: in the world); axis (n, 3) unit
+    vector in its own frame. mass (n,); moment (n, 3) = m c; inertia (n, 3, 3) about the joint's origin, axes
+    of the link frame, all that hangs rigidly on the link included. tip (3,): tool point in the last link. name: of the
+    model, by which a patch says whose it is.
+    """
+
+    joints: tuple[str, ...]
+    parent: np.ndarray
+    offset: np.ndarray
+    rotation: np.ndarray
+    axis: np.ndarray
+    reference: np.ndarray
+    mass: np.ndarray
+    moment: np.ndarray
+    inertia: np.ndarray
+    tip: np.ndarray
+    gravity: np.ndarray
+    position_lower: np.ndarray
+    position_upper: np.ndarray
+    velocity_limit: np.ndarray
+    torque_limit: np.ndarray
+    frictionloss: np.ndarray
+    damping: np.ndarray
+    armature: np.ndarray
+    rest: np.ndarray
+    name: str
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def rigid_body_only(self) -> Arm:
+        """Without joint friction, damping and rotors, as a sensor after the gear might see it."""
+        none = np.zeros(len(self))
+        return replace(self, frictionloss=none, damping=none, armature=none)
+
+
+@cache
+def panda(hand: bool = True) -> Arm:
+    """The nominal Panda; without its hand, the bare flange."""
+    model = load_model(CARD)
+    if not hand:
+        for name in ("panda_hand", *(f.replace("_joint", "") for f in NOMINAL.fingers)):
+            body = model.body(name).id
+            model.body_mass[body], model.body_inertia[body] = 0.0, 0.0
+    arm = from_model(model, NOMINAL.joints, site=TCP_FRAME)
+    return replace(
+        arm,
+        position_lower=NOMINAL.position_lower,
+        position_upper=NOMINAL.position_upper,
+        velocity_limit=NOMINAL.velocity_limit,
+        torque_limit=NOMINAL.torque_limit,
+        rest=NOMINAL.ready,
+        name=PANDA,
+    )
+
+
+def from_model(model: mujoco.MjModel, joints: Sequence[str], site: str | None = None) -> Arm:
+    """The arm of these hinges; every other joint of the model is held at its reference."""
+    index = []
+    for name in joints:
+        j = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+        if j < 0 or model.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE:
+            known = [model.joint(k).name for k in range(model.njnt)]
+            raise ValueError(f"expected hinge joints of the model, got {name!r}; it has {known}")
+        index.append(j)
+    if len({int(model.jnt_bodyid[j]) for j in index}) < len(index):
+        raise ValueError(f"expected one hinge a body, got several in one of {list(joints)}")
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.qpos0
+    mujoco.mj_kinematics(model, data)
+    count = len(index)
+    carrier = {int(model.jnt_bodyid[j]): i for i, j in enumerate(index)}
+    owner = np.full(model.nbody, -1)
+    for body in range(1, model.nbody):
+        owner[body] = carrier.get(body, owner[model.body_parentid[body]])
+    origin, axes = data.xanchor[index], data.xmat.reshape(-1, 3, 3)
+    frame = axes[model.jnt_bodyid[index]]
+    parent = np.array([owner[model.body_parentid[model.jnt_bodyid[j]]] for j in index])
+    if (parent >= np.arange(count)).any():
+        raise ValueError(f"expected joints from the base outwards, got {list(joints)}")
+    base = (np.zeros(3), np.eye(3))
+    carried = [base if p < 0 else (origin[p], frame[p]) for p in parent]
+    mass, moment, inertia = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3, 3))
+    for body in range(1, model.nbody):
+        i = owner[body]
+        if i < 0:
+            continue
+        turn = frame[i].T @ data.ximat[body].reshape(3, 3)
+        centre = frame[i].T @ (data.xipos[body] - origin[i])
+        m = model.body_mass[body]
+        mass[i] += m
+        moment[i] += m * centre
+        inertia[i] += turn @ np.diag(model.body_inertia[body]) @ turn.T
+        inertia[i] += m * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    dof = model.jnt_dofadr[index]
+    limited = model.jnt_limited[index].astype(bool)
+    tip = data.site(site).xpos if site else data.xpos[np.flatnonzero(owner == count - 1)[-1]]
+    return Arm(
+        tuple(joints),
+        parent,
+        np.array([r.T @ (o - p) for o, (p, r) in zip(origin, carried)]),
+        np.array([r.T @ f for f, (_, r) in zip(frame, carried)]),
+        model.jnt_axis[index].copy(),
+        model.qpos0[model.jnt_qposadr[index]].copy(),
+        mass,
+        moment,
+        inertia,
+        frame[-1].T @ (tip - origin[-1]),
+        model.opt.gravity.copy(),
+        np.where(limited, model.jnt_range[index, 0], -np.inf),
+        np.where(limited, model.jnt_range[index, 1], np.inf),
+        np.full(count, UNLIMITED_SPEED),
+        _torque_limits(model, index),
+        model.dof_frictionloss[dof].copy(),
+        model.dof_damping[dof].reshape(count, -1)[:, 0].copy(),
+        model.dof_armature[dof].copy(),
+        model.qpos0[model.jnt_qposadr[index]].copy(),
+        "",
+    )
+
+
+def _torque_limits(model: mujoco.MjModel, index: Sequence[int]) -> np.ndarray:
+    """Nm at the joint, the least that joint or motor states; UNLIMITED_TORQUE where neither does."""
+    limits = np.full(len(index), np.inf)
+    on_joint = np.isin(model.actuator_trntype, (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    for i, j in enumerate(index):
+        if model.jnt_actfrclimited[j]:
+            limits[i] = np.abs(model.jnt_actfrcrange[j]).max()
+        for a in np.flatnonzero(
+            on_joint & (model.actuator_trnid[:, 0] == j) & model.actuator_forcelimited.astype(bool)
+        ):
+            limits[i] = min(limits[i], np.abs(model.actuator_forcerange[a]).max() * abs(model.actuator_gear[a, 0]))
+    return np.where(np.isfinite(limits), limits, UNLIMITED_TORQUE)

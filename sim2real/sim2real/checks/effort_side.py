@@ -1,0 +1,67 @@
+"""Which torque a recording's `effort` is: that of the drive, or that of a sensor after the gear (docs/reference/graph.md).
+
+A drive's torque holds the friction and the rotor of its joint; a sensor after the gear sees what moves the link. Taken for
+the other one, every joint has its nominal friction too much or not at all: no fault of an arm does that to most joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sim2real.arm import rigid
+from sim2real.arm.model import Arm
+from sim2real.effects.sums import sign
+from sim2real.recordings.signals import Log, sample
+from sim2real.thresholds import THRESHOLDS
+
+EFFORT = THRESHOLDS.effort
+DRIVE, SENSOR = "drive", "sensor"
+
+
+def is_after_gear(logs: Sequence[Log], arm: Arm, commanded: bool = False) -> bool:
+    """Whether the measured torque (commanded: the commanded one) holds nothing of the joints' nominal friction.
+
+    By the share of it that goes with each joint's motion, the median over the joints that slide.
+    """
+    samples, shares = sample(list(logs), commanded), []
+    gravity = None if samples.with_gravity else np.zeros(3)
+    rigid_part = rigid.torque(arm, samples.position, samples.velocity, samples.acceleration, gravity)
+    for j in range(len(arm)):
+        friction = (
+            samples.filtered(j, lambda q, v: sign(v)) * arm.frictionloss[j] + samples.velocity[:, j] * arm.damping[j]
+        )
+        slides = np.abs(samples.velocity[:, j]) > THRESHOLDS.rows.standstill
+        if slides.sum() < EFFORT.rows or not friction[slides].any():
+            continue
+        # Beside what else goes with the motion of one joint and is no friction.
+        others = samples.acceleration[slides, j], np.ones(slides.sum()), rigid_part[slides, j]
+        left = samples.torque[slides, j] - rigid_part[slides, j]
+        shares.append(np.linalg.lstsq(np.column_stack([friction[slides], *others]), left, rcond=None)[0][0])
+    return bool(shares) and float(np.median(shares)) < EFFORT.share
+
+
+def on_the_drives_side(logs: Sequence[Log], arm: Arm, side: str | None) -> tuple[list[Log], Arm]:
+    """(logs, arm) that go with each other: what the drives give, and the arm that they move.
+
+    side: DRIVE, SENSOR, or None to ask the recording. Where commands are what a sensor after the gear shows as well (a drive
+    that closes its loop about that sensor), nothing of joint friction is left in either, and the arm is the rigid body. Where
+    the commands are the drives', the measured torque gets the nominal friction and rotor of its joints back.
+    """
+    logs = list(logs)
+    after_gear = is_after_gear(logs, arm) if side is None else side == SENSOR
+    if not after_gear or not (arm.frictionloss.any() or arm.damping.any()):
+        return logs, arm
+    if any(log.commands is None for log in logs) or is_after_gear(logs, arm, commanded=True):
+        return logs, arm.rigid_body_only()
+    return [_with_friction(log, arm) for log in logs], arm
+
+
+def _with_friction(log: Log, arm: Arm) -> Log:
+    speed = np.column_stack([np.interp(log.torque_time, log.time, v) for v in log.velocity.T])
+    padded = np.pad(speed, ((EFFORT.smooth // 2, EFFORT.smooth // 2), (0, 0)), mode="edge")
+    smooth = np.lib.stride_tricks.sliding_window_view(padded, EFFORT.smooth, axis=0).mean(axis=-1)
+    rotors = np.gradient(smooth, log.torque_time, axis=0) * arm.armature
+    return replace(log, torque=log.torque + sign(smooth) * arm.frictionloss + speed * arm.damping + rotors)

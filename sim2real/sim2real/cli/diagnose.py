@@ -1,0 +1,184 @@
+"""`diagnose LOG... --out DIR`: compare recordings of free motion with the nominal arm."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from np_common.cli import Parser
+from sim2real.cli.answers import refuse
+
+if TYPE_CHECKING:  # what is slow to import comes after the options are read
+    from sim2real.arm.model import Arm
+    from sim2real.recordings.signals import Log
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The options of the command line."""
+    parser = Parser(prog="diagnose", description=__doc__)
+    parser.add_argument(
+        "logs",
+        nargs="+",
+        type=Path,
+        metavar="LOG",
+        help="rosbag2 folder, or .npz file with t_s, q_rad, dq_rad_s, tau_J_Nm (torque with gravity); "
+        "nothing may touch the arm in it",
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder for report.json and report.html")
+    parser.add_argument("--no-hand", action="store_true", help="the flange was bare")
+    parser.add_argument(
+        "--rigid-body", action="store_true", help="nominal arm without joint friction, damping and rotors"
+    )
+    parser.add_argument(
+        "--reference",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="OLD",
+        help="recordings of the same arm when it was well: what changed since is explained, not what the nominal arm lacks",
+    )
+    parser.add_argument(
+        "--effort",
+        choices=("drive", "sensor", "current"),
+        help="which torque is measured: the drives', or that of sensors after the gear (default: asked of the recording); "
+        "or the motors' current in A",
+    )
+    parser.add_argument("--model", type=Path, help="MJCF or URDF file of another arm: its hinges, in its order")
+    parser.add_argument(
+        "--joints", nargs="+", metavar="NAME", help="hinges of the model that are the arm, base to tip (default: all)"
+    )
+    parser.add_argument(
+        "--tip", metavar="NAME", help="site, body or link of the model at the tool point (default: its last)"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="the one best effect, from parts of the recordings; no page"
+    )
+    parser.add_argument(
+        "--patch",
+        type=Path,
+        help="verify this patch.yaml of the Panda instead: simulate new recordings with it and without",
+    )
+    return parser.parse_args(arguments)
+
+
+def read_all(paths: Sequence[Path], arm: Arm, effort: str | None = None, known: int = 0) -> list[Log]:
+    """Logs that keep their contract, of torques; known: how many of them are of the arm as it was (0: none), which tell the
+    torque constants of currents. Raises ContractViolation for one that does not, ValueError for currents that do not tell."""
+    from sim2real.checks.plausibility import check
+    from sim2real.recordings.current import as_current, as_torque, torque_constants
+    from sim2real.recordings.reading import read
+
+    logs = []
+    for number, path in enumerate(paths):
+        print(f"reading {path} ({number + 1} of {len(paths)})", file=sys.stderr)
+        log = read(path, arm.joints)
+        logs.append(as_current(log) if effort == "current" and not log.is_current else log)
+    currents = [log for log in logs[: known or None] if log.is_current]
+    if currents:
+        per_ampere = torque_constants(currents, arm)
+        logs = [as_torque(log, per_ampere) if log.is_current else log for log in logs]
+    for log in logs:
+        check(log, arm)
+    return logs
+
+
+def verify_patch(options: argparse.Namespace) -> int:
+    """A recording beside the simulator with a patch and without it; verification.json, and JSON as the last line."""
+    from sim2real.arm.model import panda
+    from sim2real.effects.patch import load_patch
+    from sim2real.recordings.reading import ContractViolation
+    from sim2real.simulation.verification import sentence, verify, write
+
+    try:
+        if options.model or options.no_hand or options.rigid_body:
+            raise ValueError("--patch: expected the nominal Panda with its hand, which a patch is made for")
+        patch = load_patch(options.patch)
+        found = verify(read_all(options.logs, panda()), patch)
+    except (ValueError, FloatingPointError) as error:
+        print(f"diagnose: {error}", file=sys.stderr)
+        print(json.dumps({"error": str(error)}))
+        return 2 if isinstance(error, ContractViolation) else 1
+    print(sentence(found))
+    for line in found["held_back"]:
+        print(f"held back: {line}")
+    print(json.dumps({**found, "patch": str(options.patch), "verification": str(write(options.out, found))}))
+    return 0
+
+
+def _arm(options: argparse.Namespace) -> Arm:
+    """The nominal arm that the options name. Raises ValueError for a model that is none."""
+    from sim2real.arm.model import panda
+
+    if options.model:
+        from sim2real.arm.files import load_arm
+
+        arm = load_arm(options.model, options.joints, options.tip)
+        print(f"arm {arm.name}: {', '.join(arm.joints)}", file=sys.stderr)
+    elif options.joints or options.tip:
+        raise ValueError("--joints and --tip: expected --model with them, the Panda's are known")
+    else:
+        arm = panda(not options.no_hand)
+    return arm.rigid_body_only() if options.rigid_body else arm
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; the last line printed is one JSON object. Status 2: a log that breaks the contract."""
+    options = parse(arguments)
+    if options.patch:
+        return verify_patch(options)
+    from sim2real import single_thread  # noqa: F401, I001  before NumPy
+    from sim2real.checks.effort_side import on_the_drives_side
+    from sim2real.diagnosis import diagnose
+    from sim2real.progress import StageProgress
+    from sim2real.recordings.excerpt import excerpts
+    from sim2real.recordings.reading import ContractViolation
+    from sim2real.report.document import write
+
+    began = time.monotonic()
+    try:
+        arm = _arm(options)
+        together = read_all([*options.reference, *options.logs], arm, options.effort, len(options.reference))
+        is_current = any(log.per_ampere is not None for log in together)  # which is the drives'
+        together, arm = on_the_drives_side(together, arm, "drive" if is_current else options.effort)
+        before, logs = together[: len(options.reference)], together[len(options.reference) :]
+        total, part = sum(log.duration for log in logs), "parts of " if options.quick else ""
+        other = f"{sum(log.duration for log in before):.0f} s of the arm as it was" if before else "the nominal arm"
+        print(f"comparing {part}{total:.0f} s with {other}", file=sys.stderr)
+        progress = StageProgress(options.quick)
+        taken = (excerpts(part) if options.quick and part else part for part in (logs, before))
+        diagnosis = diagnose(next(taken), arm, quick=options.quick, reference=next(taken), tell=progress.begin)
+    except ContractViolation as violation:
+        return refuse(violation)
+    except ValueError as error:
+        print(f"diagnose: {error}", file=sys.stderr)
+        print(json.dumps({"error": str(error)}))
+        return 1
+    report = write(options.out, diagnosis, logs, lambda: time.monotonic() - began, options.quick, progress.begin)
+    progress.end()
+    print(report["sentence"])
+    gap = report["gap"]
+    print(
+        json.dumps(
+            {
+                "verdict": report["verdict"],
+                "effects": [f"{e['effect']} at {e['component']}" for e in report["effects"] if e["is_added"]],
+                "before": gap["before"],
+                "after": gap["after"],
+                "floor": gap["floor"],
+                "shrink": gap["shrink"],
+                "shrink_ci95": gap["shrink_ci95"],
+                "report": str(options.out / "report.json"),
+                "runtime_s": report["runtime_s"],
+            }
+        )
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

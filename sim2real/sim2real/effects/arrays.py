@@ -1,0 +1,25 @@
+"""Which library's arrays the hooks of effects get, and what holds an arm against gravity in it.
+
+Hooks are written for NumPy and PyTorch alike (`np_common.rotations.namespace`): one arm of the bridge and thousands of
+training behave by the same lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2real.effects.weight import Hold
+
+
+@dataclass(frozen=True)
+class Arrays:
+    """array: of numbers; hold(panda, tilt): the torque (..., 7) Nm that holds that arm at angles (..., 7) rad."""
+
+    array: Callable[[np.ndarray], np.ndarray]
+    hold: Callable[..., Callable[[np.ndarray], np.ndarray]]
+
+
+NUMPY = Arrays(np.asarray, Hold)

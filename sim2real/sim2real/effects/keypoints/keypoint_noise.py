@@ -1,0 +1,29 @@
+"""Keypoint noise: every corner scatters, each image anew or with a memory of the one before."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from np_description.keypoints import COUNT
+from sim2real.effects.record import Quantity
+from sim2real.effects.view_record import Disturbance, Part, Seen, ViewRecord
+
+
+def _move(d: Disturbance) -> np.ndarray:
+    """Autoregressive of first order, with `spread` for its own standard deviation from the first image on."""
+    memory, spread = d.given["memory"], d.given["spread"]
+    fresh = spread * d.rng.standard_normal((COUNT, 2))
+    return memory * d.last + sqrt(1.0 - memory**2) * fresh if d.last.any() else fresh
+
+
+RECORD = ViewRecord(
+    "keypoint_noise",
+    Part.KEYPOINTS,
+    (Quantity("spread", "px", 0.0, 20.0), Quantity("memory", "1", 0.0, 0.99)),
+    Seen("px", 0.5),
+    "corners scatter by {spread:px}, each image keeping {memory:%} of the one before",
+    move=_move,
+    kept=True,
+)

@@ -1,0 +1,81 @@
+"""An effect in words, for who reads a report: the phrase of its record with the numbers that were found in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import degrees, floor, log10
+from string import Formatter
+
+from sim2real.effects.record import ARM, EffectRecord, Place
+from sim2real.effects.view_record import ViewRecord
+
+_SCALES = {"%": 100.0, "ppm": 1e6, "ms": 1e3, "mm": 1e3, "mrad": 1e3, "mrad/Nm": 1e3, "deg": degrees(1.0)}
+"""Units that a phrase may ask for in place of the quantity's own, by what they are of it."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number that was found, with its 95 % interval, in the quantity's own unit.
+
+    In a phrase "{level:Nm more/less}" asks for it in Nm, and for the word that its sign means; "{share:%}" in per cent. Within a unit
+    or a word an underscore stands for a blank.
+    """
+
+    value: float
+    low: float
+    high: float
+
+    def __format__(self, spec: str) -> str:
+        unit, _, words = spec.partition(" ")
+        scale = _SCALES.get(unit, 1.0)
+        word = ""
+        if words:
+            above, below = words.split("/")
+            word = f" {above if self.value >= 0 else below}"
+            scale = scale if self.value >= 0 else -scale
+        value, (low, high) = scale * self.value, sorted((scale * self.low, scale * self.high))
+        digits = _digits(high - low, value)
+        # Adding 0.0 turns -0.0 into 0.0.
+        said, lowest, highest = (f"{round(number, digits) + 0.0:.{digits}f}" for number in (value, low, high))
+        return f"{said} {unit} ({lowest} to {highest}){word}".replace("_", " ")
+
+
+def say(record: EffectRecord | ViewRecord, component: str, values: Mapping[str, Value], nominal: str) -> str:
+    """What the effect is, as half a sentence: "joint 4 has 0.80 Nm (0.79 to 0.81) more dry friction".
+
+    values: by the quantity's name; one that was not found is zero. nominal: what is compared with, "the simulator".
+    """
+    known = {q.name: values.get(q.name, Value(0.0, 0.0, 0.0)) for q in record.quantities}
+    phrase = record.said or _plain(record)
+    where = place(record.place, component) if isinstance(record, EffectRecord) else str(record.part)
+    return phrase.format(at=where, nominal=nominal, **known)
+
+
+def fields(phrase: str) -> set[str]:
+    """The names that a phrase asks for."""
+    return {name for _, name, _, _ in Formatter().parse(phrase) if name}
+
+
+def place(kind: Place, component: str) -> str:
+    """Where it is, in words: the arm, joint 4, link 4; a joint of another arm as it is called there."""
+    if component == ARM:
+        return "the arm"
+    number = component.removeprefix("panda_joint")
+    if not number.isdigit():
+        return component
+    return f"{'link' if kind is Place.LINK else 'joint'} {number}"
+
+
+def _plain(record: EffectRecord) -> str:
+    """Of a record without a phrase, somebody's own: its name and its numbers."""
+    numbers = ", ".join(
+        f"{q.name.replace('_', ' ')} {{{q.name}:{q.unit.replace(' ', '_')}}}" for q in record.quantities
+    )
+    return f"{{at}} has {record.id.replace('_', ' ')}: {numbers}"
+
+
+def _digits(width: float, value: float) -> int:
+    """Decimals at which the half of an interval has its first digit; three digits of the value where there is no interval."""
+    size = width / 2 if width > 0 else abs(value) / 100
+    return max(0, -floor(log10(size))) if size > 0 else 0

@@ -1,0 +1,66 @@
+"""An encoder that reads in steps too coarse to be left out. Seen in the readings themselves, not in torque."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_common.rotations import namespace
+from sim2real.effects.behaviour import OnSensors, SensorSlot, Values
+from sim2real.effects.evidence import Context
+from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
+from sim2real.effects.signature import Parameter, Signature
+
+STEP = Quantity("step", "rad", 0.0, 0.01)
+
+
+def quantised(step: float) -> Signature:
+    """The finding that an encoder reads in steps (rad)."""
+    return Signature(
+        "encoder_quantisation",
+        (Parameter("step", "rad", STEP.lower, STEP.upper, 1e-3),),
+        {},
+        "readings lie on a grid",
+    )
+
+
+def find_quantum(position: np.ndarray) -> float:
+    """Step rad of an encoder from its readings (n,): 0 where they lie on no grid."""
+    steps = np.abs(np.diff(position))
+    steps = steps[steps > 1e-12]
+    if len(steps) < 100:
+        return 0.0
+    quantum = float(np.percentile(steps, 1))
+    if quantum < 1e-7:
+        return 0.0
+    smallest = steps[steps < 1.5 * quantum]
+    quantum = float(smallest.mean())
+    off = np.abs(steps / quantum - np.round(steps / quantum))
+    small = steps < 20 * quantum
+    return quantum if small.sum() > 100 and np.mean(off[small] < 0.05) > 0.95 else 0.0
+
+
+def _signatures(context: Context) -> list[Signature]:
+    return []  # it competes with nothing: `find_quantum` tells it
+
+
+def _in_steps(values: Values):
+    step = values("step")
+    xp, coarse = namespace(step), step > 0
+    width = xp.where(coarse, step, 1.0)
+
+    def sense(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return xp.where(coarse, xp.round(q / width) * step, q), dq, torque
+
+    return sense
+
+
+RECORD = EffectRecord(
+    "encoder_quantisation",
+    Place.JOINT,
+    (STEP,),
+    _signatures,
+    Visible("rad", (4e-5,) * 7, (1, 2, 3, 4, 5, 6, 7)),
+    sensors=OnSensors(SensorSlot.STEP, _in_steps),
+    shows_in_motion=False,
+    said="the encoder of {at} reads in steps of {step:mrad}",
+)

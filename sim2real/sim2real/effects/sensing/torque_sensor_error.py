@@ -1,0 +1,49 @@
+"""A torque sensor with a wrong gain or zero. Shows between command and measurement only: the motion knows nothing of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim2real.effects.behaviour import OnSensors, SensorSlot, Values
+from sim2real.effects.evidence import Context
+from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
+from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.stage import Stage
+
+GAIN, OFFSET = Quantity("gain", "1", -0.5, 0.5), Quantity("offset", "Nm", -5.0, 5.0)
+
+
+def _signatures(context: Context) -> list[Signature]:
+    if context.drive is None:
+        return []
+    gain = Parameter("gain", "1", GAIN.lower, GAIN.upper, 0.03)
+    offset = Parameter("offset", "Nm", OFFSET.lower, OFFSET.upper, 0.3)
+    constant = {Stage.DRIVE: lambda c, j: np.ones((len(c.drive.time), 1))}
+    both = {
+        Stage.DRIVE: lambda c, j: stack(c.drive.commanded[:, j] + c.drive.gravity[:, j], np.ones(len(c.drive.time)))
+    }
+    return [
+        Signature("torque_sensor_error", (offset,), constant, "y = tau + offset", "offset only"),
+        Signature("torque_sensor_error", (gain, offset), both, "y = (1 + gain) tau + offset"),
+    ]
+
+
+def _read(values: Values):
+    gain, zero = 1 + values("gain"), values("offset")
+
+    def sense(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return q, dq, gain * torque + zero
+
+    return sense
+
+
+RECORD = EffectRecord(
+    "torque_sensor_error",
+    Place.JOINT,
+    (GAIN, OFFSET),
+    _signatures,
+    Visible("Nm", (0.06, 0.06, 0.05, 0.05, 0.02, 0.02, 0.015), (1, 2, 3, 4, 5, 6, 7)),
+    sensors=OnSensors(SensorSlot.TORQUE, _read),
+    shows_in_motion=False,
+    said="the torque sensor of {at} is off by {gain:%} of its reading and {offset:Nm}",
+)

@@ -1,0 +1,33 @@
+"""The controller's damping is not the one that was asked for. The controller's own: no simulated arm carries it."""
+
+from __future__ import annotations
+
+from sim2real.effects.evidence import Context
+from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
+from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.software.stiffness_gain_error import LAW, lead
+from sim2real.effects.stage import Stage
+
+RELATIVE = Quantity("relative", "1", -0.9, 3.0)
+
+
+def _signatures(context: Context) -> list[Signature]:
+    if context.drive is None:
+        return []
+    change = (Parameter("relative", "1", RELATIVE.lower, RELATIVE.upper, 0.1, least=0.003),)
+    right = {Stage.CONTROLLER: lambda c, j: stack(-c.drive.damping[:, j] * c.drive.velocity[:, j])}
+    wrong = {Stage.CONTROLLER: lambda c, j: stack(lead(c, j) - c.drive.damping[:, j] * c.drive.velocity[:, j])}
+    return [
+        Signature("damping_gain_error", change, right, LAW),
+        Signature("damping_gain_error", change, wrong, LAW, "lead with the wrong gain"),
+    ]
+
+
+RECORD = EffectRecord(
+    "damping_gain_error",
+    Place.JOINT,
+    (RELATIVE,),
+    _signatures,
+    Visible("1", (0.02,) * 7, (1, 2, 3, 4, 5, 6, 7)),
+    said="the controller damps {at} {relative:% more/less} than it was asked to",
+)

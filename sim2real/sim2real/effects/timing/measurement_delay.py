@@ -1,0 +1,76 @@
+"""Measurement delay: states are older than their stamps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from np_common.rotations import namespace
+from sim2real.effects import evidence
+from sim2real.effects.behaviour import Delay, OnSensors, SensorSlot, Values
+from sim2real.effects.evidence import Context
+from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
+from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.stage import Stage
+
+DELAY = Quantity("delay", "s", -0.05, 0.05)
+LEAST = 3e-4  # s beyond what the loop has, up to which states may be older than they say
+KNOWN = 1e-4  # s, to which filtered motion tells one
+
+
+def _late_states(c: Context, j: int) -> np.ndarray:
+    """Rate (n, 1) Nm/s of all that the motion takes: gravity is compensated where the arm was, too."""
+    rate = c.samples.torque_rate[:, j]
+    if not c.samples.with_gravity:
+        rate = rate + (c.prediction.gravity_slope[:, j] * c.samples.velocity).sum(axis=1)
+    return stack(rate)
+
+
+def _rate(d: evidence.Drive, values: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.gradient(part, d.period) for part in np.split(values, d.starts[1:])])
+
+
+def _signatures(context: Context) -> list[Signature]:
+    delay = (Parameter("delay", "s", DELAY.lower, DELAY.upper, 0.004, background=KNOWN, least=LEAST),)
+    found = [
+        Signature(
+            "measurement_delay",
+            delay,
+            {Stage.DYNAMICS: _late_states},
+            "states are older than their stamps",
+            is_arm=True,
+            absorbs="motion_delay",
+        )
+    ]
+    if context.drive is not None:
+        found.append(
+            Signature(
+                "measurement_delay",
+                delay,
+                {Stage.CONTROLLER: lambda c, j: stack(-_rate(c.drive, c.drive.law[:, j]))},
+                "the controller acts on older states than it reports",
+                "in the controller",
+                is_arm=True,
+            )
+        )
+    return found
+
+
+def _old(values: Values):
+    delay = Delay(values("delay").clip(0.0) / values.period)
+
+    def sense(q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        angle, speed = delay(namespace(q).stack([q, dq]))
+        return angle, speed, torque
+
+    return sense
+
+
+RECORD = EffectRecord(
+    "measurement_delay",
+    Place.ARM,
+    (DELAY,),
+    _signatures,
+    Visible("s", 5e-4),
+    sensors=OnSensors(SensorSlot.AGE, _old),
+    said="measured states are {delay:ms older/younger} than their stamps say",
+)

@@ -1,0 +1,139 @@
+"""Packet loss: a lost command leaves the last one in force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_common.rotations import namespace
+from sim2real.effects import evidence
+from sim2real.effects.behaviour import Drive, DriveSlot, OnDrive, Values
+from sim2real.effects.evidence import Context
+from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
+from sim2real.effects.signature import Parameter, Signature, stack
+from sim2real.effects.stage import Stage
+from sim2real.effects.timing.command_delay import delayed
+
+SHARE = Quantity("share", "1", 0.0, 1.0)
+LEAST_HELD = 20  # periods
+ROUNDS = 20
+SURE = 10.0  # nats by which holding must fit a period better than not holding
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Periods in which the last command was held.
+
+    held (n,) bool: those for certain; excess (n,): nats by which holding fits each better; tellable (n,) bool: those in
+    which the command and the one before differ enough to tell.
+    """
+
+    held: np.ndarray
+    excess: np.ndarray
+    tellable: np.ndarray
+
+    def share(self, rows: np.ndarray) -> tuple[float, float]:
+        """(share of some periods (n,) bool in which the command was held, its standard error: losses come by chance)."""
+        seen = rows & self.tellable
+        if seen.sum() > 100:
+            found, count = _share(self.excess[seen]), seen.sum()
+        else:
+            found, count = float(self.held[rows].mean()) if rows.any() else 0.0, rows.sum()
+        return found, float(np.sqrt(found * (1.0 - found) / max(count, 1)))
+
+
+def hold(d: evidence.Drive, held: np.ndarray) -> np.ndarray:
+    """Commands (n, k) in force when those of the periods `held` (n,) never arrived."""
+    row = np.where(held, 0, np.arange(len(held)))
+    return d.commanded[np.maximum.accumulate(row)]
+
+
+def find_held(d: evidence.Drive) -> Held:
+    """The periods in which all joints show the command before instead of their own."""
+    residual = d.measured - d.arrived
+    spread = 1.4826 * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0)
+    spread = np.maximum(spread, 1e-6)
+    mean = np.median(residual, axis=0)
+    scaled, command, arrived = (residual - mean) / spread, d.commanded / spread, d.arrived / spread
+    free = 0.5 * np.square(scaled).sum(axis=1)
+    held = np.zeros(len(residual), bool)
+    # In a period whose command is lost the one before acts all the time; else until the new one has come.
+    step = arrived - np.vstack([arrived[:1], command[:-1]])
+    excess = free - 0.5 * np.square(scaled + step).sum(axis=1)
+    tellable = 0.5 * np.square(step).sum(axis=1) > 2 * SURE
+    begins = np.zeros(len(residual), bool)
+    begins[d.starts] = True
+    shown, late = scaled + arrived, d.late / d.period
+    # Only periods that holding could explain at all are looked at one by one, and those after a held one.
+    for first in np.flatnonzero((excess > SURE) & ~begins).tolist():
+        if held[first] or held[first - 1]:
+            continue
+        last = command[first - 1]
+        for i in range(first, len(residual)):
+            if begins[i] and i > first:
+                break
+            # What is late after a lost command is the one before it: as if half lost itself, where that is forgotten.
+            come = (1.0 - late) * command[i] + late * last
+            excess[i] = 0.5 * (np.square(shown[i] - come).sum() - np.square(shown[i] - last).sum())
+            if excess[i] <= SURE:
+                break
+            held[i] = True
+    return Held(held, np.where(held, np.inf, excess), tellable)
+
+
+def _share(excess: np.ndarray) -> float:
+    """Share of periods that are held, from the nats (n,) by which holding fits each better: each counts by its probability
+    (the mixture's greatest likelihood, by expectation and maximisation: Dempster et al. 1977)."""
+    share = float(np.clip((excess > 0).mean(), 1e-6, 0.5))
+    for _ in range(ROUNDS):
+        odds = np.clip(excess, -50.0, 50.0) + np.log(share / (1.0 - share))
+        share = float(np.clip((1.0 / (1.0 + np.exp(-odds))).mean(), 1e-6, 0.5))
+    return share
+
+
+def _missed(c: Context, j: int) -> np.ndarray:
+    """Change (n,) Nm of a joint's torque by the packets that were lost, the loop's own delay as without."""
+    return delayed(c.drive, hold(c.drive, c.held)[:, j], c.drive.late) - c.drive.arrived[:, j]
+
+
+def _signatures(context: Context) -> list[Signature]:
+    # Of periods too alike to tell, none is lost for certain: there is no share of those to go by.
+    if context.drive is None or context.held is None or context.held.sum() <= LEAST_HELD or context.held_share <= 0:
+        return []
+    share, known = context.held_share, context.held_error
+    return [
+        Signature(
+            "packet_loss",
+            (Parameter("share", "1", 0.7 * share, 1.3 * share, 0.05 * share, share, background=known),),
+            {Stage.DRIVE: lambda c, j: stack(_missed(c, j)) / share},
+            "a lost command leaves the last one in force",
+            is_arm=True,
+            acts=share,
+        )
+    ]
+
+
+def _lose(values: Values) -> Drive:
+    share = values("share")
+    share = namespace(share).amax(share, -1)[..., None]  # a packet holds the commands of all joints
+    rng, last = np.random.default_rng(values.seed), None  # the same packets in all arms
+
+    def drive(torque: np.ndarray) -> np.ndarray:
+        nonlocal last
+        last = torque if last is None else namespace(torque).where(share > rng.random(), last, torque)
+        return last
+
+    return drive
+
+
+RECORD = EffectRecord(
+    "packet_loss",
+    Place.ARM,
+    (SHARE,),
+    _signatures,
+    Visible("1", 0.01),
+    drive=OnDrive(DriveSlot.ARRIVAL, _lose),
+    shows_in_motion=False,
+    said="{share:%} of the commands are lost",
+)

@@ -1,0 +1,110 @@
+"""Torque rate limit: how fast the drive follows at most, the gravity that it compensates included.
+
+Within a period it ramps: a period's torque, measured and acting, is its mean.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from np_common.rotations import namespace
+from sim2real.effects import evidence
+from sim2real.effects.behaviour import Drive, DriveSlot, OnDrive, Values, unlimited
+from sim2real.effects.evidence import Context
+from sim2real.effects.limits import GRAVITY_APART, Limit, levels, lost
+from sim2real.effects.record import EffectRecord, Place, Quantity, Visible
+from sim2real.effects.signature import WHOLE, Shape, Signature, stack
+from sim2real.effects.stage import Stage
+
+LIMIT = Quantity("limit", "Nm/s", 0.0, 1e5)
+RAMP_KNOWN = 0.02  # of a rate: within a period a drive may ramp, or step at its end
+
+
+def rate_limited(d: evidence.Drive, values: np.ndarray, rate: float, given: np.ndarray | None = None) -> np.ndarray:
+    """values (n,) followed at no more than `rate` a second, anew in each stretch: from what was given (n,) at its beginning,
+    where that is further away than a period's step (a drive that was behind when the recording began), else from the values."""
+    step, limited = rate * d.period, values.copy()
+    if given is not None:
+        behind = d.starts[np.abs(given[d.starts] - values[d.starts]) > step]
+        limited[behind] = given[behind]
+    jumps = np.abs(np.diff(limited, prepend=limited[:1])) > step
+    jumps[d.starts] = False
+    ends = np.append(d.starts[1:], len(values))
+    follows = 0  # row up to which the values have been followed
+    for first in np.flatnonzero(jumps).tolist():
+        if first < follows:
+            continue
+        end = int(ends[np.searchsorted(ends, first, side="right")])
+        last = limited[first - 1]
+        for i in range(first, end):
+            value = values[i]
+            last = min(max(value, last - step), last + step)
+            limited[i] = last
+            follows = i + 1
+            if last == value:
+                break
+    return limited
+
+
+def ramped(d: evidence.Drive, values: np.ndarray, rate: float, given: np.ndarray | None = None) -> np.ndarray:
+    """Mean over each period (n,) of what follows values (n,) at no more than `rate` a second, as `rate_limited`."""
+    ends = rate_limited(d, values, rate, given)
+    rise = np.diff(ends, prepend=ends[:1])
+    rise[d.starts] = 0.0
+    return ends - _short_of_end(rise, rate * d.period)
+
+
+def _short_of_end(rise: np.ndarray, step: np.ndarray | float) -> np.ndarray:
+    """By how much the mean of a period is less than its end, of a ramp by `rise` that could have risen by `step`."""
+    return 0.5 * rise * abs(rise) / step
+
+
+def _signature(limit: float, joint: int, apart: bool) -> Signature:
+    return Signature(
+        "torque_rate_limit",
+        (WHOLE,),
+        {Stage.DRIVE: lambda c, j: stack(lost(c.drive, j, ramped, limit, apart))},
+        "largest rate of the drive",
+        f"{limit:.3g} Nm/s{', gravity apart' if apart else ''}",
+        Shape("limit", "Nm/s", limit, partial(_signature, joint=joint, apart=apart), background=RAMP_KNOWN * limit),
+        only_joint=joint,
+        constants={GRAVITY_APART.name: 1.0} if apart else {},
+    )
+
+
+def _levels(context: Context, joint: int, apart: bool, rows: np.ndarray) -> list[float]:
+    """Limits Nm/s to try for rows (n,) bool of the drive."""
+    d = context.drive
+    held = 0.0 if apart else d.gravity[:, joint]
+    within = np.ones(len(d.time), bool)
+    within[d.starts] = False
+    asked, given = (np.diff(torque[:, joint] + held, prepend=0.0) / d.period for torque in (d.arrived, d.measured))
+    return levels(asked[within], given[within & rows])
+
+
+def _follow(values: Values) -> Drive:
+    step, last = unlimited(values("limit")) * values.period, None
+
+    def drive(torque: np.ndarray) -> np.ndarray:
+        nonlocal last
+        begin = torque if last is None else last
+        last = namespace(torque).clip(torque, begin - step, begin + step)
+        return last - _short_of_end(last - begin, step)
+
+    return drive
+
+
+_SHOWN = Limit(ramped, _levels, _signature)
+
+RECORD = EffectRecord(
+    "torque_rate_limit",
+    Place.JOINT,
+    (LIMIT, GRAVITY_APART),
+    _SHOWN.signatures,
+    Visible("share of the suite's peak", (0.06,) * 7, (1, 2, 3, 4, 5, 6, 7), largest=6),
+    drive=OnDrive(DriveSlot.RATE, _follow, of_total=True),
+    always=_SHOWN.always,
+    said="the drive of {at} changes its torque by no more than {limit:Nm/s}",
+)

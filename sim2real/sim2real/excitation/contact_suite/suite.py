@@ -1,0 +1,175 @@
+"""The task suite, experiment by experiment: each is planned from where the object is seen and where surfaces were felt."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from np_description.camera import CAMERA, Camera
+from np_description.domains import Domain, Pose
+from sim2real.excitation.contact_suite import contacts
+from sim2real.excitation.contact_suite.path import OutOfReach, joined, still
+from sim2real.excitation.contact_suite.room import Lain, Room
+from sim2real.excitation.suite import Segment
+
+FAMILIES = ("view", "touch_table", "touch_object", "drag", "sway", "push", "shove", "tap", "scrape")
+"""In the order in which they are made: what is felt first is used by what comes after."""
+DRAGS = (0.0, 1.5, 2.5, 5.0, 9.0)
+"""N, by which the object is pressed: none, the same way in the air, for comparison; little, so that a smooth fingertip slips more than once on
+the way back, where it presses half as much; not so little that a rough one hops; much."""
+PUSHES = ((0.0, 0.03), (0.35, 0.03), (0.0, 0.03), (-0.35, 0.03), (0.0, 0.03))
+"""Of each push: place on the face, as a share of half its width from the middle, and m/s."""
+SHOVES, TAPS = 3, 2
+TOUCHES = 3  # of a place, each deeper than the one before, until something is felt
+BACK = 2  # pushes, at most, that bring the object to where it has room to more sides
+BACK_BY = (0.015, 0.025, 0.035, 0.05)  # m by which they may
+FLATTEST = 0.02  # m: lower objects are not pushed from the side
+STANDSTILL = 1.5  # s
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """What an experiment is planned from. q (7,) rad: where the arm rests. pose: of the object, as it is seen now. lowest: m, the least
+    height of the tip since the last plan, which a touch has stopped at a surface; None at the beginning."""
+
+    q: np.ndarray
+    pose: Pose
+    lowest: float | None = None
+
+
+def check(only: Sequence[str]) -> None:
+    """Raises ValueError for a name that is no family's."""
+    for name in only:
+        if name not in FAMILIES:
+            raise ValueError(f"experiment {name!r}: expected one of {', '.join(FAMILIES)}")
+
+
+Plans = Generator[list[Segment], Situation, None]
+
+
+def task_suite(domain: Domain, first: Situation, only: Sequence[str] = (), camera: Camera = CAMERA) -> Plans:
+    """Plans, one at a time: send the situation after each to get the next.
+
+    only: families to make (all of FAMILIES). What is out of reach, or has no room, is left out. Raises ValueError for an unknown name.
+    """
+    check(only)
+    return _plans(Room(domain, camera), first, [name for name in FAMILIES if not only or name in only])
+
+
+def _plans(room: Room, now: Situation, families: list[str]) -> Plans:
+    table = top = None  # heights m as they were felt
+    lain = Lain.of(room.domain, now.pose)
+    if "view" in families:
+        now = yield [still("view", now.q, STANDSTILL)]
+    if "touch_table" in families:
+        felt: list[float] = []
+        for place in room.places(lain):
+            expected = felt[-1] if felt else 0.0
+            now, stopped = yield from _touch(room, now, "touch_table", len(felt) + 1, place, expected)
+            felt += [] if stopped is None else [stopped]
+        table = float(np.median(felt)) if felt else None
+    if "touch_object" in families:
+        expected = (table or 0.0) + lain.height
+        now, top = yield from _touch(room, now, "touch_object", 0, lain.centre[:2], expected)
+    if table is None:
+        table = top - lain.height if top else 0.0
+    top = top or table + lain.height
+    used: dict[int, int] = {}
+    if lain.height > FLATTEST and {"drag", "push", "shove"} & set(families):
+        now, used = yield from _back(room, now, used, table)
+    if "drag" in families:
+        for number, force in enumerate(DRAGS):
+            lain = Lain.of(room.domain, now.pose)
+            if plan := _joined(now, lambda: contacts.drag(f"drag_{number}", lain, room, top, force)):
+                now = yield plan
+    if "sway" in families:
+        lain = Lain.of(room.domain, now.pose)
+        if plan := _joined(now, lambda: contacts.sway("sway", lain, room, top)):
+            now = yield plan
+    if lain.height < FLATTEST:
+        return
+    for number, (share, speed) in enumerate(PUSHES if "push" in families else (), 1):
+        now, used = yield from _push(room, now, used, table, _slow_push(f"push_{number}", share, speed))
+    for count, how in ((SHOVES, contacts.SHOVE), (TAPS, contacts.TAP)):
+        for number in range(1, count + 1) if how.name in families else ():
+            now, used = yield from _push(room, now, used, table, how.named(f"{how.name}_{number}"))
+    if "scrape" in families and room.domain.obstacles:
+        lain = Lain.of(room.domain, now.pose)
+        if plan := _joined(now, lambda: contacts.scrape("scrape", lain, room, table)):
+            yield plan
+
+
+def _slow_push(name: str, share: float, speed: float) -> contacts.Push:
+    """A slow push."""
+    return replace(contacts.SLOW.named(name), share=share, speed=speed)
+
+
+def _touch(room: Room, now: Situation, name: str, number: int, place: np.ndarray, expected: float):
+    """Down until something is felt, each time deeper; the height m at which the tip was stopped, None where it never was, with the situation
+    after it. number: of the experiment, 0 for one that has none; expected: m, of the surface."""
+    for deeper in range(TOUCHES):
+        surface = expected - deeper * contacts.DEEPER
+        called = f"{name}_{number}" if number else name  # one that met nothing gives its name to the next
+        plan = _joined(now, lambda: contacts.touch(called, place, surface, room.clearance))
+        if not plan:
+            break
+        now = yield plan
+        if now.lowest is not None and now.lowest > surface - contacts.DEEPER + contacts.HELD_UP:
+            return now, now.lowest
+    return now, None
+
+
+def _back(room: Room, now: Situation, used: dict[int, int], table: float):
+    """Pushes that bring the object to where it can be pushed to more sides than where it lies."""
+    for number in range(1, BACK + 1):
+        lain = Lain.of(room.domain, now.pose)
+        best, push, normal, distance = len(sides_with_room(room, lain, contacts.SLOW)), None, None, 0.0
+        for travel in BACK_BY:
+            longer = replace(contacts.SLOW.named(f"push_{10 * number}"), travel=travel)
+            for outward, away in sides_with_room(room, lain, longer):
+                room_after = len(sides_with_room(room, lain.moved(-outward * travel), contacts.SLOW))
+                if room_after > best:
+                    best, push, normal, distance = room_after, longer, outward, away
+        if push is None:
+            break
+        plan = _joined(now, lambda: contacts.push(push, lain, normal, distance, room, table))
+        if not plan:
+            break
+        now = yield plan
+        used = {**used, _heading(normal): used.get(_heading(normal), 0) + 1}
+    return now, used
+
+
+def sides_with_room(room: Room, lain: Lain, push: contacts.Push) -> list[tuple[np.ndarray, float]]:
+    """Normals (2,) of faces, with their distances m from the centre, from which a push has room."""
+    return [(normal, distance) for normal, distance in lain.sides() if room.holds(lain, -normal * push.moves)]
+
+
+def _heading(normal: np.ndarray) -> int:
+    return round(float(np.arctan2(normal[1], normal[0])) / (np.pi / 2)) % 4
+
+
+def _push(room: Room, now: Situation, used: dict[int, int], table: float, push: contacts.Push):
+    """One push, from the side that has room, was used least, and leaves the object nearest to the middle of the room."""
+    lain = Lain.of(room.domain, now.pose)
+    middle = np.array([np.mean(room.domain.start.x), np.mean(room.domain.start.y)])
+    options = []
+    for normal, distance in sides_with_room(room, lain, push):
+        away = float(np.linalg.norm(lain.centre[:2] - normal * push.moves - middle))
+        options.append((used.get(_heading(normal), 0), away, normal, distance))
+    for _, _, normal, distance in sorted(options, key=lambda option: option[:2]):
+        plan = _joined(now, lambda: contacts.push(push, lain, normal, distance, room, table))
+        if plan:
+            now = yield plan
+            return now, {**used, _heading(normal): used.get(_heading(normal), 0) + 1}
+    return now, used
+
+
+def _joined(now: Situation, make) -> list[Segment]:
+    """A plan with its transfer; empty where the arm cannot do it."""
+    try:
+        return joined(now.q, [make()])
+    except OutOfReach:
+        return []

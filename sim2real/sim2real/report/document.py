@@ -1,0 +1,219 @@
+"""The answer as files: report.json after data/gap_report.schema.json, report.html, and patch.yaml."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from sim2real.checks.shrinkage import REGIMES, regimes
+from sim2real.diagnosis import Diagnosis, Finding
+from sim2real.effects import RECORDS
+from sim2real.effects.patch import dump_patch
+from sim2real.effects.stage import Stage
+from sim2real.excitation.ambiguity import open_question
+from sim2real.progress import Tell, silent
+from sim2real.recordings.signals import Log
+from sim2real.report.notes import notes
+from sim2real.report.sentence import sentence
+from sim2real.simulation.patching import make_patch, tried_patch
+from sim2real.thresholds import THRESHOLDS
+
+
+def make_report(
+    diagnosis: Diagnosis,
+    logs: Sequence[Log],
+    runtime: float,
+    shots: dict | None = None,
+    experiment: dict | None = None,
+    forward: dict | None = None,
+    left_out: Sequence[str] = (),
+) -> dict:
+    """The report as a JSON object; shots, left_out: of `patching.tried_patch`; experiment: of
+    `power.next_experiment`; forward: of `refit.second_opinion`.
+    """
+    gap, joints = diagnosis.gap, diagnosis.context.arm.joints
+    return {
+        "schema_version": 1,
+        "verdict": diagnosis.verdict,
+        "sentence": sentence(diagnosis),
+        "where": where(diagnosis),
+        "effects": [_effect(f) for f in diagnosis.findings] if diagnosis.verdict != "no_gap" else [],
+        "gap": {
+            "metric": "held-out RMS of the torque residuals of all rungs, averaged over the joints that moved",
+            "unit": "Nm",
+            "before": gap.before,
+            "after": gap.after,
+            "floor": gap.floor,
+            "shrink": gap.shrink,
+            "shrink_ci95": list(gap.shrink_interval),
+            "by_component": {
+                joint: {
+                    "before": float(gap.before_joint[j]),
+                    "after": float(gap.after_joint[j]),
+                    "floor": float(gap.floor_joint[j]),
+                    "floor_is_measured": bool(gap.is_floor_measured[j]),
+                    "moved": bool(gap.moved[j]),
+                    "unexplained": j in diagnosis.unexplained,
+                    "ladder": _ladder(diagnosis, j),
+                    "regimes": _regimes(diagnosis, j),
+                }
+                for j, joint in enumerate(joints)
+            },
+            "worse": _worse(diagnosis),
+            "not_patched": list(left_out),
+            "closed_loop_rad": shots or {},
+        },
+        "next_experiment": experiment,
+        "forward": forward,
+        "data": {
+            "bags": [log.name for log in logs],
+            "reference": [log.name for log in diagnosis.context.logs[: diagnosis.context.reference]],
+            "duration_s": sum(log.duration for log in logs),
+            "train_trajectories": len(diagnosis.design.blocks) - 1,
+            "test_trajectories": len(diagnosis.design.blocks),
+            "held_out": "each block of contiguous motion once, by a fit to the others at least 0.5 s away",
+        },
+        "notes": notes(diagnosis, bool(shots)),
+        "runtime_s": runtime,
+    }
+
+
+def to_json(report: dict, quick: bool = False) -> str:
+    """A report as text; quick: not held against its schema, data/gap_report.schema.json.
+
+    Raises ValueError naming where a report breaks its schema, or for a number that is not finite.
+    """
+    if not quick:  # the import alone takes a tenth of a second
+        from jsonschema import Draft202012Validator
+        from jsonschema.exceptions import best_match
+
+        schema = json.loads((files("sim2real") / "data" / "gap_report.schema.json").read_text(encoding="utf-8"))
+        error = best_match(Draft202012Validator(schema).iter_errors(report))
+        if error is not None:
+            raise ValueError(f"report: {error.json_path}: {error.message}")
+    return json.dumps(report, indent=1, allow_nan=False) + "\n"
+
+
+def where(diagnosis: Diagnosis) -> list[dict]:
+    """Shares of the gap's energy above the floor by module and component; what is left is unknown."""
+    if diagnosis.verdict == "no_gap":
+        return []
+    energy: dict[tuple[str, str], float] = {}
+    for f in diagnosis.findings:
+        if f.is_chosen and f.energy > 0:
+            key = (RECORDS[f.effect.id].module, f.component)
+            energy[key] = energy.get(key, 0.0) + f.energy
+    for j in diagnosis.unexplained:
+        left = sum((r.chosen - r.flexible) / r.rows for r in diagnosis.lack_of_fit if r.joint == j)
+        if left > 0:
+            energy["unknown", diagnosis.context.arm.joints[j]] = left
+    total = sum(energy.values())
+    ranked = sorted(energy.items(), key=lambda item: -item[1])
+    return [{"module": m, "component": c, "share": float(e / total)} for (m, c), e in ranked]
+
+
+def write(
+    out: Path,
+    diagnosis: Diagnosis,
+    logs: Sequence[Log],
+    runtime: Callable[[], float],
+    quick: bool = False,
+    tell: Tell = silent,
+) -> dict:
+    """Write report.json, patch.yaml and report.html into `out`; returns the report.
+
+    runtime: s it has taken so far; quick: without closed loop, refit, next experiment, page, and the check against
+    the schema; tell: told which of the stages of `progress` begins. Raises ValueError as `to_json` does.
+    """
+    experiment = forward = shots = None
+    patch, left_out = make_patch(diagnosis), ()
+    if not quick and not diagnosis.context.reference:  # what changed is not seen in a simulator of the nominal arm
+        # Simulators and planners take a second to import, which a quick look has not.
+        from sim2real.excitation.power import next_experiment
+        from sim2real.simulation.refit import second_opinion
+
+        tell("next experiment")
+        question = open_question(diagnosis)
+        experiment = next_experiment(diagnosis, question)
+        tell("the patch in the simulator")
+        patch, left_out, shots = tried_patch(diagnosis)
+        tell("refit in the simulator")
+        forward = second_opinion(diagnosis, question[1].models[1 : THRESHOLDS.refit.models] if question else ())
+    report = make_report(diagnosis, logs, round(runtime(), 2), shots, experiment, forward, left_out)
+    text = to_json(report, quick)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "report.json").write_text(text, encoding="utf-8")
+    (out / "patch.yaml").write_text(dump_patch(patch, diagnosis.context.arm.name), encoding="utf-8")
+    if not quick:
+        tell("page")
+        from sim2real.report.page import render  # drawing is slow to import
+
+        (out / "report.html").write_text(render(report, diagnosis, out), encoding="utf-8")
+    return report
+
+
+def _effect(finding: Finding) -> dict:
+    return {
+        "effect": finding.effect.id,
+        "component": finding.component,
+        "probability": min(1.0, finding.probability),
+        "class_probability": finding.claimed,
+        "special_case_of": list(finding.generalised_by),
+        "equivalent_to": list(finding.equivalent_to),
+        "parameters": {
+            name: {"value": e.value, "ci95": [e.low, e.high], "unit": e.unit} for name, e in finding.parameters.items()
+        },
+        "gap_shrink": finding.shrink,
+        "variant": finding.effect.variant,
+        "is_added": finding.is_chosen,
+    }
+
+
+def _ladder(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float]]:
+    """RMS before and after at each stage."""
+    table = {}
+    for n, cell in enumerate(diagnosis.design.cells):
+        if cell.joint == joint and cell.rows.any():
+            after = diagnosis.gap.residuals[n]
+            table[cell.name] = {
+                "before": float(np.sqrt(np.mean(diagnosis.gap.nominal[n][cell.rows] ** 2))),
+                "after": float(np.sqrt(np.mean(after[cell.rows] ** 2))),
+            }
+    return table
+
+
+def _regimes(diagnosis: Diagnosis, joint: int) -> dict[str, dict[str, float] | None]:
+    """RMS Nm of r2 before and after in each regime; None where the joint was not in it while moving."""
+    samples, cells = diagnosis.context.samples, diagnosis.design.cells
+    mine = [n for n, c in enumerate(cells) if c.joint == joint and c.stage is Stage.DYNAMICS]
+    slide, turn = (next(n for n in mine if cells[n].at_reversal is at_reversal) for at_reversal in (False, True))
+    reversing = np.zeros(samples.velocity.shape, bool)
+    reversing[:, joint] = cells[turn].rows
+    table = {}
+    for name, mask in regimes(samples.velocity, samples.acceleration, reversing).items():
+        n = turn if name == "reversal" else slide
+        rows = mask[:, joint] & cells[n].rows
+        table[name] = (
+            {
+                side: float(np.sqrt((values[rows] ** 2).mean()))
+                for side, values in zip(("before", "after"), (diagnosis.gap.nominal[n], diagnosis.gap.residuals[n]))
+            }
+            if rows.any()
+            else None
+        )
+    return table
+
+
+def _worse(diagnosis: Diagnosis) -> list[str]:
+    """Joint and regime in which the gap grows by more than the threshold `shrinkage.worse`."""
+    found = []
+    for j, joint in enumerate(diagnosis.context.arm.joints):
+        for name in REGIMES:
+            r = _regimes(diagnosis, j)[name]
+            if r and r["after"] > THRESHOLDS.shrinkage.worse * r["before"]:
+                found.append(f"{joint}: {name}")
+    return found

@@ -1,0 +1,84 @@
+"""The plots of the report, as SVG text."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from np_common.html_pages import style, svg
+from sim2real.diagnosis import Diagnosis
+from sim2real.effects.stage import Stage
+from sim2real.recordings.signals import DECIMATION, GRID
+
+WIDTH = 9.6
+RATE = 1 / (GRID * DECIMATION)  # samples a second
+PLACES = {
+    "left": 0.07,
+    "right": 0.99,
+    "bottom": 0.11,
+    "top": 0.94,
+    "wspace": 0.3,
+    "hspace": 0.45,
+}  # of panels, as shares
+BEFORE, AFTER, FLOOR = "#b0b7c3", "#1f5fa8", "#2f8f3a"
+
+
+def gap_plot(diagnosis: Diagnosis) -> str:
+    """Held-out gap of each joint before and after, with its floor."""
+    gap, joints = diagnosis.gap, diagnosis.context.arm.joints
+    with style():
+        figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
+        axes = figure.add_subplot()
+        place = np.arange(len(joints))
+        axes.bar(place - 0.2, gap.before_joint, 0.4, color=BEFORE, label=_before(diagnosis))
+        axes.bar(place + 0.2, gap.after_joint, 0.4, color=AFTER, label="effects added")
+        axes.hlines(gap.floor_joint, place - 0.45, place + 0.45, color=FLOOR, lw=2, label="floor")
+        axes.set_xticks(place, joints, fontsize=8)
+        axes.set_ylabel("torque gap (Nm)")
+        axes.grid(False, axis="x")
+        figure.legend(fontsize=8, loc="outside upper right", ncols=3, frameon=False)
+        return svg(figure)
+
+
+def _before(diagnosis: Diagnosis) -> str:
+    return "as it was before" if diagnosis.context.reference else "nominal simulator"
+
+
+def residual_plot(diagnosis: Diagnosis) -> str:
+    """Residual torque over time, before and held out after."""
+    return _grid(diagnosis, True, "sample time (s)", "-", 0.7)
+
+
+def velocity_plot(diagnosis: Diagnosis) -> str:
+    """Residual torque over velocity: what friction looks like."""
+    return _grid(diagnosis, False, "velocity (rad/s)", ".", 1.0)
+
+
+def _grid(diagnosis: Diagnosis, over_time: bool, label: str, mark: str, size: float) -> str:
+    samples = diagnosis.context.samples
+    with style():
+        figure = Figure(figsize=(WIDTH, 4.4), dpi=200)
+        columns = (len(diagnosis.context.arm) + 2) // 2
+        panels = figure.subplots(2, columns, gridspec_kw=PLACES).ravel()
+        stride = max(1, len(samples) // 1500)
+        for n, cell in enumerate(diagnosis.design.cells):
+            if cell.stage is not Stage.DYNAMICS or cell.at_reversal:
+                continue
+            axes = panels[cell.joint]
+            x = np.arange(len(samples)) / RATE if over_time else samples.velocity[:, cell.joint]
+            for values, colour in ((diagnosis.gap.nominal[n], BEFORE), (diagnosis.gap.residuals[n], AFTER)):
+                shown = np.where(cell.rows, values, np.nan)
+                # As an image: thousands of marks are slow to write, and to show.
+                axes.plot(x[::stride], shown[::stride], mark, color=colour, lw=size, ms=size, rasterized=True)
+            axes.set_title(diagnosis.context.arm.joints[cell.joint], fontsize=8)
+            axes.set_xlabel(label, fontsize=8)
+        panels[0].set_ylabel("residual (Nm)")
+        panels[columns].set_ylabel("residual (Nm)")
+        for axes in panels[len(diagnosis.context.arm) :]:
+            axes.axis("off")
+        for text, colour, height in (
+            (_before(diagnosis), BEFORE, 0.6),
+            ("effects added, held out", AFTER, 0.4),
+        ):
+            panels[-1].text(0.1, height, text, color=colour, weight="bold", transform=panels[-1].transAxes)
+        return svg(figure)

@@ -1,0 +1,211 @@
+"""A second opinion: the parameters of a model refitted in the forward simulator.
+
+The torque domain needs accelerations and a model that is linear in its parameters; the closed loop needs neither.
+Here the same effects are fitted to the motion itself, by Gauss-Newton on the departures of short simulations
+(`forward`), with the delay of the loop as a nuisance of every fit. Sensitivities are finite differences, all of them
+and all windows side by side. Intervals are those of a robust (sandwich) covariance with windows as units, so that
+what neighbouring samples share is not counted twice. Half of the windows are fitted to; the others judge the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_description.panda import NOMINAL
+from sim2real.diagnosis import Diagnosis
+from sim2real.effects import RECORDS
+from sim2real.effects.patch import Patch, PatchEffect
+from sim2real.effects.record import ARM
+from sim2real.inference.estimates import Estimate, estimate
+from sim2real.inference.search import Model
+from sim2real.simulation.forward import Windows, departures, rms, windows
+from sim2real.thresholds import THRESHOLDS
+
+REFIT = THRESHOLDS.refit
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """An effect to refit at its place: parameters as the torque domain has them, and numbers that stay."""
+
+    effect: str
+    component: str
+    parameters: Mapping[str, Estimate]
+    constants: Mapping[str, float]
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether the simulator has this effect at all, and motion shows it."""
+        return RECORDS[self.effect].is_refitted
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """Parts with forward estimates (by number of the part, by name).
+
+    rms (7,) rad over held-out windows: nominal, with the torque domain's values, with the forward ones. fitted,
+    held_out: numbers of windows.
+    """
+
+    parts: tuple[Part, ...]
+    values: tuple[Mapping[str, Estimate], ...]
+    nominal: np.ndarray
+    torque_domain: np.ndarray
+    forward: np.ndarray
+    fitted: int
+    held_out: int
+
+
+def parts_of(diagnosis: Diagnosis, model: Model | None = None, seed: int = 0) -> tuple[Part, ...]:
+    """What the chosen model, or another one, says. Joints that stay unexplained are left out."""
+    joints = diagnosis.context.arm.joints
+    unexplained = {joints[j] for j in diagnosis.unexplained}
+    if model is None:
+        return tuple(
+            Part(f.effect.id, f.component, f.parameters, f.effect.constants)
+            for f in diagnosis.findings
+            if f.is_chosen and f.component not in unexplained
+        )
+    found = []
+    for m in model.members:
+        place = diagnosis.design.candidates[m].at(joints)
+        if place not in unexplained:
+            effect, values = estimate(diagnosis.search, model, m, seed, refined=False)
+            found.append(Part(effect.id, place, values, effect.constants))
+    return tuple(found)
+
+
+def refit(recorded: Windows, parts: Sequence[Part], delay: float = THRESHOLDS.nuisances.delay) -> Refit | None:
+    """The parts refitted together; None where the simulator carries none of them.
+
+    delay: s that the loop has, about. Raises FloatingPointError where the simulation diverges at the start.
+    """
+    parts = tuple(part for part in parts if part.is_carried and part.parameters)
+    if not parts:
+        return None
+    fitted, judged_on = recorded[0::2], recorded[1::2]
+    if len(fitted) > REFIT.windows:
+        fitted = fitted[np.linspace(0, len(fitted) - 1, REFIT.windows).astype(int)]
+    if len(judged_on) > REFIT.windows:
+        judged_on = judged_on[np.linspace(0, len(judged_on) - 1, REFIT.windows).astype(int)]
+    names = [(n, name) for n, part in enumerate(parts) for name in part.parameters]
+    x = np.array([parts[n].parameters[name].value for n, name in names])
+    half = np.array([0.5 * (parts[n].parameters[name].high - parts[n].parameters[name].low) for n, name in names])
+    scale = np.maximum(half, REFIT.smallest_step * np.abs(x))
+    has_delay = any(part.effect == "command_delay" for part in parts)
+    if not has_delay:
+        x, scale = np.append(x, delay), np.append(scale, THRESHOLDS.nuisances.delay_spread)
+    start = x.copy()
+
+    def patch(values: np.ndarray) -> Patch:
+        return _patch(parts, names, values)
+
+    prior = np.zeros(len(x))
+    if not has_delay:
+        prior[-1] = 1.0  # in units of its scale
+    for _ in range(REFIT.rounds):
+        trials = [x, *(x + row for row in np.diag(scale))]
+        errors = departures(fitted, [patch(values) for values in trials])
+        spread = np.maximum(rms(errors[0]), REFIT.finest)
+        residual = errors[0] / spread
+        slope = np.moveaxis(errors[1:] - errors[0], 0, -1) / spread[:, None]  # (W, samples, 7, p)
+        normal = np.einsum("wsjp,wsjq->pq", slope, slope) + np.diag(prior)
+        pull = np.einsum("wsjp,wsj->wp", slope, residual)
+        shift = np.linalg.solve(
+            normal + 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(x)),
+            -pull.sum(axis=0) - prior * (x - start) / scale,
+        )
+        x = x + scale * np.clip(shift, -REFIT.largest_shift, REFIT.largest_shift)
+    inverse = np.linalg.inv(normal + 1e-12 * np.eye(len(x)))
+    few = len(fitted) / max(len(fitted) - len(x), 1)
+    covariance = inverse @ (few * pull.T @ pull + np.diag(prior)) @ inverse
+    error = THRESHOLDS.estimates.t95 * scale * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    judged = departures(judged_on, [Patch(), patch(start), patch(x)])
+    values: list[dict[str, Estimate]] = [{} for _ in parts]
+    for (n, name), value, width in zip(names, x, error):
+        unit = parts[n].parameters[name].unit
+        values[n][name] = Estimate(float(value), float(value - width), float(value + width), unit)
+    return Refit(parts, tuple(values), *rms(judged), len(fitted), len(judged_on))
+
+
+def _patch(parts: Sequence[Part], names: Sequence[tuple[int, str]], values: np.ndarray) -> Patch:
+    by_part: list[dict[str, float]] = [dict(part.constants) for part in parts]
+    for (n, name), value in zip(names, values):
+        by_part[n][name] = float(value)
+    effects = [PatchEffect(part.effect, part.component, own) for part, own in zip(parts, by_part)]
+    if len(values) > len(names):
+        effects.append(PatchEffect("command_delay", ARM, {"delay": float(values[-1])}))
+    return Patch(tuple(effects))
+
+
+def second_opinion(diagnosis: Diagnosis, rivals: Sequence[Model] = (), seed: int = 0) -> dict | None:
+    """The chosen model and its rivals refitted, as the report says it.
+
+    None for another arm, for recordings without commands, or where nothing is to be refitted.
+    """
+    if diagnosis.context.arm.joints != NOMINAL.joints:
+        return None
+    recorded = windows(diagnosis.context.logs)
+    if recorded is None or len(recorded) < REFIT.windows_least:
+        return None
+    delay = next(
+        (p.centre for p in diagnosis.design.parameters if p.name == "command_delay"), THRESHOLDS.nuisances.delay
+    )
+    found = []
+    for model in (None, *rivals):
+        parts = parts_of(diagnosis, model, seed)
+        try:
+            done = refit(recorded, parts, delay)
+        except (
+            FloatingPointError,
+            np.linalg.LinAlgError,
+            ValueError,
+        ) as error:  # no such arm, or none that stands
+            found.append({"effects": _titles(parts), "error": str(error)})
+            continue
+        if done is not None:
+            found.append(_row(done, [p for p in parts if not p.is_carried]))
+    return {"structures": found} if found else None
+
+
+def disagree(one: Estimate, other: Estimate) -> bool:
+    """Whether two estimates differ by more than both intervals together, and than two simulators do."""
+    difference = abs(one.value - other.value)
+    halves = 0.5 * np.hypot(one.high - one.low, other.high - other.low)
+    return bool(difference > halves and difference > REFIT.agree * max(abs(one.value), abs(other.value)))
+
+
+def _titles(parts: Sequence[Part]) -> list[str]:
+    return [f"{part.effect} at {part.component}" for part in parts]
+
+
+def _row(done: Refit, left_out: Sequence[Part]) -> dict:
+    rows = []
+    for part, values in zip(done.parts, done.values):
+        for name, forward in values.items():
+            torque = part.parameters[name]
+            rows.append(
+                {
+                    "effect": part.effect,
+                    "component": part.component,
+                    "parameter": name,
+                    "unit": forward.unit,
+                    "torque_domain": {"value": torque.value, "ci95": [torque.low, torque.high]},
+                    "forward": {"value": forward.value, "ci95": [forward.low, forward.high]},
+                    "disagree": disagree(torque, forward),
+                }
+            )
+    overall = [
+        float(np.sqrt(np.mean(np.square(values)))) for values in (done.nominal, done.torque_domain, done.forward)
+    ]
+    return {
+        "effects": _titles(done.parts),
+        "not_carried": _titles(left_out),
+        "parameters": rows,
+        "closed_loop_rad": dict(zip(("nominal", "torque_domain", "forward"), overall)),
+        "windows_fitted": done.fitted,
+        "windows_held_out": done.held_out,
+    }

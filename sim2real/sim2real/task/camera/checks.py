@@ -1,0 +1,126 @@
+"""What an explanation of the view leaves: patterns that it should not, and what it is worth at places that it has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from np_description.keypoints import COUNT as CORNER_COUNT
+from sim2real.task.camera.fit import MEASURED, Fit, Prior, at_numbers, fit
+from sim2real.task.camera.model import SHIFT, TURN, Scene
+from sim2real.task.camera.parameters import COUNT
+from sim2real.thresholds import THRESHOLDS
+
+VIEW = THRESHOLDS.view_change
+POWERS = tuple((a, degree - a) for degree in (2, 3) for a in range(degree + 1))
+"""Of u and v, in patterns that neither a pose nor a focal length makes."""
+FAINT = 0.05  # of the clearest of a pattern's directions, below which it is the explanation's own
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """At places that were left out of the fit. gain: nats a place by which corners there are more probable with the explanation; before,
+    after: px, median distance of a corner from where it is expected without and with it."""
+
+    gain: float
+    before: float
+    after: float
+
+
+def patterns(scene: Scene, found: Fit, prior: Prior) -> str:
+    """Patterns in what is left that are no chance and matter, in words; "" for none.
+
+    Student's weights would hide what is wrong with a few corners or places each time: far errors are cut short here, and count.
+    """
+    deviation = np.sqrt(found.scatter**2 + scene.error**2)[..., None]
+    weights = np.where(scene.usable[..., None], 1 / deviation, 0.0).repeat(2, axis=-1)  # (k, 8, 2)
+    rows = weights.size
+    base, right = _equations(scene, found, prior, weights)
+    right = right - base @ np.linalg.lstsq(base, right, rcond=None)[0]
+    told: dict[str, tuple[float, str]] = {}  # by kind, the least probable by chance
+    for kind, text, columns, tries in _suspects(scene, found):
+        columns = columns / np.maximum(np.sqrt((columns**2).mean(axis=(0, 1, 2))), 1e-12)
+        extra = np.zeros((len(right), columns.shape[-1]))
+        extra[:rows] = (weights[..., None] * columns).reshape(rows, -1)
+        extra -= base @ np.linalg.lstsq(base, extra, rcond=None)[0]  # what the explanation cannot make
+        axes, lengths, _ = np.linalg.svd(extra, full_matrices=False)
+        kept = lengths > FAINT * lengths.max(initial=1e-12)
+        rank, freedom = int(kept.sum()), found.freedom - kept.sum()
+        if rank == 0 or freedom < 1:
+            continue
+        shown = axes[:, kept].T @ right
+        drawn = max(right @ right - shown @ shown, 1e-12)
+        chance = fisher.sf((shown @ shown / rank) / (drawn / freedom), rank, freedom)
+        # As far as it is seen: what the poses of the places make of it is no error of a corner, unless it was measured where they are.
+        concerned = scene.usable & (columns != 0).any(axis=(2, 3))
+        size = found.scatter * np.sqrt(shown @ shown / max(concerned.sum(), 1))
+        if chance * tries < VIEW.sure and size > VIEW.matters:
+            told[kind] = min(told.get(kind, (1.0, "")), (chance, f"{text} ({size:.1f} px)"))
+    return "; ".join(text for _, text in told.values())
+
+
+def _equations(scene: Scene, found: Fit, prior: Prior, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the linearised fit, one beneath the other, by all numbers and poses; and what is left of each."""
+    k, lines = len(scene), found.lines
+    base = np.zeros((weights.size + COUNT + 6 * k, COUNT + 3 * k))
+    seen, usual = slice(0, weights.size), slice(weights.size, weights.size + COUNT)
+    base[seen, :COUNT] = (weights[..., None] * lines.by_vector).reshape(-1, COUNT)
+    root = np.sqrt(prior.precision(found.vector))
+    base[usual, :COUNT] = np.diag(root)
+    base[usual.stop :, :COUNT] = (lines.off_by_vector / MEASURED[:, None]).reshape(-1, COUNT)
+    for n in range(k):
+        columns = slice(COUNT + 3 * n, COUNT + 3 * n + 3)
+        base[16 * n : 16 * n + 16, columns] = (weights[n, ..., None] * lines.by_pose[n]).reshape(16, 3)
+        base[usual.stop + 6 * n : usual.stop + 6 * n + 6, columns] = lines.off_by_pose[n] / MEASURED[:, None]
+    left = weights * (scene.pixels - lines.seen)
+    left *= np.minimum(1.0, VIEW.cut / np.maximum(np.linalg.norm(left, axis=-1, keepdims=True), 1e-12))
+    return base, np.concatenate([left.ravel(), -found.vector * root, (-lines.off / MEASURED).ravel()])
+
+
+def _suspects(scene: Scene, found: Fit) -> Iterator[tuple[str, str, np.ndarray, int]]:
+    """Kind, what a pattern would mean, its columns (k, 8, 2, c) in px, and how many of its kind are tried."""
+    camera, lines = scene.camera, found.lines
+    place = (lines.seen - (camera.cx, camera.cy)) / camera.width
+    powers = np.stack([place[..., 0] ** a * place[..., 1] ** b for a, b in POWERS], axis=-1)
+    columns = np.einsum("kcp,ij->kcijp", powers, np.eye(2)).reshape(*powers.shape[:2], 2, -1)
+    yield (
+        "lens",
+        "what is left goes with the place in the picture: a lens of another kind, or a table that is not flat",
+        columns,
+        1,
+    )
+    for corner in range(CORNER_COUNT if (scene.half == scene.half[0]).all() else 0):
+        own = lines.by_point * (np.arange(CORNER_COUNT) == corner)[:, None, None]
+        yield "box", f"corner {corner} is not where the box that it is taken for has it", own, CORNER_COUNT
+    # One place alone may have two corners that are gross together; where its pose was measured, all of them count.
+    alone = 1 if scene.measured.all() else 2
+    boundaries = range(alone, len(scene) - alone + 1)
+    for first in boundaries:
+        later = (np.arange(len(scene)) >= first)[:, None, None, None]
+        text = f"the camera was moved before {scene.names[first]}"
+        yield "moved", text, lines.by_vector[..., np.r_[SHIFT, TURN]] * later, len(boundaries)
+
+
+def held_out(scene: Scene, found: Fit, prior: Prior, start: np.ndarray) -> HeldOut:
+    """By fits to the other places, with the scatter of the best explanation. start (k, 3): poses as measured, or as first found."""
+    count = min(len(scene), VIEW.folds)
+    gain, before, after = 0.0, [], []
+    for n in range(count):
+        out = np.arange(len(scene)) % count == n
+        vector = fit(scene.of(~out), prior, start[~out], found.scatter).vector
+        apart = scene.of(out)
+        for numbers, sign, away in ((np.zeros(COUNT), -1, before), (vector, 1, after)):
+            beside = at_numbers(apart, numbers, found.poses[out], found.scatter)
+            gain += sign * beside.evidence
+            away.append(distances(apart, beside, start[out]))
+    return HeldOut(gain / len(scene), *(float(np.median(np.concatenate(v))) for v in (before, after)))
+
+
+def distances(scene: Scene, found: Fit, start: np.ndarray) -> np.ndarray:
+    """px (n,) of usable corners from where the numbers of a fit put them: at the measured poses (k, 3) where there are, else at the fit's."""
+    poses = np.where(scene.measured[:, None], start, found.poses)
+    left = at_numbers(scene, found.vector, poses, found.scatter, held=True).left(scene)
+    return np.linalg.norm(left, axis=-1)[scene.usable]

@@ -1,0 +1,184 @@
+"""The numbers of the view as one vector: what is usual of each, what a gap is, and which effect it belongs to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+
+from sim2real.thresholds import THRESHOLDS
+
+SPREADS = THRESHOLDS.view_spreads
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number. name: as in JSON; said: in words; unit: SI, px or 1; usual, gap: standard deviations (thresholds).
+
+    shown, scale: unit of the words, and what the number is multiplied by for it. largest: beyond which no such gap is physical.
+    """
+
+    name: str
+    said: str
+    unit: str
+    usual: float
+    gap: float
+    shown: str
+    scale: float
+    largest: float
+
+    def is_seen(self, low: float, high: float) -> bool:
+        """Whether an interval says something of the number: its sign, or that it is much nearer to nothing than a gap may be."""
+        return low > 0 or high < 0 or high - low <= 2 * 1.96 * THRESHOLDS.view_change.narrowed * self.gap
+
+
+def _axes(name: str, said: str, axes: str, unit: str, field: str, shown: str, scale: float, largest: float):
+    spread = getattr(SPREADS, field)
+    return tuple(Parameter(f"{name}_{a}", f"{said} {a}", unit, *spread, shown, scale, largest) for a in axes)
+
+
+PARAMETERS: tuple[Parameter, ...] = (
+    *_axes("camera", "camera along", "xyz", "m", "shift", "mm", 1e3, 0.1),
+    *_axes("camera_turn", "camera about", "xyz", "rad", "turn", "deg", degrees(1.0), 0.2),
+    Parameter("focal", "focal length", "1", *SPREADS.focal, "%", 1e2, 0.1),
+    *_axes("offset", "picture along", "uv", "px", "offset", "px", 1.0, 20.0),
+    Parameter("k1", "distortion k1", "1", *SPREADS.k1, "", 1.0, 1.0),
+    Parameter("table_height", "table", "m", *SPREADS.height, "mm", 1e3, 0.05),
+    *_axes("table_tilt", "table about", "xy", "rad", "tilt", "deg", degrees(1.0), 0.1),
+    *_axes("size", "object's edge along", "xyz", "m", "size", "mm", 1e3, 0.02),
+)
+BY_NAME = {p.name: p for p in PARAMETERS}
+NAMES = tuple(BY_NAME)
+COUNT = len(PARAMETERS)
+USUAL = np.array([p.usual for p in PARAMETERS])
+GAP = np.array([p.gap for p in PARAMETERS])
+
+
+def numbers(prefix: str) -> np.ndarray:
+    """Places in the vector of the numbers that are called so, or so with an axis behind. Raises KeyError where there is none."""
+    found = [n for n, name in enumerate(NAMES) if name == prefix or name[:-2] == prefix]
+    if not found:
+        raise KeyError(prefix)
+    return np.array(found)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One explanation. ids: of the catalogue; several are one in every picture, and are named together.
+
+    fields: which numbers it changes. called: what is off; said: how, with its numbers in braces (`sim2real.effects.saying`). quantities: what `patch.yaml` calls the numbers, empty where a
+    patch cannot say which of the ids it is, or cannot carry it.
+    """
+
+    ids: tuple[str, ...]
+    fields: tuple[str, ...]
+    called: str
+    said: str
+    quantities: tuple[str, ...] = ()
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Places in the vector."""
+        return np.concatenate([numbers(field) for field in self.fields])
+
+
+EFFECTS: dict[str, Effect] = {
+    "camera_place": Effect(
+        ("camera_extrinsics",),
+        ("camera",),
+        "where the camera stands",
+        "the camera is {camera_x:mm}, {camera_y:mm}, {camera_z:mm} from where it is believed to be (x, y, z)",
+        ("x", "y", "z"),
+    ),
+    "camera_turn": Effect(
+        ("camera_extrinsics",),
+        ("camera_turn",),
+        "where the camera looks",
+        "the camera is turned by {camera_turn_x:deg}, {camera_turn_y:deg}, {camera_turn_z:deg} (about x, y, z)",
+        ("turn_x", "turn_y", "turn_z"),
+    ),
+    "focal_length": Effect(
+        ("camera_intrinsics",),
+        ("focal",),
+        "the camera's focal length",
+        "the camera's focal length is {focal:% more/less}",
+        ("focal",),
+    ),
+    "image_offset": Effect(
+        ("camera_intrinsics", "keypoint_bias"),
+        ("offset",),
+        "the image's centre, or where corners are found",
+        "the image's centre, or where corners are found, is off by {offset_u:px right/left} and {offset_v:px down/up}",
+    ),
+    "distortion": Effect(("lens_distortion",), ("k1",), "the lens", "the lens distorts, k1 {k1}", ("k1",)),
+    "table_height": Effect(
+        ("table_height",), ("table_height",), "the table's height", "the table is {table_height:mm higher/lower}"
+    ),
+    "table_tilt": Effect(
+        ("table_tilt",),
+        ("table_tilt",),
+        "the table's tilt",
+        "the table is tilted by {table_tilt_x:deg}, {table_tilt_y:deg} (about x, y)",
+    ),
+    "object_size": Effect(
+        ("object_size",),
+        ("size",),
+        "the object's size",
+        "the object's edges are {size_x:mm}, {size_y:mm}, {size_z:mm} longer (x, y, z)",
+    ),
+}
+"""By name. The centre of the image and the bias of a detector are the same two numbers: no recording of corners splits them."""
+
+TOUCH = "touch the table at four points and the top of the object: the hand feels them, the camera does not"
+CALIPER = "measure the object with a caliper"
+HEIGHTS = "the object at two heights: on the table and on a box"
+BORDER = "the object at the border of the picture as well as in the middle"
+BOARD = "a calibration with a board: it sees the camera, and nothing of what finds corners"
+SPLIT_BY: tuple[tuple[frozenset[str], str], ...] = tuple(
+    (frozenset({one, other}), text)
+    for text, pairs in {
+        TOUCH: (
+            ("camera_place", "table_height"),
+            ("camera_place", "table_tilt"),
+            ("camera_turn", "table_height"),
+            ("camera_turn", "table_tilt"),
+            ("object_size", "table_height"),
+        ),
+        CALIPER: (
+            ("object_size", "table_height"),
+            ("object_size", "camera_place"),
+            ("object_size", "focal_length"),
+            ("object_size", "distortion"),
+        ),
+        HEIGHTS: (
+            ("focal_length", "camera_place"),
+            ("focal_length", "table_height"),
+            ("camera_place", "camera_turn"),
+        ),
+        BORDER: (("distortion", name) for name in ("focal_length", "camera_place", "camera_turn", "image_offset")),
+        BOARD: (("image_offset", name) for name in ("camera_place", "camera_turn", "table_height", "table_tilt")),
+    }.items()
+    for one, other in pairs
+)
+"""What tells two explanations apart that explain the same."""
+SHOWN_BY = {
+    "camera_place": "poses of the object that something else than the camera has measured, or a calibration with a board",
+    "camera_turn": "poses of the object that something else than the camera has measured, or a calibration with a board",
+    "focal_length": HEIGHTS,
+    "image_offset": BOARD,
+    "distortion": BORDER,
+    "table_height": TOUCH,
+    "table_tilt": TOUCH,
+    "object_size": CALIPER,
+}
+"""What shows an effect that a recording does not."""
+OF_ITSELF = {"image_offset": "corners marked by hand in one picture: a detector's bias goes, the image's centre stays"}
+"""What tells the ids of one explanation apart."""
+
+
+def split_by(names: frozenset[str]) -> tuple[str, ...]:
+    """Experiments that tell these explanations apart, each once."""
+    told = [text for pair, text in SPLIT_BY if pair <= names]
+    told += [OF_ITSELF[name] for name in sorted(names & OF_ITSELF.keys())]
+    return tuple(dict.fromkeys(told))

@@ -1,0 +1,72 @@
+"""A recording of the task suite, cut into its experiments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from np_description.domains import Domain
+from np_description.phases import EXCITE
+from sim2real.excitation.contact_suite.suite import FAMILIES
+from sim2real.recordings.reading import SECOND, ContractViolation, read_bag, violated
+from sim2real.recordings.signals import Log
+from sim2real.task.track import Track, read_track
+
+
+@dataclass(frozen=True, eq=False)
+class TaskRecording:
+    """log: of the joints; track: keypoints, whose time 0 is at `seen_from` s of the log's; domain: what is believed of the object, its
+    surroundings and contacts. spans: (begin, end) s of each experiment by name."""
+
+    log: Log
+    track: Track
+    seen_from: float
+    domain: Domain
+    spans: dict[str, tuple[float, float]]
+
+    def named(self, family: str) -> list[str]:
+        """Names of the experiments of a family that were made, in order."""
+        return [name for name in self.spans if name == family or name.rsplit("_", 1)[0] == family]
+
+    def rows(self, name: str) -> slice:
+        """Rows of the log in an experiment."""
+        begin, end = self.spans[name]
+        return slice(*np.searchsorted(self.log.time, [begin, end]).tolist())
+
+    def images(self, name: str) -> np.ndarray:
+        """Numbers of the images that were taken in an experiment."""
+        begin, end = self.spans[name]
+        time = self.track.time + self.seen_from
+        return np.flatnonzero((time >= begin) & (time < end))
+
+
+def spans_of(log: Log) -> dict[str, tuple[float, float]]:
+    """(begin, end) s of each experiment of the task suite in a log; transfers between them are left out."""
+    starts = [(at, state.experiment if state.phase == EXCITE else "") for at, state in log.phases]
+    ends = [*(at for at, _ in starts[1:]), float(log.time[-1])]
+    ways = zip(starts, ends)
+    return {n: (begin, end) for (begin, n), end in ways if n in FAMILIES or n.rsplit("_", 1)[0] in FAMILIES}
+
+
+class NoSuite(ContractViolation):
+    """A recording that is whole, and not of the task suite."""
+
+
+def read_task(path: str | Path) -> TaskRecording:
+    """A rosbag2 recording of the task suite. Raises NoSuite for one of something else, ContractViolation."""
+    from np_description.objects.choice import recorded_domain
+    from np_record.bag import BagError, Recording  # slow
+
+    log, track = read_bag(path), read_track(path)
+    try:
+        with Recording(path, required=("joint_states", "keypoints")) as recording:
+            domain = recorded_domain(recording.information)
+            first, seen = (recording.rows(topic)[topic][0].stamp for topic in ("joint_states", "keypoints"))
+    except (BagError, ValueError) as error:
+        raise violated(path, error) from error
+    spans = spans_of(log)
+    if not spans:
+        raise NoSuite(f"bag {path}: expected experiments of the task suite ({', '.join(FAMILIES)}), got none")
+    return TaskRecording(log, track, (seen - first) / SECOND, domain, spans)

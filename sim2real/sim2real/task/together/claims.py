@@ -1,0 +1,212 @@
+"""What stages claim, in one shape: an effect with its size, or several that explain the same."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim2real.effects import SCENE_RECORDS, VIEW_RECORDS
+from sim2real.effects.catalogue import catalogue
+from sim2real.effects.saying import Value, say
+from sim2real.report import felt_words, view_words
+from sim2real.task import findings
+from sim2real.task.camera.parameters import EFFECTS
+from sim2real.task.camera.view import View
+from sim2real.task.contact_force.stage import Forces
+from sim2real.task.scatter import Scatter
+from sim2real.task.suite.lag import Lag
+from sim2real.task.suite.meeting import Meeting
+from sim2real.task.surface.stage import Felt
+
+TIMING = ("camera_latency", "clock_offset", "frame_drop", "exposure_blur", "rolling_shutter")
+TABLE = "environment"
+"""What the catalogue calls the table."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """One explanation. name: as the stage calls it; ids: of the catalogue, more than one where nothing ever tells them apart; sizes with
+    their intervals, SI units and px; said: half a sentence; parameters: as `patch.yaml` has them, none where no simulator carries it."""
+
+    name: str
+    ids: tuple[str, ...]
+    sizes: dict[str, Value]
+    said: str
+    parameters: dict[str, float]
+
+    @property
+    def module(self) -> str:
+        """Of `together.MODULES`."""
+        return module_of(self.ids[0])
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Something that is off. stage: that says so; ways: explanations, the most probable first; gain: nats by which what was recorded is more
+    probable with it."""
+
+    stage: str
+    ways: tuple[Way, ...]
+    gain: float
+
+    @property
+    def is_one(self) -> bool:
+        """Whether it is one effect of the catalogue."""
+        return len({one for way in self.ways for one in way.ids}) == 1
+
+
+def module_of(effect: str) -> str:
+    """The module of the chain that an effect is of."""
+    if effect in TIMING:
+        return "timing"
+    module = catalogue()[effect]["module"]
+    return "table" if module == TABLE else module
+
+
+def of_view(view: View | None) -> list[Claim]:
+    """Of where corners of the resting object are seen."""
+    if view is None or view.verdict not in ("identified", "ambiguous"):
+        return []
+    return [
+        Claim("view", tuple(_view_way(e, s) for e, s in ((n.effect, n.sizes), *n.rivals.items())), n.gain)
+        for n in view.named
+    ]
+
+
+def _view_way(effect: str, sizes: Mapping[str, Value]) -> Way:
+    known = EFFECTS[effect]
+    parameters = dict(zip(known.quantities, (value.value for value in sizes.values())))
+    return Way(effect, tuple(known.ids), dict(sizes), view_words.said(effect, sizes), parameters)
+
+
+def of_felt(felt: Felt | Forces | None, stage: str) -> list[Claim]:
+    """Of what the hand felt, by touch or by force."""
+    if felt is None or felt.explained is None or felt.verdict == "unexplained":
+        return []
+    return [
+        Claim(stage, tuple(_felt_way(e, s) for e, s in ((n.effect, n.sizes), *n.rivals.items())), n.gain)
+        for n in felt.explained.named
+    ]
+
+
+def _felt_way(effect: str, sizes: Mapping[str, Value]) -> Way:
+    parameters = {}
+    if effect in SCENE_RECORDS:
+        parameters = {name: value.value for name, value in felt_words.given(effect, sizes).items()}
+    return Way(effect, (effect,), dict(sizes), felt_words.said(effect, sizes), parameters)
+
+
+def of_scatter(scatter: Scatter | None) -> list[Claim]:
+    """Of how corners scatter at rest."""
+    if scatter is None:
+        return []
+    found = []
+    for effect, values in findings.effects(scatter).items():
+        record, first = VIEW_RECORDS[effect], next(iter(values.values()))
+        way = Way(
+            effect,
+            (effect,),
+            dict(values),
+            say(record, str(record.part), values, "the simulator"),
+            {k: v.value for k, v in values.items()},
+        )
+        found.append(Claim("scatter", (way,), nats(first)))
+    return found
+
+
+def of_lag(lag: Lag | None) -> list[Claim]:
+    """Of images that are late: the camera's latency, or its clock, which one recording cannot tell apart."""
+    if lag is None or lag.late is None or lag.verdict == "no_gap":
+        return []
+    ways = late_by(lag.late)
+    return [Claim("lag", ways if lag.late.value > 0 else ways[1:], nats(lag.late))]
+
+
+def late_by(late: Value) -> tuple[Way, ...]:
+    """What a stream that is late may have: the camera's latency, or its clock."""
+    delayed = say(VIEW_RECORDS["camera_latency"], "camera", {"delay": late}, "the simulator")
+    return (
+        Way("camera_latency", ("camera_latency",), {"delay": late}, delayed, {"delay": late.value}),
+        Way(
+            "clock_offset",
+            ("clock_offset",),
+            {"offset": late},
+            "the camera's clock is off by that",
+            {"offset": late.value},
+        ),
+    )
+
+
+def of_meeting(meeting: Meeting | None, turn: np.ndarray | None = None) -> list[Claim]:
+    """Of where the hand meets what is seen: a picture that is off, by the camera's place or turn, or by where corners are found. turn: rad (2,),
+    where corners at rest say that it is the turn (`astray.turned`)."""
+    if meeting is None or meeting.explained is None or meeting.verdict not in ("identified", "ambiguous"):
+        return []
+    found = []
+    for one in meeting.explained.named:
+        off = one.sizes
+        moved = {axis: -off[axis].value for axis in "xy"}  # a camera that stands elsewhere shows things the other way
+        ways = [
+            Way("camera_place", ("camera_extrinsics",), dict(off), "the camera's place", moved),
+            Way("camera_turn", ("camera_extrinsics",), dict(off), "its turn", {}),
+            Way("image_offset", ("keypoint_bias",), {}, "where corners are found", {}),
+        ]
+        if turn is not None:
+            told = dict(zip(("turn_x", "turn_y"), turn.tolist()))
+            ways[:2] = replace(ways[1], said="the camera's turn", parameters=told), replace(ways[0], said="its place")
+        said = f"the picture shows things {off['x']:mm} and {off['y']:mm} (x, y) from where the hand meets them: by {ways[0].said}"
+        found.append(Claim("meeting", (replace(ways[0], said=said), *ways[1:]), one.gain))
+    return found
+
+
+def settled(claims: list[Claim], touch: Felt | None) -> list[Claim]:
+    """Claims in the light of one another: the hand feels the table and the camera does not move it. An explanation of the view that has the
+    table elsewhere than it was felt is none; one that has it there is the one, and counts once. A camera that the view still names then is the
+    gap that the meeting shows, of which the view says more."""
+    claims = _once(claims)
+    if touch is not None and touch.explained is not None and touch.verdict not in ("undetermined", "unexplained"):
+        claims = _by_touch(claims, touch)
+    if any(c.stage == "view" and c.ways[0].module == "camera" for c in claims):
+        claims = [c for c in claims if c.stage != "meeting"]
+    return claims
+
+
+def _by_touch(claims: list[Claim], touch: Felt) -> list[Claim]:
+    found: list[Claim] = []
+    told = {n.effect for n in touch.explained.named if not n.rivals}
+    for claim in claims:
+        if claim.stage == "view":
+            ways = tuple(way for way in claim.ways if not _contradicted(way, touch))
+            claim = replace(claim, ways=tuple(way for way in ways if way.name in told) or ways)
+        if claim.ways:
+            found.append(claim)
+    felt = {claim.ways[0].name for claim in found if claim.stage == "touch" and claim.is_one}
+    again = [c for c in found if c.stage == "view" and c.is_one and c.ways[0].name in felt]
+    return [c for c in found if c not in again]
+
+
+def _once(claims: list[Claim]) -> list[Claim]:
+    """Without those that say again what is known better: by which a stream is late, and, of what pushes hold as one, the member that forces
+    have named."""
+    late = [c for c in claims if c.stage in ("lag", "clock")]
+    claims = [c for c in claims if c not in late or c is max(late, key=lambda one: one.gain)]
+    felt = {c.ways[0].ids[0] for c in claims if c.stage == "force" and c.is_one}
+    return [c for c in claims if not (c.stage == "pushes" and felt & set(c.ways[0].ids))]
+
+
+def _contradicted(way: Way, touch: Felt) -> bool:
+    bounds = {"table_" + name: value for name, value in touch.explained.bounds.items()}
+    apart = (
+        not (bounds[name].low <= value.high and value.low <= bounds[name].high)
+        for name, value in way.sizes.items()
+        if name in bounds and name.removeprefix("table_") not in touch.explained.unseen
+    )
+    return any(apart)
+
+
+def nats(value: Value) -> float:
+    """By which a number is more probable than none, were it Gaussian."""
+    deviation = max((value.high - value.low) / 3.92, 1e-9)
+    return float(np.clip(0.5 * (value.value / deviation) ** 2, 0.0, 1e3))
