@@ -95,7 +95,7 @@ train: setup ## DOMAIN SEED GPUS: train its policies on the GPUs or the CPU that
 identify: setup ## BAG="run1 run2" | none: a simulated arm; friction, damping, armature and what they explain
 	@$(ACTIVATE) exec python -m np_blind.baselines.identify $(or $(BAG),--simulate) --seed $(SEED) $(ARGS)
 
-test: setup ## every test that needs no GPU; PYTEST_ARGS="tests/unit -k name": only these
+test: setup ## every test that needs no GPU; PYTEST_ARGS="tests/np_control -k name": only these
 ifdef PYTEST_ARGS
 	@$(ACTIVATE) exec python -m pytest $(PYTEST_ARGS)
 else

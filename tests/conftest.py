@@ -56,8 +56,15 @@ def pytest_sessionfinish(session):
         session.exitstatus = pytest.ExitCode.INTERNAL_ERROR
 
 
+GRAPHS = ("graph", "contract", "replay", "driver", "camera")  # folders of tests that start processes
+
+
 def pytest_collection_modifyitems(items):
-    """The longest files first."""
+    """Mark the tests of a graph in real time, which need the machine to themselves; run the longest files first."""
+    for item in items:
+        in_real_time = "realtime" in item.nodeid or "real_time" in item.nodeid
+        if in_real_time and item.path.parent.name in GRAPHS:
+            item.add_marker("real_time")
     items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {path.parent.name: path.parent for path in sorted((ROOT / "ros2_ws/src").glob("*/package.xml"))}
 ABOVE = {"np_training": ROOT / "training", "np_blind": ROOT / "benchmark"}
-WITHOUT_GRAPH = ("unit", "diagnosis", "parity")
 
 FLOORS = (
     {"np_common"},
@@ -77,6 +76,5 @@ def packages_of(path: Path) -> set[str]:
 
 
 def own_tests(package: str) -> list[Path]:
-    """The files of tests without a graph that belong to a package: of all that they import, it is the highest."""
-    files = sorted(path for kind in WITHOUT_GRAPH for path in (ROOT / "tests" / kind).glob("test_*.py"))
-    return [path for path in files if max(packages_of(path), key=FLOOR.get, default=None) == package]
+    """The files of tests without a graph that belong to a package: those in the folder of its name."""
+    return sorted((ROOT / "tests" / package).glob("test_*.py"))

@@ -1,6 +1,6 @@
 """How long `--help` of every command and node takes: processor time in s, the slowest first. `python tools/help_times.py [NAME...]`
 
-A command reads its command line first and imports what is slow after; `tests/unit/test_command.py` holds that none imports PyTorch.
+A command reads its command line first and imports what is slow after; `tests/np_evaluation/test_command.py` holds that none imports PyTorch.
 """
 
 from __future__ import annotations

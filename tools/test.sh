@@ -20,9 +20,7 @@ part() {
 }
 
 # Three files at a time, for graph tests mostly wait; of graphs in real time one, which has the machine to itself.
-# What a killed worker ran is begun again by another, three times at the most, and not twelve.
-real_time="realtime or real_time"
-graphs=$(printf '%s\n' tests/*/test_*.py | xargs -n 1 dirname | sort -u | grep -vxE 'tests/(unit|training|diagnosis|parity)')
-part -n 3 --max-worker-restart 2 --dist loadfile --no-loadscope-reorder -m "not slow" -k "unit or not ($real_time)"
-part -m "not slow" -k "$real_time" $graphs
+# A file whose worker dies is run again by another worker at most twice.
+part -n 3 --max-worker-restart 2 --dist loadfile --no-loadscope-reorder -m "not slow and not real_time"
+part -m "real_time and not slow"
 exit $failed

@@ -29,7 +29,8 @@ from pages import driver  # noqa: E402
 from simulated_robot import missing  # noqa: E402
 from tracking import track  # noqa: E402
 
-from np_common.cli import INTERRUPTED, Progress, interrupt_on_sigterm, origin  # noqa: E402
+from np_common.cli import INTERRUPTED, Progress, interrupt_on_sigterm  # noqa: E402
+from np_description.weights.provenance import origin  # noqa: E402
 
 PARTS = ("tracking", "approach", "suite", "faults")
 CONTROLS = ("topic", "onboard")

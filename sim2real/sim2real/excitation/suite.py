@@ -1,7 +1,7 @@
 """The excitation suite: named motions that together make every effect of the arm visible, and plans of them.
 
 A plan is sent as joint trajectories, one a segment, with gains of its own, through the topics and guards that
-any motion takes. Each segment keeps well inside the limits of position, speed and torque (tests/diagnosis).
+any motion takes. Each segment keeps well inside the limits of position, speed and torque (tests/sim2real).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Camera images without a display: OpenGL through EGL where it works, else a ray caster on the CPU.
 
-Both draw the same primitives with the same lights; tests/unit/test_renderer.py holds them to the same pixels.
+Both draw the same primitives with the same lights; tests/np_sim_bridge/test_renderer.py holds them to the same pixels.
 A renderer belongs to the thread that made it (OpenGL contexts do).
 """
 

@@ -45,7 +45,7 @@ def test_what_goes_wrong_is_an_answer_and_what_is_answered_is_not_asked_again(tm
         rows = settle_all(CASES, 7, tmp_path, pool, named)
         assert rows[:3] == [{"case": number, "seed": 7} for number in range(3)]
         assert rows[3]["case"] == 3 and "ValueError: nothing was seen" in rows[3]["error"]
-        assert 'File "tests/diagnosis/test_blind_chain.py"' in rows[3]["error"] and str(ROOT) not in rows[3]["error"]
+        assert 'File "tests/np_blind/test_blind_chain.py"' in rows[3]["error"] and str(ROOT) not in rows[3]["error"]
         assert settle_all(CASES, 7, tmp_path, pool, never) == rows
         assert answered(draw(6, 1), tmp_path) == rows
 

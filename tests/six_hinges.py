@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-ARMS = Path(__file__).resolve().parents[2] / "examples" / "arms"
+ARMS = Path(__file__).resolve().parents[1] / "examples" / "arms"
 MJCF, URDF = ARMS / "six_hinges.xml", ARMS / "six_hinges.urdf"
 RATE = 1000  # Hz at which everything is made
 BREAKAWAY = 1e-4  # rad over which friction builds up

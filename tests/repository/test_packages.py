@@ -14,7 +14,6 @@ from packages import (
     FLOORS,
     PACKAGES,
     ROOT,
-    WITHOUT_GRAPH,
     imports,
     modules,
     own_tests,
@@ -138,17 +137,14 @@ def test_a_circle_is_seen():
     assert circle({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) and not circle({"a": {"b"}, "b": {"c"}})
 
 
-def test_a_package_has_the_tests_whose_highest_import_it_is():
-    assert {"test_impedance.py", "test_safety.py"} <= {path.name for path in own_tests("np_control")}
-    assert "test_simulation.py" in {path.name for path in own_tests("np_sim_bridge")}
-    everything = [path for kind in WITHOUT_GRAPH for path in (ROOT / "tests" / kind).glob("test_*.py")]
-    theirs = [path for name in FLOOR for path in own_tests(name)]
-    assert sorted(theirs) == sorted(
-        path
-        for path in everything
-        if path.name
-        not in ("test_docs.py", "test_foxglove_layout.py", "test_packages.py", "test_set_up.py", "test_guides.py")
-    )
+def test_tests_lie_in_the_folder_of_the_highest_package_that_they_import():
+    misplaced = {
+        f"{path.relative_to(ROOT)}: belongs to {highest}"
+        for package in FLOOR
+        for path in own_tests(package)
+        if (highest := max(packages_of(path), key=FLOOR.get, default=package)) != package
+    }
+    assert not misplaced
 
 
 def test_pytest_in_the_folder_of_a_package_finds_its_tests():

@@ -1,12 +1,6 @@
-import sys
-from pathlib import Path
-
 import pytest
-from sim2real.diagnosis import diagnose
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from arm_generator import Truth, at, record  # noqa: E402
+from sim2real.diagnosis import diagnose
 
 # A diagnosis takes seconds: what several tests look at is made once.
 
