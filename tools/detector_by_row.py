@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from np_common.cli import Progress
-from np_common.files import write_whole
+from np_common.files import write_atomically
 from np_common.parallel import workers
 from np_description.domains import DOMAINS, find_domain
 from np_description.objects.choice import DEFAULT
@@ -57,7 +57,7 @@ def main() -> None:
                 **origin(options.weights),
                 "rows": [found[one] for one in asked if one in found],
             }
-            write_whole(options.out, json.dumps(table, indent=1) + "\n")
+            write_atomically(options.out, json.dumps(table, indent=1) + "\n")
     print(json.dumps({"rows": table["rows"]}))
 
 

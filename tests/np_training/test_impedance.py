@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from np_control import impedance
 from np_control.controller import Controller, ControllerConfig
 from np_control.dynamics import Dynamics
-from np_control.following import Following
+from np_control.following import RealtimeCommandInput
 from np_control.safety import LIMITS, SafetyFilter
 from np_control.trajectory import Trajectory
 from np_description.domains import CARD
@@ -92,7 +92,7 @@ def node(q, dq, target, stiffness, ratio):
     """What `joint_impedance` answers with."""
     controller = Controller(ControllerConfig(stiffness.astype(float), ratio), UNGUARDED, DYNAMICS)
     controller.observe(0, q, dq)
-    Following(controller).trajectory(Trajectory(np.zeros(1), target[None].astype(float), np.zeros((1, 7))))
+    RealtimeCommandInput(controller).trajectory(Trajectory(np.zeros(1), target[None].astype(float), np.zeros((1, 7))))
     controller.observe(LIMITS.period_ns, q, dq)
     return controller.answer().torque
 

@@ -11,11 +11,11 @@ from scipy.interpolate import CubicSpline
 from sim2real.excitation.contact_suite.tip import BEYOND
 
 from np_control.controller import Controller, ControllerConfig
-from np_control.following import Following
+from np_control.following import RealtimeCommandInput
 from np_control.impedance import DAMPING_RATIO_MAX, STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics, pose_distance, solve_ik
 from np_control.safety import LIMITS, Reason, Refusal, SafetyFilter, State
-from np_control.tick_gate import TickGate
+from np_control.tick_gate import LockstepCommandInput
 from np_control.trajectory import make_trajectory
 from np_description.domains import CARD
 from np_description.panda import NOMINAL
@@ -337,7 +337,7 @@ def test_a_stop_leaves_a_target_with_its_gains():
 @pytest.mark.parametrize("end", ["failed", "succeeded", "fault"])
 def test_after_an_episode_nothing_is_followed_until_the_next(end):
     controller = Controller()
-    following = Following(controller)
+    following = RealtimeCommandInput(controller)
     answers(controller, 1)
     for phase in ("pre", "approach"):
         following.enter(phase)
@@ -357,7 +357,7 @@ def test_after_an_episode_nothing_is_followed_until_the_next(end):
 
 def test_an_arm_that_comes_back_in_the_middle_of_an_episode_is_not_moved():
     """A driver that was restarted: the policy goes on, but not for this arm."""
-    following = Following(controller := Controller())
+    following = RealtimeCommandInput(controller := Controller())
     answers(controller, 1)
     for phase in ("pre", "approach", "post"):
         following.enter(phase)
@@ -374,7 +374,7 @@ def test_an_arm_that_comes_back_in_the_middle_of_an_episode_is_not_moved():
 @pytest.mark.parametrize("is_heard_first", [True, False])
 def test_a_driver_that_comes_in_the_middle_of_an_episode_follows_from_the_next_on(is_heard_first):
     """The phase is latched: it may be heard before the first state or after it."""
-    following = Following(controller := Controller())
+    following = RealtimeCommandInput(controller := Controller())
     answers(controller, 1)
     if is_heard_first:
         following.enter("post")
@@ -388,7 +388,7 @@ def test_a_driver_that_comes_in_the_middle_of_an_episode_follows_from_the_next_o
 
 
 def test_without_an_episode_everything_is_followed():
-    following = Following(controller := Controller())
+    following = RealtimeCommandInput(controller := Controller())
     answers(controller, 1)
     following.begin()
     following.trajectory(quintic(READY + 0.3, 1.0))
@@ -400,7 +400,7 @@ TICK = 50 * PERIOD
 
 
 def test_the_gate_opens_only_for_what_belongs_to_the_tick():
-    gate = TickGate(TICK)
+    gate = LockstepCommandInput(TICK)
     assert gate.missing(TICK + PERIOD) is None and gate.take(TICK + PERIOD) is None
     gate.trajectory(TICK, "plan of this tick")
     gate.tick(0, PhaseState("approach"))
@@ -424,7 +424,7 @@ def test_the_gate_opens_only_for_what_belongs_to_the_tick():
 
 
 def test_the_gate_waits_for_a_plan_in_every_episode():
-    gate = TickGate(TICK)
+    gate = LockstepCommandInput(TICK)
     for start in (0, 10 * TICK):
         gate.tick(start, PhaseState("pre"))
         assert gate.missing(start) is None
@@ -437,7 +437,7 @@ def test_the_gate_waits_for_a_plan_in_every_episode():
 
 
 def test_the_gate_pairs_each_experiment_with_its_gains():
-    gate = TickGate(TICK)
+    gate = LockstepCommandInput(TICK)
     for number, name in enumerate(("dwell", "chirp")):
         experiment = PhaseState("excite", experiment=name)
         start = 4 * number * TICK
@@ -454,7 +454,7 @@ def test_the_gate_pairs_each_experiment_with_its_gains():
 
 @pytest.mark.parametrize("plan, gains", [(None, "gains"), ("plan", None)])
 def test_a_refused_half_of_an_experiment_answers_the_tick_but_moves_nothing(plan, gains):
-    gate = TickGate(TICK)
+    gate = LockstepCommandInput(TICK)
     gate.tick(TICK, PhaseState("excite", experiment="dwell"))
     gate.trajectory(TICK, plan)
     gate.gains(gains)
@@ -463,7 +463,7 @@ def test_a_refused_half_of_an_experiment_answers_the_tick_but_moves_nothing(plan
 
 
 def test_a_refused_half_of_a_target_answers_the_tick_but_moves_nothing():
-    gate = TickGate(TICK)
+    gate = LockstepCommandInput(TICK)
     gate.tick(TICK, PhaseState("post"))
     gate.gains(None)
     gate.pose(TICK, "pose")

@@ -12,7 +12,7 @@ from pathlib import Path
 from np_blind.chain.cases import SET, Case
 from np_blind.repository import relative
 from np_common.cli import Progress
-from np_common.files import write_whole
+from np_common.files import write_atomically
 
 NAME = "answer.json"  # of the doctor's answer to a case, in its folder
 Answer = Callable[[Case, int], dict]
@@ -34,7 +34,7 @@ def settle(case: Case, seed: int, out: Path, answer: Answer = answer, name: str 
         row = _error(case, relative(traceback.format_exc(limit=3)))
     kept = _kept(out, case, name)
     kept.parent.mkdir(exist_ok=True)
-    write_whole(kept, json.dumps(row, indent=1) + "\n")
+    write_atomically(kept, json.dumps(row, indent=1) + "\n")
 
 
 def settle_all(
@@ -66,7 +66,7 @@ def publish(results: Path, command: str, seed: int, **found: object) -> None:
     """Write what was found of the set with a seed, with its date and the command that finds it again."""
     date = datetime.now(UTC).strftime("%Y-%m-%d")
     told = {"date": date, "command": f"python -m np_blind.{command}", "set": SET, "seed": seed, **found}
-    write_whole(results, json.dumps(told, indent=1) + "\n")
+    write_atomically(results, json.dumps(told, indent=1) + "\n")
 
 
 def _kept(out: Path, case: Case, name: str) -> Path:

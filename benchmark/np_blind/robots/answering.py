@@ -21,7 +21,7 @@ from np_blind.repository import relative
 from np_blind.robots.cases import DOMAINS, Robot
 from np_blind.robots.queue import DOCTOR, ENGINE, REHEARSAL, Queue, TimeOver
 from np_common.cli import Progress
-from np_common.files import write_whole
+from np_common.files import write_atomically
 from np_evaluation.corrections import corrections
 from np_evaluation.finetune.learning import Learning, carried, warm
 from np_evaluation.finetune.playing import Cell, Kept, patch_of, play_all, succeeds, text_of
@@ -142,7 +142,7 @@ def settle(robot: Robot, judging: Judging, nominal: Future, queue: Queue, turn: 
     row |= {"episodes": judging.episodes, "error": "the time was over"}
 
     def keep() -> None:
-        write_whole(file, json.dumps(row, indent=1) + "\n")
+        write_atomically(file, json.dumps(row, indent=1) + "\n")
 
     try:
         _settle(row, keep, robot, judging, nominal, queue, turn)

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_atomically(path: Path, text: str) -> None:
     """Write `text` in place of what is there; whoever reads meanwhile, or after a kill, finds the old text or the new one."""
     partial = path.with_suffix(".partial")
     partial.write_text(text, encoding="utf-8")

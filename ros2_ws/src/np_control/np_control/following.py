@@ -1,7 +1,7 @@
 """What a controller follows in real time: everything takes effect when it comes, while an episode allows it. No
 ROS.
 
-The counterpart of `np_control.tick_gate.TickGate`, for the controller node and for a driver with the
+The counterpart of `np_control.tick_gate.LockstepCommandInput`, for the controller node and for a driver with the
 controller on board."""
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from np_description.phases import APPROACH, AT_REST, ENDS, POST, PRE
 MOVING = (APPROACH, POST)
 
 
-class Following:
+class RealtimeCommandInput:
     """Leads one `Controller` by trajectories, by pairs of gains and pose, and by the phase of an episode.
 
     Once an episode has ended nothing is followed until the next one begins, or something else has a phase: a

@@ -32,7 +32,7 @@ class TickInputs(Generic[TrajectoryT, PoseT, GainsT]):
     target: tuple[PoseT, GainsT] | None = None
 
 
-class TickGate(Generic[TrajectoryT, PoseT, GainsT]):
+class LockstepCommandInput(Generic[TrajectoryT, PoseT, GainsT]):
     """Collects tick, trajectory and target of the policy ticks, multiples of `policy_period_ns`.
 
     None stands for a trajectory, pose or gains that came but were refused: an answer all the same, that

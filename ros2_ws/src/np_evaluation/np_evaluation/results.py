@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from np_common.files import write_whole
+from np_common.files import write_atomically
 from np_evaluation.scoring import Result
 
 
@@ -82,7 +82,7 @@ class Results:
                 self._by_number[number] = result
         complete = "".join([self._header + "\n", *map(_line, self.results)])
         if not self.path.exists() or self.path.read_text() != complete:
-            write_whole(self.path, complete)
+            write_atomically(self.path, complete)
         for path in parts:
             path.unlink()
 

@@ -11,7 +11,7 @@ from collections.abc import Generator
 import numpy as np
 
 from np_control.controller import Answer, Controller, ControllerConfig
-from np_control.following import Following
+from np_control.following import RealtimeCommandInput
 from np_control.safety import Refusal, SafetyLimits
 from np_control.trajectory import Trajectory
 from np_description.phases import AT_REST
@@ -26,7 +26,7 @@ class Onboard:
 
     def __init__(self, config: ControllerConfig, limits: SafetyLimits, target_timeout_ns: int):
         self._controller = Controller(config, limits)
-        self._following = Following(self._controller)
+        self._following = RealtimeCommandInput(self._controller)
         self._timeout = target_timeout_ns
         self._newest_target = -1
         self.release()

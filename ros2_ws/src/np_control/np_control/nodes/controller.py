@@ -16,12 +16,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from np_control.controller import Answer, Controller, ControllerConfig
-from np_control.following import Following
+from np_control.following import RealtimeCommandInput
 from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN
 from np_control.nodes import inputs
 from np_control.nodes.inputs import Pose
 from np_control.safety import LIMITS, Refusal
-from np_control.tick_gate import TickGate
+from np_control.tick_gate import LockstepCommandInput
 from np_control.trajectory import Trajectory
 from np_description.message_arrays import BadMessage, joint_state_arrays, stamp_nanoseconds
 from np_description.panda import JOINT_NAMES, STATE_NAMES
@@ -82,8 +82,8 @@ class ControllerNode(Node):
                 cartesian=is_cartesian,
             )
         )
-        self._gate: TickGate[Trajectory, Pose, np.ndarray] = TickGate(SECOND // policy_rate)
-        self._following = Following(self._controller)
+        self._gate: LockstepCommandInput[Trajectory, Pose, np.ndarray] = LockstepCommandInput(SECOND // policy_rate)
+        self._following = RealtimeCommandInput(self._controller)
         self._is_fault = False
         self._answered: int | None = None
         self._sent = 0  # ns on the host's clock, when the newest state was published

@@ -18,7 +18,7 @@ import yaml
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch
 
 from np_common.cli import Progress
-from np_common.files import write_whole
+from np_common.files import write_atomically
 from np_description.objects.choice import DEFAULT
 
 if TYPE_CHECKING:  # slow to import
@@ -134,7 +134,7 @@ class Kept:
         """Keep what came of some episodes."""
         self._found[name] |= dict(zip(numbers, scores))
         told = {str(n): s for n, s in sorted(self._found[name].items())}
-        write_whole(self._path(name), json.dumps({"cell": asdict(self._cells[name]), "score": told}) + "\n")
+        write_atomically(self._path(name), json.dumps({"cell": asdict(self._cells[name]), "score": told}) + "\n")
 
     def of(self, name: str, episodes: int) -> list[float]:
         """In the order of the episodes."""

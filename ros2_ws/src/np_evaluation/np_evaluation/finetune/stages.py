@@ -23,7 +23,7 @@ from threading import Event
 import numpy as np
 from sim2real.effects.patch import Patch, dump_patch, load_patch
 
-from np_common.files import write_whole
+from np_common.files import write_atomically
 from np_common.intervals import wilson_interval
 from np_common.parent_process import end_with_parent
 from np_evaluation.corrections import corrections
@@ -91,7 +91,7 @@ def diagnosed(bags: Sequence[Path], out: Path) -> Patch:
         was = ", ".join(known.splitlines())
         raise ValueError(f"{out}: expected the recordings that it is of, {was}, got others: name another --out")
     out.mkdir(parents=True, exist_ok=True)
-    write_whole(of, given)
+    write_atomically(of, given)
     if not whole.exists():
         seen = {bag: _has_keypoints(bag) for bag in bags}
         arm, task = ([str(bag) for bag in bags if seen[bag] == has] for has in (False, True))
