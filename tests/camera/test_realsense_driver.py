@@ -24,12 +24,15 @@ from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 from software_camera import SoftwareCamera, picture  # noqa: E402
 
 from np_description.camera import CAMERA  # noqa: E402
-from np_description.message_arrays import camera_info_lens, image_array  # noqa: E402
+from np_description.message_arrays import (  # noqa: E402
+    camera_info_lens,
+    image_array,
+    stamp_nanoseconds,  # noqa: E402
+)
 from np_franka.realsense import RealSense, Settings, find_device, lens_of  # noqa: E402
 from np_perception.camera.rectify import Rectifier, project_distorted  # noqa: E402
 from np_perception.camera.source import CameraError  # noqa: E402
 from np_ros import qos  # noqa: E402
-from np_ros.messages import stamp_nanoseconds  # noqa: E402
 
 
 @pytest.fixture
