@@ -1,10 +1,10 @@
-"""The task suite over real topics: the table is touched where the simulator has it, and `feel` and `chain` say so of the recording."""
+"""The task suite over real topics: the table is touched where the simulator has it, and `diagnose_task` says so of the recording."""
 
 import json
 
 import pytest
 from graph_tools import Graph
-from sim2real.cli import chain, feel
+from sim2real.cli import chain
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
 
 from np_description.domains import BUMP
@@ -35,15 +35,6 @@ def test_experiments_are_planned_and_sent(recorded):
     _, segments = recorded
     assert segments[0] == "view"
     assert [name for name in segments if name.startswith("touch")] == [f"touch_table_{n}" for n in (1, 2, 3, 4)]
-
-
-def test_feel_says_how_high_the_table_is(recorded, tmp_path, capsys):
-    bag, _ = recorded
-    assert feel.main([str(bag), "--out", str(tmp_path)]) == 0
-    told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert told["touch"]["verdict"] == "identified" and told["force"]["verdict"] == "undetermined"
-    (entry,) = load_patch(tmp_path / "patch.yaml").effects
-    assert entry.effect == "table_height" and entry.parameters["height"] == pytest.approx(0.006, abs=5e-4)
 
 
 def test_chain_has_a_row_for_what_was_touched_and_says_what_was_not(recorded, tmp_path, capsys):

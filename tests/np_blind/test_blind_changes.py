@@ -10,7 +10,7 @@ import pytest
 
 from np_blind.arm import generate
 from np_blind.arm import set as blind
-from np_blind.arm.drawn.background import DAY_DELAY, DAY_FRICTION, HOLDS_FROM, WIDE_FROM
+from np_blind.arm.drawn.background import DAY_DELAY, DAY_FRICTION
 from np_blind.arm.drawn.cases import Case, as_it_was, draw_cases, make_physics
 from np_blind.arm.drawn.faults import EFFECTS, HELD, PEAK_TOTAL, SPARE, Fault, apply, largest, visible, widen
 from np_blind.arm.drawn.key import make_key
@@ -24,13 +24,13 @@ WHICH = "development_changes"
 
 def both_days(faults=(), always=(), number=0):
     """(first day, second day, what changed) of one arm."""
-    case = Case(number, "single" if faults else "null", tuple(faults), (3, WIDE_FROM, 2, number), tuple(always), 2)
+    case = Case(number, "single" if faults else "null", tuple(faults), (3, 600, 2, number), tuple(always), 2)
     after, (truth,) = make_physics([case])
     return make_physics([as_it_was(case)])[0], after, truth
 
 
 def test_a_third_has_no_change_and_the_others_have_all_effects_in_turn():
-    cases = draw_cases(60, WIDE_FROM, WHICH)
+    cases = draw_cases(60, 600, WHICH)
     changes = [case.faults[0] for case in cases if case.faults]
     assert [case.kind for case in cases].count("null") == 20 == 60 - len(changes)
     assert {f.effect for f in changes} == set(EFFECTS)
@@ -39,17 +39,18 @@ def test_a_third_has_no_change_and_the_others_have_all_effects_in_turn():
     for case in cases:
         assert len({f.effect for f in (*case.faults, *case.always)}) == len(case.faults) + len(case.always)
         assert all(0.8 <= f.size <= 5.0 for f in case.always)
-    assert draw_cases(60, WIDE_FROM, WHICH) == cases != draw_cases(60, WIDE_FROM, "locked_changes")
-    with pytest.raises(ValueError, match=f"seed of at least {WIDE_FROM}, got 5"):
-        draw_cases(6, 5, WHICH)
+    assert draw_cases(60, 600, WHICH) == cases != draw_cases(60, 600, "locked_changes")
 
 
 @pytest.mark.parametrize("which", ["development", WHICH])
 def test_effects_come_in_every_joint_where_they_show_and_sizes_begin_below_the_limit(which):
-    faults = [f for k in range(12) for case in draw_cases(200, WIDE_FROM + k, which) for f in case.faults]
+    faults = [f for k in range(12) for case in draw_cases(200, 600 + k, which) for f in case.faults]
     for effect in EFFECTS:
         joints = {f.joint + 1 for f in faults if f.effect == effect and f.joint is not None}
-        assert joints == set(visible(effect).joints), effect
+        shown = (
+            {1, 6, 7} if effect == "torque_saturation" else set(visible(effect).joints)
+        )  # others are too near to their weight
+        assert joints == shown, effect
     assert {f.joint for f in faults} >= set(range(7))
     sizes = np.array([f.size for f in faults if f.effect in EFFECTS])
     assert 0.8 <= sizes.min() < 0.81 and 9.5 < sizes.max() <= 10.0
@@ -58,7 +59,7 @@ def test_effects_come_in_every_joint_where_they_show_and_sizes_begin_below_the_l
 @pytest.mark.parametrize("which", ["development", WHICH])
 def test_a_drive_that_is_cut_holds_its_arm_up_and_shows_it(which):
     """Joints 1, 6 and 7: what the suite asks of the others is too near to their weight."""
-    cases = [case for k in range(12) for case in draw_cases(200, HOLDS_FROM + k, which)]
+    cases = [case for k in range(12) for case in draw_cases(200, 900 + k, which)]
     cut = [f for case in cases for f in (*case.faults, *case.always) if f.effect == "torque_saturation"]
     assert {f.joint + 1 for f in cut} == {1, 6, 7}
     physics, rng = nominal_physics(len(cut)), np.random.default_rng(0)
@@ -66,8 +67,8 @@ def test_a_drive_that_is_cut_holds_its_arm_up_and_shows_it(which):
         given = widen(physics, arm, fault, apply(physics, arm, fault, rng), rng)["limit"][0]
         assert SPARE * HELD[fault.joint] <= given * (1 + 1e-9)
         assert given == pytest.approx(PEAK_TOTAL[fault.joint] * (1 - 0.07 * fault.size))  # as large as the key has it
-    assert max(f.size for f in cut if f.joint == 5) < largest("torque_saturation", 5, True) < 3.0
-    assert largest("torque_saturation", 5, False) == largest("torque_saturation", 0, True) == 6.0
+    assert max(f.size for f in cut if f.joint == 5) < largest("torque_saturation", 5) < 3.0
+    assert largest("torque_saturation", 0) == 6.0
 
 
 def test_an_arm_is_the_same_on_both_days_but_for_what_a_day_brings():
@@ -88,7 +89,7 @@ def test_the_truth_of_a_change_is_against_the_arm_as_it_was():
     heavy = Fault("payload", None, 5.0)
     first, second, (given,) = both_days([Fault("link_inertia", 6, 4.0)], [heavy])
     turned = [np.trace(p.inertials.inertia[0, 6]) for p in (first, second)]
-    nominal = np.trace(make_physics([Case(0, "null", (), (3, WIDE_FROM, 2, 0))], False)[0].inertials.inertia[0, 6])
+    nominal = np.trace(make_physics([Case(0, "null", (), (3, 600, 2, 0))], False)[0].inertials.inertia[0, 6])
     assert given["scale"][0] == pytest.approx((turned[1] - turned[0]) / nominal)
     first, second, (given,) = both_days([Fault("command_delay", None, 3.0)])
     assert given["delay"][0] == pytest.approx(second.command_delay[0] - first.command_delay[0])
@@ -101,9 +102,9 @@ def test_the_truth_of_a_change_is_against_the_arm_as_it_was():
 
 
 def test_a_key_says_what_an_arm_always_had_and_scores_are_of_the_change():
-    entries = json.loads(make_key(30, WIDE_FROM, WHICH))["cases"]
+    entries = json.loads(make_key(30, 600, WHICH))["cases"]
     assert all("always" in entry for entry in entries) and any(entry["always"] for entry in entries)
-    assert "always" not in json.loads(make_key(2, WIDE_FROM, "development"))["cases"][0]
+    assert "always" not in json.loads(make_key(2, 600, "development"))["cases"][0]
     entry = next(e for e in entries if e["kind"] == "single" and e["faults"][0]["size"] < 3 and e["always"])
 
     def score(fault):
@@ -126,7 +127,7 @@ def test_the_doctor_is_shown_both_days(tmp_path, monkeypatch):
         "(out / 'report.json').write_text(json.dumps({'verdict': 'no_gap', 'effects': [], 'where': []})); "
         "(out / 'patch.yaml').write_text('effects: []')"
     )
-    command = ["--cases", "2", "--seed", str(WIDE_FROM), "--set", WHICH, "--only", "sinusoid_7", "--keep"]
+    command = ["--cases", "2", "--seed", str(600), "--set", WHICH, "--only", "sinusoid_7", "--keep"]
     command += ["--out", str(tmp_path), "--doctor", shlex.join([sys.executable, "-c", doctor])]
     assert blind.main(command) == 0
     results = json.loads((tmp_path / "results.json").read_text())

@@ -14,8 +14,8 @@ from sim2real.excitation.suite import READY, SECOND, THIRD, suite
 
 from np_blind.arm.drawn.cases import Case, draw_cases, make_physics
 from np_blind.arm.drawn.faults import EFFECTS, Fault, soften, visible
-from np_blind.arm.drawn.out_of_catalogue import ALL_FROM, BEFORE, LATER_FROM, OUT_OF_CATALOGUE
-from np_blind.arm.drawn.out_of_catalogue_kinds import FIRST, LATER, NEWEST, SCALE
+from np_blind.arm.drawn.out_of_catalogue import OUT_OF_CATALOGUE
+from np_blind.arm.drawn.out_of_catalogue_kinds import LATER, NEWEST
 from np_blind.arm.judged.heldout import LOST, gaps, motions
 from np_blind.arm.judged.patched import patched_physics
 from np_blind.arm.judged.scoring import modules
@@ -309,25 +309,11 @@ def test_cases_are_balanced_and_sets_lie_apart():
     assert {k: kinds.count(k) for k in set(kinds)} == {"null": 30, "single": 100, "pair": 35, "stranger": 35}
     singles = [case.faults[0].effect for case in cases if case.kind == "single"]
     assert set(singles) == set(EFFECTS) and max(map(singles.count, EFFECTS)) <= 4
-    assert all(1.0 <= f.size <= 10.0 for case in cases for f in case.faults)
+    assert all(0.8 <= f.size <= 10.0 for case in cases for f in case.faults)
     assert draw_cases(200, 0, "locked") == cases
     other = draw_cases(200, 0, "development")
     assert not {case.seed for case in cases} & {case.seed for case in other}
     assert [c.faults for c in cases] != [c.faults for c in other]
-
-
-def test_sets_from_some_seed_on_have_kinds_that_the_doctor_was_not_developed_on():
-    def drawn(seed):
-        return {c.faults[0].effect for c in draw_cases(200, seed, "development") if c.kind == "stranger"}
-
-    assert drawn(9) == drawn(LATER_FROM - 1) == set(FIRST) and drawn(LATER_FROM) == set(LATER)
-    assert drawn(ALL_FROM) == set(BEFORE) == set(FIRST) | set(LATER) | set(NEWEST)
-    assert (
-        len(BEFORE) == len(FIRST) + len(LATER) + len(NEWEST)
-        and len(NEWEST) >= 4
-        and len(LATER) >= 4
-        and (SCALE > 0).all()
-    )
 
 
 def test_every_arm_side_effect_of_the_catalogue_has_a_generator_and_a_limit():

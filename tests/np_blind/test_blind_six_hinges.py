@@ -15,7 +15,6 @@ from hypothesis.extra.numpy import arrays
 from np_blind.arm import set as blind
 from np_blind.arm import six_motion
 from np_blind.arm.drawn import six_hinges
-from np_blind.arm.drawn.background import WIDE_FROM
 from np_blind.arm.drawn.cases import as_it_was, draw_cases, make_physics
 from np_blind.arm.drawn.key import make_key
 from np_blind.arm.generate import reference_path, shown
@@ -63,18 +62,18 @@ def test_its_motion_keeps_to_its_limits_and_is_smooth():
 
 
 def test_cases_are_of_its_own_joints_and_effects():
-    faults = [f for k in range(40) for case in draw_cases(60, WIDE_FROM + k, WHICH) for f in case.faults]
+    faults = [f for k in range(40) for case in draw_cases(60, 600 + k, WHICH) for f in case.faults]
     assert {f.effect for f in faults} == set(six_hinges.EFFECTS) < set(modules())
     for effect, (_, joints) in six_hinges.LIMITS.items():
         assert {f.joint for f in faults if f.effect == effect} == (set(joints) or {None}), effect
     assert {f.component for f in faults} == {*six_hinges.joint_names(), "arm"}
     assert all(0.8 <= f.size <= six_hinges.largest(f.effect) for f in faults)
-    entry = next(e for e in json.loads(make_key(6, WIDE_FROM, WHICH))["cases"] if e["faults"])
+    entry = next(e for e in json.loads(make_key(6, 600, WHICH))["cases"] if e["faults"])
     assert entry["faults"][0]["magnitude"] > 0 and entry["faults"][0]["component"] in (*six_hinges.joint_names(), "arm")
 
 
 def test_every_effect_changes_its_arm_and_nothing_else_does():
-    cases = draw_cases(60, WIDE_FROM, WHICH)
+    cases = draw_cases(60, 600, WHICH)
     after, truths = make_physics(cases)
     before, _ = make_physics([as_it_was(case) for case in cases])
     for i, case in enumerate(cases):
@@ -120,7 +119,7 @@ def test_the_doctor_is_given_the_model_and_both_days(short, tmp_path, monkeypatc
         "(out / 'report.json').write_text(json.dumps({'verdict': 'no_gap', 'effects': [], 'where': []})); "
         "(out / 'patch.yaml').write_text('effects: []')"
     )
-    command = ["--cases", "2", "--seed", str(WIDE_FROM), "--set", WHICH, "--keep", "--out", str(tmp_path)]
+    command = ["--cases", "2", "--seed", str(600), "--set", WHICH, "--keep", "--out", str(tmp_path)]
     assert blind.main([*command, "--doctor", shlex.join([sys.executable, "-c", doctor])]) == 0
     figures = json.loads((tmp_path / "results.json").read_text())["figures"]
     assert figures["errors"] == 0 and figures["cases"] == 2 and figures["set"] == WHICH

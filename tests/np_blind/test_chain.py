@@ -11,7 +11,6 @@ from sim2real.cli import chain as command
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.effects.saying import Value
 from sim2real.effects.view_effects import ViewEffects
-from sim2real.recordings.reading import ContractViolation
 from sim2real.recordings.signals import Log
 from sim2real.report.chain_page import render
 from sim2real.report.chain_words import check, document
@@ -28,7 +27,6 @@ from sim2real.task.suite.seen import over, seen_pose
 from sim2real.task.surface.stage import Felt
 from sim2real.task.together import claims as made
 from sim2real.task.together.claims import Claim, Way
-from sim2real.task.together.elsewhere import of_clock, of_pushes
 from sim2real.task.together.reading import read_seen
 from sim2real.task.together.whole import MODULES, NOT_SEEN, Seen, diagnose, patch
 from sim2real.task.track import Track
@@ -316,71 +314,3 @@ def test_the_interval_of_a_share_knows_of_windows_that_differ():
     assert alike.value == alike.low == alike.high == 0.5
     wide = share(np.full(12, 2.0), np.r_[np.zeros(6), np.full(6, 2.0)])
     assert wide.value == 0.5 and wide.low < 0.3 and wide.high > 0.7
-
-
-def written(folder, name, told):
-    folder.mkdir(exist_ok=True)
-    (folder / name).write_text(json.dumps(told))
-    return folder
-
-
-CLOCK = {
-    "verdict": "ambiguous", "effects": ["camera_latency", "clock_offset"], "sentence": "late", "doubt": "",
-    "offset_s": 0.04, "offset_ci95_s": [0.036, 0.044], "drift_ppm": 1.0, "drift_ci95_ppm": [-60.0, 60.0],
-}  # fmt: skip
-TWICE = {"field": "friction", "value": 2.0, "low": 1.8, "high": 2.3, "is_factor": True}
-PUSHED = {
-    "effect": ["table_friction", "object_mass"],
-    "gain_nats": 50.0,
-    "sizes": [TWICE],
-    "rivals": [],
-    "split_by": "",
-}
-
-
-def test_what_clock_and_pushes_said_stands_in_the_rows_of_the_chain(tmp_path):
-    late = of_clock(written(tmp_path, "clock.json", CLOCK))
-    pushed = of_pushes(written(tmp_path, "p.json", {"new_together": {"verdict": "gap", "named": [PUSHED]}}) / "p.json")
-    found = diagnose(Seen((), (still(),), ()), elsewhere=[late, pushed])
-    told = json.loads(json.dumps(document(found, ["still"])))
-    check(told)
-    rows = {row["module"]: row for row in told["rows"]}
-    assert rows["timing"]["verdict"] == rows["contact"]["verdict"] == "ambiguous"
-    assert "40 ms (36 to 44)" in rows["timing"]["said"] and "100 % (80 to 130)" in rows["contact"]["said"]
-    assert told["stages"]["pushes"]["verdict"] == "ambiguous" and "a second clock" in told["next"][0]
-    page = render(found, told)
-    assert "camera latency or clock offset" in page and "table friction or object mass" in page
-
-
-def test_what_is_known_better_is_said_once(tmp_path):
-    (sure,) = of_clock(written(tmp_path, "clock.json", CLOCK)).claims
-    (unsure,) = made.of_lag(judge_lag(tuple(push(0.03, 0.04, np.random.default_rng(2)) for _ in range(4))))
-    assert made.settled([unsure, sure], None) == [max(sure, unsure, key=lambda one: one.gain)]
-    pushes = {"new_together": {"verdict": "gap", "named": [PUSHED]}}
-    (product,) = of_pushes(written(tmp_path, "p.json", pushes) / "p.json").claims
-    mass = Claim("force", (Way("object_mass", ("object_mass",), {}, "", {}),), 9.0)
-    assert made.settled([product, mass], None) == [mass] and made.settled([product], None) == [product]
-
-
-@pytest.mark.parametrize(
-    ("verdict", "row", "said"),
-    [("no_gap", "no_gap", "agree"), ("unexplained", "unexplained", "no single delay"), ("undetermined", NOT_SEEN, "")],
-)
-def test_a_clock_that_names_nothing_says_why(tmp_path, verdict, row, said):
-    told = {
-        **CLOCK,
-        "verdict": verdict,
-        "sentence": "The stamps agree.",
-        "doubt": "it is no single delay" * (row == verdict != "no_gap"),
-    }
-    found = diagnose(Seen((), (still(),), ()), elsewhere=[of_clock(written(tmp_path, "clock.json", told))])
-    timing = next(one for one in document(found, [])["rows"] if one["module"] == "timing")
-    assert timing["verdict"] == row and said in timing["said"]
-
-
-def test_an_answer_that_is_none_is_refused_by_name(tmp_path):
-    for read, path in ((of_clock, tmp_path), (of_pushes, tmp_path / "p.json")):
-        with pytest.raises(ContractViolation, match=str(tmp_path)):
-            read(path)
-    with pytest.raises(ContractViolation, match="got no effects"):
-        of_clock(written(tmp_path, "clock.json", {"verdict": "no_gap"}))

@@ -2,12 +2,8 @@
 
 import json
 import re
-import shutil
 import threading
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import nullcontext
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +11,6 @@ import yaml
 from rehearsing import BOTH, FRICTION, WEIGHTS, Here, losing
 from sim2real.effects.patch import Patch
 
-from np_blind.robots.queue import DOCTOR, ENGINE, Queue, TimeOver
 from np_evaluation.finetune import playing, stages
 from np_evaluation.finetune.learning import Learning
 from np_evaluation.finetune.playing import text_of
@@ -77,16 +72,6 @@ def test_from_an_edge_a_size_is_not_far(edge):
 
     robot = find_robot(1, 5, steep, 24)
     assert LOSS[0] <= robot.loss <= LOSS[1] and len(asked) <= TRIED and max(asked) < 2 * edge
-
-
-def test_nothing_is_sealed_while_robots_are_being_found(tmp_path, monkeypatch):
-    from np_blind.robots import set as robot_set
-
-    monkeypatch.setattr(playing, "play", losing({}))
-    monkeypatch.setattr(robot_set, "missing", lambda: "")
-    monkeypatch.setattr(robot_set, "workers", lambda jobs, cluster: nullcontext(Here()))
-    arguments = ["--seal", "--robots", "2", "--seed", "1", "--pairs", "8", "--out", str(tmp_path / "set")]
-    assert robot_set.main([*arguments, "--within", "-1"]) == 1 and not list(tmp_path.glob("*.json"))
 
 
 def test_fewer_pairs_are_played_where_fewer_say_enough(tmp_path, monkeypatch):
@@ -176,10 +161,10 @@ def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
     monkeypatch.setattr("np_blind.robots.recording.recorded_task", lambda patch, seed: seed)
     monkeypatch.setattr("np_blind.robots.recording.diagnosis", diagnosis)
     monkeypatch.setattr(stages, "learn", learn)
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0))
+    judging = robot_answering.EvaluationConfig(tmp_path, 1, 10, 10, Learning(1.0))
     robots = [Robot(0, "wall", BOTH.effects, 0.3, 32)]
     for _ in range(2):
-        (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+        (row,) = robot_answering.evaluate_robots(robots, judging, Here(), robot_answering.GpuPool([]))
     assert "error" not in row, row["error"]
     assert asked == [[1000, 1001]]
     assert row["ablation"] == pytest.approx({"coulomb_friction": 0.2, "gripper_friction": 0.1})
@@ -187,47 +172,6 @@ def test_a_robot_that_is_settled_is_settled_once(tmp_path, monkeypatch):
     taken = {name.partition(" at ")[0]: cost["taken_out"]["value"] for name, cost in row["costs"].items()}
     assert taken == pytest.approx(row["ablation"])
     assert sum(row["engine"]["oracle"]) == sum(row["engine"]["adopted"]) == 9
-    assert robot_answering.answered(robots, judging) == [row]
-
-
-def test_what_robots_lose_is_known_before_a_doctor_is_asked(tmp_path, monkeypatch):
-    from np_blind.robots import answering as robot_answering
-    from np_blind.robots.before import play_before
-
-    robots = stand_ins(monkeypatch, None)
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, None, oracle="none")
-    (row,) = play_before(robots, judging, Queue(Here(), 1))
-    assert row["loss"]["value"] == pytest.approx(0.4) and max(row["ablation"].values()) > 0
-    assert play_before(robots, judging, Queue(Here(), 1, 0.0)) == [row]  # kept
-    assert not robot_answering.is_diagnosed(tmp_path, robots[0])
-
-
-def test_without_training_a_row_says_what_corrections_bring_back(tmp_path, monkeypatch):
-    from np_blind.robots import answering as robot_answering
-
-    robots = stand_ins(monkeypatch, None)  # would raise
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, None, oracle="none")
-    assert not robot_answering.is_diagnosed(tmp_path, robots[0])
-    (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
-    assert robot_answering.is_diagnosed(tmp_path, robots[0]) and "error" not in row
-    assert row["kept"] == "corrected" and row["corrected"] == ["coulomb_friction at panda_joint4"]
-    assert [sum(row["engine"][name]) for name in ("before", "corrected", "adopted")] == [6, 8, 8]
-    assert row["engine"]["after"] is None
-
-
-def test_a_row_that_has_all_is_not_asked_for_again_without_its_weights(tmp_path, monkeypatch):
-    from np_blind.robots import answering as robot_answering
-
-    robots = stand_ins(monkeypatch, lambda *given: {**WEIGHTS, "device": "cpu", "train": {"wall_s": 1.0}})
-    settle = partial(robot_answering.settle_all, robots, queue=Queue(Here(), 1), turn=robot_answering.Turns([]))
-    untrained = settle(judging=robot_answering.Judging(tmp_path, 1, 10, 10, None, "none"))
-    assert untrained[0]["engine"]["after"] is None
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), "none")
-    trained = settle(judging=judging)
-    assert trained[0]["engine"]["after"] is not None  # which the row did not have
-    stand_ins(monkeypatch, None)  # would raise
-    shutil.rmtree(tmp_path / "robot_00" / "episodes")
-    assert settle(judging=judging) == trained
 
 
 def test_where_corrections_are_all_the_oracle_takes_no_training(tmp_path, monkeypatch):
@@ -236,24 +180,12 @@ def test_where_corrections_are_all_the_oracle_takes_no_training(tmp_path, monkey
 
     both = stand_ins(monkeypatch, None)  # would raise
     robots = [Robot(0, "wall", (FRICTION,), 0.3, 32)]
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, None)
+    judging = robot_answering.EvaluationConfig(tmp_path, 1, 10, 10, None)
     assert judging.asks_oracle(robots[0]) and not judging.asks_oracle(both[0])
-    assert not replace(judging, left=("coulomb_friction",)).asks_oracle(robots[0])
     assert not replace(judging, oracle="none").asks_oracle(robots[0])
     assert replace(judging, how=Learning(1.0)).asks_oracle(both[0])
-    (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+    (row,) = robot_answering.evaluate_robots(robots, judging, Here(), robot_answering.GpuPool([]))
     assert "error" not in row and row["engine"]["oracle"] == row["engine"]["corrected"]
-
-
-def test_no_stage_is_begun_when_the_time_is_over(tmp_path, monkeypatch):
-    from np_blind.robots import answering as robot_answering
-    from np_blind.robots.cases import Robot
-
-    monkeypatch.setattr(playing, "play", losing({}))
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0))
-    robots = [Robot(0, "wall", BOTH.effects, 0.3, 32)]
-    (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1, until=0.0), robot_answering.Turns([]))
-    assert row["error"] == "the time was over"
 
 
 def test_a_recording_is_what_the_doctor_reads():
@@ -285,38 +217,6 @@ def test_policies_of_a_matrix_are_ranked_within_a_robot():
     assert few["r"] < 0.9 < many["r"] and many["mmrv"] == 0.0 < few["mmrv"]
 
 
-def test_a_matrix_that_is_broken_off_has_all_robots_with_fewer_episodes(tmp_path, monkeypatch):
-    from np_blind.robots import matrix as robot_matrix
-    from np_blind.robots.cases import Robot, make_key
-
-    key, policies = tmp_path / "key.json", tmp_path / "policies"
-    key.write_text(make_key([Robot(n, "wall", BOTH.effects, 0.3, 32) for n in (0, 1)], 1))
-    for name in ("one", "other"):
-        (policies / "wall" / name).mkdir(parents=True)
-    for number in (0, 1):
-        (tmp_path / f"robot_0{number}").mkdir()
-        (tmp_path / f"robot_0{number}" / "patch.yaml").write_text(text_of(BOTH))
-    asked = []
-
-    def play_all(cells, episodes, folder, pool, what):
-        asked.append(episodes)
-        kept = playing.Kept(folder, cells)
-        for name in list(cells)[: 3 if len(asked) == 3 else None]:  # the time is over in the third round
-            kept.add(name, range(episodes), [float(n % 3 < 2) for n in range(episodes)])
-        if len(asked) == 3:
-            raise TimeOver
-
-    monkeypatch.setattr(robot_matrix, "play_all", play_all)
-    monkeypatch.setattr(robot_matrix, "workers", lambda *given: nullcontext(Here()))
-    given = ["--key", key, "--set", tmp_path, "--policies", policies, "--episodes", 25, "--out", tmp_path / "out"]
-    options = robot_matrix.parse([str(one) for one in given])
-    told = robot_matrix.play(options)
-    assert asked == [10, 20, 25] and told["robots"] == 2 and told["cells"] == 4
-    found = json.loads((tmp_path / "out" / "matrix" / "matrix.json").read_text())
-    assert found["episodes"] == 20 and {row["engine"] for row in found["table"]} == {14 / 20}
-    assert (tmp_path / "out" / "matrix" / "matrix.svg").stat().st_size > 1000
-
-
 def test_a_matrix_takes_the_released_policies_episodes_from_the_set(tmp_path):
     from np_blind.robots.answering import TASKS, reality_of
     from np_blind.robots.cases import Robot
@@ -334,26 +234,6 @@ def test_a_matrix_takes_the_released_policies_episodes_from_the_set(tmp_path):
     playing.Kept(tmp_path / "nominal", {"wall_mujoco": nominal}).add("wall_mujoco", range(20), [1.0] * 20)
     names = ("nominal_wall_released", "patched_0_released", "engine_0_released")
     assert scores_of_released(robots, tmp_path, 20) == dict(zip(names, ([1.0] * 20, [0.75] * 20, [0.5] * 20)))
-
-
-def test_who_may_be_last_lets_others_go_first():
-    from np_blind.robots.answering import Turns
-
-    turns, order = Turns([0]), []
-
-    def train(name, last):
-        with turns(last) as gpu:
-            order.append((name, gpu))
-
-    with ThreadPoolExecutor(2) as threads:
-        with turns() as gpu:
-            assert gpu == 0
-            threads.submit(train, "oracle", True)
-            threads.submit(train, "own", False)
-            with turns._changed:
-                assert turns._changed.wait_for(lambda: turns._first, 10)  # it waits
-            order.append("free")
-    assert order == ["free", ("own", 0), ("oracle", 0)]
 
 
 def test_pages_of_results_say_what_came_of_every_robot():
@@ -387,46 +267,6 @@ def test_pages_of_results_say_what_came_of_every_robot():
     assert "| 0 wall | soft on | 1 | 0.5 | 0.4 |" in matrix(table)[1]
 
 
-class Held:
-    """An executor whose cases are done when they are told to be, in the order in which they came."""
-
-    def __init__(self):
-        self.begun = []
-
-    def submit(self, case, /, *arguments) -> Future:
-        self.begun.append((case, arguments, Future()))
-        return self.begun[-1][-1]
-
-    def do(self, number: int) -> None:
-        case, arguments, future = self.begun[number]
-        future.set_result(case(*arguments))
-
-
-def test_what_others_wait_for_is_begun_first():
-    held, said = Held(), []
-    queue = Queue(held, 1)
-    asked = [queue.ranked(ENGINE).submit(said.append, f"episode {k}") for k in range(3)]
-    asked.append(queue.ranked(DOCTOR).submit(said.append, "recording"))
-    for number in range(4):
-        assert len(held.begun) == number + 1
-        held.do(number)
-    assert said == ["episode 0", "recording", "episode 1", "episode 2"] and all(future.done() for future in asked)
-
-
-def test_when_the_time_is_over_what_waits_is_not_begun_and_what_is_begun_is_kept():
-    held = Held()
-    queue = Queue(held, 1)
-    begun, waits = (queue.ranked(ENGINE).submit(str, number) for number in range(2))
-    queue.end()
-    held.do(0)
-    assert begun.result() == "0" and len(held.begun) == 1
-    with pytest.raises(TimeOver):
-        waits.result(0)
-    with pytest.raises(TimeOver):
-        queue.check()
-    Queue(held, 1, until=float("inf")).check(1e6)
-
-
 def stand_ins(monkeypatch, learn, lost=None):
     """In place of recordings, doctor and training; a robot with two effects, both of which the doctor finds."""
     from np_blind.robots.cases import Robot
@@ -447,8 +287,8 @@ def test_where_training_dies_the_row_has_what_is_known(tmp_path, monkeypatch):
         raise OSError("np_training.train ended with status 1: out of memory")
 
     robots = stand_ins(monkeypatch, learn)
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle="none")
-    (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+    judging = robot_answering.EvaluationConfig(tmp_path, 1, 10, 10, Learning(1.0), oracle="none")
+    (row,) = robot_answering.evaluate_robots(robots, judging, Here(), robot_answering.GpuPool([]))
     assert (
         re.search('File "benchmark/np_blind/(?s:.*)out of memory', row["error"])
         and row["cause"] == "coulomb_friction at panda_joint4"
@@ -458,46 +298,8 @@ def test_where_training_dies_the_row_has_what_is_known(tmp_path, monkeypatch):
     found = figures([row])
     assert found["top cause named"]["value"] == 1 and found["lost success that returns, median"]["of"] == 0
     stand_ins(monkeypatch, lambda *given: {**WEIGHTS, "device": "cpu", "train": {"wall_s": 1.0}})
-    (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+    (row,) = robot_answering.evaluate_robots(robots, judging, Here(), robot_answering.GpuPool([]))
     assert "error" not in row and sum(row["engine"]["adopted"]) == 9  # the same again goes on
-
-
-def test_the_oracle_is_trained_while_the_doctor_is_asked_and_once(tmp_path, monkeypatch):
-    from np_blind.robots import answering as robot_answering
-
-    oracle, begun = threading.Event(), []
-
-    def learn(domain, patch, out, how, *rest):
-        begun.append(out.name)
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "learned.json").write_text(json.dumps(WEIGHTS | {"device": "cpu", "train": {"wall_s": 1.0}}))
-        oracle.set()
-        return json.loads((out / "learned.json").read_text())
-
-    def diagnosis(log, tasks):
-        assert oracle.wait(10.0)
-        return log, {"arm": "identified"}
-
-    robots = stand_ins(monkeypatch, learn)
-    monkeypatch.setattr("np_blind.robots.recording.diagnosis", diagnosis)
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle_first=True)
-    for episodes in (10, 20):
-        judging = replace(judging, episodes=episodes)
-        (row,) = robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
-        assert "error" not in row and sum(row["engine"]["oracle"]) == 0.9 * episodes
-    assert begun == ["oracle", "robot_00"]
-
-
-def test_a_training_that_would_not_end_in_time_is_not_begun(tmp_path, monkeypatch):
-    import time
-
-    from np_blind.robots import answering as robot_answering
-
-    robots = stand_ins(monkeypatch, None)  # would raise
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle="none")
-    queue = Queue(Here(), 1, until=time.time() + 60)
-    (row,) = robot_answering.settle_all(robots, judging, queue, robot_answering.Turns([]))
-    assert row["error"] == "the time was over" and row["cause"] and row["engine"]["before"]
 
 
 def test_an_interrupted_loop_ends_what_is_under_way(tmp_path, monkeypatch):
@@ -513,19 +315,19 @@ def test_an_interrupted_loop_ends_what_is_under_way(tmp_path, monkeypatch):
         raise OSError("ended")
 
     robots = stand_ins(monkeypatch, learn)
-    judging = robot_answering.Judging(tmp_path, 1, 10, 10, Learning(1.0), oracle="none")
+    judging = robot_answering.EvaluationConfig(tmp_path, 1, 10, 10, Learning(1.0), oracle="none")
 
-    def interrupted(futures, timeout):
+    def interrupted(futures):
         training.wait(10)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(robot_answering, "as_completed", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        robot_answering.settle_all(robots, judging, Queue(Here(), 1), robot_answering.Turns([]))
+        robot_answering.evaluate_robots(robots, judging, Here(), robot_answering.GpuPool([]))
     for thread in threading.enumerate():
         if thread is not threading.current_thread() and not thread.daemon:
             thread.join(10)
-    assert ended and robot_answering.answered(robots, judging)[0]["error"] == "the time was over"
+    assert ended and json.loads((tmp_path / "robot_00/row.json").read_text())["error"]
 
 
 def test_a_robot_that_is_not_found_costs_the_others_nothing(tmp_path, monkeypatch):
@@ -538,7 +340,7 @@ def test_a_robot_that_is_not_found_costs_the_others_nothing(tmp_path, monkeypatc
 
     monkeypatch.setattr(playing, "play", losing({"coulomb_friction": (0, 1, 2), "gripper_friction": (2, 3)}))
     monkeypatch.setattr(robot_sizes, "find_robot", find)
-    found, why, late = robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)
+    found, why = robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)
     assert found == pytest.approx([0.4]) and why == ["robot 1: none"]
     monkeypatch.setattr(playing, "play", None)  # all of it is kept
     assert robot_sizes.find_robots(2, 5, Here(), 10, tmp_path)[0] == found

@@ -53,22 +53,11 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--identify", default=others.COMMAND, help="command of the baselines")
     parser.add_argument("--timeout", type=float, default=900.0, help="s of wall time for one answer")
-    parser.add_argument("--from", type=int, default=0, dest="first", help="number of the first case to run")
-    parser.add_argument("--to", type=int, dest="last", help="number after that of the last case to run")
-    parser.add_argument(
-        "--within",
-        type=float,
-        default=float("inf"),
-        help="s after which no further case is begun; what is answered is scored",
-    )
     options = parser.parse_args(arguments)
     if options.cases < 1 or options.jobs < 1:
         parser.error("--cases, --jobs: expected at least 1")
     if options.baselines and options.which in CHANGES:
         parser.error("--baselines: expected a set of single recordings, not of changes")
-    options.last = options.cases if options.last is None else options.last
-    if not 0 <= options.first < options.last <= options.cases:
-        parser.error(f"--from, --to: expected 0 <= from < to <= {options.cases}")
     options.out = options.out or Path("runs/blind") / f"{options.which}_{options.cases}_{options.seed}"
     return options
 
@@ -125,21 +114,17 @@ def main(arguments: list[str] | None = None) -> int:
             options.timeout,
             options.keep,
             options.identify if options.baselines else "",
-            time.time() + options.within,
         )
-        if is_locked and not all(is_answered(options.out, case.number) for case in cases[options.first : options.last]):
+        if is_locked and not all(is_answered(options.out, case.number) for case in cases):
             rehearse(options.which, options.seed, asking, crew)
-        answer_all(cases[options.first : options.last], options.only, asking, options.jobs, crew)
+        answer_all(cases, options.only, asking, options.jobs, crew)
         (options.out / "key.json").write_text(key)
-        answered = [case for case in cases if is_answered(options.out, case.number)]
-        if not answered:
-            raise ValueError("no case was answered in the time given: call again with the same --out")
-        entries = [json.loads(key)["cases"][case.number] for case in answered]
+        entries = json.loads(key)["cases"]
         with crew(options.jobs) as pool:
-            scores = score(answered, entries, options, pool)
-            folders = [report_path(options.out, case.number) for case in answered]
+            scores = score(cases, entries, options, pool)
+            folders = [report_path(options.out, case.number) for case in cases]
             beside = (
-                others.score_others(entries, answered, folders, batches(answered, options.jobs), pool)
+                others.score_others(entries, cases, folders, batches(cases, options.jobs), pool)
                 if options.baselines
                 else {}
             )

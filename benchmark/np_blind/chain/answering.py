@@ -56,12 +56,6 @@ def settle_all(
     return [lost.get(c.number) or json.loads(_kept(out, c, name).read_text(encoding="utf-8")) for c in cases]
 
 
-def answered(cases: Sequence[Case], out: Path, name: str = NAME) -> list[dict]:
-    """The answers that lie in `out`, in the order of the cases. name: as of `settle`."""
-    found = (_kept(out, case, name) for case in cases)
-    return [json.loads(kept.read_text(encoding="utf-8")) for kept in found if kept.exists()]
-
-
 def publish(results: Path, command: str, seed: int, **found: object) -> None:
     """Write what was found of the set with a seed, with its date and the command that finds it again."""
     date = datetime.now(UTC).strftime("%Y-%m-%d")

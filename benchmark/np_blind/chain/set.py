@@ -13,7 +13,7 @@ import os
 import sys
 from pathlib import Path
 
-from np_blind.chain.answering import answered, publish, settle_all
+from np_blind.chain.answering import publish, settle_all
 from np_blind.chain.cases import SET, draw, make_key
 from np_blind.chain.figures import figures
 from np_blind.sealed import SealError, check, check_doctor, digest, put_down
@@ -35,7 +35,6 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--cases", type=int, default=16, help="how many (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="of everything random about them (default: %(default)s)")
     parser.add_argument("--seal", action="store_true", help="put down the key's hash, and do no more")
-    parser.add_argument("--answered", action="store_true", help="score what is answered, and ask nothing")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--cluster", default="", help=HELP)
     parser.add_argument(
@@ -59,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.seal:
             print(json.dumps({"sha256": put_down(key)}))
             return 0
-        if (problem := missing()) and not options.answered:  # before a sealed set is spent on errors
+        if problem := missing():  # before a sealed set is spent on errors
             raise OSError(problem)
         is_locked = options.seed >= LOCKED_FROM
         sealed = check(key) if is_locked else digest(key)
@@ -67,11 +66,8 @@ def main(arguments: list[str] | None = None) -> int:
         doctor = check_doctor(options.out, is_locked)
         os.environ.update(SINGLE_THREAD)  # of the processes that are started: a case has a core
         cases = draw(options.cases, options.seed)
-        if options.answered:
-            rows = answered(cases, options.out)
-        else:
-            with workers(options.jobs, options.cluster) as pool:
-                rows = settle_all(cases, options.seed, options.out, pool)
+        with workers(options.jobs, options.cluster) as pool:
+            rows = settle_all(cases, options.seed, options.out, pool)
     except KeyboardInterrupt:
         print("interrupted; answers are kept, the same command goes on with the next", file=sys.stderr)
         return INTERRUPTED

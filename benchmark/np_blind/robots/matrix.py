@@ -4,8 +4,7 @@
     python -m np_blind.robots.matrix --key runs/blind/robots_12_31.json --set runs/blind/robots_12_31 --policies runs/policies --jobs 32
 
 --prepare takes the weights of `data/policies.yaml` out of the history; where there is no history, its folder is enough. --set: the folder of
-`robots.set`, whose diagnoses are the patches, and whose episodes are those of the released policies, one more. A cell is a file, and is not played again; --within ends a call in time, with the robots that are
-finished, or all of them with fewer episodes. The last line printed is one JSON object.
+`robots.set`, whose diagnoses are the patches, and whose episodes are those of the released policies, one more. A cell is a file, and is not played again. The last line printed is one JSON object.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -31,7 +29,6 @@ from np_blind.robots.answering import TASKS, reality_of
 from np_blind.robots.cases import Robot, read_key
 from np_blind.robots.plot import plot_matrix
 from np_blind.robots.prediction import of_exact, predicted
-from np_blind.robots.queue import AT_ONCE, ENGINE, Queue, TimeOver
 from np_common.cli import INTERRUPTED, Parser, interrupt_on_sigterm
 from np_common.parallel import HELP, SINGLE_THREAD, workers
 from np_description.weights.header import read_metadata
@@ -40,7 +37,6 @@ from np_evaluation.finetune.playing import Cell, Kept, play_all, succeeds, text_
 from np_policy.contract import KINDS, PRE_CONTACT
 
 POLICIES = Path(str(files("np_blind") / "data" / "policies.yaml"))
-ROUND = 10  # episodes of every cell before any cell has more
 RELEASED = "released"  # the policy of the project's own weights, whose episodes `robots.set` has played already
 SIDES = ("nominal", "patched", "patched_score", "engine")
 """What a cell's policy has: success by the two simulators, the patched one's mean score (`rehearsal.playing`), and success in PhysX."""
@@ -58,7 +54,6 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--key", type=Path, help="of the robots")
     parser.add_argument("--set", type=Path, help="folder of robots.set")
     parser.add_argument("--episodes", type=int, default=50, help="of every cell (default: %(default)s)")
-    parser.add_argument("--within", type=float, default=float("inf"), help="s after which no episode is begun")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--cluster", default="", help=HELP)
     parser.add_argument("--out", type=Path, default=Path("runs/blind/matrix"))
@@ -125,11 +120,6 @@ def scores_of_released(robots: Sequence[Robot], diagnoses: Path, episodes: int) 
     return found
 
 
-def rounds(episodes: int) -> list[int]:
-    """Episodes of every cell after each of the rounds in which the matrix is played."""
-    return [*range(ROUND, episodes, ROUND), episodes]
-
-
 def figures(table: Sequence[Mapping], episodes: int) -> dict:
     """r over all cells, MMRV of the policies of a robot in the mean over robots, and the mean error, of both simulators, and of the scores in the
     patched one; of r and MMRV 95 % intervals too, by the bootstrap over robots, where there are several. `exact`: of a simulator with
@@ -153,27 +143,24 @@ def play(options: argparse.Namespace) -> dict:
     """Every cell, and what they say of the robots that are finished. Raises OSError where none is."""
     robots = [r for r in read_key(options.key) if (options.set / r.folder / "patch.yaml").exists()]
     cells = cells_of(robots, options.set, options.policies)
-    until = time.time() + options.within
-    with suppress(TimeOver), workers(options.jobs, options.cluster) as pool:
-        queue = Queue(pool, AT_ONCE if options.cluster else options.jobs, until)
-        for episodes in rounds(options.episodes):  # so that what there is when the time is over is of all robots
-            play_all(cells, episodes, options.out, queue.ranked(ENGINE), f"matrix, {episodes} episodes")
-    kept, table = Kept(options.out, cells), []
-    for episodes in reversed(rounds(options.episodes)):
-        scores = {name: kept.of(name, episodes) for name in cells if not kept.missing(name, episodes)}
-        own = [[_row(r, p.name, scores) for p in sorted((options.policies / r.domain).iterdir())] for r in robots]
-        released = scores_of_released(robots, options.set, episodes)
-        for robot, rows in zip(robots, own):
-            if row := _row(robot, RELEASED, released):
-                rows.append(row)
-        whole = [row for rows in own if all(rows) for row in rows]
-        if len(whole) > len(table):
-            table, played = whole, episodes
+    with workers(options.jobs, options.cluster) as pool:
+        play_all(cells, options.episodes, options.out, pool, f"matrix, {options.episodes} episodes")
+    kept, episodes = Kept(options.out, cells), options.episodes
+    scores = {name: kept.of(name, episodes) for name in cells}
+    table = [_row(r, p.name, scores) for r in robots for p in sorted((options.policies / r.domain).iterdir())]
+    released = scores_of_released(robots, options.set, episodes)
+    table += [row for robot in robots if (row := _row(robot, RELEASED, released))]
     if not table:
-        raise OSError(f"{options.set}: expected robots with a patch.yaml, and time to play them, got {len(robots)}")
+        raise OSError(f"{options.set}: expected robots with a patch.yaml, got {len(robots)}")
     command = f"python -m np_blind.robots.matrix --key KEY --set SET --policies POLICIES --episodes {options.episodes}"
     date = datetime.now(UTC).strftime("%Y-%m-%d")
-    found = {"date": date, "command": command, "episodes": played, "figures": figures(table, played), "table": table}
+    found = {
+        "date": date,
+        "command": command,
+        "episodes": episodes,
+        "figures": figures(table, episodes),
+        "table": table,
+    }
     results = options.out / "matrix" / "matrix.json"
     results.parent.mkdir(parents=True, exist_ok=True)
     results.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

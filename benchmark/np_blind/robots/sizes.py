@@ -12,7 +12,6 @@ import numpy as np
 from sim2real.effects.patch import Patch
 
 from np_blind.robots.cases import DOMAINS, LOSS, MOST, Robot, drawn
-from np_blind.robots.queue import TimeOver
 from np_common.cli import Progress
 from np_evaluation.finetune.playing import Cell, play_all, succeeds, text_of
 
@@ -80,11 +79,8 @@ def find_robot(number: int, seed: int, loss: Callable[[str, Patch], float], epis
     )
 
 
-def find_robots(
-    count: int, seed: int, pool: Executor, episodes: int, folder: Path
-) -> tuple[list[Robot], list[str], list[int]]:
-    """The robots of a set, all of them searched for at once; why others were not found; and for which the time was over. folder: of what is
-    played."""
+def find_robots(count: int, seed: int, pool: Executor, episodes: int, folder: Path) -> tuple[list[Robot], list[str]]:
+    """The robots of a set, all of them searched for at once; and why others were not found. folder: of what is played."""
     measured, progress = Measured(pool, episodes, folder), Progress(count, "robots")
     progress.show(0)
     threads = ThreadPoolExecutor(count)
@@ -96,5 +92,4 @@ def find_robots(
         threads.shutdown(wait=False, cancel_futures=True)
     errors = [future.exception() for future in asked]
     found = [future.result() for future, error in zip(asked, errors) if error is None]
-    late = [n for n, error in enumerate(errors) if isinstance(error, TimeOver)]
-    return found, [str(error) for error in errors if error is not None and not isinstance(error, TimeOver)], late
+    return found, [str(error) for error in errors if error is not None]

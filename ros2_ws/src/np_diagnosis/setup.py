@@ -19,14 +19,9 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "clock = sim2real.cli.clock:main",
             "diagnose = sim2real.cli.diagnose:main",
             "diagnose_task = sim2real.cli.chain:main",
             "excite = np_diagnosis.commands.excite:main",
-            "feel = sim2real.cli.feel:main",
-            "pushes = sim2real.cli.pushes:main",
-            "scatter = sim2real.cli.scatter:main",
-            "view = sim2real.cli.view:main",
         ],
     },
 )

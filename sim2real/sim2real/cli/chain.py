@@ -14,7 +14,6 @@ from pathlib import Path
 
 from np_common.cli import Parser
 from sim2real.cli.answers import keep, refuse
-from sim2real.cli.seen import add_seen
 
 SHARES = {
     "read": 30,
@@ -33,25 +32,13 @@ SHARES = {
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = Parser(prog="chain", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_seen(parser)
+    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="in the order in which they were recorded")
+    parser.add_argument(
+        "--calibration", default="", help="camera file that is believed to be right (default: the training camera)"
+    )
+    parser.add_argument("--without-pose", action="store_true", help="ignore `object_pose`")
     parser.add_argument(
         "--arm", type=Path, metavar="DIR", help="folder of `diagnose`: its report.json and patch.yaml are the arm's row"
-    )
-    parser.add_argument(
-        "--clock",
-        type=Path,
-        nargs="+",
-        default=[],
-        metavar="DIR",
-        help="folders of `clock`: the camera's stream against another",
-    )
-    parser.add_argument(
-        "--pushes",
-        type=Path,
-        nargs="+",
-        default=[],
-        metavar="FILE.json",
-        help="files of `pushes --out`, of the same object",
     )
     parser.add_argument(
         "--held-out",
@@ -77,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
     from sim2real.report.chain_words import check, document
     from sim2real.task.object_motion.given import given
     from sim2real.task.object_motion.stage import predict
-    from sim2real.task.together.elsewhere import of_arm, of_clock, of_pushes
+    from sim2real.task.together.elsewhere import of_arm
     from sim2real.task.together.reading import read_held_out, read_seen
     from sim2real.task.together.whole import diagnose, patch
 
@@ -90,14 +77,13 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         tell("read")
         camera = calibrated_camera(options.calibration)
-        elsewhere, panda = [], Patch().panda()
+        arm, panda = None, Patch().panda()
         if options.arm:
-            elsewhere.append(of_arm(options.arm))
+            arm = of_arm(options.arm)
             panda = load_patch(options.arm / "patch.yaml").panda()
-        elsewhere += [of_clock(folder) for folder in options.clock] + [of_pushes(file) for file in options.pushes]
         seen = read_seen(options.bags, options.calibration, not options.without_pose, camera)
         fresh = read_held_out(options.held_out, seen)
-        found = diagnose(seen, camera, panda, elsewhere, tell)
+        found = diagnose(seen, camera, panda, arm, tell)
     except (CalibrationError, ContractViolation, ValueError) as violation:
         return refuse(violation)
     tell("motion")

@@ -20,8 +20,6 @@ SPLIT_BY = {
     "force": "drags of the object from above, by several forces (excite --suite task)",
     "meeting": f"{view_words.PUT_DOWN}, and measured there by something else than the camera",
     "lag": "a second clock: stamps of the camera's own, or a light that both see",
-    "clock": "a second clock: stamps of the camera's own, or a light that both see",
-    "pushes": "taps, or slides without the tip: deceleration is mu g whatever the mass",
 }
 """By stage: what tells the members of its classes apart."""
 
@@ -212,7 +210,8 @@ def _stages(whole: Whole) -> dict:
         stages["scatter"] = findings.document(whole.scatter)
     if whole.touch is not None and whole.force is not None:
         stages |= {name: felt_words.document(whole.touch, whole.force)[name] for name in ("touch", "force")}
-    stages |= {one.stage: {"verdict": one.verdict, "doubt": one.doubt} for one in whole.elsewhere}
+    if whole.arm is not None:
+        stages["arm"] = {"verdict": whole.arm.verdict, "doubt": ""}
     for name, doubt in whole.doubts.items():
         stages.setdefault(name, {"verdict": "undetermined", "doubt": doubt})
     return stages

@@ -8,10 +8,9 @@ from dataclasses import asdict
 import numpy as np
 
 from sim2real.effects import SCENE_RECORDS
-from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.effects.saying import Value, say
 from sim2real.task.contact_force.stage import Forces
-from sim2real.task.explanations import Explained, Named
+from sim2real.task.explanations import Explained
 from sim2real.task.surface.stage import Felt
 
 PARAMETERS = {
@@ -45,40 +44,7 @@ def document(touched: Felt, forced: Forces) -> dict:
         "readings": [asdict(r) for r in forced.readings],
         "held_out_n": _held_out(forced.before, forced.after, 1.0),
     }
-    entries = [
-        {"effect": e.effect, "component": e.component, "parameters": dict(e.parameters)}
-        for e in patch(touched, forced).effects
-    ]
-    return {"touch": touch, "force": force, "effects": entries, "sentences": sentences(touched, forced)}
-
-
-def patch(touched: Felt, forced: Forces) -> Patch:
-    """What is named alone and a simulated scene carries."""
-    found = []
-    for one in (*_named(touched), *_named(forced)):
-        if not one.rivals and one.effect in SCENE_RECORDS:
-            (value,) = given(one.effect, one.sizes).values()
-            part = str(SCENE_RECORDS[one.effect].part)
-            found.append(PatchEffect(one.effect, part, {PARAMETERS[one.effect]: value.value}))
-    return Patch(tuple(found))
-
-
-def sentences(touched: Felt, forced: Forces) -> list[str]:
-    """The finding, of each stage a line or more."""
-    lines = []
-    for stage, way in ((touched, "by touch"), (forced, "by force")):
-        if stage.doubt:
-            lines.append(f"{way.capitalize()} nothing is said: {stage.doubt}.")
-        elif not _named(stage):
-            lines.append(f"{way.capitalize()} nothing is other than believed.")
-        for one in _named(stage) if not stage.doubt else ():
-            ways = [said(e, s) for e, s in ((one.effect, one.sizes), *one.rivals.items())]
-            lines.append(f"{way.capitalize()}: {' or '.join(ways)}.")
-    return lines
-
-
-def _named(stage: Felt | Forces) -> tuple[Named, ...]:
-    return stage.explained.named if stage.explained and stage.verdict != "unexplained" else ()
+    return {"touch": touch, "force": force}
 
 
 def said(effect: str, sizes: Mapping[str, Value]) -> str:

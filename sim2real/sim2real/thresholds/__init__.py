@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim2real.thresholds import chain, checks, consequences, inference, keypoints, pushes, task, view
+from sim2real.thresholds import checks, consequences, inference, keypoints, task, view
 
 __all__ = ["THRESHOLDS", "Thresholds"]
 
@@ -48,14 +48,6 @@ class Thresholds:
     view_spreads: view.ViewSpreads = view.ViewSpreads()
     view_fit: view.ViewFit = view.ViewFit()
     view_change: view.ViewChange = view.ViewChange()
-    streams: chain.Streams = chain.Streams()
-    clock: chain.Clock = chain.Clock()
-    pushing: pushes.Pushing = pushes.Pushing()
-    push_model: pushes.PushModel = pushes.PushModel()
-    push_spreads: pushes.PushSpreads = pushes.PushSpreads()
-    push_fit: pushes.PushFit = pushes.PushFit()
-    push_change: pushes.PushChange = pushes.PushChange()
-    sliding: pushes.Sliding = pushes.Sliding()
     contact_force: task.ContactForce = task.ContactForce()
     touching: task.Touching = task.Touching()
     forcing: task.Forcing = task.Forcing()

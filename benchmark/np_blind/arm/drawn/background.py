@@ -1,7 +1,6 @@
 """What every arm of the blind test has besides its faults.
 
-Sets with seeds below `WIDE_FROM` have the background that the doctor's nuisances were made for. From there on it is wider
-than they are, on purpose, and not their mirror image (docs/reference/blind_test.md, the table of what any arm may have).
+It is wider than the nuisances of the diagnosis on purpose, and not their mirror image.
 """
 
 from __future__ import annotations
@@ -12,8 +11,6 @@ import numpy as np
 
 from np_blind.arm.plant.physics import Physics
 
-WIDE_FROM = 600  # seed from which on sets have the wide background, and the faults that are wider with it
-HOLDS_FROM = 900  # seed from which on a drive that is cut holds the arm up
 INERTIA_ERROR = 0.03  # standard deviation, of each link's inertia
 DELAY = 4e-4  # s, greatest of the background
 MASS_ERROR = 0.03  # standard deviations, of each link's mass, and of its centre in its distance from the joint
@@ -28,16 +25,6 @@ DAY_DELAY = 1e-4  # s
 DAY_NOISE = 0.1  # share of the noise of sensors and drives
 
 
-def is_wide(seed: Sequence[int]) -> bool:
-    """Whether a case of this seed (set, seed, ...) has the wide background."""
-    return seed[1] >= WIDE_FROM
-
-
-def holds(seed: Sequence[int]) -> bool:
-    """Whether drives of a case of this seed hold the arm up where they are cut."""
-    return seed[1] >= HOLDS_FROM
-
-
 def give_background(physics: Physics, arm: int, seed: Sequence[int], ready: np.ndarray) -> None:
     """Give an arm what its seed says of its background, before its faults. ready (k,) rad: its usual posture."""
     rng, joints = np.random.default_rng([*seed, 0]), physics.inertials.mass.shape[1]
@@ -45,8 +32,7 @@ def give_background(physics: Physics, arm: int, seed: Sequence[int], ready: np.n
     breakaway, noise = np.exp(rng.uniform(np.log(3e-5), np.log(2e-4), joints)), rng.uniform(0.7, 1.4)
     physics.inertials.inertia[arm] *= (1.0 + INERTIA_ERROR * errors)[:, None, None]
     physics.command_delay[arm], physics.breakaway[arm], physics.noise[arm] = delay, breakaway, noise
-    if is_wide(seed):
-        _widen(physics, arm, np.random.default_rng([*seed, 4]), ready)
+    _widen(physics, arm, np.random.default_rng([*seed, 4]), ready)
 
 
 def _widen(p: Physics, i: int, rng: np.random.Generator, ready: np.ndarray) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from sim2real.excitation.suite import READY
 
 from np_blind.arm.drawn import six_hinges
-from np_blind.arm.drawn.background import WIDE_FROM, give_background, give_day, holds, is_wide
+from np_blind.arm.drawn.background import give_background, give_day
 from np_blind.arm.drawn.changes import FIRST_DAY, SECOND_DAY, levels, since
 from np_blind.arm.drawn.faults import EFFECTS, Fault, Parameters, apply, largest, limit_of, visible, widen
 from np_blind.arm.drawn.out_of_catalogue import OUT_OF_CATALOGUE, apply_out_of_catalogue, deal
@@ -16,7 +16,7 @@ from np_blind.arm.plant.physics import Physics, nominal_physics
 
 OUT_OF_CATALOGUE_KIND = "stranger"  # as sealed keys and published results say it
 KINDS = {"null": 0.15, "single": 0.5, "pair": 0.175, OUT_OF_CATALOGUE_KIND: 0.175}
-NEAREST = 0.8  # size from which on faults of sets with a wide background are drawn
+NEAREST = 0.8  # size from which on faults are drawn
 SETS = {
     "development": 1,
     "locked": 2,
@@ -83,10 +83,9 @@ class Case:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Which faults are drawn: times their limits, from least to most; holds: as `faults.largest` has it."""
+    """Which faults are drawn: times their limits, from least to most."""
 
-    least: float
-    holds: bool
+    least: float = NEAREST
     most: float = np.inf
 
 
@@ -98,19 +97,19 @@ def as_it_was(case: Case) -> Case:
 def draw_cases(count: int, seed: int, which: str) -> list[Case]:
     """`count` cases of one of `SETS`. Kinds, and effects within them, are balanced.
 
-    Of sets of changes the arms on the second day. Raises ValueError for one of these with a seed below `WIDE_FROM`.
+    Of sets of changes the arms on the second day.
     """
     root = (SETS[which], seed)
     if which in CHANGES:
         return _draw_changes(count, root)
-    sizes = Sizes(NEAREST if is_wide(root) else 1.0, holds(root))
+    sizes = Sizes()
     rng = np.random.default_rng([*root, 0])
     exact = np.array(list(KINDS.values())) * count
     numbers = np.floor(exact).astype(int)
     for k in np.argsort(numbers - exact, kind="stable")[: count - numbers.sum()]:
         numbers[k] += 1
     kinds = rng.permutation(np.repeat(list(KINDS), numbers))
-    singles, firsts, unknown = _deck(EFFECTS, rng), _deck(EFFECTS, rng), deal(seed, rng)
+    singles, firsts, unknown = _deck(EFFECTS, rng), _deck(EFFECTS, rng), deal(rng)
     cases = []
     for number, kind in enumerate(kinds):
         own = np.random.default_rng([*root, 1, number])
@@ -129,12 +128,10 @@ def draw_cases(count: int, seed: int, which: str) -> list[Case]:
 
 
 def _draw_changes(count: int, root: tuple[int, int]) -> list[Case]:
-    if not is_wide(root):
-        raise ValueError(f"a set of changes: expected a seed of at least {WIDE_FROM}, got {root[1]}")
     rng = np.random.default_rng([*root, 0])
     kinds = rng.permutation(np.where(np.arange(count) < round(UNCHANGED * count), "null", "single"))
     effects, draw = (six_hinges.EFFECTS, _fault_of_six) if root[0] in SIX_HINGES else (EFFECTS, _fault)
-    changes, sizes = _deck(effects, rng), Sizes(NEAREST, holds(root))
+    changes, sizes = _deck(effects, rng), Sizes()
     cases = []
     for number, kind in enumerate(kinds):
         own = np.random.default_rng([*root, 1, number])
@@ -172,7 +169,7 @@ def make_physics(cases: list[Case], background: bool = True) -> tuple[Physics, l
         rng = np.random.default_rng([*case.seed, 1])
         give = six_hinges.give if is_six else apply_out_of_catalogue if case.kind == OUT_OF_CATALOGUE_KIND else apply
         truths.append([give(physics, i, fault, rng) for fault in case.faults])
-        if is_wide(case.seed) and not is_six:
+        if not is_six:
             truths[-1] = [widen(physics, i, fault, given, rng) for fault, given in zip(case.faults, truths[-1])]
         if case.day == SECOND_DAY:
             after = [levels(physics, i, fault) for fault in case.faults]
@@ -198,9 +195,9 @@ def _size(rng: np.random.Generator, least: float, most: float) -> float:
 
 
 def _fault(effect: str, rng: np.random.Generator, sizes: Sizes) -> Fault:
-    joints = [j for j in visible(effect).joints if largest(effect, j - 1, sizes.holds) > sizes.least]
+    joints = [j for j in visible(effect).joints if largest(effect, j - 1) > sizes.least]
     joint = int(rng.choice(joints)) - 1 if joints else None
-    return Fault(effect, joint, _size(rng, sizes.least, min(largest(effect, joint, sizes.holds), sizes.most)))
+    return Fault(effect, joint, _size(rng, sizes.least, min(largest(effect, joint), sizes.most)))
 
 
 def _fault_of_six(effect: str, rng: np.random.Generator, sizes: Sizes) -> Fault:

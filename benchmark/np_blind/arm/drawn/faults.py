@@ -59,14 +59,10 @@ def limit_of(effect: str, joint: int | None) -> float:
     return float(limit if joint is None else limit[joint])
 
 
-def largest(effect: str, joint: int | None, holds: bool) -> float:
-    """Times its limit, up to which an effect is drawn; holds: so that a drive that is cut still holds the arm up.
-
-    Without that (sets with seeds below `background.HOLDS_FROM`) a limit is 2 % above the nominal arm's weight, if it would be
-    below. Joint 2 then falls by half a radian and more in the third posture, and joint 3 is cut by 3 % at most, less than is visible.
-    """
+def largest(effect: str, joint: int | None) -> float:
+    """Times its limit, up to which an effect is drawn: a drive that is cut still holds the arm up."""
     most = visible(effect).largest
-    if effect == "torque_saturation" and holds:
+    if effect == "torque_saturation":
         most = min(most, (1.0 - SPARE * HELD[joint] / PEAK_TOTAL[joint]) / limit_of(effect, joint))
     return float(most)
 

@@ -1,5 +1,4 @@
-"""Faults that no catalogue has, as sets with seeds below `WIDE_FROM` draw them: physically reasonable, and not to be called
-by any name of it."""
+"""Faults that no catalogue has, physically reasonable, and not to be called by any name of it."""
 
 from __future__ import annotations
 

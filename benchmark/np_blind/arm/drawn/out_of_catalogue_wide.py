@@ -1,4 +1,4 @@
-"""Faults that no catalogue has, for sets from seed `WIDE_FROM` on; by an author who knew the catalogue, not the doctor.
+"""Faults that no catalogue has, by an author who knew the catalogue, not the doctor.
 
 Each function gives joint j of arm i the fault; size: Nm, about what it does to the joint's torque, so that size is comparable
 among kinds.

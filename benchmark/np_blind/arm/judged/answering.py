@@ -10,7 +10,6 @@ import os
 import shlex
 import shutil
 import subprocess
-import time
 import traceback
 from collections.abc import Sequence
 from concurrent.futures import Future, as_completed
@@ -31,14 +30,13 @@ from np_common.parent_process import end_with_parent
 @dataclass(frozen=True)
 class Asking:
     """How the doctor is asked: folder of the run, its command, s that one answer may take, whether bags are
-    kept, the baselines' command ("": none), and the time (s, Unix) from which no further case is begun."""
+    kept, and the baselines' command ("": none)."""
 
     out: Path
     doctor: str
     timeout: float
     keep: bool = False
     identify: str = ""
-    until: float = float("inf")
 
 
 def report_path(out: Path, number: int) -> Path:
@@ -94,7 +92,7 @@ def _answer(cases: Sequence[Case], only: Sequence[str], asking: Asking, jobs: in
     for future in as_completed(answers):
         if lost := _lost(future):
             write_error(out, answers[future], lost)
-        done += 1 if lost else future.result()
+        done += 1
         bar.show(done, "diagnosed")
 
 
@@ -110,9 +108,7 @@ def _is_recorded(out: Path, case: Case) -> bool:
 
 
 def _record(cases: Sequence[Case], only: Sequence[str], asking: Asking) -> dict[int, str]:
-    """`make_bags`, case by case where one of them breaks it; empty where the time is over."""
-    if time.time() > asking.until:
-        return {}
+    """`make_bags`, case by case where one of them breaks it."""
     try:
         return make_bags(cases, only, asking.out)
     except Exception:  # whatever it is: it is the answer of the case that it belongs to
@@ -123,11 +119,9 @@ def _record(cases: Sequence[Case], only: Sequence[str], asking: Asking) -> dict[
         return {n: error for case in cases for n, error in _record([case], only, asking).items()}
 
 
-def answer(case: Case, asking: Asking) -> bool:
+def answer(case: Case, asking: Asking) -> None:
     """Run the doctor, and the baselines where they are asked for, on the bag of a case; what they say goes to
-    reports/case_*. False where the time is over."""
-    if time.time() > asking.until:
-        return False
+    reports/case_*."""
     try:
         error = _ask_doctor(case, asking)
     except Exception:
@@ -135,7 +129,6 @@ def answer(case: Case, asking: Asking) -> bool:
     write_error(asking.out, case.number, error.replace(f"{asking.out.resolve()}/", ""))  # which says nothing elsewhere
     if not asking.keep:
         _remove_bags(asking.out, case.number)
-    return True
 
 
 def _remove_bags(out: Path, number: int) -> None:

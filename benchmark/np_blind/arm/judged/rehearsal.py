@@ -24,7 +24,7 @@ def rehearse(which: str, seed: int, asking: Asking, workers: Workers) -> None:
     folder = asking.out / "rehearsal"
     shutil.rmtree(folder, ignore_errors=True)
     (case,) = draw_cases(1, seed, which.replace("locked", "development"))
-    answer_all([case], MOTIONS, replace(asking, out=folder, identify="", until=float("inf")), 1, workers)
+    answer_all([case], MOTIONS, replace(asking, out=folder, identify=""), 1, workers)
     error = (report_path(folder, case.number) / "error.txt").read_text()
     shutil.rmtree(folder)
     if error:

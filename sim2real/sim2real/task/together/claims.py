@@ -165,7 +165,6 @@ def settled(claims: list[Claim], touch: Felt | None) -> list[Claim]:
     """Claims in the light of one another: the hand feels the table and the camera does not move it. An explanation of the view that has the
     table elsewhere than it was felt is none; one that has it there is the one, and counts once. A camera that the view still names then is the
     gap that the meeting shows, of which the view says more."""
-    claims = _once(claims)
     if touch is not None and touch.explained is not None and touch.verdict not in ("undetermined", "unexplained"):
         claims = _by_touch(claims, touch)
     if any(c.stage == "view" and c.ways[0].module == "camera" for c in claims):
@@ -185,15 +184,6 @@ def _by_touch(claims: list[Claim], touch: Felt) -> list[Claim]:
     felt = {claim.ways[0].name for claim in found if claim.stage == "touch" and claim.is_one}
     again = [c for c in found if c.stage == "view" and c.is_one and c.ways[0].name in felt]
     return [c for c in found if c not in again]
-
-
-def _once(claims: list[Claim]) -> list[Claim]:
-    """Without those that say again what is known better: by which a stream is late, and, of what pushes hold as one, the member that forces
-    have named."""
-    late = [c for c in claims if c.stage in ("lag", "clock")]
-    claims = [c for c in claims if c not in late or c is max(late, key=lambda one: one.gain)]
-    felt = {c.ways[0].ids[0] for c in claims if c.stage == "force" and c.is_one}
-    return [c for c in claims if not (c.stage == "pushes" and felt & set(c.ways[0].ids))]
 
 
 def _contradicted(way: Way, touch: Felt) -> bool:

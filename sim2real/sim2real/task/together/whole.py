@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -62,7 +62,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """The answer: a row each module, and each stage's own, None where there is no data for it. elsewhere: what other commands answered."""
+    """The answer: a row each module, and each stage's own, None where there is no data for it. arm: what `diagnose` answered."""
 
     rows: tuple[Row, ...]
     seen: Seen
@@ -74,7 +74,7 @@ class Whole:
     meeting: Meeting | None = None
     still: Untouched | None = None
     doubts: dict[str, str] = field(default_factory=dict)
-    elsewhere: tuple[Answer, ...] = ()
+    arm: Answer | None = None
 
     @property
     def verdict(self) -> str:
@@ -92,11 +92,10 @@ def diagnose(
     seen: Seen,
     camera: Camera = CAMERA,
     panda: PandaModel = NOMINAL,
-    elsewhere: Sequence[Answer] = (),
+    arm: Answer | None = None,
     tell: Tell = lambda stage: None,
 ) -> Whole:
-    """Every stage that has data. camera: that is believed in; panda: the arm with its own gap; elsewhere: answers of other commands about the
-    same set-up; tell: hears each stage's name as it begins.
+    """Every stage that has data. camera: that is believed in; panda: the arm with its own gap; arm: the answer of `diagnose`; tell: hears each stage's name as it begins.
 
     Of several recordings of the task suite the first is felt by touch, forces are taken together, and delays are those of the first.
     """
@@ -144,11 +143,10 @@ def diagnose(
         + made.of_felt(touched, "touch")
         + made.of_felt(forced, "force")
         + made.of_meeting(met, _turned(viewed, met, touched))
-        + made.of_lag(late)
-        + [claim for answer in elsewhere for claim in answer.claims],
+        + made.of_lag(late),
         touched,
     )
-    whole = Whole((), seen, viewed, scattered, touched, forced, late, met, still, doubts, tuple(elsewhere))
+    whole = Whole((), seen, viewed, scattered, touched, forced, late, met, still, doubts, arm)
     total = sum(claim.gain for claim in claims)
     rows = tuple(_row(module, [c for c in claims if c.ways[0].module == module], total, whole) for module in MODULES)
     return replace(whole, rows=rows)
@@ -170,7 +168,7 @@ def patch(whole: Whole) -> Patch:
         for claim in row.claims:
             way = claim.ways[0]
             # A late image is late either way, and a picture that is off is off, where it was looked at, by whichever of place and turn.
-            is_told = claim.stage in ("lag", "clock", "meeting") or claim.is_one
+            is_told = claim.stage in ("lag", "meeting") or claim.is_one
             if row.verdict != "unexplained" and is_told and way.parameters:
                 entries.setdefault(way.ids[0], {}).update(way.parameters)
     found = (PatchEffect(effect, "", values) for effect, values in entries.items())
@@ -186,17 +184,15 @@ def _held(entry: PatchEffect) -> dict[str, float]:
 def _row(module: str, claims: list[Claim], total: float, whole: Whole) -> Row:
     doubt, stage = _unexplained(module, whole)
     share = sum(c.gain for c in claims) / total if claims and total else None
-    told = [answer for answer in whole.elsewhere if answer.module == module]
-    said = " ".join(answer.said for answer in told if answer.said)
-    if module == "arm" and told:
-        return Row(module, told[0].verdict, said=said)
+    if module == "arm" and whole.arm is not None:
+        return Row(module, whole.arm.verdict, said=whole.arm.said)
     if stage:
-        return Row(module, "unexplained", tuple(claims), share, doubt, said)
+        return Row(module, "unexplained", tuple(claims), share, doubt)
     if claims:
         verdict = "identified" if all(c.is_one for c in claims) else "ambiguous"
-        return Row(module, verdict, tuple(claims), share, said=said)
-    if _is_seen(module, whole) or any(answer.is_seen for answer in told):
-        return Row(module, "no_gap", said=said)
+        return Row(module, verdict, tuple(claims), share)
+    if _is_seen(module, whole):
+        return Row(module, "no_gap")
     return Row(module, NOT_SEEN, doubt=_why(module, whole))
 
 
@@ -207,9 +203,7 @@ def _unexplained(module: str, whole: Whole) -> tuple[str, bool]:
         "table": (whole.touch,),
         "contact": (whole.force,),
     }.get(module, ())
-    told = (answer for answer in whole.elsewhere if answer.module == module and module != "arm")
-    asked = (stage for stage in (*stages, *told) if stage is not None)
-    doubts = [stage.doubt for stage in asked if stage.verdict == "unexplained"]
+    doubts = [stage.doubt for stage in stages if stage is not None and stage.verdict == "unexplained"]
     return "; ".join(doubts), bool(doubts)
 
 
