@@ -147,7 +147,7 @@ def test_edited_code_is_other_code(tmp_path, monkeypatch):
 
 def test_the_code_of_an_evaluation_is_all_that_its_nodes_import():
     """Else an edit could be overlooked, and results be kept that it would change."""
-    wanted = {"np_bringup"} | {node.package for node in task_graph({"bag": "x"})}
+    wanted = {"np_evaluation"} | {node.package for node in task_graph({"bag": "x"})}
     while (
         further := {name for p in wanted for path in sources(p) for name in packages_of(path)}
         - wanted

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rclpy.serialization import deserialize_message, serialize_message
 
+from np_description import message_arrays
 from np_description.camera import CAMERA
 from np_description.message_arrays import BadMessage
 from np_description.panda import JOINT_NAMES, STATE_NAMES
@@ -29,7 +30,7 @@ def vectors(*shape, low=None, high=None, dtype=np.float64, width=64):
 
 @given(stamps)
 def test_stamp_round_trip(stamp):
-    assert messages.stamp_nanoseconds(sent(messages.stamp_message(stamp))) == stamp
+    assert message_arrays.stamp_nanoseconds(sent(messages.stamp_message(stamp))) == stamp
 
 
 @pytest.mark.parametrize("stamp", [-1, 2**31 * 10**9])
@@ -41,8 +42,8 @@ def test_stamp_outside_the_message_is_refused(stamp):
 @given(stamps, vectors(3, 9))
 def test_joint_state_round_trip(stamp, values):
     message = sent(messages.joint_state_message(stamp, STATE_NAMES, *values))
-    assert messages.stamp_nanoseconds(message.header.stamp) == stamp
-    np.testing.assert_array_equal(messages.joint_state_arrays(message, STATE_NAMES), values)
+    assert message_arrays.stamp_nanoseconds(message.header.stamp) == stamp
+    np.testing.assert_array_equal(message_arrays.joint_state_arrays(message, STATE_NAMES), values)
 
 
 @given(st.lists(st.tuples(stamps, vectors(3, 7)), min_size=1, max_size=4))
@@ -73,7 +74,7 @@ def joint_state(**changes):
 )
 def test_joint_state_refused(changes, kind, text):
     with pytest.raises(BadMessage, match=text) as refusal:
-        messages.joint_state_arrays(joint_state(**changes), JOINT_NAMES)
+        message_arrays.joint_state_arrays(joint_state(**changes), JOINT_NAMES)
     assert refusal.value.kind == kind
 
 
@@ -82,7 +83,7 @@ def test_pose_round_trip(stamp, position, quaternion):
     quaternion = quaternion / np.linalg.norm(quaternion)
     message = sent(messages.pose_message(stamp, "panda_link0", position, quaternion))
     assert message.pose.orientation.w == quaternion[0]
-    got = messages.pose_arrays(message, "panda_link0")
+    got = message_arrays.pose_arrays(message, "panda_link0")
     np.testing.assert_array_equal(got[0], position)
     np.testing.assert_array_equal(got[1], quaternion)
 
@@ -90,14 +91,14 @@ def test_pose_round_trip(stamp, position, quaternion):
 def test_pose_refused():
     message = messages.pose_message(0, "world", np.zeros(3), [1, 0, 0, 0])
     with pytest.raises(BadMessage, match="expected 'panda_link0', got 'world'"):
-        messages.pose_arrays(message, "panda_link0")
+        message_arrays.pose_arrays(message, "panda_link0")
     unset = PoseStamped()
     unset.pose.orientation.w = 0.5
     with pytest.raises(BadMessage, match="expected norm 1 .* got 0.5"):
-        messages.pose_arrays(unset, "")
+        message_arrays.pose_arrays(unset, "")
     message.pose.position.z = float("nan")
     with pytest.raises(BadMessage, match="position.*nan"):
-        messages.pose_arrays(message, "world")
+        message_arrays.pose_arrays(message, "world")
 
 
 @given(st.data(), st.integers(0, 12), stamps)
@@ -106,7 +107,7 @@ def test_trajectory_round_trip(data, points, stamp):
     times = np.cumsum(np.array(steps, dtype=np.int64)) / 1e9
     positions, velocities = data.draw(vectors(points, 7)), data.draw(vectors(points, 7))
     message = sent(messages.trajectory_message(stamp, JOINT_NAMES, times, positions, velocities))
-    got = messages.trajectory_arrays(message, JOINT_NAMES)
+    got = message_arrays.trajectory_arrays(message, JOINT_NAMES)
     np.testing.assert_array_equal(got[0], times)
     np.testing.assert_array_equal(got[1], positions)
     np.testing.assert_array_equal(got[2], velocities)
@@ -116,28 +117,28 @@ def test_trajectory_refused():
     positions = np.zeros((3, 7))
     backwards = messages.trajectory_message(0, JOINT_NAMES, [0.0, 0.2, 0.1], positions, positions)
     with pytest.raises(BadMessage, match="increasing, got \\[0, 200000000, 100000000\\]"):
-        messages.trajectory_arrays(backwards, JOINT_NAMES)
+        message_arrays.trajectory_arrays(backwards, JOINT_NAMES)
     short = messages.trajectory_message(0, JOINT_NAMES, [0.0, 0.1, 0.2], positions, positions)
     short.points[1].velocities = [0.0]
     with pytest.raises(BadMessage, match="velocities: expected shape \\(7,\\), got \\(1,\\)"):
-        messages.trajectory_arrays(short, JOINT_NAMES)
+        message_arrays.trajectory_arrays(short, JOINT_NAMES)
     with pytest.raises(BadMessage, match="names"):
-        messages.trajectory_arrays(short, STATE_NAMES)
+        message_arrays.trajectory_arrays(short, STATE_NAMES)
 
 
 @given(vectors(2, 7))
 def test_gains_round_trip(gains):
-    np.testing.assert_array_equal(messages.gains_array(sent(messages.gains_message(gains))), gains)
+    np.testing.assert_array_equal(message_arrays.gains_array(sent(messages.gains_message(gains))), gains)
 
 
 def test_gains_refused():
     message = messages.gains_message(np.ones((2, 7)))
     message.data[3] = float("nan")
     with pytest.raises(BadMessage, match="nan"):
-        messages.gains_array(message)
+        message_arrays.gains_array(message)
     message.layout.dim.reverse()
     with pytest.raises(BadMessage, match="joint"):
-        messages.gains_array(message)
+        message_arrays.gains_array(message)
     with pytest.raises(BadMessage, match="shape \\(2, 7\\), got \\(7, 2\\)"):
         messages.gains_message(np.ones((7, 2)))
 
@@ -150,7 +151,7 @@ def test_gains_refused():
 def test_keypoints_round_trip(stamp, pixels, scores):
     keypoints = np.column_stack([pixels, scores]).astype(np.float64)
     message = sent(messages.keypoints_message(stamp, "camera_optical", keypoints))
-    np.testing.assert_array_equal(messages.keypoints_array(message), keypoints)
+    np.testing.assert_array_equal(message_arrays.keypoints_array(message), keypoints)
 
 
 @pytest.mark.parametrize(
@@ -169,14 +170,14 @@ def test_keypoints_refused(changes, kind):
     for name, value in changes.items():
         setattr(message, name, value)
     with pytest.raises(BadMessage) as refusal:
-        messages.keypoints_array(message)
+        message_arrays.keypoints_array(message)
     assert refusal.value.kind == kind
 
 
 @given(stamps, st.integers(1, 12).flatmap(lambda h: st.integers(1, 12).flatmap(lambda w: arrays(np.uint8, (h, w, 3)))))
 def test_image_round_trip(stamp, pixels):
     message = sent(messages.image_message(stamp, "camera_optical", pixels))
-    np.testing.assert_array_equal(messages.image_array(message), pixels)
+    np.testing.assert_array_equal(message_arrays.image_array(message), pixels)
 
 
 def test_image_with_padded_rows_is_read():
@@ -184,7 +185,7 @@ def test_image_with_padded_rows_is_read():
     message = messages.image_message(0, "camera_optical", pixels)
     message.step = 12
     message.data = np.pad(pixels.reshape(2, 9), ((0, 0), (0, 3))).tobytes()
-    np.testing.assert_array_equal(messages.image_array(message), pixels)
+    np.testing.assert_array_equal(message_arrays.image_array(message), pixels)
 
 
 @pytest.mark.parametrize(
@@ -201,15 +202,17 @@ def test_image_refused(changes, kind):
     for name, value in changes.items():
         setattr(message, name, value)
     with pytest.raises(BadMessage) as refusal:
-        messages.image_array(message)
+        message_arrays.image_array(message)
     assert refusal.value.kind == kind
 
 
 def test_camera_info_round_trip():
-    width, height, matrix = messages.camera_info_arrays(sent(messages.camera_info_message(1, "camera_optical", CAMERA)))
+    width, height, matrix = message_arrays.camera_info_arrays(
+        sent(messages.camera_info_message(1, "camera_optical", CAMERA))
+    )
     assert (width, height) == (CAMERA.width, CAMERA.height)
     np.testing.assert_array_equal(matrix, CAMERA.matrix)
     distorted = messages.camera_info_message(1, "camera_optical", CAMERA)
     distorted.d = [0.1, 0.0, 0.0, 0.0, 0.0]
     with pytest.raises(BadMessage, match="rectified"):
-        messages.camera_info_arrays(distorted)
+        message_arrays.camera_info_arrays(distorted)
