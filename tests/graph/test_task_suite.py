@@ -4,7 +4,7 @@ import json
 
 import pytest
 from graph_tools import Graph
-from sim2real.cli import chain
+from sim2real.cli import diagnose_task as chain
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
 
 from np_description.domains import BUMP

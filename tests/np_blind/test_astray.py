@@ -5,13 +5,13 @@ import pytest
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.effects.saying import Value
 from sim2real.effects.view_effects import ViewEffects
-from sim2real.task.camera.lying import lying
-from sim2real.task.camera.model import scene
-from sim2real.task.explanations import Explained
-from sim2real.task.explanations import Named as Felt
-from sim2real.task.suite.astray import turned
-from sim2real.task.suite.meeting import Meeting
-from sim2real.task.together.claims import of_meeting
+from sim2real.task.camera.flat_pose import fit_flat_pose
+from sim2real.task.camera.model import make_scene
+from sim2real.task.findings import hand_eye_offset_findings
+from sim2real.task.hypotheses import HypothesisComparison
+from sim2real.task.hypotheses import Named as Felt
+from sim2real.task.suite.camera_rotation import prefer_rotation_over_translation
+from sim2real.task.suite.hand_eye_offset import HandEyeOffset
 
 from np_blind.camera.boxes import Case, Detector, Truth, places
 from np_description.camera import CAMERA
@@ -23,27 +23,27 @@ MOVED, TURNED = Truth(camera=(0.011, -0.009, 0.0)), Truth(turn=(-0.017, -0.016, 
 def shown(truth, seed):
     """Scene and poses of what is seen at twelve places, and m (2,) by which that is off."""
     made = places(Case(truth, Detector(measured=None), BUMP, 12), np.random.default_rng(seed))
-    ways = [lying(place, CAMERA) for place in made]
+    ways = [fit_flat_pose(place, CAMERA) for place in made]
     poses = np.array([way.pose for way in ways])
     middle = np.array([*np.median(poses[:, :2], axis=0), BUMP.half_size[2]])
     given = dict(zip("xyz", truth.camera)) | {f"turn_{axis}": angle for axis, angle in zip("xyz", truth.turn)}
     true = ViewEffects(Patch((PatchEffect("camera_extrinsics", "camera", given),))).camera
     off = CAMERA.at_height(CAMERA.rays(true.project(middle[None])[0]), middle[2])[0] - middle[:2]
-    return scene(made, [(way.face, way.surface) for way in ways], CAMERA), poses, off
+    return make_scene(made, [(way.face, way.surface) for way in ways], CAMERA), poses, off
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_camera_that_is_turned_is_told_from_one_that_stands_elsewhere(seed):
-    found = turned(*shown(TURNED, seed), 0.0)
+    found = prefer_rotation_over_translation(*shown(TURNED, seed), 0.0)
     assert found == pytest.approx(np.array(TURNED.turn[:2]), abs=0.0015)
-    assert turned(*shown(MOVED, seed), 0.0) is None
+    assert prefer_rotation_over_translation(*shown(MOVED, seed), 0.0) is None
 
 
 def test_what_corners_tell_comes_first_and_the_patch_has_it():
     off = {"x": Value(-0.011, -0.012, -0.010), "y": Value(0.010, 0.009, 0.011)}
-    named = Explained("ambiguous", (Felt("picture", off, 9.0, {}),), {}, ())
-    met = Meeting("ambiguous", named, ())
-    (place,), (turn,) = of_meeting(met), of_meeting(met, np.array([-0.017, -0.016]))
+    named = HypothesisComparison("ambiguous", (Felt("picture", off, 9.0, {}),), {}, ())
+    met = HandEyeOffset("ambiguous", named, ())
+    (place,), (turn,) = hand_eye_offset_findings(met), hand_eye_offset_findings(met, np.array([-0.017, -0.016]))
     assert place.ways[0].parameters == {"x": 0.011, "y": -0.010}
     assert turn.ways[0].parameters == {"turn_x": -0.017, "turn_y": -0.016}
     assert turn.ways[0].said.endswith("by the camera's turn") and turn.ways[1].said == "its place"

@@ -7,29 +7,30 @@ from functools import partial
 import numpy as np
 import pytest
 from bags import record_episode
-from sim2real.cli import chain as command
+from sim2real.cli import diagnose_task as command
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.effects.saying import Value
 from sim2real.effects.view_effects import ViewEffects
 from sim2real.recordings.signals import Log
-from sim2real.report.chain_page import render
-from sim2real.report.chain_words import check, document
-from sim2real.task.explanations import Explained, Named
-from sim2real.task.findings import effects
-from sim2real.task.object_motion.stage import predict, share
-from sim2real.task.scatter import Scatter
-from sim2real.task.suite.lag import Led, lag
-from sim2real.task.suite.lag import judge as judge_lag
-from sim2real.task.suite.meeting import Met
-from sim2real.task.suite.meeting import judge as judge_meeting
+from sim2real.report.task_page import render
+from sim2real.report.task_sentences import check_schema, document
+from sim2real.task import findings as made
+from sim2real.task.diagnosis import MODULES, NOT_SEEN, TaskRecordings, diagnose_task, make_patch
+from sim2real.task.findings import Finding, Hypothesis
+from sim2real.task.hypotheses import HypothesisComparison, Named
+from sim2real.task.keypoint_noise import KeypointNoise
+from sim2real.task.keypoint_track import KeypointTrack
+from sim2real.task.noise_effects import visible_noise_effects
+from sim2real.task.object_motion.prediction import predict_motion, removed_share
+from sim2real.task.reading import read_recordings
+from sim2real.task.suite.hand_eye_offset import FaceContact
+from sim2real.task.suite.hand_eye_offset import offset_from_faces as judge_meeting
+from sim2real.task.suite.image_latency import estimate_image_latency
+from sim2real.task.suite.image_latency import latency_from_pushes as judge_lag
+from sim2real.task.suite.object_pose import camera_over_table, pose_at_start
+from sim2real.task.suite.pushed_object import PushedObject
 from sim2real.task.suite.recording import TaskRecording
-from sim2real.task.suite.seen import over, seen_pose
-from sim2real.task.surface.stage import Felt
-from sim2real.task.together import claims as made
-from sim2real.task.together.claims import Claim, Way
-from sim2real.task.together.reading import read_seen
-from sim2real.task.together.whole import MODULES, NOT_SEEN, Seen, diagnose, patch
-from sim2real.task.track import Track
+from sim2real.task.surface.estimate import SurfaceContactResult
 
 from np_blind.chain.cases import GAPS, ORDER, draw, make_key
 from np_blind.chain.figures import figures
@@ -53,7 +54,7 @@ def push(late, speed, rng, scale=0.0, noise=3e-4):
     tip -= tip[-1]
     time = np.arange(0.35, 1.9, 1 / 30) + rng.uniform(0, 0.03)
     way = (1 + scale) * np.interp(time - late, at, tip) + noise * rng.standard_normal(len(time))
-    return Led("push", time, way + rng.normal(0, 1e-4), at, tip)
+    return PushedObject("push", time, way + rng.normal(0, 1e-4), at, tip)
 
 
 def test_delays_are_found_whatever_the_pictures_scale():
@@ -95,7 +96,7 @@ def test_an_object_that_does_not_go_along_says_no_delay():
 
 def faces(off, out, rng, turns=(0.1, 1.7, 3.3, 4.9, 0.1)):
     normals = np.array([[np.cos(a), np.sin(a)] for a in turns])
-    return tuple(Met("push", n, float(-n @ off + out + 2e-4 * rng.standard_normal())) for n in normals)
+    return tuple(FaceContact("push", n, float(-n @ off + out + 2e-4 * rng.standard_normal())) for n in normals)
 
 
 @pytest.mark.parametrize("out", [0.0, 0.006])
@@ -123,28 +124,33 @@ def felt(height):
         (Named("table_height", {"height": Value(height, height - 4e-4, height + 4e-4)}, 50.0, {}),) if height else ()
     )
     bounds = {"height": Value(height, height - 4e-4, height + 4e-4)}
-    return Felt("identified" if named else "no_gap", Explained("", named, bounds, ()), ())
+    return SurfaceContactResult("identified" if named else "no_gap", HypothesisComparison("", named, bounds, ()), ())
 
 
 def seen_either(height):
     """The camera is lower, or the table is higher."""
-    table = Way(
+    table = Hypothesis(
         "table_height", ("table_height",), {"table_height": Value(height, height - 1e-3, height + 1e-3)}, "", {}
     )
-    camera = Way("camera_place", ("camera_extrinsics",), {"camera_z": Value(-height, -height, -height)}, "", {})
-    return Claim("view", (camera, table), 20.0)
+    camera = Hypothesis("camera_place", ("camera_extrinsics",), {"camera_z": Value(-height, -height, -height)}, "", {})
+    return Finding("view", (camera, table), 20.0)
 
 
 def test_the_hand_tells_a_higher_table_from_a_lower_camera():
-    kept = made.settled([seen_either(0.008)], felt(0.0))
+    kept = made.resolve_conflicts([seen_either(0.008)], felt(0.0))
     assert [way.name for way in kept[0].ways] == ["camera_place"] and kept[0].is_one
-    touched = made.of_felt(felt(0.008), "touch")
-    (one,) = made.settled([seen_either(0.008), *touched], felt(0.008))
+    touched = made.contact_findings(felt(0.008), "touch")
+    (one,) = made.resolve_conflicts([seen_either(0.008), *touched], felt(0.008))
     assert one.stage == "touch" and one.ways[0].module == "table"
-    off = Claim("meeting", (Way("camera_turn", ("camera_extrinsics",), {}, "", {"turn_x": 0.01}),), 9.0)
-    assert {c.stage for c in made.settled([seen_either(0.008), off, *touched], felt(0.008))} == {"touch", "meeting"}
-    assert {c.stage for c in made.settled([seen_either(0.008), off], felt(0.0))} == {"view"}  # which says more of it
-    untold = made.settled([seen_either(0.008)], None)
+    off = Finding("meeting", (Hypothesis("camera_turn", ("camera_extrinsics",), {}, "", {"turn_x": 0.01}),), 9.0)
+    assert {c.stage for c in made.resolve_conflicts([seen_either(0.008), off, *touched], felt(0.008))} == {
+        "touch",
+        "meeting",
+    }
+    assert {c.stage for c in made.resolve_conflicts([seen_either(0.008), off], felt(0.0))} == {
+        "view"
+    }  # which says more of it
+    untold = made.resolve_conflicts([seen_either(0.008)], None)
     assert len(untold[0].ways) == 2 and not untold[0].is_one
 
 
@@ -152,49 +158,49 @@ def still(late=0):
     """Corners that rest and scatter."""
     rng, time = np.random.default_rng(3), np.arange(300) / 30
     corners = np.array([[60, 60], [90, 60], [60, 90], [90, 90], [70, 50], [100, 50], [70, 80], [100, 80]], float)
-    return Track("still", time, corners + 0.2 * rng.standard_normal((300, 8, 2)), np.ones((300, 8), bool))
+    return KeypointTrack("still", time, corners + 0.2 * rng.standard_normal((300, 8, 2)), np.ones((300, 8), bool))
 
 
 def test_an_answer_says_what_was_not_seen_and_keeps_its_schema():
-    found = diagnose(Seen((), (still(),), ()))
+    found = diagnose_task(TaskRecordings((), (still(),), ()))
     assert {row.module: row.verdict for row in found.rows} == {
         **dict.fromkeys(MODULES, NOT_SEEN),
         "keypoints": "no_gap",
     }
     told = json.loads(json.dumps(document(found, ["still"])))
-    check(told)
+    check_schema(told)
     assert told["sentence"].startswith("No gap is seen: keypoints") and "camera, timing, arm" in told["sentence"]
     page = render(found, told)
     assert all(f'"module">{module}<' in page for module in MODULES) and page.count("<svg") == 1
-    assert not patch(found).effects
+    assert not make_patch(found).effects
 
 
 def test_a_late_image_is_patched_though_its_class_is_not_split():
-    found = diagnose(Seen((), (still(),), ()))
+    found = diagnose_task(TaskRecordings((), (still(),), ()))
     rng = np.random.default_rng(2)
     lag = judge_lag(tuple(push(0.03, 0.04, rng) for _ in range(4)))
-    (claim,) = made.of_lag(lag)
+    (claim,) = made.latency_findings(lag)
     assert {way.ids[0] for way in claim.ways} == {"camera_latency", "clock_offset"} and not claim.is_one
     rows = [
         replace(row, verdict="ambiguous", claims=(claim,), share=1.0) if row.module == "timing" else row
         for row in found.rows
     ]
     whole = replace(found, rows=tuple(rows), lag=lag)
-    (entry,) = patch(whole).effects
+    (entry,) = make_patch(whole).effects
     assert entry.effect == "camera_latency" and entry.parameters["delay"] == pytest.approx(0.03, abs=0.006)
     assert whole.verdict == "ambiguous" and "at the timing: images show the scene" in document(whole, [])["sentence"]
 
 
 @pytest.mark.parametrize("other, is_given", [("camera_extrinsics", True), ("keypoint_bias", False)])
 def test_one_effect_is_patched_though_place_and_turn_are_not_told_apart(other, is_given):
-    turn = Way("camera_turn", ("camera_extrinsics",), {}, "the camera is turned", {"turn_y": 0.015})
-    claim = Claim("view", (turn, Way("other", (other,), {}, "or something else", {"x": 0.01})), 9.0)
-    found = diagnose(Seen((), (still(),), ()))
+    turn = Hypothesis("camera_turn", ("camera_extrinsics",), {}, "the camera is turned", {"turn_y": 0.015})
+    claim = Finding("view", (turn, Hypothesis("other", (other,), {}, "or something else", {"x": 0.01})), 9.0)
+    found = diagnose_task(TaskRecordings((), (still(),), ()))
     rows = [
         replace(row, verdict="identified", claims=(claim,), share=1.0) if row.module == "camera" else row
         for row in found.rows
     ]
-    given = {e.effect: e.parameters for e in patch(replace(found, rows=tuple(rows))).effects}
+    given = {e.effect: e.parameters for e in make_patch(replace(found, rows=tuple(rows))).effects}
     assert given == ({"camera_extrinsics": {"turn_y": 0.015}} if is_given else {})
 
 
@@ -218,7 +224,7 @@ def test_an_arms_report_that_is_none_is_refused_by_name(tmp_path, capsys):
 
 def test_an_episode_is_seen_and_not_felt(tmp_path):
     bag = record_episode(tmp_path / "bag")
-    seen = read_seen([bag])
+    seen = read_recordings([bag])
     assert len(seen.tracks) == 1 and not seen.tasks
 
 
@@ -237,7 +243,7 @@ def test_a_key_of_the_blind_set_is_of_its_seed_alone_and_has_all_kinds():
 
 
 def test_a_false_alarm_and_a_miss_are_judged_as_such():
-    found = diagnose(Seen((), (still(),), ()))
+    found = diagnose_task(TaskRecordings((), (still(),), ()))
     cases = {case.kind: case for case in draw(16, 5)}
     quiet = judged(cases["clean"], found)
     missed = judged(cases["single"], found)
@@ -251,25 +257,25 @@ def test_a_false_alarm_and_a_miss_are_judged_as_such():
 @pytest.mark.parametrize(("spread", "named"), [(0.2, True), (0.001, False)])
 def test_images_of_a_detector_without_noise_are_not_said_to_be_repeated(spread, named):
     none = Value(0.0, 0.0, 0.0)
-    found = Scatter(9.0, 270, Value(spread, spread, spread), none, none, none, Value(0.17, 0.16, 0.18))
-    assert ("frame_drop" in effects(found)) is named
+    found = KeypointNoise(9.0, 270, Value(spread, spread, spread), none, none, none, Value(0.17, 0.16, 0.18))
+    assert ("frame_drop" in visible_noise_effects(found)) is named
 
 
 def test_a_patch_that_is_right_predicts_taps_better_and_its_opposite_worse():
     aside, other = (Patch((PatchEffect("camera_extrinsics", "camera", {"x": x, "y": x}),)) for x in (0.01, -0.01))
     recording = Reality(BUMP, aside, 3, partial(MujocoEngine, contact=STEADY)).run(("tap",))
-    right, wrong = predict([recording], aside), predict([recording], other)
+    right, wrong = predict_motion([recording], aside), predict_motion([recording], other)
     assert right.windows == 2 and right.after < 0.7 * right.before and right.removed.low > 0.3
     assert right.by_effect == {"camera_extrinsics": right.removed.value}
     assert wrong.after > wrong.before and wrong.removed.value < 0
-    nothing = predict([recording], Patch())
+    nothing = predict_motion([recording], Patch())
     assert nothing.before == nothing.after == right.before and not nothing.by_effect and nothing.removed.value == 0
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.04])
 def test_shoves_tell_a_delay_within_three_milliseconds(delay):
     late = Patch((PatchEffect("camera_latency", "camera", {"delay": delay}),) if delay else ())
-    found = lag(Reality(BUMP, late, 4, MujocoEngine).run(("shove",)))
+    found = estimate_image_latency(Reality(BUMP, late, 4, MujocoEngine).run(("shove",)))
     assert [one.name for one in found.pushes if one.name.startswith("shove")] == ["shove_1", "shove_2", "shove_3"]
     assert found.late.value == pytest.approx(delay, abs=0.003) and found.late.high - found.late.low < 0.008
 
@@ -279,13 +285,13 @@ def test_a_table_that_was_felt_lower_is_not_taken_for_a_camera():
     lain = Pose(np.array([0.5, -0.14, 0.045 - 0.015]), yaw_quaternion(np.asarray(0.3)))
     pixels = CAMERA.project(box_keypoints(np.asarray(BUMP.half_size), lain.position, lain.quaternion))[0]
     time = np.arange(30) / 30
-    track = Track("low", time, np.tile(pixels, (30, 1, 1)), np.ones((30, 8), bool))
+    track = KeypointTrack("low", time, np.tile(pixels, (30, 1, 1)), np.ones((30, 8), bool))
     state = np.arange(0, 1, 0.01)
     joints = np.tile(NOMINAL.ready, (len(state), 1))
     recording = TaskRecording(
         Log("low", state, joints, 0 * joints, 0 * joints, state, False), track, 0.0, BUMP, {"push_1": (0.0, 1.0)}
     )
-    seen = seen_pose(recording, "push_1", over(CAMERA, -0.015))
+    seen = pose_at_start(recording, "push_1", camera_over_table(CAMERA, -0.015))
     assert seen.position == pytest.approx([0.5, -0.14, 0.045], abs=3e-4)
 
 
@@ -301,8 +307,10 @@ def test_a_turned_camera_shows_an_object_off_by_the_same_whichever_corners_are_s
     state = np.arange(0, 1, 0.01)
     joints = np.tile(NOMINAL.ready, (len(state), 1))
     log = Log("turned", state, joints, 0 * joints, 0 * joints, state, False)
-    seen = seen_pose(
-        TaskRecording(log, Track("turned", np.arange(30) / 30, pixels, usable), 0.0, BUMP, {"push_1": (0.0, 1.0)}),
+    seen = pose_at_start(
+        TaskRecording(
+            log, KeypointTrack("turned", np.arange(30) / 30, pixels, usable), 0.0, BUMP, {"push_1": (0.0, 1.0)}
+        ),
         "push_1",
     )
     shown = CAMERA.at_height(CAMERA.rays(ViewEffects(turned).camera.project(lain.position[None])[0]), 0.045)[0]
@@ -310,7 +318,7 @@ def test_a_turned_camera_shows_an_object_off_by_the_same_whichever_corners_are_s
 
 
 def test_the_interval_of_a_share_knows_of_windows_that_differ():
-    alike = share(np.full(12, 2.0), np.full(12, 1.0))
+    alike = removed_share(np.full(12, 2.0), np.full(12, 1.0))
     assert alike.value == alike.low == alike.high == 0.5
-    wide = share(np.full(12, 2.0), np.r_[np.zeros(6), np.full(6, 2.0)])
+    wide = removed_share(np.full(12, 2.0), np.r_[np.zeros(6), np.full(6, 2.0)])
     assert wide.value == 0.5 and wide.low < 0.3 and wide.high > 0.7

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.effects.saying import Value
-from sim2real.report.chain_words import check, document
-from sim2real.task.object_motion import given as motion
-from sim2real.task.object_motion.given import Given, given
-from sim2real.task.object_motion.stage import errors, share
-from sim2real.task.together.whole import Seen, diagnose
+from sim2real.report.task_sentences import check_schema, document
+from sim2real.task.diagnosis import TaskRecordings, diagnose_task
+from sim2real.task.object_motion import patch_check as motion
+from sim2real.task.object_motion.patch_check import CheckedPatch, withhold_harmful_effects
+from sim2real.task.object_motion.prediction import prediction_errors, removed_share
 
 from np_blind.chain.reality import Reality
 from np_description.domains import BUMP
@@ -24,16 +24,16 @@ def recordings():
 
 
 def test_what_is_right_is_given_and_what_is_wrong_is_withheld(recordings):
-    assert given(recordings, Patch((ASIDE,))) == Given(Patch((ASIDE,)), {})
-    alone = given(recordings, Patch((OTHER,)))
+    assert withhold_harmful_effects(recordings, Patch((ASIDE,))) == CheckedPatch(Patch((ASIDE,)), {})
+    alone = withhold_harmful_effects(recordings, Patch((OTHER,)))
     assert not alone.patch.effects and alone.withheld["camera_extrinsics"].high < 0
 
 
 def test_of_two_the_wrong_one_goes_and_what_is_given_is_better(recordings):
     both = Patch((ASIDE, ROUGH))
-    kept = given(recordings, both)
+    kept = withhold_harmful_effects(recordings, both)
     assert kept.patch == Patch((ASIDE,)) and list(kept.withheld) == ["table_friction"]
-    assert np.mean(errors(recordings, kept.patch)) < np.mean(errors(recordings, both))
+    assert np.mean(prediction_errors(recordings, kept.patch)) < np.mean(prediction_errors(recordings, both))
 
 
 def hopping(rest, *hops):
@@ -51,19 +51,21 @@ def hopping(rest, *hops):
 )
 def test_what_makes_nearly_every_window_worse_goes_though_a_hop_hides_it(monkeypatch, after, is_given):
     before = hopping(0.6, 7.0, 7.0)
-    assert share(before, after).high > 0  # by the sum alone nothing would go
-    monkeypatch.setattr(motion, "errors", lambda _, patch, *more: after if patch.effects else before)
-    assert given([None], Patch((ROUGH,))).withheld.keys() == (set() if is_given else {"table_friction"})
+    assert removed_share(before, after).high > 0  # by the sum alone nothing would go
+    monkeypatch.setattr(motion, "prediction_errors", lambda _, patch, *more: after if patch.effects else before)
+    assert withhold_harmful_effects([None], Patch((ROUGH,))).withheld.keys() == (
+        set() if is_given else {"table_friction"}
+    )
 
 
 def test_without_a_suite_nothing_is_withheld():
-    assert given([], Patch((ROUGH,))) == Given(Patch((ROUGH,)), {})
+    assert withhold_harmful_effects([], Patch((ROUGH,))) == CheckedPatch(Patch((ROUGH,)), {})
 
 
 def test_what_is_withheld_is_said_and_is_no_effect_of_the_answer():
-    kept = Given(Patch((ASIDE,)), {"gripper_friction": Value(-0.5, -0.9, -0.1)})
-    told = document(diagnose(Seen((), (), ())), [], kept)
-    check(told)
+    kept = CheckedPatch(Patch((ASIDE,)), {"gripper_friction": Value(-0.5, -0.9, -0.1)})
+    told = document(diagnose_task(TaskRecordings((), (), ())), [], kept)
+    check_schema(told)
     assert [one["effect"] for one in told["effects"]] == ["camera_extrinsics"]
     assert told["withheld"] == [{"effect": "gripper_friction", "removed": {"value": -0.5, "ci95": [-0.9, -0.1]}}]
     assert "Not in the patch" in told["sentence"] and "gripper_friction" in told["sentence"]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sim2real.effects.patch import Patch, PatchEffect
 from sim2real.effects.view_effects import ViewEffects
-from sim2real.excitation.contact_suite.path import Leg, segment
 from sim2real.excitation.contact_suite.tip import BEYOND
+from sim2real.excitation.contact_suite.tip_path import Leg, make_segment
 
 from np_blind.camera.film import BREATH, Film, Strange
 from np_blind.camera.hand_in_view import hidden
@@ -93,7 +93,7 @@ def test_the_hand_hides_what_is_behind_it_and_not_what_is_before_it():
 
 def test_a_hidden_corner_is_lost_or_found_beside_and_others_are_not():
     over = np.array([0.55, 0.0, 0.05])
-    q = segment("over", over, [Leg(over + [0.0, 0.0, 0.01], 0.05)], 0.0).positions[0]
+    q = make_segment("over", over, [Leg(over + [0.0, 0.0, 0.01], 0.05)], 0.0).positions[0]
     position, rotation = forward_kinematics(q)
     finger = position + rotation @ [0.0, 0.0, BEYOND - 0.02]
     film = Film(HALF, Quirks(lost=0.5, beneath=3.0), Patch(), 1)

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 import yaml
 from bags import record_episode
-from sim2real.cli import chain as command
+from sim2real.cli import diagnose_task as command
 from sim2real.effects.patch import load_patch
 from sim2real.effects.view_effects import ViewEffects
 from sim2real.recordings.reading import ContractViolation
-from sim2real.report.view_words import document
-from sim2real.task.camera.fit import Prior, _Search, at_numbers
-from sim2real.task.camera.lying import lying
-from sim2real.task.camera.model import linearise, scene
+from sim2real.report.camera_sentences import document
+from sim2real.task.camera.diagnosis import diagnose_camera
+from sim2real.task.camera.fit import Prior, _Search, evaluate_at
+from sim2real.task.camera.flat_pose import fit_flat_pose
+from sim2real.task.camera.model import linearise, make_scene
 from sim2real.task.camera.parameters import COUNT, EFFECTS, GAP, NAMES, USUAL
-from sim2real.task.camera.places import Place, read_places
-from sim2real.task.camera.view import view
+from sim2real.task.camera.rest_poses import RestPose, read_rest_poses
 
 from np_blind.camera import views
 from np_blind.camera.boxes import DEGREE, Case, Detector, Truth, pixels, places, usual
@@ -45,15 +45,15 @@ SECONDS_PERIODS = 4000  # of a bag with 50 images at rest
 
 def seen_in(made):
     """Scene and first poses of places."""
-    ways = [lying(place, CAMERA) for place in made]
-    return scene(made, [(w.face, w.surface) for w in ways], CAMERA), np.array([w.pose for w in ways])
+    ways = [fit_flat_pose(place, CAMERA) for place in made]
+    return make_scene(made, [(w.face, w.surface) for w in ways], CAMERA), np.array([w.pose for w in ways])
 
 
 @pytest.mark.parametrize("domain", [CARD, BUMP], ids=lambda d: d.name)
 def test_the_model_is_that_of_a_camera_written_apart(domain):
     made = places(Case(EVERYTHING, EXACT, domain, 6), np.random.default_rng(3))
     seen, start = seen_in(made)
-    found = at_numbers(seen, EVERYTHING.numbers, start, 0.1)
+    found = evaluate_at(seen, EVERYTHING.numbers, start, 0.1)
     assert np.abs(found.left(seen)).max() < 1e-9
     assert np.abs(found.lines.off).max() < 1e-9
 
@@ -106,8 +106,8 @@ def test_how_it_lies_is_told_from_its_corners(domain):
             pose = sample_pose(domain, region, rng)
             corners = box_keypoints(np.asarray(domain.half_size), pose.position, pose.quaternion)
             truth = Truth(turn=(0.01, -0.02, 0.01), camera=(0.01, 0.01, -0.01))
-            place = Place("here", pixels(truth, corners), np.full(8, 0.1), domain)
-            way = lying(place, CAMERA)
+            place = RestPose("here", pixels(truth, corners), np.full(8, 0.1), domain)
+            way = fit_flat_pose(place, CAMERA)
             assert way.is_flat and way.surface == pytest.approx(region.surface)
             assert np.allclose(way.pose[:2], pose.position[:2], atol=0.08)
 
@@ -117,7 +117,7 @@ def test_how_it_lies_is_told_from_its_corners(domain):
 def test_what_is_off_is_found_within_its_interval(effect, domain):
     rng = np.random.default_rng([7, list(GAPS).index(effect), domain is CARD])
     truth = GAPS[effect] + usual(rng)
-    found = view(places(Case(truth, Detector(own=0.3), domain, 12), rng))
+    found = diagnose_camera(places(Case(truth, Detector(own=0.3), domain, 12), rng))
     assert found.verdict in ("identified", "ambiguous"), found.doubt
     ways = {name: sizes for one in found.named for name, sizes in ((one.effect, one.sizes), *one.rivals.items())}
     assert effect in ways
@@ -131,14 +131,14 @@ def test_what_is_off_is_found_within_its_interval(effect, domain):
 def test_where_nothing_is_off_nothing_is_named(detector):
     for seed in range(4):  # np_blind.camera.views counts over many
         rng = np.random.default_rng([8, seed])
-        found = view(places(Case(usual(rng), detector, (CARD, BUMP)[seed % 2], 8), rng))
+        found = diagnose_camera(places(Case(usual(rng), detector, (CARD, BUMP)[seed % 2], 8), rng))
         assert found.verdict in ("no_gap", "undetermined") and not found.named
         assert found.verdict == "no_gap" or detector is UNMEASURED
 
 
 def test_the_centre_of_the_image_and_a_bias_of_corners_are_one():
     rng = np.random.default_rng(9)
-    found = view(places(Case(GAPS["image_offset"] + usual(rng), Detector(), CARD, 12), rng))
+    found = diagnose_camera(places(Case(GAPS["image_offset"] + usual(rng), Detector(), CARD, 12), rng))
     one = next(n for n in found.named if "image_offset" in (n.effect, *n.rivals))
     assert set(EFFECTS["image_offset"].ids) == {"camera_intrinsics", "keypoint_bias"}
     assert found.verdict == "ambiguous" and any("marked by hand" in text for text in one.split_by)
@@ -158,7 +158,7 @@ def test_the_centre_of_the_image_and_a_bias_of_corners_are_one():
 def test_without_a_measured_pose_table_and_camera_are_a_class(truth, members, experiment):
     """A camera that is lower sees what it would if the table were higher: where the object was put down nobody has told."""
     sharp = replace(UNMEASURED, own=0.15, shared=0.05)
-    found = view(places(Case(truth, sharp, BUMP, 14), np.random.default_rng(10)))
+    found = diagnose_camera(places(Case(truth, sharp, BUMP, 14), np.random.default_rng(10)))
     assert found.verdict == "ambiguous", found.doubt
     classes = [{one.effect, *one.rivals} for one in found.named]
     assert any(members <= one for one in classes), classes
@@ -166,7 +166,7 @@ def test_without_a_measured_pose_table_and_camera_are_a_class(truth, members, ex
 
 
 def test_with_a_measured_pose_the_table_is_no_longer_the_camera():
-    found = view(places(Case(Truth(height=0.006), Detector(), BUMP, 12), np.random.default_rng(11)))
+    found = diagnose_camera(places(Case(Truth(height=0.006), Detector(), BUMP, 12), np.random.default_rng(11)))
     assert found.verdict == "identified" and [one.effect for one in found.named] == ["table_height"]
     size = found.named[0].sizes["table_height"]
     assert size.low < 0.006 < size.high and size.high - size.low < 0.002
@@ -177,7 +177,7 @@ def test_too_few_places_tell_nothing_and_say_what_is_missing(detector):
     made = places(Case(GAPS["camera_turn"], detector, CARD, 8), np.random.default_rng(12))
     near = [replace(made[0], pixels=made[0].pixels + 3.0 * n) for n in range(4)]
     for few, count in ((made[:1], 1), (made[:2], 2), ([made[0]] * 5, 1), (near, 4)):
-        found = document(view(few))
+        found = document(diagnose_camera(few))
         assert found["places"] == count
         assert found["verdict"] == "undetermined" and found["unseen"] == list(NAMES)
         assert not (found["named"] or found["effects"] or found["bounds"])
@@ -194,7 +194,7 @@ def test_too_few_places_tell_nothing_and_say_what_is_missing(detector):
     ids=["dented", "moved", "wild"],
 )
 def test_what_it_has_no_word_for_is_unexplained(case, words):
-    found = view(places(case, np.random.default_rng(13)))
+    found = diagnose_camera(places(case, np.random.default_rng(13)))
     assert found.verdict == "unexplained" and words in found.doubt
     assert document(found)["effects"] == []
 
@@ -204,19 +204,19 @@ def test_places_where_it_does_not_lie_flat_are_left_out():
     names = [place.name for place in made]
     swapped = replace(made[2], pixels=made[2].pixels[[3, 0, 7, 1, 5, 2, 4, 6]], position=None, rotation=None)
     lifted = replace(made[4], position=made[4].position + [0, 0, 0.2])
-    found = view([*made[:2], swapped, made[3], lifted, *made[5:]])
+    found = diagnose_camera([*made[:2], swapped, made[3], lifted, *made[5:]])
     assert set(found.left_out) == {names[2], names[4]} and found.places == 6
     wrong = [replace(p, pixels=p.pixels[[3, 0, 7, 1, 5, 2, 4, 6]], position=None, rotation=None) for p in made]
-    assert view(wrong).verdict == "unexplained" and "lies flat" in view(wrong).doubt
+    assert diagnose_camera(wrong).verdict == "unexplained" and "lies flat" in diagnose_camera(wrong).doubt
 
 
 def test_what_is_no_place_is_refused_in_words():
     with pytest.raises(ContractViolation, match="expected places at which the object rests.*got none"):
-        view([])
+        diagnose_camera([])
     with pytest.raises(ContractViolation, match=r"pixels \(8, 2\) and errors \(8,\).*got \(7, 2\)"):
-        Place("short", np.zeros((7, 2)), np.zeros(8), CARD)
+        RestPose("short", np.zeros((7, 2)), np.zeros(8), CARD)
     with pytest.raises(ContractViolation, match="5 usable corners or more.*got 4"):
-        Place("hidden", np.where(np.arange(8)[:, None] < 4, 100.0, np.nan) * np.ones(2), np.zeros(8), CARD)
+        RestPose("hidden", np.where(np.arange(8)[:, None] < 4, 100.0, np.nan) * np.ones(2), np.zeros(8), CARD)
 
 
 def test_a_patch_of_what_is_found_puts_corners_where_they_are_seen(tmp_path):
@@ -225,7 +225,7 @@ def test_a_patch_of_what_is_found_puts_corners_where_they_are_seen(tmp_path):
     made = places(
         Case(truth, Detector(own=0.1, shared=0.0, measured=(1e-5, 1e-5)), BUMP, 12), np.random.default_rng(15)
     )
-    found = document(view(made))
+    found = document(diagnose_camera(made))
     (tmp_path / "patch.yaml").write_text(yaml.safe_dump({"effects": found["effects"]}))
     patch = load_patch(tmp_path / "patch.yaml")
     assert [e.effect for e in patch.effects] == ["camera_extrinsics"]
@@ -255,7 +255,7 @@ def test_from_bags_to_words(tmp_path, monkeypatch, capsys):
         pose = Pose(np.array([x, y, 0.0025]), np.array([1.0, 0.0, 0.0, 0.0]))
         monkeypatch.setattr(bags, "object_pose", lambda step, count, pose=pose: pose)
         bag_names.append(str(record_episode(tmp_path / f"bag_{number}", SECONDS_PERIODS)))
-    assert [len(read_places(name)) for name in bag_names] == [1] * 4
+    assert [len(read_rest_poses(name)) for name in bag_names] == [1] * 4
     assert command.main([*bag_names, "--out", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out.splitlines()
     found = json.loads(told[-1])["stages"]["view"]

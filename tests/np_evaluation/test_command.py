@@ -139,7 +139,7 @@ SLOW = ("rclpy", "rosbags", "matplotlib", "mujoco", "onnxruntime", "torch", "cv2
         "np_evaluation.commands.demo",
         "np_evaluation.commands.evaluate",
         "np_blind.baselines.compare",
-        "sim2real.cli.chain",
+        "sim2real.cli.diagnose_task",
         "sim2real.cli.diagnose",
         "np_diagnosis.commands.excite",
         "np_perception.commands.calibrate",

@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 from sim2real.effects import SCENE_RECORDS
 from sim2real.effects.patch import Patch, PatchEffect, dump_patch, load_patch
-from sim2real.excitation.contact_suite.contacts import DEEPER, SLOW, touch
-from sim2real.excitation.contact_suite.path import Leg, OutOfReach, joined, segment, tip_of
-from sim2real.excitation.contact_suite.room import Lain, Room
-from sim2real.excitation.contact_suite.suite import FAMILIES, Situation, sides_with_room, task_suite
-from sim2real.excitation.contact_suite.tip import BEYOND, CORNERS, EDGE, RADIUS, leading_yaw, upright
-from sim2real.excitation.contact_suite.witness import OutOfPicture, Witness
-from sim2real.task.contact_force.readings import Reading
-from sim2real.task.contact_force.slide import Slide, slows
-from sim2real.task.contact_force.stage import Believed, hops, judge
-from sim2real.task.explanations import Measured, explain
-from sim2real.task.wrench import Motion, force_covariance, forces
+from sim2real.excitation.contact_suite.contact_motions import DEEPER, SLOW, touch
+from sim2real.excitation.contact_suite.monitor import OutOfPicture, SuiteMonitor
+from sim2real.excitation.contact_suite.suite import FAMILIES, SuiteState, sides_with_room, task_suite
+from sim2real.excitation.contact_suite.tip import BEYOND, CORNERS, EDGE, RADIUS, leading_yaw, upright_rotation
+from sim2real.excitation.contact_suite.tip_path import Leg, OutOfReach, join_segments, make_segment, tip_of
+from sim2real.excitation.contact_suite.workspace import RestingObject, Workspace
+from sim2real.task.contact_force.estimate import estimate_friction_and_mass, tip_hops
+from sim2real.task.contact_force.fit import NominalContact
+from sim2real.task.contact_force.readings import ForceReading
+from sim2real.task.contact_force.tap_slide import TapSlide, fit_deceleration
+from sim2real.task.hypotheses import MeasuredChanges, compare_hypotheses
+from sim2real.task.wrench import ArmMotion, tip_force_covariance, tip_forces
 from sim2real.thresholds import THRESHOLDS
 
 from np_common.rotations import yaw_quaternion
@@ -29,7 +30,7 @@ from np_description.panda import NOMINAL
 from np_sim_bridge.simulation import Simulation
 
 LAIN = Pose(np.array([0.5, -0.14, 0.045]), yaw_quaternion(np.asarray(0.2)))
-BELIEVED = Believed.of(BUMP)
+BELIEVED = NominalContact.of(BUMP)
 WEIGHT = BELIEVED.mass * 9.81
 
 
@@ -38,13 +39,13 @@ def scene(effect, **parameters):
 
 
 def plans(only=()):
-    generator = task_suite(BUMP, Situation(NOMINAL.ready, LAIN), only)
+    generator = task_suite(BUMP, SuiteState(NOMINAL.ready, LAIN), only)
     plan = next(generator)
     while plan:
         yield plan
         lowest = 0.09 if plan[-1].name == "touch_object" else 0.0
         try:
-            plan = generator.send(Situation(plan[-1].positions[-1], LAIN, lowest))
+            plan = generator.send(SuiteState(plan[-1].positions[-1], LAIN, lowest))
         except StopIteration:
             return
 
@@ -66,8 +67,8 @@ def test_every_family_is_planned_and_segments_join():
 
 @pytest.mark.parametrize(("x", "y"), [(0.43, -0.17), (0.54, -0.14), (0.5, 0.1)])
 def test_the_housing_passes_a_tall_object_beside_which_the_table_is_touched(x, y):
-    lain = Lain.of(BUMP, Pose(np.array([x, y, 0.045]), yaw_quaternion(np.asarray(0.3))))
-    places = Room(BUMP, CAMERA).places(lain)
+    lain = RestingObject.of(BUMP, Pose(np.array([x, y, 0.045]), yaw_quaternion(np.asarray(0.3))))
+    places = Workspace(BUMP, CAMERA).places(lain)
     corners = lain.corners(np.zeros(2))[:, :2]
     housing = np.max([box.half_size[:2] for box in FLAT_HAND.housing], axis=0)
     assert len(places) == 4
@@ -77,9 +78,9 @@ def test_the_housing_passes_a_tall_object_beside_which_the_table_is_touched(x, y
 
 def test_an_object_that_has_left_the_picture_is_told_from_one_that_no_pose_explains():
     scattered = np.column_stack([np.random.default_rng(1).uniform(0, 200, (8, 2)), np.ones(8)])
-    seen = np.column_stack([CAMERA.project(Lain.of(BUMP, LAIN).corners(np.zeros(2)))[0], np.ones(8)])
+    seen = np.column_stack([CAMERA.project(RestingObject.of(BUMP, LAIN).corners(np.zeros(2)))[0], np.ones(8)])
     for changed, error in ((seen * ([[1, 1, 0]] * 3 + [[1, 1, 1]] * 5), OutOfPicture), (scattered, ValueError)):
-        witness = Witness(BUMP)
+        witness = SuiteMonitor(BUMP)
         witness.see(1, changed)
         with pytest.raises(error) as raised:
             witness.situation(NOMINAL.ready)
@@ -88,17 +89,17 @@ def test_an_object_that_has_left_the_picture_is_told_from_one_that_no_pose_expla
 
 def test_an_unknown_family_is_refused_by_name():
     with pytest.raises(ValueError, match="'drags': expected one of view"):
-        task_suite(BUMP, Situation(NOMINAL.ready, LAIN), ["drags"])
+        task_suite(BUMP, SuiteState(NOMINAL.ready, LAIN), ["drags"])
 
 
 def test_a_path_leads_the_tip_straight_and_out_of_reach_is_said():
     begin, end = np.array([0.5, 0.1, 0.13]), np.array([0.5, 0.1, 0.03])
-    made = segment("down", begin, [Leg(end, 0.1)], 0.3)
+    made = make_segment("down", begin, [Leg(end, 0.1)], 0.3)
     tips = np.array([tip_of(q) for q in made.positions])
     assert np.allclose(tips[:, :2], begin[:2], atol=1e-3) and tips[-1, 2] == pytest.approx(0.03, abs=5e-4)
-    assert np.allclose(forward_kinematics(made.positions[-1])[1], upright(0.3), atol=5e-3)
+    assert np.allclose(forward_kinematics(made.positions[-1])[1], upright_rotation(0.3), atol=5e-3)
     with pytest.raises(OutOfReach, match="far: the tip cannot be at"):
-        segment("far", np.array([1.2, 0.0, 0.1]), [Leg(np.array([1.2, 0.0, 0.05]), 0.1)], 0.0)
+        make_segment("far", np.array([1.2, 0.0, 0.1]), [Leg(np.array([1.2, 0.0, 0.05]), 0.1)], 0.0)
 
 
 @pytest.mark.parametrize("place", [(0.42, -0.13), (0.42, 0.3), (0.5, -0.14), (0.6, 0.0)])
@@ -106,8 +107,8 @@ def test_a_touch_finds_the_arm_no_stiffer_for_what_it_did_before(place):
     """The elbow stays over the line from the base to the tip; aside, 8 mm below a surface press with 113 N."""
     q, elsewhere = NOMINAL.ready, [np.array([x, y]) for y in (-0.3, 0.3) for x in (0.62, 0.42)]
     for before in elsewhere:
-        q = joined(q, [touch("before", before, 0.0, 0.0)])[-1].positions[-1]
-    made = joined(q, [touch("touch", np.array(place), 0.0, 0.0)])[-1]
+        q = join_segments(q, [touch("before", before, 0.0, 0.0)])[-1].positions[-1]
+    made = join_segments(q, [touch("touch", np.array(place), 0.0, 0.0)])[-1]
     deepest = min(made.positions, key=lambda q: tip_of(q)[2])
     linear = jacobian(deepest)[:3]
     lead = np.array([0.0, 0.0, -DEEPER])
@@ -119,7 +120,7 @@ def test_a_touch_finds_the_arm_no_stiffer_for_what_it_did_before(place):
 @pytest.mark.parametrize("angle", np.linspace(-3, 3, 7))
 def test_an_edge_leads(angle):
     ahead = np.array([np.cos(angle), np.sin(angle)])
-    along = (CORNERS @ upright(leading_yaw(ahead)).T)[:, :2] @ ahead
+    along = (CORNERS @ upright_rotation(leading_yaw(ahead)).T)[:, :2] @ ahead
     assert along.max() == pytest.approx(np.linalg.norm(CORNERS[0, :2]), abs=1e-9)
 
 
@@ -140,13 +141,13 @@ def test_scene_effects_are_read_back_and_carried(tmp_path):
 
 def touched(height, families):
     """Plans of a suite over a table at `height` m, on which the tip stops."""
-    generator, lowest = task_suite(BUMP, Situation(NOMINAL.ready, LAIN), families), None
+    generator, lowest = task_suite(BUMP, SuiteState(NOMINAL.ready, LAIN), families), None
     plan = next(generator)
     while plan:
         yield plan
         lowest = max(min(tip_of(q)[2] for q in plan[-1].positions), height)
         try:
-            plan = generator.send(Situation(plan[-1].positions[-1], LAIN, lowest))
+            plan = generator.send(SuiteState(plan[-1].positions[-1], LAIN, lowest))
         except StopIteration:
             return
 
@@ -169,7 +170,7 @@ def test_a_pushed_face_is_met_by_the_pads_edge_alone(angle):
     """Down to `EDGE` below the object's top, no part of a finger is ahead of the edge that leads."""
     ahead, turn = (
         np.array([np.cos(angle), np.sin(angle), 0.0]),
-        upright(leading_yaw(np.array([np.cos(angle), np.sin(angle)]))),
+        upright_rotation(leading_yaw(np.array([np.cos(angle), np.sin(angle)]))),
     )
     shaft, slide = FLAT_HAND.shaft, BEYOND - FLAT_HAND.tip.centre[2] - FLAT_HAND.tip.half_size[2]
     for side in (-1.0, 1.0):
@@ -185,9 +186,9 @@ def test_a_pushed_face_is_met_by_the_pads_edge_alone(angle):
 
 def test_an_object_at_the_edge_of_its_room_is_first_pushed_to_where_more_sides_have_some():
     edge = Pose(np.array([0.5, -0.195, 0.045]), yaw_quaternion(np.asarray(0.2)))
-    lain, room = Lain.of(BUMP, edge), Room(BUMP, CAMERA)
+    lain, room = RestingObject.of(BUMP, edge), Workspace(BUMP, CAMERA)
     before = len(sides_with_room(room, lain, SLOW))
-    plan = next(task_suite(BUMP, Situation(NOMINAL.ready, edge), ["push"]))[-1]
+    plan = next(task_suite(BUMP, SuiteState(NOMINAL.ready, edge), ["push"]))[-1]
     tips = np.array([tip_of(q) for q in plan.positions])
     low = tips[tips[:, 2] < tips[:, 2].min() + 1e-3]
     way = low[np.linalg.norm(low - low[0], axis=1).argmax()] - low[0]
@@ -214,12 +215,12 @@ def test_a_joint_that_rested_in_the_run_up_does_not_feign_a_force():
     excess = np.zeros((rows, 7))
     excess[:20, 4:6], excess[20:, 4:6] = -0.1, 0.1
     tip = forward_kinematics(q)[0]
-    moved = Motion(np.arange(rows) / 50, q, speed, excess, tip, forward_kinematics(q)[1], 0 * tip)
+    moved = ArmMotion(np.arange(rows) / 50, q, speed, excess, tip, forward_kinematics(q)[1], 0 * tip)
     free = np.arange(20)
-    told = forces(moved, moved.free(free), tip, NOMINAL, moved.turning(free))[20:]
-    naive = forces(moved, moved.free(free), tip)[20:]
+    told = tip_forces(moved, moved.free(free), tip, NOMINAL, moved.turning(free))[20:]
+    naive = tip_forces(moved, moved.free(free), tip)[20:]
     assert np.abs(told).max() < 0.4 * np.abs(naive).max()
-    wide, narrow = (force_covariance(moved, tip, NOMINAL, known)[20:] for known in (moved.turning(free), None))
+    wide, narrow = (tip_force_covariance(moved, tip, NOMINAL, known)[20:] for known in (moved.turning(free), None))
     assert np.trace(wide[0]) > 1.5 * np.trace(narrow[0])
 
 
@@ -229,7 +230,7 @@ def readings(table=1.0, mass=1.0, finger=1.0, kinds=("drag", "push", "scrape"), 
     made = [("drag", n, mu * (n + weight)) for n in (1.0, 3.0, 5.0, 9.0, 14.0)]
     made += [("push", 0.0, mu * weight)] * 4 + [("scrape", 6.0, finger * 6.0)]
     return [
-        Reading(f"{kind}_{k}", kind, force + 0.03 * rng.standard_normal(), normal, 0.0, 0.04 + 0.01 * force)
+        ForceReading(f"{kind}_{k}", kind, force + 0.03 * rng.standard_normal(), normal, 0.0, 0.04 + 0.01 * force)
         for k, (kind, normal, force) in enumerate(made)
         if kind in kinds
     ]
@@ -237,7 +238,7 @@ def readings(table=1.0, mass=1.0, finger=1.0, kinds=("drag", "push", "scrape"), 
 
 def slips(finger, pressed):
     return [
-        Reading(f"slip_{k}", "drag", finger * n, n, 0.0, 0.04, "drags", 0.03, follows=0.03)
+        ForceReading(f"slip_{k}", "drag", finger * n, n, 0.0, 0.04, "drags", 0.03, follows=0.03)
         for k, n in enumerate(pressed)
     ]
 
@@ -252,8 +253,8 @@ def pulled(pull, seed=1):
 
 
 def test_an_object_that_something_pulls_is_unexplained_and_the_pull_is_told():
-    assert all(judge(pulled((0.0, 0.0), seed), BELIEVED).verdict == "no_gap" for seed in range(6))
-    found = judge(pulled((-0.3, 0.2)), BELIEVED)
+    assert all(estimate_friction_and_mass(pulled((0.0, 0.0), seed), BELIEVED).verdict == "no_gap" for seed in range(6))
+    found = estimate_friction_and_mass(pulled((-0.3, 0.2)), BELIEVED)
     assert found.verdict == "unexplained" and "pulls the object by -0.3" in found.doubt
 
 
@@ -268,8 +269,8 @@ def test_what_pulls_an_object_down_at_one_place_is_no_mass():
             for k, (one, place) in enumerate(zip(made, places))
         ]
 
-    assert all(judge(pulled_down(0.0, seed), BELIEVED).verdict == "no_gap" for seed in range(6))
-    found = judge(pulled_down(1.5, 1), BELIEVED)
+    assert all(estimate_friction_and_mass(pulled_down(0.0, seed), BELIEVED).verdict == "no_gap" for seed in range(6))
+    found = estimate_friction_and_mass(pulled_down(1.5, 1), BELIEVED)
     assert found.verdict == "unexplained" and "more at one place than at another" in found.doubt
 
 
@@ -278,19 +279,22 @@ def tapped(slowed, seed):
     rng, time = np.random.default_rng(seed), np.arange(0.0, 0.15, 0.002)
     speed = 0.35 * np.clip((0.1 - time) / 0.04, 0.0, 1.0)
     way = np.cumsum(speed) * 0.002
-    reached = -Slide("", way, speed, 0.0).short(slowed)
-    return [Slide(f"tap_{k}", way, speed, -reached + 5e-4 * rng.standard_normal()) for k in (1, 2)]
+    reached = -TapSlide("", way, speed, 0.0).short(slowed)
+    return [TapSlide(f"tap_{k}", way, speed, -reached + 5e-4 * rng.standard_normal()) for k in (1, 2)]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_heavier_object_slides_as_far_and_one_that_is_pulled_down_does_not(seed):
     by_weight = BELIEVED.table * 9.81
-    heavier = judge(readings(mass=1.7), BELIEVED, tapped(by_weight, seed))
+    heavier = estimate_friction_and_mass(readings(mass=1.7), BELIEVED, tapped(by_weight, seed))
     assert heavier.verdict == "identified" and [one.effect for one in heavier.explained.named] == ["object_mass"]
-    assert slows(tapped(by_weight, seed)) == pytest.approx(by_weight, rel=0.1)
-    held = judge(readings(mass=1.7), BELIEVED, tapped(1.7 * by_weight, seed))
+    assert fit_deceleration(tapped(by_weight, seed)) == pytest.approx(by_weight, rel=0.1)
+    held = estimate_friction_and_mass(readings(mass=1.7), BELIEVED, tapped(1.7 * by_weight, seed))
     assert held.verdict == "unexplained" and "are no weight" in held.doubt
-    assert judge(readings(mass=1.7), BELIEVED, tapped(1.7 * by_weight, seed)[:1]).verdict == "identified"
+    assert (
+        estimate_friction_and_mass(readings(mass=1.7), BELIEVED, tapped(1.7 * by_weight, seed)[:1]).verdict
+        == "identified"
+    )
 
 
 @pytest.mark.parametrize(
@@ -298,7 +302,7 @@ def test_a_heavier_object_slides_as_far_and_one_that_is_pulled_down_does_not(see
     [({"table": 1.4}, "table_friction"), ({"mass": 1.5}, "object_mass")],
 )
 def test_forces_name_what_changed_and_predict_what_was_left_out(change, effect):
-    found = judge(readings(**change), BELIEVED)
+    found = estimate_friction_and_mass(readings(**change), BELIEVED)
     assert found.verdict == "identified" and [one.effect for one in found.explained.named] == [effect]
     (size,) = found.explained.named[0].sizes.values()
     assert size.low <= np.log(*change.values()) <= size.high
@@ -306,31 +310,31 @@ def test_forces_name_what_changed_and_predict_what_was_left_out(change, effect):
 
 
 def test_nothing_is_named_where_nothing_changed():
-    verdicts = [judge(readings(seed=seed), BELIEVED).verdict for seed in range(20)]
+    verdicts = [estimate_friction_and_mass(readings(seed=seed), BELIEVED).verdict for seed in range(20)]
     assert verdicts.count("no_gap") >= 19
 
 
 def test_pushes_alone_hold_friction_and_mass_as_one():
-    found = judge(readings(mass=1.6, kinds=("push",)), BELIEVED)
+    found = estimate_friction_and_mass(readings(mass=1.6, kinds=("push",)), BELIEVED)
     assert found.verdict == "ambiguous"
     (one,) = found.explained.named
     assert {one.effect, *one.rivals} == {"table_friction", "object_mass"}
 
 
 def test_too_few_readings_say_nothing():
-    assert judge(readings()[:2], BELIEVED).verdict == "undetermined"
+    assert estimate_friction_and_mass(readings()[:2], BELIEVED).verdict == "undetermined"
 
 
 def test_what_is_not_measured_is_unseen():
     spread = np.array(THRESHOLDS.touching.height)
-    measured = Measured(("a",), np.zeros(1), np.eye(1), spread[:1], spread[1:], {"x": ("a",)})
-    found = explain(measured)
+    measured = MeasuredChanges(("a",), np.zeros(1), np.eye(1), spread[:1], spread[1:], {"x": ("a",)})
+    found = compare_hypotheses(measured)
     assert found.verdict == "undetermined" and found.unseen == ("a",)
 
 
 @pytest.mark.parametrize("finger", [0.4, 0.6])
 def test_strokes_that_slip_in_one_proportion_are_the_fingertips(finger):
-    found = judge(readings() + slips(finger, (1.2, 4.3)), BELIEVED)
+    found = estimate_friction_and_mass(readings() + slips(finger, (1.2, 4.3)), BELIEVED)
     assert found.verdict == "identified" and [one.effect for one in found.explained.named] == ["gripper_friction"]
     value, low, high = found.measured["finger"]
     assert low <= finger <= high and high - low < 0.3 * finger
@@ -339,16 +343,16 @@ def test_strokes_that_slip_in_one_proportion_are_the_fingertips(finger):
 def test_a_weak_stroke_is_not_asked_to_agree_better_than_it_can():
     strong = slips(0.48, (3.2, 5.1, 6.3))
     weak = [replace(one, force=0.56 * one.normal, deviation=0.05) for one in slips(0.48, (1.1,))]
-    found = judge(readings() + strong + weak, BELIEVED)
+    found = estimate_friction_and_mass(readings() + strong + weak, BELIEVED)
     assert [one.effect for one in found.explained.named] == ["gripper_friction"]
     sure = [replace(one, force=0.62 * one.normal) for one in slips(0.48, (8.0,))]
-    assert "finger" not in judge(readings() + strong + sure, BELIEVED).measured
+    assert "finger" not in estimate_friction_and_mass(readings() + strong + sure, BELIEVED).measured
 
 
 def test_strokes_that_hop_or_one_that_slips_say_no_fingertip():
     hopped = [replace(one, force=ratio * one.normal) for one, ratio in zip(slips(1.0, (1.2, 4.3)), (0.8, 0.5))]
     for seen in (hopped, slips(0.5, (4.3,))):
-        found = judge(readings() + seen, BELIEVED)
+        found = estimate_friction_and_mass(readings() + seen, BELIEVED)
         assert found.verdict == "no_gap" and "finger" not in found.measured and "finger" in found.explained.unseen
 
 
@@ -356,7 +360,7 @@ def test_an_object_that_lags_and_a_face_that_is_held_down_do_not_feign_a_mass():
     held = [replace(r, normal=0.4, force=BELIEVED.table * (0.4 + WEIGHT)) for r in readings() if r.kind == "push"]
     lags = [replace(r, follows=0.5, force=0.7 * r.force) for r in readings() if r.kind == "drag" and r.normal < 4]
     strong = [r for r in readings() if r.kind == "drag" and r.normal > 4]
-    assert judge(held + lags + strong, BELIEVED).verdict == "no_gap"
+    assert estimate_friction_and_mass(held + lags + strong, BELIEVED).verdict == "no_gap"
 
 
 def test_intervals_hold_where_forces_share_errors():
@@ -368,7 +372,7 @@ def test_intervals_hold_where_forces_share_errors():
         made = readings(table * law, mass, seed=seed, kinds=("drag", "push"))
         groups = [0 if r.kind == "drag" else 1 + k % 2 for k, r in enumerate(made)]
         made = [replace(r, group=str(g), force=r.force + shared[g]) for r, g in zip(made, groups)]
-        found = judge(made, BELIEVED).measured
+        found = estimate_friction_and_mass(made, BELIEVED).measured
         for name, true in (("table", table * BELIEVED.table), ("mass", mass * BELIEVED.mass)):
             held[name] += found[name][1] <= true <= found[name][2]
     assert min(held.values()) >= 54
@@ -380,7 +384,7 @@ def test_strokes_that_a_tip_of_their_proportion_would_have_led_say_that_it_hops(
     strong = [replace(one, force=0.5 * one.normal, follows=0.7) for one in slips(0.62, (3.7, 5.5))]
     weight = BELIEVED.mass * 9.81
     led = [replace(one, force=BELIEVED.table * (one.normal + weight), follows=0.95) for one in strong]
-    hopped, true = (judge(readings() + weak + more, BELIEVED) for more in (strong, led))
+    hopped, true = (estimate_friction_and_mass(readings() + weak + more, BELIEVED) for more in (strong, led))
     assert "finger" not in hopped.measured and not [n for n in hopped.explained.named if n.effect == "gripper_friction"]
     assert true.measured["finger"][0] == pytest.approx(0.62, rel=0.05)
 
@@ -389,9 +393,9 @@ def test_a_tip_that_leads_the_object_nowhere_slips_whatever_pushes_say_of_the_ta
     """Without a drag that leads the object, table and mass are one product, here .32 and 183 g for .39 and 144 g: such a tip would lead it."""
     nowhere = slips(0.42, (1.3, 1.9, 3.4, 5.2, 9.8, 16.8))
     partly = [replace(one, follows=0.5) for one in nowhere]
-    assert hops(partly, 0.42, 0.32, 0.183) and not hops(nowhere, 0.42, 0.32, 0.183)
+    assert tip_hops(partly, 0.42, 0.32, 0.183) and not tip_hops(nowhere, 0.42, 0.32, 0.183)
 
 
 def test_a_scrape_says_what_the_fingertip_holds_at_least():
-    found = judge(readings(finger=0.7, kinds=("push", "scrape")), BELIEVED)
+    found = estimate_friction_and_mass(readings(finger=0.7, kinds=("push", "scrape")), BELIEVED)
     assert found.verdict == "no_gap" and 0.6 < found.least_finger < 0.72

@@ -8,9 +8,9 @@ import yaml
 from scipy.signal import lfilter
 from sim2real.effects.patch import load_patch
 from sim2real.recordings.reading import ContractViolation
-from sim2real.task.findings import document
-from sim2real.task.scatter import scatter
-from sim2real.task.track import Track, rests
+from sim2real.task.keypoint_noise import estimate_keypoint_noise
+from sim2real.task.keypoint_track import KeypointTrack, find_rests
+from sim2real.task.noise_effects import document
 from sim2real.thresholds import THRESHOLDS
 
 from np_description.camera import CAMERA
@@ -44,7 +44,7 @@ def record(rng, spread=1.0, memory=0.0, share=0.0, size=20.0, repeated=0.0, **op
     pixels = np.where(gross[..., None], pixels + size * rng.standard_normal(pixels.shape), pixels + noise)
     held = np.maximum.accumulate(np.where(rng.random(len(time)) < repeated, 0, np.arange(len(time))))
     usable = rng.random(pixels.shape[:2]) > 0.03
-    return Track("made", time, pixels[held], usable[held])
+    return KeypointTrack("made", time, pixels[held], usable[held])
 
 
 def holds(value, truth):
@@ -57,7 +57,7 @@ def test_it_rests_where_it_is_not_pushed(spread, share):
         _, _, moving = motion(np.random.default_rng(seed))
         track = record(np.random.default_rng(seed), spread, 0.3, share)
         resting = np.zeros(len(moving), bool)
-        for rest in rests(track):
+        for rest in find_rests(track):
             resting[rest] = True
         assert resting.mean() > 0.35
         # What is pushed by less than corners scatter may be passed over.
@@ -75,7 +75,7 @@ def test_intervals_hold(memory):
             spread=rng.uniform(0.4, 2.5), memory=memory, share=rng.uniform(0.02, 0.12), size=rng.uniform(15, 30)
         )
         truth["repeated"] = rng.uniform(0.0, 0.2)
-        found = scatter(record(rng, **truth))
+        found = estimate_keypoint_noise(record(rng, **truth))
         held += [holds(getattr(found, name), truth[name]) for name in names]
         assert abs(found.memory.value - memory) < 0.2
         assert abs(found.spread.value / truth["spread"] - 1) < 0.25
@@ -83,40 +83,40 @@ def test_intervals_hold(memory):
 
 
 def test_without_gross_errors_none_are_found():
-    found = [scatter(record(np.random.default_rng(seed), 1.2, 0.4)) for seed in range(20)]
+    found = [estimate_keypoint_noise(record(np.random.default_rng(seed), 1.2, 0.4)) for seed in range(20)]
     assert sum(f.share.value > 0 for f in found) <= 1
     assert np.median([f.memory.value for f in found]) == pytest.approx(0.4, abs=0.03)
 
 
 def test_where_nothing_scatters_repeats_are_told_by_motion_alone():
     rng = np.random.default_rng(5)
-    found = scatter(record(rng, spread=0.0, repeated=0.15))
+    found = estimate_keypoint_noise(record(rng, spread=0.0, repeated=0.15))
     assert found.spread.value <= THRESHOLDS.scatter.finest and holds(found.repeated, 0.15)
-    assert scatter(record(rng, spread=0.0, moves=0)).repeated is None
+    assert estimate_keypoint_noise(record(rng, spread=0.0, moves=0)).repeated is None
 
 
 def test_what_is_no_recording_is_refused_in_words():
     track = record(np.random.default_rng(1))
     with pytest.raises(ContractViolation, match="keypoints .* of 30 images or more, got 5 stamps"):
-        Track("short", track.time[:5], track.pixels[:5], track.usable[:5])
+        KeypointTrack("short", track.time[:5], track.pixels[:5], track.usable[:5])
     with pytest.raises(ContractViolation, match="stamps that increase.* in image 1"):
-        Track("late", track.time[::-1], track.pixels, track.usable)
+        KeypointTrack("late", track.time[::-1], track.pixels, track.usable)
     with pytest.raises(ContractViolation, match="finite"):
-        Track("nan", track.time, np.where(track.pixels > 100, np.nan, track.pixels), np.ones_like(track.usable))
+        KeypointTrack("nan", track.time, np.where(track.pixels > 100, np.nan, track.pixels), np.ones_like(track.usable))
     whirl = 90 * np.sin(2 * track.time)[:, None, None] + track.pixels
     with pytest.raises(ContractViolation, match="rests for 1.5 s in all, got"):
-        scatter(Track("whirl", track.time, whirl, track.usable))
+        estimate_keypoint_noise(KeypointTrack("whirl", track.time, whirl, track.usable))
 
 
 def test_what_is_beyond_its_limit_is_named_as_a_patch_takes_it(tmp_path):
     rng = np.random.default_rng(8)
-    found = document(scatter(record(rng, 2.0, 0.5, 0.08, repeated=0.1)))
+    found = document(estimate_keypoint_noise(record(rng, 2.0, 0.5, 0.08, repeated=0.1)))
     (tmp_path / "patch.yaml").write_text(yaml.safe_dump({"effects": found["effects"]}))
     patch = load_patch(tmp_path / "patch.yaml")
     assert {e.effect for e in patch.effects} == {"keypoint_noise", "keypoint_outliers", "frame_drop"}
     assert "Corners scatter by 2.0" in found["sentences"][0]
-    small = document(scatter(record(rng, 0.1, share=0.15, size=0.6)))
+    small = document(estimate_keypoint_noise(record(rng, 0.1, share=0.15, size=0.6)))
     assert small["share"]["low"] > 0.05 and small["effects"] == []  # a long tail that harms nobody
-    quiet = document(scatter(record(rng, 0.2)))
+    quiet = document(estimate_keypoint_noise(record(rng, 0.2)))
     assert quiet["effects"] == [] and "where they are" in quiet["sentences"][0]
     assert json.loads(json.dumps(quiet))["spread"]["high"] < 0.25

@@ -4,15 +4,15 @@ from functools import cache
 
 import numpy as np
 import pytest
-from sim2real.excitation.contact_suite.contacts import SWAY, SWAYS, sway
-from sim2real.excitation.contact_suite.path import OutOfReach, Swing, segment, tip_of
-from sim2real.excitation.contact_suite.room import Lain, Room
-from sim2real.excitation.contact_suite.suite import Situation, task_suite
+from sim2real.excitation.contact_suite.contact_motions import SWAY, SWAYS, sway
+from sim2real.excitation.contact_suite.suite import SuiteState, task_suite
+from sim2real.excitation.contact_suite.tip_path import Oscillation, OutOfReach, make_segment, tip_of
+from sim2real.excitation.contact_suite.workspace import RestingObject, Workspace
 from sim2real.recordings.signals import Log
-from sim2real.task.suite.lag import lag
+from sim2real.task.keypoint_track import KeypointTrack
+from sim2real.task.suite.image_latency import estimate_image_latency
+from sim2real.task.suite.oscillating_push import find_oscillating_pushes
 from sim2real.task.suite.recording import TaskRecording, spans_of
-from sim2real.task.suite.sway import swayed
-from sim2real.task.track import Track
 
 from np_common.rotations import yaw_quaternion
 from np_description.camera import CAMERA
@@ -26,7 +26,7 @@ TALL = Pose(np.array([0.5, -0.14, 0.045]), LAIN.quaternion)
 
 
 def planned(domain, pose):
-    generator = task_suite(domain, Situation(NOMINAL.ready, pose), ["sway"])
+    generator = task_suite(domain, SuiteState(NOMINAL.ready, pose), ["sway"])
     return next(generator)[-1]
 
 
@@ -56,12 +56,14 @@ def recorded(late=0.0, follows=1.0, behind=0.0, noise=0.15, seed=1):
     pixels = CAMERA.project(np.array(corners))[0] + noise * rng.standard_normal((len(time), 8, 2))
     phases = ((0.0, PhaseState(EXCITE, experiment="sway")),)
     log = Log("made", state, joints, 0 * joints, 0 * joints, state, False, phases=phases)
-    return TaskRecording(log, Track("made", time, pixels, np.ones((len(time), 8), bool)), 0.0, CARD, spans_of(log))
+    return TaskRecording(
+        log, KeypointTrack("made", time, pixels, np.ones((len(time), 8), bool)), 0.0, CARD, spans_of(log)
+    )
 
 
 def test_a_swing_is_a_sinusoid_that_begins_and_ends_at_rest():
     begin, way = np.array([0.5, 0.1, 0.13]), np.array([0.012, 0.0, 0.0])
-    made = segment("swing", begin, [Swing(way, 1.6, 4, rest=0.5)], 0.0)
+    made = make_segment("swing", begin, [Oscillation(way, 1.6, 4, rest=0.5)], 0.0)
     along = np.array([tip_of(q)[0] for q in made.positions]) - begin[0]
     time = made.times
     whole = (time > 0.9) & (time < 5.5)
@@ -81,13 +83,13 @@ def test_an_object_that_would_rock_is_not_swayed():
     with pytest.raises(StopIteration):
         planned(BUMP, TALL)
     with pytest.raises(OutOfReach, match="would rock"):
-        sway("sway", Lain.of(BUMP, TALL), Room(BUMP, CAMERA), 0.09)
+        sway("sway", RestingObject.of(BUMP, TALL), Workspace(BUMP, CAMERA), 0.09)
 
 
 @pytest.mark.parametrize("late", [0.0, 0.12])
 def test_a_sway_tells_the_delay_by_itself(late):
     made = recorded(late)
-    (only,), found = swayed(made), lag(made)
+    (only,), found = find_oscillating_pushes(made), estimate_image_latency(made)
     assert only.counts >= SWAYS[1] - 1
     assert found.late.value == pytest.approx(late, abs=0.004) and found.late.high - found.late.low < 0.025
     assert found.verdict == ("ambiguous" if late else "no_gap")
@@ -95,17 +97,17 @@ def test_a_sway_tells_the_delay_by_itself(late):
 
 def test_an_object_that_goes_along_by_half_says_no_delay():
     made = recorded(follows=0.5)
-    assert swayed(made) == () and lag(made).verdict == "undetermined"
+    assert find_oscillating_pushes(made) == () and estimate_image_latency(made).verdict == "undetermined"
 
 
 @pytest.mark.parametrize(("behind", "late"), [(0.0003, 0.04), (0.001, 0.0)])
 def test_an_object_that_stays_behind_where_the_tip_turns_back_is_not_taken_for_one_that_is_late(behind, late):
     """A millimetre of play looks like 30 ms in a sinusoid's phase."""
-    found = lag(recorded(late, behind=behind))
+    found = estimate_image_latency(recorded(late, behind=behind))
     assert found.late.low <= late <= found.late.high and abs(found.late.value - late) < 0.008
 
 
 def test_a_recording_of_before_has_none():
     made = recorded()
     old = TaskRecording(made.log, made.track, 0.0, CARD, {"push_1": made.spans["sway"]})
-    assert swayed(old) == ()
+    assert find_oscillating_pushes(old) == ()

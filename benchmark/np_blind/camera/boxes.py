@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from sim2real.task.camera.places import Place
+from sim2real.task.camera.rest_poses import RestPose
 
 from np_blind.camera.film import SIGNS
 from np_description.domains import CARD, Domain
@@ -103,7 +103,7 @@ def pixels(truth: Truth, corners: np.ndarray) -> np.ndarray:
     return np.column_stack([focal * x * radial + 111.5 + truth.offset[0], focal * y * radial + 111.5 + truth.offset[1]])
 
 
-def places(case: Case, rng: np.random.Generator) -> list[Place]:
+def places(case: Case, rng: np.random.Generator) -> list[RestPose]:
     """The object put down at random, where all of it is in the picture. Raises ValueError where it never is."""
     found = []
     for number in range(case.count):
@@ -148,7 +148,7 @@ def put_down(case: Case, truth: Truth, rng: np.random.Generator) -> tuple[np.nda
 
 def _seen(
     case: Case, name: str, seen: np.ndarray, position: np.ndarray, turn: Rotation, rng: np.random.Generator
-) -> Place:
+) -> RestPose:
     d = case.detector
     off = (
         d.own * rng.standard_normal((8, 2))
@@ -160,4 +160,4 @@ def _seen(
     if d.measured:
         tipped = Rotation.from_rotvec(d.measured[1] * rng.standard_normal(3)) * turn
         pose = {"position": position + d.measured[0] * rng.standard_normal(3), "rotation": tipped.as_matrix()}
-    return Place(name, seen + off, error, case.domain, **pose)
+    return RestPose(name, seen + off, error, case.domain, **pose)

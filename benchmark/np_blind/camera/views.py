@@ -21,7 +21,7 @@ from np_common.cli import Parser, Progress
 from np_description.domains import BUMP, CARD
 
 if TYPE_CHECKING:
-    from sim2real.task.camera.view import View
+    from sim2real.task.camera.diagnosis import CameraDiagnosis
 
 LIMITS = {
     "camera_place": ("camera", 3, 0.002),
@@ -66,7 +66,7 @@ UNKNOWN = ("moved", "dented", "wild")
 
 def row(kind: str, seed: int, number: int, measured: bool) -> dict:
     """One case: what was true, and what was found."""
-    from sim2real.task.camera.view import view  # slow: no --help should wait for it
+    from sim2real.task.camera.diagnosis import diagnose_camera  # slow: no --help should wait for it
 
     rng = np.random.default_rng([seed, number, list(KINDS).index(kind), measured])
     gap, more = KINDS[kind](rng)
@@ -78,7 +78,7 @@ def row(kind: str, seed: int, number: int, measured: bool) -> dict:
     case = Case(gap + usual(rng), detector, domain, int(rng.integers(6, 12)), **more)
     made = places(case, rng)
     begun = time.perf_counter()
-    found = view(made)
+    found = diagnose_camera(made)
     return {
         "kind": kind,
         "measured": measured,
@@ -88,7 +88,7 @@ def row(kind: str, seed: int, number: int, measured: bool) -> dict:
     }
 
 
-def _judged(kind: str, gap: Truth, truth: Truth, found: View) -> dict:
+def _judged(kind: str, gap: Truth, truth: Truth, found: CameraDiagnosis) -> dict:
     ids = {effect: set(EFFECTS[effect].ids) for effect in EFFECTS}
     named = [{one.effect, *one.rivals} for one in found.named]
     true = {e for e, (field, _, _) in LIMITS.items() if np.any(np.asarray(getattr(gap, field)))}

@@ -8,16 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 from sim2real.effects.patch import Patch
 from sim2real.effects.view_effects import ViewEffects
-from sim2real.task.camera.places import places
-from sim2real.task.contact_force.stage import Believed
-from sim2real.task.object_motion.given import Given, given
-from sim2real.task.object_motion.stage import errors, share
+from sim2real.task.camera.rest_poses import find_rest_poses
+from sim2real.task.contact_force.fit import NominalContact
+from sim2real.task.diagnosis import TaskDiagnosis, TaskRecordings, diagnose_task, make_patch
+from sim2real.task.findings import module_of
+from sim2real.task.object_motion.patch_check import CheckedPatch, withhold_harmful_effects
+from sim2real.task.object_motion.prediction import prediction_errors, removed_share
 from sim2real.task.object_motion.windows import FAMILIES
-from sim2real.task.suite.covered import uncovered
+from sim2real.task.suite.object_pose import camera_over_table, pose_between
+from sim2real.task.suite.occlusion import mask_occluded_keypoints
 from sim2real.task.suite.recording import TaskRecording
-from sim2real.task.suite.seen import over, pose_between
-from sim2real.task.together.claims import module_of
-from sim2real.task.together.whole import Seen, Whole, diagnose, patch
 
 from np_blind.chain.baselines.at_once import at_once
 from np_blind.chain.cases import Case
@@ -32,13 +32,13 @@ FELT_FIRST = "touch_object"  # so that drags press as they should
 def answer(case: Case, seed: int) -> dict:
     """A case made, asked and judged."""
     begun = time.perf_counter()
-    recording = uncovered(recorded(case, seed))
+    recording = mask_occluded_keypoints(recorded(case, seed))
     fresh = recorded(case, seed + HELD_OUT, (FELT_FIRST, *FAMILIES))
     made = time.perf_counter()
-    rests = tuple(place for place, _ in places(recording.track, recording.domain))
-    found = diagnose(Seen((recording,), (recording.track,), rests))
+    rests = tuple(place for place, _ in find_rest_poses(recording.track, recording.domain))
+    found = diagnose_task(TaskRecordings((recording,), (recording.track,), rests))
     asked = time.perf_counter()
-    kept = given([recording], patch(found))
+    kept = withhold_harmful_effects([recording], make_patch(found))
     moved = motion(case, found, kept, [fresh])
     done = time.perf_counter()
     took = {"made_s": made - begun, "asked_s": asked - made, "moved_s": done - asked}
@@ -77,7 +77,7 @@ def pulls(case: Case, place: Sequence[float]) -> tuple[float, float, float] | No
 MAGNET = 0.05  # m from a magnet at which its pull is half
 
 
-def judged(case: Case, found: Whole) -> dict:
+def judged(case: Case, found: TaskDiagnosis) -> dict:
     """What is right about an answer."""
     claims = [claim for row in found.rows for claim in row.claims]
     named = [sorted({one for way in claim.ways for one in way.ids}) for claim in claims]
@@ -103,18 +103,18 @@ def judged(case: Case, found: Whole) -> dict:
     }
 
 
-def motion(case: Case, found: Whole, kept: Given, fresh: Sequence[TaskRecording]) -> dict:
+def motion(case: Case, found: TaskDiagnosis, kept: CheckedPatch, fresh: Sequence[TaskRecording]) -> dict:
     """px by which corners are seen off their prediction, mean over the windows of recordings that no stage has heard: as believed, with the
     patch that is given, with all that is true, and with everything that was measured, named or not. Empty without a window."""
     tried = {"believed": Patch(), "patch": kept.patch, "truth": case.patch, "at_once": at_once(found).patch}
     off: dict[str, np.ndarray] = {}
     for name, one in tried.items():  # what is the same is simulated once
         same = next((other for other in off if tried[other] == one), None)
-        off[name] = errors(fresh, one) if same is None else off[same]
+        off[name] = prediction_errors(fresh, one) if same is None else off[same]
     known = np.all([np.isfinite(values) for values in off.values()], axis=0)
     if not known.any():
         return {}
-    removed = share(off["believed"][known], off["patch"][known])
+    removed = removed_share(off["believed"][known], off["patch"][known])
     return {
         "windows": int(known.sum()),
         "lost": int((~known).sum()),
@@ -126,15 +126,17 @@ def motion(case: Case, found: Whole, kept: Given, fresh: Sequence[TaskRecording]
 def _shown_off(recording: TaskRecording, patch: Patch) -> list[float]:
     """m (x, y) by which the true camera shows the object's middle elsewhere than it is, where it rests at first."""
     lift = patch.scene_change().lift
-    place = pose_between(recording, recording.seen_from, recording.seen_from + 1.0, over(CAMERA, lift)).position
+    place = pose_between(
+        recording, recording.seen_from, recording.seen_from + 1.0, camera_over_table(CAMERA, lift)
+    ).position
     place = np.array([*place[:2], lift + BUMP.half_size[2]])
     shown = CAMERA.at_height(CAMERA.rays(ViewEffects(patch).camera.project(place[None])[0]), place[2])
     return (np.asarray(shown).ravel()[:2] - place[:2]).tolist()
 
 
-def _intervals(case: Case, found: Whole) -> dict[str, dict]:
+def _intervals(case: Case, found: TaskDiagnosis) -> dict[str, dict]:
     """Every number that was measured beside the truth, its background included."""
-    patch, believed = case.patch, Believed.of(BUMP)
+    patch, believed = case.patch, NominalContact.of(BUMP)
     change = patch.scene_change()
     truths = {
         "table": believed.table * change.table,

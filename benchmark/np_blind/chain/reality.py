@@ -8,14 +8,14 @@ from typing import Protocol
 import numpy as np
 from sim2real.effects.patch import Patch
 from sim2real.effects.view_effects import ViewEffects
-from sim2real.excitation.contact_suite.path import still
-from sim2real.excitation.contact_suite.suite import Situation, task_suite
-from sim2real.excitation.contact_suite.witness import OutOfPicture, Witness
+from sim2real.excitation.contact_suite.monitor import OutOfPicture, SuiteMonitor
+from sim2real.excitation.contact_suite.suite import SuiteState, task_suite
+from sim2real.excitation.contact_suite.tip_path import rest_segment
 from sim2real.excitation.suite import Segment, end_of, schedule
 from sim2real.recordings.reading import SECOND
 from sim2real.recordings.signals import Commands, Log
+from sim2real.task.keypoint_track import KeypointTrack
 from sim2real.task.suite.recording import TaskRecording, spans_of
-from sim2real.task.track import Track
 from sim2real.thresholds import THRESHOLDS
 
 from np_control.controller import Answer, Controller
@@ -96,14 +96,14 @@ class Reality:
         self._eye = eye or PlainEye(np.asarray((true or domain).half_size), patch, seed)
         self._kept = _Kept()
         self._filter.start(self._simulation.measure().position[:7])
-        self._witness = Witness(domain)
+        self._witness = SuiteMonitor(domain)
         self._note()
 
     def run(self, only: tuple[str, ...] = (), is_cut: bool = False) -> TaskRecording:
         """The suite, or some of its families, and what was recorded of it: up to where the object has left the picture. is_cut: up to where the
         suite's guard ends it, too, which raises RuntimeError else."""
         if not self._witness.has_seen(0):  # an image is ready once its last row is read
-            self._lead([still("transfer", self._simulation.measure().position[:7], FIRST)])
+            self._lead([rest_segment("transfer", self._simulation.measure().position[:7], FIRST)])
         plans = task_suite(self.domain, self._situation(), only)
         plan = next(plans)
         while plan is not None:
@@ -119,7 +119,7 @@ class Reality:
                 plan = None
         return self._recording()
 
-    def _situation(self) -> Situation:
+    def _situation(self) -> SuiteState:
         return self._witness.situation(self._simulation.measure().position[:7])
 
     def _lead(self, plan: list[Segment]) -> None:
@@ -161,7 +161,7 @@ class Reality:
         )
         stamps, found = zip(*self._kept.images)
         seen, found = np.array(stamps) / SECOND, np.array(found)
-        track = Track("task", seen - seen[0], found[..., :2], found[..., 2] >= THRESHOLDS.track.score)
+        track = KeypointTrack("task", seen - seen[0], found[..., :2], found[..., 2] >= THRESHOLDS.track.score)
         return TaskRecording(log, track, float(seen[0]), self.domain, spans_of(log))
 
     def _commands(self) -> Commands:

@@ -11,12 +11,12 @@ from sim2real.excitation.suite import end_of, schedule, suite
 from sim2real.recordings.reading import SECOND
 from sim2real.recordings.signals import Commands, Log
 from sim2real.simulation.patching import tried_patch
-from sim2real.task.camera.places import places
-from sim2real.task.object_motion.given import given
+from sim2real.task.camera.rest_poses import find_rest_poses
+from sim2real.task.diagnosis import TaskRecordings
+from sim2real.task.diagnosis import diagnose_task as diagnose_chain
+from sim2real.task.diagnosis import make_patch as patch_of_chain
+from sim2real.task.object_motion.patch_check import withhold_harmful_effects
 from sim2real.task.suite.recording import TaskRecording
-from sim2real.task.together.whole import Seen
-from sim2real.task.together.whole import diagnose as diagnose_chain
-from sim2real.task.together.whole import patch as patch_of_chain
 
 from np_blind.chain.reality import TORQUE_NOISE, Reality
 from np_control.controller import Controller
@@ -84,10 +84,10 @@ def diagnosis(log: Log | None, tasks: Sequence[TaskRecording]) -> tuple[Patch, d
             verdict, (found, left_out, _) = arm.verdict, tried_patch(arm)
         except ValueError as error:
             verdict = f"refused: {error}"
-    rests = tuple(place for task in tasks for place, _ in places(task.track, task.domain))
-    seen = Seen(tuple(tasks), tuple(task.track for task in tasks), rests)
+    rests = tuple(place for task in tasks for place, _ in find_rest_poses(task.track, task.domain))
+    seen = TaskRecordings(tuple(tasks), tuple(task.track for task in tasks), rests)
     chain = diagnose_chain(seen, panda=found.panda())
-    kept = given(tasks, patch_of_chain(chain), panda=found.panda())
+    kept = withhold_harmful_effects(tasks, patch_of_chain(chain), panda=found.panda())
     told = {
         "arm": verdict,
         "chain": chain.verdict,

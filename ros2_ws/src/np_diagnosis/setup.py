@@ -20,7 +20,7 @@ setup(
     entry_points={
         "console_scripts": [
             "diagnose = sim2real.cli.diagnose:main",
-            "diagnose_task = sim2real.cli.chain:main",
+            "diagnose_task = sim2real.cli.diagnose_task:main",
             "excite = np_diagnosis.commands.excite:main",
         ],
     },

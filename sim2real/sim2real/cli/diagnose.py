@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from np_common.cli import Parser
-from sim2real.cli.answers import refuse
+from sim2real.cli.results import report_violation
 
 if TYPE_CHECKING:  # what is slow to import comes after the options are read
     from sim2real.arm.model import Arm
@@ -153,7 +153,7 @@ def main(arguments: list[str] | None = None) -> int:
         taken = (excerpts(part) if options.quick and part else part for part in (logs, before))
         diagnosis = diagnose(next(taken), arm, quick=options.quick, reference=next(taken), tell=progress.begin)
     except ContractViolation as violation:
-        return refuse(violation)
+        return report_violation(violation)
     except ValueError as error:
         print(f"diagnose: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))

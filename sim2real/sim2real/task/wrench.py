@@ -17,7 +17,7 @@ FORCE = THRESHOLDS.contact_force
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ArmMotion:
     """A stretch of a recording at `FORCE.rate` rows a second. time (n,) s; position (n, 7) rad, velocity (n, 7) rad/s; excess (n, 7) Nm:
     torque of the drives beyond inertia, friction and damping of the arm; tip (n, 3) m: middle of the fingertips' end; turn (n, 3, 3)
     of the hand; moves (n, 3) m/s of the tip."""
@@ -43,7 +43,7 @@ class Motion:
         return np.where((ways == ways[:1]).all(axis=0), ways[0], 0.0)
 
 
-def motion(log: Log, rows: slice, panda: PandaModel = NOMINAL) -> Motion:
+def arm_motion(log: Log, rows: slice, panda: PandaModel = NOMINAL) -> ArmMotion:
     """The stretch in some rows of a log; panda: the arm as it is, its own gap included."""
     time, q, dq = log.time[rows], log.position[rows], log.velocity[rows]
     torque = np.column_stack([np.interp(time, log.torque_time, column) for column in log.torque.T])
@@ -62,11 +62,11 @@ def motion(log: Log, rows: slice, panda: PandaModel = NOMINAL) -> Motion:
     friction = panda.frictionloss * np.clip(dq / FORCE.turned, -1, 1) + panda.damping * dq
     position, turn = forward_kinematics(q, panda)
     tip = position + turn @ CORNERS.mean(axis=0)
-    return Motion(at, q, dq, torque - inertial - friction, tip, turn, np.gradient(tip, at, axis=0))
+    return ArmMotion(at, q, dq, torque - inertial - friction, tip, turn, np.gradient(tip, at, axis=0))
 
 
-def forces(
-    moved: Motion,
+def tip_forces(
+    moved: ArmMotion,
     free: np.ndarray,
     points: np.ndarray | None = None,
     panda: PandaModel = NOMINAL,
@@ -82,20 +82,20 @@ def forces(
     return np.einsum("nij,nj->ni", inverse, -(moved.excess - free) / deviation)[:, :3]
 
 
-def force_covariance(
-    moved: Motion,
+def tip_force_covariance(
+    moved: ArmMotion,
     points: np.ndarray | None = None,
     panda: PandaModel = NOMINAL,
     turning: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Covariance (n, 3, 3) N^2 of `forces`, all rows alike: of the joints' errors, of which a stretch without contact at the same speed,
+    """Covariance (n, 3, 3) N^2 of `tip_forces`, all rows alike: of the joints' errors, of which a stretch without contact at the same speed,
     taken off, leaves `FORCE.left`."""
     inverse, _ = _weighed(moved, points, panda, turning)
     return FORCE.left**2 * (inverse @ np.swapaxes(inverse, 1, 2))[:, :3, :3]
 
 
 def _weighed(
-    moved: Motion, points: np.ndarray | None, panda: PandaModel, turning: np.ndarray | None
+    moved: ArmMotion, points: np.ndarray | None, panda: PandaModel, turning: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Inverse (n, 3 or 6, 7) that makes forces of joint torques over their deviations (n, 7) Nm."""
     jac = jacobian(moved.position, panda)
@@ -114,7 +114,7 @@ def standing_friction(panda: PandaModel = NOMINAL) -> float:
     return float(panda.frictionloss.max() / 0.5)
 
 
-def side(direction: np.ndarray, turn: np.ndarray, tip: np.ndarray) -> np.ndarray:
+def leading_corner(direction: np.ndarray, turn: np.ndarray, tip: np.ndarray) -> np.ndarray:
     """The corner (n, 3) m of the block that leads in a direction (3,), in the middle of what touches a face."""
     corners = tip[:, None] + np.einsum("nij,kj->nki", turn, CORNERS - CORNERS.mean(axis=0))
     ahead = corners[np.arange(len(corners)), (corners @ direction).argmax(axis=1)]

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim2real.thresholds import checks, consequences, inference, keypoints, task, view
+from sim2real.thresholds import camera as view
+from sim2real.thresholds import checks, consequences, inference, keypoints, task
 
 __all__ = ["THRESHOLDS", "Thresholds"]
 

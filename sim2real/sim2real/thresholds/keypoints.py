@@ -9,7 +9,7 @@ from sim2real.thresholds.entry import JUDGEMENT, NUMERICS, threshold
 
 @dataclass(frozen=True)
 class Tracking:
-    """When an object rests (`sim2real.task.track`)."""
+    """When an object rests (`sim2real.task.keypoint_track`)."""
 
     least: int = threshold(30, "images", "fewer are no recording", JUDGEMENT)
     score: float = threshold(
@@ -37,7 +37,7 @@ class Tracking:
 
 @dataclass(frozen=True)
 class Scattering:
-    """How keypoints scatter (`sim2real.task.scatter`)."""
+    """How keypoints scatter (`sim2real.task.keypoint_noise`)."""
 
     least: float = threshold(1.5, "s", "of rest in all, to tell; the approach of an episode has 2.5", JUDGEMENT)
     finest: float = threshold(1e-3, "px", "scatter below it is rounding", NUMERICS)

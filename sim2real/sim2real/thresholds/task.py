@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 
+from sim2real.thresholds.camera import USUAL, spreads
 from sim2real.thresholds.entry import JUDGEMENT, NUMERICS, threshold
-from sim2real.thresholds.view import USUAL, spreads
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from sim2real.effects import SCENE_RECORDS, VIEW_RECORDS
 from sim2real.effects.patch import Patch, PatchEffect
-from sim2real.task.contact_force.stage import Believed
-from sim2real.task.together.whole import Whole
+from sim2real.task.contact_force.fit import NominalContact
+from sim2real.task.diagnosis import TaskDiagnosis
 
 FORCES = {"table": "table_friction", "mass": "object_mass", "finger": "gripper_friction"}
 
@@ -21,7 +21,7 @@ class AtOnce:
     named: list[str]
 
 
-def at_once(found: Whole) -> AtOnce:
+def at_once(found: TaskDiagnosis) -> AtOnce:
     """Of the numbers that the stages measured."""
     values: dict[str, dict[str, float]] = {}
     named = set()
@@ -32,7 +32,7 @@ def at_once(found: Whole) -> AtOnce:
             named.add(effect)
 
     if found.force and found.force.measured:
-        believed = Believed.of(found.seen.tasks[0].domain)
+        believed = NominalContact.of(found.seen.tasks[0].domain)
         for number, effect in FORCES.items():
             if number in found.force.measured:
                 put(effect, "relative", *(v / getattr(believed, number) - 1 for v in found.force.measured[number]))

@@ -9,9 +9,9 @@ import numpy as np
 
 from np_description.camera import CAMERA, Camera
 from np_description.domains import Domain, Pose
-from sim2real.excitation.contact_suite import contacts
-from sim2real.excitation.contact_suite.path import OutOfReach, joined, still
-from sim2real.excitation.contact_suite.room import Lain, Room
+from sim2real.excitation.contact_suite import contact_motions as contacts
+from sim2real.excitation.contact_suite.tip_path import OutOfReach, join_segments, rest_segment
+from sim2real.excitation.contact_suite.workspace import RestingObject, Workspace
 from sim2real.excitation.suite import Segment
 
 FAMILIES = ("view", "touch_table", "touch_object", "drag", "sway", "push", "shove", "tap", "scrape")
@@ -30,7 +30,7 @@ STANDSTILL = 1.5  # s
 
 
 @dataclass(frozen=True, eq=False)
-class Situation:
+class SuiteState:
     """What an experiment is planned from. q (7,) rad: where the arm rests. pose: of the object, as it is seen now. lowest: m, the least
     height of the tip since the last plan, which a touch has stopped at a surface; None at the beginning."""
 
@@ -39,30 +39,30 @@ class Situation:
     lowest: float | None = None
 
 
-def check(only: Sequence[str]) -> None:
+def check_families(only: Sequence[str]) -> None:
     """Raises ValueError for a name that is no family's."""
     for name in only:
         if name not in FAMILIES:
             raise ValueError(f"experiment {name!r}: expected one of {', '.join(FAMILIES)}")
 
 
-Plans = Generator[list[Segment], Situation, None]
+Plans = Generator[list[Segment], SuiteState, None]
 
 
-def task_suite(domain: Domain, first: Situation, only: Sequence[str] = (), camera: Camera = CAMERA) -> Plans:
+def task_suite(domain: Domain, first: SuiteState, only: Sequence[str] = (), camera: Camera = CAMERA) -> Plans:
     """Plans, one at a time: send the situation after each to get the next.
 
     only: families to make (all of FAMILIES). What is out of reach, or has no room, is left out. Raises ValueError for an unknown name.
     """
-    check(only)
-    return _plans(Room(domain, camera), first, [name for name in FAMILIES if not only or name in only])
+    check_families(only)
+    return _plans(Workspace(domain, camera), first, [name for name in FAMILIES if not only or name in only])
 
 
-def _plans(room: Room, now: Situation, families: list[str]) -> Plans:
+def _plans(room: Workspace, now: SuiteState, families: list[str]) -> Plans:
     table = top = None  # heights m as they were felt
-    lain = Lain.of(room.domain, now.pose)
+    lain = RestingObject.of(room.domain, now.pose)
     if "view" in families:
-        now = yield [still("view", now.q, STANDSTILL)]
+        now = yield [rest_segment("view", now.q, STANDSTILL)]
     if "touch_table" in families:
         felt: list[float] = []
         for place in room.places(lain):
@@ -81,11 +81,11 @@ def _plans(room: Room, now: Situation, families: list[str]) -> Plans:
         now, used = yield from _back(room, now, used, table)
     if "drag" in families:
         for number, force in enumerate(DRAGS):
-            lain = Lain.of(room.domain, now.pose)
+            lain = RestingObject.of(room.domain, now.pose)
             if plan := _joined(now, lambda: contacts.drag(f"drag_{number}", lain, room, top, force)):
                 now = yield plan
     if "sway" in families:
-        lain = Lain.of(room.domain, now.pose)
+        lain = RestingObject.of(room.domain, now.pose)
         if plan := _joined(now, lambda: contacts.sway("sway", lain, room, top)):
             now = yield plan
     if lain.height < FLATTEST:
@@ -96,7 +96,7 @@ def _plans(room: Room, now: Situation, families: list[str]) -> Plans:
         for number in range(1, count + 1) if how.name in families else ():
             now, used = yield from _push(room, now, used, table, how.named(f"{how.name}_{number}"))
     if "scrape" in families and room.domain.obstacles:
-        lain = Lain.of(room.domain, now.pose)
+        lain = RestingObject.of(room.domain, now.pose)
         if plan := _joined(now, lambda: contacts.scrape("scrape", lain, room, table)):
             yield plan
 
@@ -106,7 +106,7 @@ def _slow_push(name: str, share: float, speed: float) -> contacts.Push:
     return replace(contacts.SLOW.named(name), share=share, speed=speed)
 
 
-def _touch(room: Room, now: Situation, name: str, number: int, place: np.ndarray, expected: float):
+def _touch(room: Workspace, now: SuiteState, name: str, number: int, place: np.ndarray, expected: float):
     """Down until something is felt, each time deeper; the height m at which the tip was stopped, None where it never was, with the situation
     after it. number: of the experiment, 0 for one that has none; expected: m, of the surface."""
     for deeper in range(TOUCHES):
@@ -121,10 +121,10 @@ def _touch(room: Room, now: Situation, name: str, number: int, place: np.ndarray
     return now, None
 
 
-def _back(room: Room, now: Situation, used: dict[int, int], table: float):
+def _back(room: Workspace, now: SuiteState, used: dict[int, int], table: float):
     """Pushes that bring the object to where it can be pushed to more sides than where it lies."""
     for number in range(1, BACK + 1):
-        lain = Lain.of(room.domain, now.pose)
+        lain = RestingObject.of(room.domain, now.pose)
         best, push, normal, distance = len(sides_with_room(room, lain, contacts.SLOW)), None, None, 0.0
         for travel in BACK_BY:
             longer = replace(contacts.SLOW.named(f"push_{10 * number}"), travel=travel)
@@ -142,7 +142,7 @@ def _back(room: Room, now: Situation, used: dict[int, int], table: float):
     return now, used
 
 
-def sides_with_room(room: Room, lain: Lain, push: contacts.Push) -> list[tuple[np.ndarray, float]]:
+def sides_with_room(room: Workspace, lain: RestingObject, push: contacts.Push) -> list[tuple[np.ndarray, float]]:
     """Normals (2,) of faces, with their distances m from the centre, from which a push has room."""
     return [(normal, distance) for normal, distance in lain.sides() if room.holds(lain, -normal * push.moves)]
 
@@ -151,9 +151,9 @@ def _heading(normal: np.ndarray) -> int:
     return round(float(np.arctan2(normal[1], normal[0])) / (np.pi / 2)) % 4
 
 
-def _push(room: Room, now: Situation, used: dict[int, int], table: float, push: contacts.Push):
+def _push(room: Workspace, now: SuiteState, used: dict[int, int], table: float, push: contacts.Push):
     """One push, from the side that has room, was used least, and leaves the object nearest to the middle of the room."""
-    lain = Lain.of(room.domain, now.pose)
+    lain = RestingObject.of(room.domain, now.pose)
     middle = np.array([np.mean(room.domain.start.x), np.mean(room.domain.start.y)])
     options = []
     for normal, distance in sides_with_room(room, lain, push):
@@ -167,9 +167,9 @@ def _push(room: Room, now: Situation, used: dict[int, int], table: float, push: 
     return now, used
 
 
-def _joined(now: Situation, make) -> list[Segment]:
+def _joined(now: SuiteState, make) -> list[Segment]:
     """A plan with its transfer; empty where the arm cannot do it."""
     try:
-        return joined(now.q, [make()])
+        return join_segments(now.q, [make()])
     except OutOfReach:
         return []

@@ -35,7 +35,7 @@ def _ready() -> np.ndarray:
     return forward_kinematics(NOMINAL.ready)[1]
 
 
-def upright(yaw: float) -> np.ndarray:
+def upright_rotation(yaw: float) -> np.ndarray:
     """Rotation (3, 3) of T_E that points down, turned by `yaw` rad from where the ready posture has it."""
     return matrix_from_vector(np.array([0.0, 0.0, yaw])) @ _ready()
 
@@ -46,18 +46,18 @@ def leading_yaw(direction: np.ndarray) -> float:
     An edge touches a face in one line whatever the face's angle is, up to 30 degrees.
     """
     ahead = np.arctan2(direction[1], direction[0])
-    own = CORNERS @ upright(0.0).T
+    own = CORNERS @ upright_rotation(0.0).T
     turns = np.angle(np.exp(1j * (ahead - np.arctan2(own[:, 1], own[:, 0]))))
     return float(turns[np.argmin(np.abs(turns))])
 
 
-def lowest(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+def lowest_corner(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """The lowest corner (n, 3) m of the block, where T_E is at position (n, 3) m with rotation (n, 3, 3)."""
     corners = position[:, None] + np.einsum("nij,kj->nki", rotation, CORNERS)
     return corners[np.arange(len(corners)), corners[..., 2].argmin(axis=1)]
 
 
 def foremost(position: np.ndarray, rotation: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """The corner (n, 3) m that is farthest along a direction (3,); arguments as of `lowest`."""
+    """The corner (n, 3) m that is farthest along a direction (3,); arguments as of `lowest_corner`."""
     corners = position[:, None] + np.einsum("nij,kj->nki", rotation, CORNERS)
     return corners[np.arange(len(corners)), (corners @ direction).argmax(axis=1)]

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from np_description.keypoints import COUNT as CORNER_COUNT
-from sim2real.task.camera.fit import MEASURED, Fit, Prior, at_numbers, fit
-from sim2real.task.camera.model import SHIFT, TURN, Scene
+from sim2real.task.camera.fit import MEASURED, CameraFit, Prior, evaluate_at, fit_scene
+from sim2real.task.camera.model import SHIFT, TURN, CameraScene
 from sim2real.task.camera.parameters import COUNT
 from sim2real.thresholds import THRESHOLDS
 
@@ -30,7 +30,7 @@ class HeldOut:
     after: float
 
 
-def patterns(scene: Scene, found: Fit, prior: Prior) -> str:
+def find_residual_patterns(scene: CameraScene, found: CameraFit, prior: Prior) -> str:
     """Patterns in what is left that are no chance and matter, in words; "" for none.
 
     Student's weights would hide what is wrong with a few corners or places each time: far errors are cut short here, and count.
@@ -62,7 +62,9 @@ def patterns(scene: Scene, found: Fit, prior: Prior) -> str:
     return "; ".join(text for _, text in told.values())
 
 
-def _equations(scene: Scene, found: Fit, prior: Prior, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _equations(
+    scene: CameraScene, found: CameraFit, prior: Prior, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Rows of the linearised fit, one beneath the other, by all numbers and poses; and what is left of each."""
     k, lines = len(scene), found.lines
     base = np.zeros((weights.size + COUNT + 6 * k, COUNT + 3 * k))
@@ -80,7 +82,7 @@ def _equations(scene: Scene, found: Fit, prior: Prior, weights: np.ndarray) -> t
     return base, np.concatenate([left.ravel(), -found.vector * root, (-lines.off / MEASURED).ravel()])
 
 
-def _suspects(scene: Scene, found: Fit) -> Iterator[tuple[str, str, np.ndarray, int]]:
+def _suspects(scene: CameraScene, found: CameraFit) -> Iterator[tuple[str, str, np.ndarray, int]]:
     """Kind, what a pattern would mean, its columns (k, 8, 2, c) in px, and how many of its kind are tried."""
     camera, lines = scene.camera, found.lines
     place = (lines.seen - (camera.cx, camera.cy)) / camera.width
@@ -104,23 +106,23 @@ def _suspects(scene: Scene, found: Fit) -> Iterator[tuple[str, str, np.ndarray, 
         yield "moved", text, lines.by_vector[..., np.r_[SHIFT, TURN]] * later, len(boundaries)
 
 
-def held_out(scene: Scene, found: Fit, prior: Prior, start: np.ndarray) -> HeldOut:
+def held_out_gain(scene: CameraScene, found: CameraFit, prior: Prior, start: np.ndarray) -> HeldOut:
     """By fits to the other places, with the scatter of the best explanation. start (k, 3): poses as measured, or as first found."""
     count = min(len(scene), VIEW.folds)
     gain, before, after = 0.0, [], []
     for n in range(count):
         out = np.arange(len(scene)) % count == n
-        vector = fit(scene.of(~out), prior, start[~out], found.scatter).vector
+        vector = fit_scene(scene.of(~out), prior, start[~out], found.scatter).vector
         apart = scene.of(out)
         for numbers, sign, away in ((np.zeros(COUNT), -1, before), (vector, 1, after)):
-            beside = at_numbers(apart, numbers, found.poses[out], found.scatter)
+            beside = evaluate_at(apart, numbers, found.poses[out], found.scatter)
             gain += sign * beside.evidence
-            away.append(distances(apart, beside, start[out]))
+            away.append(corner_distances(apart, beside, start[out]))
     return HeldOut(gain / len(scene), *(float(np.median(np.concatenate(v))) for v in (before, after)))
 
 
-def distances(scene: Scene, found: Fit, start: np.ndarray) -> np.ndarray:
+def corner_distances(scene: CameraScene, found: CameraFit, start: np.ndarray) -> np.ndarray:
     """px (n,) of usable corners from where the numbers of a fit put them: at the measured poses (k, 3) where there are, else at the fit's."""
     poses = np.where(scene.measured[:, None], start, found.poses)
-    left = at_numbers(scene, found.vector, poses, found.scatter, held=True).left(scene)
+    left = evaluate_at(scene, found.vector, poses, found.scatter, held=True).left(scene)
     return np.linalg.norm(left, axis=-1)[scene.usable]

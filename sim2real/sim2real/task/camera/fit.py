@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize_scalar
 
-from sim2real.task.camera.model import Lines, Scene, linearise
+from sim2real.task.camera.model import CameraScene, LinearisedScene, linearise
 from sim2real.task.camera.parameters import COUNT
 from sim2real.thresholds import THRESHOLDS
 
@@ -49,7 +49,7 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class CameraFit:
     """A scene beside the model. vector (d,), covariance (d, d); poses (k, 3): x m, y m, yaw rad; scatter: px, of a corner in a view.
 
     evidence: nats, but for a constant of the scene; cost: nats, of the most probable numbers. freedom: numbers seen beyond those that
@@ -63,15 +63,17 @@ class Fit:
     evidence: float
     cost: float
     freedom: float
-    lines: Lines
+    lines: LinearisedScene
     weights: np.ndarray
 
-    def left(self, scene: Scene) -> np.ndarray:
+    def left(self, scene: CameraScene) -> np.ndarray:
         """Pixels (k, 8, 2) by which corners are seen off the model, NaN where not usable."""
         return np.where(scene.usable[..., None], scene.pixels - self.lines.seen, np.nan)
 
 
-def fit(scene: Scene, prior: Prior, start: np.ndarray, scatter: float | None = None, first: Fit | None = None) -> Fit:
+def fit_scene(
+    scene: CameraScene, prior: Prior, start: np.ndarray, scatter: float | None = None, first: CameraFit | None = None
+) -> CameraFit:
     """The most probable numbers. start (k, 3): poses; scatter: px, None to estimate it; first: a fit to begin from."""
     held, begun = scatter is not None, first is not None
     scatter = scatter if held else first.scatter if begun else THRESHOLDS.view_change.misfit
@@ -89,7 +91,9 @@ def fit(scene: Scene, prior: Prior, start: np.ndarray, scatter: float | None = N
     return search.summary(vector, poses, scatter)
 
 
-def at_numbers(scene: Scene, vector: np.ndarray, poses: np.ndarray, scatter: float, held: bool = False) -> Fit:
+def evaluate_at(
+    scene: CameraScene, vector: np.ndarray, poses: np.ndarray, scatter: float, held: bool = False
+) -> CameraFit:
     """The scene at numbers (d,) that are known, with the poses (k, 3) that fit best; held: with these poses."""
     none = np.zeros(COUNT, bool)
     search = _Search(scene, Prior(np.ones(COUNT), none, none))
@@ -101,7 +105,7 @@ def at_numbers(scene: Scene, vector: np.ndarray, poses: np.ndarray, scatter: flo
 class _Search:
     """A scene with what is known of its numbers beforehand."""
 
-    def __init__(self, scene: Scene, prior: Prior) -> None:
+    def __init__(self, scene: CameraScene, prior: Prior) -> None:
         self.scene, self.prior, self.free = scene, prior, prior.free
 
     def descend(self, vector, poses, scatter: float, tails: float) -> tuple[np.ndarray, np.ndarray]:
@@ -129,12 +133,12 @@ class _Search:
                 break
         return vector, poses
 
-    def squares(self, lines: Lines, scatter: float) -> tuple[np.ndarray, np.ndarray]:
+    def squares(self, lines: LinearisedScene, scatter: float) -> tuple[np.ndarray, np.ndarray]:
         """Of each corner (k, 8): variance px^2 of a coordinate, and the square of its error over it."""
         variance = scatter**2 + self.scene.error**2
         return variance, ((self.scene.pixels - lines.seen) ** 2).sum(axis=-1) / variance
 
-    def cost(self, lines: Lines, vector: np.ndarray, scatter: float, tails: float) -> float:
+    def cost(self, lines: LinearisedScene, vector: np.ndarray, scatter: float, tails: float) -> float:
         """Minus the log density of what is seen and of the numbers, but for constants."""
         if not lines.ahead:
             return np.inf
@@ -147,19 +151,19 @@ class _Search:
             + (((lines.off / MEASURED) ** 2).sum() + level) / 2
         )
 
-    def weights(self, lines: Lines, scatter: float, tails: float) -> np.ndarray:
+    def weights(self, lines: LinearisedScene, scatter: float, tails: float) -> np.ndarray:
         """Of each corner (k, 8), 1/px^2: the slope of its cost over its error."""
         variance, square = self.squares(lines, scatter)
         return np.where(self.scene.usable, (tails + 2) / (tails + square) / variance, 0.0)
 
-    def bends(self, lines: Lines, scatter: float) -> np.ndarray:
+    def bends(self, lines: LinearisedScene, scatter: float) -> np.ndarray:
         """Of each corner (k, 8), 1/px^2: mean second derivative of its cost, less than its weight where it is far off."""
         variance, square = self.squares(lines, scatter)
         bend = (FIT.tails + 2) * FIT.tails / (FIT.tails + square) ** 2 / variance
         return np.where(self.scene.usable, bend, 0.0)
 
     def matrices(
-        self, lines: Lines, vector: np.ndarray, weights: np.ndarray
+        self, lines: LinearisedScene, vector: np.ndarray, weights: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Second derivatives by the vector (d, d), by both (k, d, 3) and by each pose (k, 3, 3)."""
         k = len(self.scene)
@@ -177,7 +181,7 @@ class _Search:
             np.swapaxes(by_pose, 1, 2) @ by_pose,
         )
 
-    def slopes(self, lines: Lines, vector: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def slopes(self, lines: LinearisedScene, vector: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Minus the derivatives of the cost, (d,) and (k, 3)."""
         pull = weights[..., None] * (self.scene.pixels - lines.seen)
         held = -lines.off / MEASURED**2
@@ -193,7 +197,7 @@ class _Search:
         step = cho_solve(cho_factor(reduced), down - np.einsum("kip,kp->i", gone, down_own))
         return step * self.free, np.einsum("kpq,kq->kp", inverse, down_own - np.einsum("kip,i->kp", cross, step))
 
-    def inverse(self, lines: Lines, vector: np.ndarray, bends: np.ndarray) -> tuple[np.ndarray, float, float]:
+    def inverse(self, lines: LinearisedScene, vector: np.ndarray, bends: np.ndarray) -> tuple[np.ndarray, float, float]:
         """Inverse (d, d) of the vector's second derivatives with poses eliminated; numbers that corners fix; log determinant of all."""
         normal, cross, own = self.matrices(lines, vector, bends)
         inverse = np.linalg.inv(own)
@@ -219,7 +223,7 @@ class _Search:
 
         return float(np.exp(minimize_scalar(off, bounds=np.log(FIT.scatters), method="bounded").x))
 
-    def summary(self, vector, poses, scatter: float) -> Fit:
+    def summary(self, vector, poses, scatter: float) -> CameraFit:
         """All that a fit says, at its end."""
         lines = linearise(self.scene, vector, poses)
         bends, weights = self.bends(lines, scatter), self.weights(lines, scatter, FIT.tails)
@@ -233,7 +237,7 @@ class _Search:
         pull = ((weights**2 * variance * square)[usable] * variance[usable]).sum() / freedom
         expected = (bends * variance)[usable].mean()
         covariance = self.inverse(lines, vector, bends * min(expected / pull, 1.0 / expected))[0]
-        return Fit(
+        return CameraFit(
             vector,
             covariance * np.outer(self.free, self.free),
             poses,

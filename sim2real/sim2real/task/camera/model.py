@@ -15,17 +15,19 @@ import numpy as np
 from np_common.rotations import matrix_from_vector, vector_from_matrix
 from np_description.camera import Camera
 from np_description.keypoints import CORNERS
-from sim2real.task.camera.parameters import COUNT, numbers
-from sim2real.task.camera.places import Place
+from sim2real.task.camera.parameters import COUNT, parameter_indices
+from sim2real.task.camera.rest_poses import RestPose
 
 CENTRE = np.array([0.5, 0.0])  # m, where the table's height is that of its plane
-SHIFT, TURN, FOCAL, OFFSET, K1 = (numbers(name) for name in ("camera", "camera_turn", "focal", "offset", "k1"))
-HEIGHT, TILT, SIZE = (numbers(name) for name in ("table_height", "table_tilt", "size"))
+SHIFT, TURN, FOCAL, OFFSET, K1 = (
+    parameter_indices(name) for name in ("camera", "camera_turn", "focal", "offset", "k1")
+)
+HEIGHT, TILT, SIZE = (parameter_indices(name) for name in ("table_height", "table_tilt", "size"))
 NEAREST = 0.05  # m before the lens, nearer than which nothing is seen
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class CameraScene:
     """k places as arrays, as the object lies there.
 
     pixels (k, 8, 2) px, 0 where not usable; usable (k, 8) bool; error (k, 8) px; half (k, 3) m; face (k, 3, 3): object to table
@@ -47,14 +49,14 @@ class Scene:
     def __len__(self) -> int:
         return len(self.names)
 
-    def of(self, kept: np.ndarray) -> Scene:
+    def of(self, kept: np.ndarray) -> CameraScene:
         """Some of the places."""
         arrays = {name: value[kept] for name, value in vars(self).items() if isinstance(value, np.ndarray)}
-        return Scene(self.camera, tuple(np.array(self.names, object)[kept]), **arrays)
+        return CameraScene(self.camera, tuple(np.array(self.names, object)[kept]), **arrays)
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class LinearisedScene:
     """A scene at some numbers, linearised.
 
     seen (k, 8, 2) px; by_vector (k, 8, 2, d), by_pose (k, 8, 2, 3): derivatives by the vector, and by x m, y m, yaw rad of the place.
@@ -72,10 +74,10 @@ class Lines:
     by_point: np.ndarray
 
 
-def scene(places: Sequence[Place], lying: Sequence[tuple[np.ndarray, float]], camera: Camera) -> Scene:
+def make_scene(places: Sequence[RestPose], lying: Sequence[tuple[np.ndarray, float]], camera: Camera) -> CameraScene:
     """Of places and how the object lies at each: face (3, 3) and surface m."""
     usable = np.array([p.usable for p in places])
-    return Scene(
+    return CameraScene(
         camera,
         tuple(p.name for p in places),
         np.where(usable[..., None], [p.pixels for p in places], 0.0),
@@ -90,7 +92,7 @@ def scene(places: Sequence[Place], lying: Sequence[tuple[np.ndarray, float]], ca
     )
 
 
-def linearise(s: Scene, vector: np.ndarray, poses: np.ndarray) -> Lines:
+def linearise(s: CameraScene, vector: np.ndarray, poses: np.ndarray) -> LinearisedScene:
     """The scene at a vector (d,) and poses (k, 3): x m, y m, yaw rad in the table's plane."""
     k = len(s)
     table, by_tilt = matrix_from_vector(np.array([*vector[TILT], 0.0])), _left(np.array([*vector[TILT], 0.0]))[:, :2]
@@ -136,7 +138,7 @@ def linearise(s: Scene, vector: np.ndarray, poses: np.ndarray) -> Lines:
         off_by_vector[np.ix_(m, range(3, 6), TILT)] = by_tilt
         off_by_pose[np.ix_(m, range(3), [0, 1])] = table[:, :2]
         off_by_pose[np.ix_(m, range(3, 6), [2])] = table[:, 2:]
-    return Lines(seen, by_vector, of_base @ by_pose, off, off_by_vector, off_by_pose, ahead, own)
+    return LinearisedScene(seen, by_vector, of_base @ by_pose, off, off_by_vector, off_by_pose, ahead, own)
 
 
 def _camera(camera: Camera, vector: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:

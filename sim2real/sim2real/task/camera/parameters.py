@@ -13,7 +13,7 @@ SPREADS = THRESHOLDS.view_spreads
 
 
 @dataclass(frozen=True)
-class Parameter:
+class CameraParameter:
     """One number. name: as in JSON; said: in words; unit: SI, px or 1; usual, gap: standard deviations (thresholds).
 
     shown, scale: unit of the words, and what the number is multiplied by for it. largest: beyond which no such gap is physical.
@@ -35,16 +35,16 @@ class Parameter:
 
 def _axes(name: str, said: str, axes: str, unit: str, field: str, shown: str, scale: float, largest: float):
     spread = getattr(SPREADS, field)
-    return tuple(Parameter(f"{name}_{a}", f"{said} {a}", unit, *spread, shown, scale, largest) for a in axes)
+    return tuple(CameraParameter(f"{name}_{a}", f"{said} {a}", unit, *spread, shown, scale, largest) for a in axes)
 
 
-PARAMETERS: tuple[Parameter, ...] = (
+PARAMETERS: tuple[CameraParameter, ...] = (
     *_axes("camera", "camera along", "xyz", "m", "shift", "mm", 1e3, 0.1),
     *_axes("camera_turn", "camera about", "xyz", "rad", "turn", "deg", degrees(1.0), 0.2),
-    Parameter("focal", "focal length", "1", *SPREADS.focal, "%", 1e2, 0.1),
+    CameraParameter("focal", "focal length", "1", *SPREADS.focal, "%", 1e2, 0.1),
     *_axes("offset", "picture along", "uv", "px", "offset", "px", 1.0, 20.0),
-    Parameter("k1", "distortion k1", "1", *SPREADS.k1, "", 1.0, 1.0),
-    Parameter("table_height", "table", "m", *SPREADS.height, "mm", 1e3, 0.05),
+    CameraParameter("k1", "distortion k1", "1", *SPREADS.k1, "", 1.0, 1.0),
+    CameraParameter("table_height", "table", "m", *SPREADS.height, "mm", 1e3, 0.05),
     *_axes("table_tilt", "table about", "xy", "rad", "tilt", "deg", degrees(1.0), 0.1),
     *_axes("size", "object's edge along", "xyz", "m", "size", "mm", 1e3, 0.02),
 )
@@ -55,7 +55,7 @@ USUAL = np.array([p.usual for p in PARAMETERS])
 GAP = np.array([p.gap for p in PARAMETERS])
 
 
-def numbers(prefix: str) -> np.ndarray:
+def parameter_indices(prefix: str) -> np.ndarray:
     """Places in the vector of the numbers that are called so, or so with an axis behind. Raises KeyError where there is none."""
     found = [n for n, name in enumerate(NAMES) if name == prefix or name[:-2] == prefix]
     if not found:
@@ -64,7 +64,7 @@ def numbers(prefix: str) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Effect:
+class CameraEffect:
     """One explanation. ids: of the catalogue; several are one in every picture, and are named together.
 
     fields: which numbers it changes. called: what is off; said: how, with its numbers in braces (`sim2real.effects.saying`). quantities: what `patch.yaml` calls the numbers, empty where a
@@ -80,48 +80,48 @@ class Effect:
     @property
     def numbers(self) -> np.ndarray:
         """Places in the vector."""
-        return np.concatenate([numbers(field) for field in self.fields])
+        return np.concatenate([parameter_indices(field) for field in self.fields])
 
 
-EFFECTS: dict[str, Effect] = {
-    "camera_place": Effect(
+EFFECTS: dict[str, CameraEffect] = {
+    "camera_place": CameraEffect(
         ("camera_extrinsics",),
         ("camera",),
         "where the camera stands",
         "the camera is {camera_x:mm}, {camera_y:mm}, {camera_z:mm} from where it is believed to be (x, y, z)",
         ("x", "y", "z"),
     ),
-    "camera_turn": Effect(
+    "camera_turn": CameraEffect(
         ("camera_extrinsics",),
         ("camera_turn",),
         "where the camera looks",
         "the camera is turned by {camera_turn_x:deg}, {camera_turn_y:deg}, {camera_turn_z:deg} (about x, y, z)",
         ("turn_x", "turn_y", "turn_z"),
     ),
-    "focal_length": Effect(
+    "focal_length": CameraEffect(
         ("camera_intrinsics",),
         ("focal",),
         "the camera's focal length",
         "the camera's focal length is {focal:% more/less}",
         ("focal",),
     ),
-    "image_offset": Effect(
+    "image_offset": CameraEffect(
         ("camera_intrinsics", "keypoint_bias"),
         ("offset",),
         "the image's centre, or where corners are found",
         "the image's centre, or where corners are found, is off by {offset_u:px right/left} and {offset_v:px down/up}",
     ),
-    "distortion": Effect(("lens_distortion",), ("k1",), "the lens", "the lens distorts, k1 {k1}", ("k1",)),
-    "table_height": Effect(
+    "distortion": CameraEffect(("lens_distortion",), ("k1",), "the lens", "the lens distorts, k1 {k1}", ("k1",)),
+    "table_height": CameraEffect(
         ("table_height",), ("table_height",), "the table's height", "the table is {table_height:mm higher/lower}"
     ),
-    "table_tilt": Effect(
+    "table_tilt": CameraEffect(
         ("table_tilt",),
         ("table_tilt",),
         "the table's tilt",
         "the table is tilted by {table_tilt_x:deg}, {table_tilt_y:deg} (about x, y)",
     ),
-    "object_size": Effect(
+    "object_size": CameraEffect(
         ("object_size",),
         ("size",),
         "the object's size",
@@ -177,7 +177,7 @@ OF_ITSELF = {"image_offset": "corners marked by hand in one picture: a detector'
 """What tells the ids of one explanation apart."""
 
 
-def split_by(names: frozenset[str]) -> tuple[str, ...]:
+def distinguishing_experiments(names: frozenset[str]) -> tuple[str, ...]:
     """Experiments that tell these explanations apart, each once."""
     told = [text for pair, text in SPLIT_BY if pair <= names]
     told += [OF_ITSELF[name] for name in sorted(names & OF_ITSELF.keys())]

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from np_description.domains import Domain
 from np_description.scene import contact_of
-from sim2real.task.contact_force.readings import Reading
+from sim2real.task.contact_force.readings import ForceReading
 from sim2real.thresholds import THRESHOLDS
 
 FORCE = THRESHOLDS.forcing
@@ -20,7 +20,7 @@ TAILS = 1.5  # deviations from which on a reading counts less: now and then the 
 
 
 @dataclass(frozen=True)
-class Believed:
+class NominalContact:
     """Coefficient of the object with the table, its mass kg, and the coefficient with a fingertip."""
 
     table: float
@@ -28,22 +28,22 @@ class Believed:
     finger: float
 
     @classmethod
-    def of(cls, domain: Domain) -> Believed:
+    def of(cls, domain: Domain) -> NominalContact:
         """What a domain says."""
         contact = contact_of(domain, domain.contact)
         return cls(contact.table, domain.mass, contact.finger)
 
 
-def predicted(numbers: np.ndarray, used: Sequence[Reading], believed: Believed) -> np.ndarray:
+def predict_forces(numbers: np.ndarray, used: Sequence[ForceReading], believed: NominalContact) -> np.ndarray:
     """Forces (n,) N of the readings with numbers (2,): logarithms of table friction and mass over those that are believed in."""
     table, mass = np.exp(numbers) * (believed.table, believed.mass)
     return np.array([table * (r.normal + mass * GRAVITY) for r in used])
 
 
-def fit(
-    used: Sequence[Reading], believed: Believed, free: Sequence[int] = (0, 1)
+def fit_friction_and_mass(
+    used: Sequence[ForceReading], believed: NominalContact, free: Sequence[int] = (0, 1)
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Numbers (2,), as of `predicted`, their covariance (2, 2), and errors over usual ones; numbers that are not free stay as believed.
+    """Numbers (2,), as of `predict_forces`, their covariance (2, 2), and errors over usual ones; numbers that are not free stay as believed.
 
     Nuisances are what each group's forces, and what normal forces of each, have in common."""
     force = np.array([r.force for r in used])
@@ -55,7 +55,7 @@ def fit(
     def left(x: np.ndarray) -> np.ndarray:
         numbers, common = np.zeros(2), x[len(places) :]
         numbers[places] = x[: len(places)]
-        return (force - predicted(numbers, used, believed) - FORCE.common * member @ common) / own
+        return (force - predict_forces(numbers, used, believed) - FORCE.common * member @ common) / own
 
     def off(x: np.ndarray) -> np.ndarray:
         return np.concatenate([left(x), x[: len(places)] / UNKNOWN, x[len(places) :]])
@@ -76,11 +76,13 @@ def _scale(misfit: float, left: int) -> float:
     return float((FORCE.usually + max(left, 0) * misfit**2) / (FORCE.usually + max(left, 0)))
 
 
-def scattered(used: Sequence[Reading], believed: Believed, covariance: np.ndarray) -> float:
+def jackknife_factor(used: Sequence[ForceReading], believed: NominalContact, covariance: np.ndarray) -> float:
     """By how much the variance of the numbers is larger, by a jackknife over experiments, than readings' own errors say."""
     names = list(dict.fromkeys(r.experiment for r in used))
     if len(names) < 3:
         return 1.0
-    without = np.array([fit([r for r in used if r.experiment != name], believed)[0] for name in names])
+    without = np.array(
+        [fit_friction_and_mass([r for r in used if r.experiment != name], believed)[0] for name in names]
+    )
     spread = (len(names) - 1) * np.var(without, axis=0)
     return float(np.max(spread / np.diag(covariance)))

@@ -14,11 +14,11 @@ import numpy as np
 
 from np_description.camera import CAMERA, Camera
 from np_description.panda import NOMINAL, PandaModel
-from sim2real.excitation.contact_suite.contacts import SLOW, STROKE_SPEED
+from sim2real.excitation.contact_suite.contact_motions import SLOW, STROKE_SPEED
 from sim2real.recordings.reading import ContractViolation
+from sim2real.task.suite.object_pose import pose_at_start, pose_between
 from sim2real.task.suite.recording import TaskRecording
-from sim2real.task.suite.seen import pose_between, seen_pose
-from sim2real.task.wrench import Motion, force_covariance, forces, motion, side
+from sim2real.task.wrench import ArmMotion, arm_motion, leading_corner, tip_force_covariance, tip_forces
 from sim2real.thresholds import THRESHOLDS
 
 FORCE = THRESHOLDS.forcing
@@ -28,7 +28,7 @@ AROUND = 0.06, 0.2  # s before a stroke and after it, between which the object i
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class ForceReading:
     """kind: drag, push or scrape. group: readings of the same arm's errors: strokes of drags, or pushes one way. force N: along the table
     against the motion (drag, push), or up the face (scrape). normal N: what presses the surfaces together besides weight. aside m: of a
     push, from the object's centre. deviation, normal_deviation N: of force and normal, by their scatter and by friction of the joints.
@@ -47,7 +47,7 @@ class Reading:
     place: tuple[float, float] = (0.0, 0.0)
 
 
-def readings(recording: TaskRecording, panda: PandaModel = NOMINAL, camera: Camera = CAMERA) -> list[Reading]:
+def read_forces(recording: TaskRecording, panda: PandaModel = NOMINAL, camera: Camera = CAMERA) -> list[ForceReading]:
     """Of all experiments of a recording; panda: the arm as it is; camera: over the table as it was felt, see `seen.over`."""
     found = list(_drags(recording, panda, camera))
     for name in recording.named("push"):
@@ -57,20 +57,20 @@ def readings(recording: TaskRecording, panda: PandaModel = NOMINAL, camera: Came
     return found
 
 
-def _drags(recording: TaskRecording, panda: PandaModel, camera: Camera) -> Iterator[Reading]:
+def _drags(recording: TaskRecording, panda: PandaModel, camera: Camera) -> Iterator[ForceReading]:
     """Each stroke of each drag; what the arm's model lacks on such a stroke was measured in the air."""
     names = recording.named("drag")
     if AIR not in names:
         return
-    air = motion(recording.log, recording.rows(AIR), panda)
+    air = arm_motion(recording.log, recording.rows(AIR), panda)
     level = {heading: air.free(np.concatenate(strokes)) for heading, strokes in _strokes(air).items()}
     for name in names:
-        moved = motion(recording.log, recording.rows(name), panda)
+        moved = arm_motion(recording.log, recording.rows(name), panda)
         for heading, strokes in _strokes(moved).items():
             if name == AIR or heading not in level:
                 continue
             axis, sign = heading
-            on_hand = forces(moved, level[heading], None, panda)
+            on_hand = tip_forces(moved, level[heading], None, panda)
             for stroke in strokes:
                 rows = stroke[FORCE.edge : -FORCE.edge]
                 pressed = float(on_hand[rows, 2].mean()) if len(rows) else 0.0
@@ -82,11 +82,13 @@ def _drags(recording: TaskRecording, panda: PandaModel, camera: Camera) -> Itera
                 follows, place = _follows(recording, moved, stroke, camera)
                 error = _error(along)
                 ahead = tuple(sign * float(n == axis) for n in range(2))
-                yield Reading(name, "drag", force, pressed, 0.0, error, "drags", FORCE.force, follows, ahead, place)
+                yield ForceReading(
+                    name, "drag", force, pressed, 0.0, error, "drags", FORCE.force, follows, ahead, place
+                )
 
 
 def _follows(
-    recording: TaskRecording, moved: Motion, stroke: np.ndarray, camera: Camera
+    recording: TaskRecording, moved: ArmMotion, stroke: np.ndarray, camera: Camera
 ) -> tuple[float, tuple[float, float]]:
     """Share of the tip's way in a stroke that the object is led along, and its place (2,) m halfway; 0 where it is not seen."""
     first, last = moved.time[stroke[0]], moved.time[stroke[-1]]
@@ -101,7 +103,7 @@ def _follows(
     return float((np.asarray(end) - begin)[:2] @ tip / (tip @ tip)), (float(middle[0]), float(middle[1]))
 
 
-def _strokes(moved: Motion) -> dict[tuple[int, int], list[np.ndarray]]:
+def _strokes(moved: ArmMotion) -> dict[tuple[int, int], list[np.ndarray]]:
     """Rows of the strokes at speed, by axis and sign of their direction."""
     found: dict[tuple[int, int], list[np.ndarray]] = {}
     level = np.abs(moved.moves[:, 2]) < FORCE.lifts
@@ -115,30 +117,30 @@ def _strokes(moved: Motion) -> dict[tuple[int, int], list[np.ndarray]]:
     return found
 
 
-def _push(recording: TaskRecording, name: str, panda: PandaModel, camera: Camera = CAMERA) -> list[Reading]:
+def _push(recording: TaskRecording, name: str, panda: PandaModel, camera: Camera = CAMERA) -> list[ForceReading]:
     """The steady part of a push; what the arm's model lacks is measured on the run-up, at the same speed."""
-    moved = motion(recording.log, recording.rows(name), panda)
+    moved = arm_motion(recording.log, recording.rows(name), panda)
     run, ahead = _forward(moved)
     way = (moved.tip[run] - moved.tip[run[0]]) @ ahead
     free = run[way < SLOW.run_up / 2][FORCE.edge :]
     if len(free) < FORCE.rows or len(run) < 4 * FORCE.rows:
         return []
-    points = side(ahead, moved.turn, moved.tip)
+    points = leading_corner(ahead, moved.turn, moved.tip)
     ways = moved.turning(free)
-    on_hand = forces(moved, moved.free(free), points, panda, ways)
+    on_hand = tip_forces(moved, moved.free(free), points, panda, ways)
     along = -on_hand @ ahead
     usual = float(np.median(along[run[-len(run) // 3 :]]))
     on = run[int(np.argmax(along[run] > 0.5 * usual)) + 2 * FORCE.edge : -FORCE.edge]
     if len(on) < FORCE.rows or usual <= 0 or np.median(along[on]) < 0.5 * usual:
         return []
     try:
-        centre = np.asarray(seen_pose(recording, name, camera).position)
+        centre = np.asarray(pose_at_start(recording, name, camera).position)
     except ContractViolation:
         return []
     aside = float(np.cross(ahead[:2], (points[on[0]] - centre)[:2]))
     # A push that turns the object takes a little less than one that does not, how much its support decides.
     turning = FORCE.turning * usual * (abs(aside) > FORCE.central)
-    covariance = force_covariance(moved, points, panda, ways)[on].mean(axis=0)
+    covariance = tip_force_covariance(moved, points, panda, ways)[on].mean(axis=0)
     # The tip's friction cannot hold the face by more than a share of what presses it: all that is known where joints rest.
     before, seen = (FORCE.face * usual) ** 2, covariance[2, 2]
     normal = before / (before + seen) * float(np.median(on_hand[on, 2]))
@@ -149,11 +151,13 @@ def _push(recording: TaskRecording, name: str, panda: PandaModel, camera: Camera
     halfway = centre[:2] + ahead[:2] * SLOW.travel / 2
     place = float(halfway[0]), float(halfway[1])
     return [
-        Reading(name, "push", force, normal, aside, float(deviation), group, normal_deviation, way=way, place=place)
+        ForceReading(
+            name, "push", force, normal, aside, float(deviation), group, normal_deviation, way=way, place=place
+        )
     ]
 
 
-def _forward(moved: Motion) -> tuple[np.ndarray, np.ndarray]:
+def _forward(moved: ArmMotion) -> tuple[np.ndarray, np.ndarray]:
     """Rows of the way forward of a tip that comes down, goes ahead and back, the jolt of a contact among them; its direction (3,)."""
     low = moved.tip[:, 2] < moved.tip[:, 2].min() + 0.01
     begin = int(np.argmax(low))
@@ -166,14 +170,14 @@ def _forward(moved: Motion) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(at_speed[0], at_speed[-1] + 1) if len(at_speed) else at_speed, ahead
 
 
-def _scrape(recording: TaskRecording, name: str, panda: PandaModel) -> list[Reading]:
+def _scrape(recording: TaskRecording, name: str, panda: PandaModel) -> list[ForceReading]:
     """The part in which the tip slides down the face of an object that is held."""
-    moved = motion(recording.log, recording.rows(name), panda)
+    moved = arm_motion(recording.log, recording.rows(name), panda)
     run, ahead = _forward(moved)
     if len(run) < 2 * FORCE.rows:
         return []
     free = moved.free(run[FORCE.edge : len(run) // 4])
-    on_hand = forces(moved, free, side(ahead, moved.turn, moved.tip), panda)
+    on_hand = tip_forces(moved, free, leading_corner(ahead, moved.turn, moved.tip), panda)
     held, upward = -on_hand @ ahead, on_hand[:, 2]
     clear = moved.tip[:, 2] > moved.tip[:, 2].min() + FORCE.clear
     down = moved.moves[:, 2] < -FORCE.slides
@@ -181,10 +185,12 @@ def _scrape(recording: TaskRecording, name: str, panda: PandaModel) -> list[Read
     rows = max(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1), key=len)
     if len(rows) < FORCE.rows:
         return []
-    return [Reading(name, "scrape", float(upward[rows].mean()), float(held[rows].mean()), 0.0, _error(upward[rows]))]
+    return [
+        ForceReading(name, "scrape", float(upward[rows].mean()), float(held[rows].mean()), 0.0, _error(upward[rows]))
+    ]
 
 
-def _chatters(moved: Motion, rows: np.ndarray) -> bool:
+def _chatters(moved: ArmMotion, rows: np.ndarray) -> bool:
     return float(np.abs(moved.moves[rows, 2]).mean()) > FORCE.chatter
 
 

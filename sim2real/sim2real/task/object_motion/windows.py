@@ -17,7 +17,7 @@ FAMILIES = ("drag", "push", "shove", "tap")
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class MotionWindow:
     """experiment: that it is of. rested: s of the log from which on the object rests, until `begin`; end: s, when it rests again."""
 
     recording: TaskRecording
@@ -38,16 +38,16 @@ class Window:
         return np.flatnonzero((taken > self.begin) & (taken < self.end))
 
 
-def windows(recording: TaskRecording) -> Iterator[Window]:
+def find_windows(recording: TaskRecording) -> Iterator[MotionWindow]:
     """All of a recording. A hand that comes down twice in an experiment makes two: what one stroke was predicted wrongly does not count
     against the next."""
     for name in (name for family in FAMILIES for name in recording.named(family)):
-        for begin, end in strokes(recording, name):
+        for begin, end in find_strokes(recording, name):
             if end - begin > MOTION.least:
-                yield Window(recording, name, begin - MOTION.rested, begin, end)
+                yield MotionWindow(recording, name, begin - MOTION.rested, begin, end)
 
 
-def strokes(recording: TaskRecording, name: str) -> Iterator[tuple[float, float]]:
+def find_strokes(recording: TaskRecording, name: str) -> Iterator[tuple[float, float]]:
     """(begin, end) s of an experiment between which the tip may touch the object, and what it does to it is seen."""
     time = recording.log.time[recording.rows(name)]
     height = forward_kinematics(recording.log.position[recording.rows(name)])[0][:, 2]

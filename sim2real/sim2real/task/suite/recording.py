@@ -12,7 +12,7 @@ from np_description.phases import EXCITE
 from sim2real.excitation.contact_suite.suite import FAMILIES
 from sim2real.recordings.reading import SECOND, ContractViolation, read_bag, violated
 from sim2real.recordings.signals import Log
-from sim2real.task.track import Track, read_track
+from sim2real.task.keypoint_track import KeypointTrack, read_keypoint_track
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,7 @@ class TaskRecording:
     surroundings and contacts. spans: (begin, end) s of each experiment by name."""
 
     log: Log
-    track: Track
+    track: KeypointTrack
     seen_from: float
     domain: Domain
     spans: dict[str, tuple[float, float]]
@@ -50,7 +50,7 @@ def spans_of(log: Log) -> dict[str, tuple[float, float]]:
     return {n: (begin, end) for (begin, n), end in ways if n in FAMILIES or n.rsplit("_", 1)[0] in FAMILIES}
 
 
-class NoSuite(ContractViolation):
+class NotATaskSuite(ContractViolation):
     """A recording that is whole, and not of the task suite."""
 
 
@@ -59,7 +59,7 @@ def read_task(path: str | Path) -> TaskRecording:
     from np_description.objects.choice import recorded_domain
     from np_record.bag import BagError, Recording  # slow
 
-    log, track = read_bag(path), read_track(path)
+    log, track = read_bag(path), read_keypoint_track(path)
     try:
         with Recording(path, required=("joint_states", "keypoints")) as recording:
             domain = recorded_domain(recording.information)
@@ -68,5 +68,5 @@ def read_task(path: str | Path) -> TaskRecording:
         raise violated(path, error) from error
     spans = spans_of(log)
     if not spans:
-        raise NoSuite(f"bag {path}: expected experiments of the task suite ({', '.join(FAMILIES)}), got none")
+        raise NotATaskSuite(f"bag {path}: expected experiments of the task suite ({', '.join(FAMILIES)}), got none")
     return TaskRecording(log, track, (seen - first) / SECOND, domain, spans)

@@ -8,7 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from sim2real.excitation.contact_suite.suite import FAMILIES, check
+from sim2real.excitation.contact_suite.suite import FAMILIES, check_families
 from sim2real.excitation.suite import FURTHER, NAMES, suite
 from sim2real.thresholds import THRESHOLDS
 
@@ -73,7 +73,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         if options.suite == "arm":
             suite(options.only)
         else:
-            check(options.only)
+            check_families(options.only)
             domain_with(options.domain, options.object)
             calibrated_camera(options.calibration)
     except (ValueError, CalibrationError) as error:

@@ -14,8 +14,8 @@ from contextlib import contextmanager
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState, PointCloud2
-from sim2real.excitation.contact_suite.suite import Situation, task_suite
-from sim2real.excitation.contact_suite.witness import OutOfPicture, Witness
+from sim2real.excitation.contact_suite.monitor import OutOfPicture, SuiteMonitor
+from sim2real.excitation.contact_suite.suite import SuiteState, task_suite
 from sim2real.excitation.suite import TICK_NS, Segment, end_of, schedule, suite
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
@@ -61,7 +61,7 @@ class Exciter(Participant):
         node.create_subscription(JointState, "joint_states", self._receive_state, qos.subscriber(lockstep))
         node.create_subscription(PointCloud2, "keypoints", self._receive_keypoints, qos.subscriber(lockstep))
         node.create_subscription(DiagnosticArray, "diagnostics", self._receive_diagnostics, qos.RECORDER)
-        self._witness: Witness | None = None  # of a task: what is seen and felt
+        self._witness: SuiteMonitor | None = None  # of a task: what is seen and felt
         self._state: tuple[int, np.ndarray] | None = None
         self._states = 0  # heard
         self._heard = time.monotonic()
@@ -123,7 +123,7 @@ class Exciter(Participant):
         Raises as `run` does; GraphError as well where the object is not seen at first, no pose explains it, or the hand presses harder
         than it may.
         """
-        self._witness, sent = Witness(domain, camera), []
+        self._witness, sent = SuiteMonitor(domain, camera), []
         with self._at_rest_afterwards():
             plans = task_suite(domain, self._situation(self._state[0]), only, camera)
             plan = next(plans, None)
@@ -158,7 +158,7 @@ class Exciter(Participant):
         self._follow(lambda: self._state[0] >= self._end, "the end of the experiment")
         return [segment.name for segment in plan]
 
-    def _situation(self, since: int) -> Situation:
+    def _situation(self, since: int) -> SuiteState:
         """What the next experiment is planned from, once the object has been seen at `since` ns or later."""
         self._heard = time.monotonic()
         self._wait(lambda: self._witness.has_seen(since), READY_TIMEOUT, "keypoints of the object")

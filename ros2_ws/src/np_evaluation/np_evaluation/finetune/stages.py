@@ -99,7 +99,9 @@ def diagnosed(bags: Sequence[Path], out: Path) -> Patch:
         if arm:
             effects += _asked("sim2real.cli.diagnose", arm, out / "arm")
         if task:
-            effects += _asked("sim2real.cli.chain", task, out / "chain", ("--arm", str(out / "arm")) if arm else ())
+            effects += _asked(
+                "sim2real.cli.diagnose_task", task, out / "chain", ("--arm", str(out / "arm")) if arm else ()
+            )
         whole.write_text(dump_patch(Patch(effects)), encoding="utf-8")
     return load_patch(whole)
 

@@ -1,0 +1,143 @@
+"""What the view stage found, in words and as what stands in a JSON file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+
+from sim2real.effects import VIEW_RECORDS
+from sim2real.effects.saying import Value
+from sim2real.task.camera.diagnosis import CameraDiagnosis, Named
+from sim2real.task.camera.parameters import BY_NAME, EFFECTS, PARAMETERS, SHOWN_BY
+
+PUT_DOWN = "the object put down at eight places, all over the picture"
+
+
+def sentences(view: CameraDiagnosis) -> list[str]:
+    """The finding; what tells its members apart; what it is worth; what was left out; what the recording does not show."""
+    said = [_verdict(view)]
+    if view.verdict in ("identified", "ambiguous"):
+        said += [_capital(_alternatives(one)) for one in view.named]
+        held = view.held_out
+        said.append(
+            f"At places that were not fitted a corner is {held.before:.1f} px from where it is believed to be, and {held.after:.1f} px "
+            "from where this puts it."
+        )
+    if view.left_out:
+        said.append(f"Left out, as the object does not lie flat there: {', '.join(view.left_out)}.")
+    if view.bounds and view.unseen and view.verdict != "unexplained":
+        said.append(f"Not narrowed by this recording: {', '.join(BY_NAME[name].said for name in view.unseen)}.")
+    if told := next_steps(view):
+        said.append(f"What would tell more: {'; '.join(told)}.")
+    return said
+
+
+def next_steps(view: CameraDiagnosis) -> list[str]:
+    """Experiments that tell rivals apart, or show what the recording does not; each once, none where all is told."""
+    if view.verdict == "unexplained":
+        return []
+    if not view.bounds:  # too few places for anything
+        blind = [] if view.scene.measured.any() else ["camera_place", "table_height"]
+        return [PUT_DOWN, *(SHOWN_BY[name] for name in blind)]
+    told = [text for one in view.named for text in one.split_by]
+    if not view.named:
+        hidden = (n for n, e in EFFECTS.items() if all(PARAMETERS[i].name in view.unseen for i in e.numbers))
+        told += [SHOWN_BY[name] for name in hidden]
+    return list(dict.fromkeys(told))
+
+
+def document(view: CameraDiagnosis) -> dict:
+    """The answer as JSON holds it: SI units, px in images, intervals of 95 %; `effects` as `patch.yaml` has them."""
+    return {
+        "verdict": view.verdict,
+        "effects": patch(view),
+        "sentences": sentences(view),
+        "places": view.places,
+        "left_out": list(view.left_out),
+        "off_px": view.off,
+        "named": [_named(one) for one in view.named],
+        "gains_nats": view.gains,
+        "bounds": _values(view.bounds),
+        "unseen": list(view.unseen),
+        "scatter_px": view.scatter[0] if view.scatter else None,
+        "scatter_without_px": view.scatter[1] if view.scatter else None,
+        "held_out": asdict(view.held_out) if view.held_out else None,
+        "doubt": view.doubt,
+        "next": next_steps(view),
+    }
+
+
+def patch(view: CameraDiagnosis) -> list[dict]:
+    """Entries of `patch.yaml`: of what is named alone, and what a simulated view carries."""
+    entries: dict[str, dict] = {}
+    for one in view.named if view.verdict in ("identified", "ambiguous") else ():
+        effect = EFFECTS[one.effect]
+        if one.rivals or not effect.quantities:
+            continue
+        record = VIEW_RECORDS[effect.ids[0]]
+        entry = {"effect": record.id, "component": str(record.part), "parameters": {}}
+        values = (value.value for value in one.sizes.values())
+        entries.setdefault(record.id, entry)["parameters"].update(zip(effect.quantities, values))
+    return list(entries.values())
+
+
+def _verdict(view: CameraDiagnosis) -> str:
+    off = "" if view.off is None else f" ({view.off:.1f} px off)"
+    seen = f"at {view.places} places corners are"
+    if view.verdict == "unexplained":
+        return f"Nothing that the doctor knows explains where corners are seen{off}: {view.doubt}."
+    if view.verdict == "undetermined":
+        return f"The recording does not tell whether corners are where they should be{off}: {view.doubt}."
+    if view.verdict == "no_gap":
+        return f"As far as this recording shows, {seen} where they are believed to be{off}."
+    return f"{_capital(seen)} not where they are believed to be{off}."
+
+
+def _alternatives(one: Named) -> str:
+    """An effect with its rivals, each with the sizes that it has where it stands alone."""
+    ways = [effect_text(name, sizes) for name, sizes in ((one.effect, one.sizes), *one.rivals.items())]
+    return f"{ways[0]}." if len(ways) == 1 else f"either {'; or '.join(ways)}."
+
+
+def effect_text(effect: str, sizes: Mapping[str, Value]) -> str:
+    """An effect in words, as half a sentence; a number that the recording does not narrow is a question mark."""
+    unseen = {name for name, value in sizes.items() if not BY_NAME[name].is_seen(value.low, value.high)}
+    if unseen == sizes.keys():
+        return f"{EFFECTS[effect].called} is off, by how much this recording does not tell"
+    told = {name: _Unknown() if name in unseen else value for name, value in sizes.items()}
+    return EFFECTS[effect].said.format(**told).replace("  ", " ")
+
+
+class _Unknown:
+    """What stands for a number that nobody knows."""
+
+    def __format__(self, spec: str) -> str:
+        unit = spec.partition(" ")[0]
+        return f"? {unit}".strip()
+
+
+def _named(one: Named) -> dict:
+    effect = EFFECTS[one.effect]
+    rivals = [{"name": n, "effect": list(EFFECTS[n].ids), "sizes": _values(v)} for n, v in one.rivals.items()]
+    return {
+        "name": one.effect,
+        "effect": list(effect.ids),
+        "gain_nats": one.gain,
+        "sizes": _values(one.sizes),
+        "rivals": rivals,
+        "split_by": list(one.split_by),
+    }
+
+
+def _values(values: Mapping[str, Value]) -> dict[str, dict[str, float]]:
+    return {name: asdict(value) for name, value in values.items()}
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+SCOPE = (
+    "Changes are against the camera, table and object that are believed in. A corner's error is taken to be another in every view and "
+    "for every corner; what is wrong in all views alike is what this page is about."
+)

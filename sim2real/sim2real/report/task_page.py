@@ -1,0 +1,26 @@
+"""chain.html: the chain on one screen, a row each module with its picture."""
+
+from __future__ import annotations
+
+from np_common.html_pages import page
+from np_description.camera import CAMERA, Camera
+from sim2real.report.task_plots import pictures
+from sim2real.task.diagnosis import TaskDiagnosis
+
+COLOURS = {
+    "identified": "#c0392b",
+    "ambiguous": "#b9770e",
+    "unexplained": "#7d3c98",
+    "no_gap": "#1e8449",
+}
+QUIET = "#8a8f98"
+
+
+def render(whole: TaskDiagnosis, told: dict, camera: Camera = CAMERA) -> str:
+    """The page as text. told: `chain_words.document` of it."""
+    drawn = pictures(whole, camera)
+    rows = [
+        {**row, "picture": drawn.get(row["module"], ""), "colour": COLOURS.get(row["verdict"], QUIET)}
+        for row in told["rows"]
+    ]
+    return page("sim2real", "task.html.j2", told=told, rows=rows)

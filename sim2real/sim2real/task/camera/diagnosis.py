@@ -1,0 +1,261 @@
+"""The view stage: which of camera, lens, table, object and detector explains where corners of the resting object are seen.
+
+Explanations of up to two effects compete by the density of all that was seen, integrated over all numbers (`chain.view_stage.fit`). Whatever
+explains the corners as well as the best is named beside it. What no explanation brings down to a detector's error, or leaves a pattern
+in, is unexplained; what the recording cannot show is said as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import t as student
+
+from np_description.camera import CAMERA, Camera
+from sim2real.effects.saying import Value
+from sim2real.recordings.reading import ContractViolation
+from sim2real.task.camera.checks import HeldOut, corner_distances, find_residual_patterns, held_out_gain
+from sim2real.task.camera.fit import CameraFit, Prior, evaluate_at, fit_scene
+from sim2real.task.camera.flat_pose import fit_flat_pose
+from sim2real.task.camera.model import CameraScene, make_scene
+from sim2real.task.camera.parameters import BY_NAME, EFFECTS, GAP, NAMES, PARAMETERS, USUAL, distinguishing_experiments
+from sim2real.task.camera.rest_poses import RestPose, distinct_rest_poses
+from sim2real.thresholds import THRESHOLDS
+
+VIEW = THRESHOLDS.view_change
+Names = frozenset[str]
+"""Effects by their names in EFFECTS."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that is named. gain: nats by which the corners are more probable with it; sizes: by number, each with its interval.
+
+    rivals: effects that explain as well in its place, with the sizes that they would have; split_by: experiments that tell.
+    """
+
+    effect: str
+    gain: float
+    sizes: dict[str, Value]
+    rivals: dict[str, dict[str, Value]]
+    split_by: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CameraDiagnosis:
+    """The answer. places: that count; left_out: names of places at which the object does not lie flat. off: px, median distance of a
+    corner from where it is believed to be.
+
+    gains: nats of each effect alone. bounds: every number with its interval were its effect a gap too; unseen: those among them that this
+    recording does not narrow. scatter: px, a corner's error in a view, that the best explanation leaves, and that none leaves. doubt: why
+    nothing is said, or why it explains nothing. held_out: what the explanation is worth at places that it was not fitted to.
+    scene, fit, nominal: of the best explanation and of none, for pictures; None where there are too few places for any.
+    """
+
+    verdict: str
+    places: int
+    left_out: tuple[str, ...]
+    off: float | None = None
+    named: tuple[Named, ...] = ()
+    gains: dict[str, float] = field(default_factory=dict)
+    bounds: dict[str, Value] = field(default_factory=dict)
+    unseen: tuple[str, ...] = ()
+    scatter: tuple[float, float] | None = None
+    doubt: str = ""
+    held_out: HeldOut | None = None
+    scene: CameraScene | None = field(default=None, compare=False)
+    fit: CameraFit | None = field(default=None, compare=False)
+    nominal: CameraFit | None = field(default=None, compare=False)
+
+
+def diagnose_camera(places: Sequence[RestPose], camera: Camera = CAMERA) -> CameraDiagnosis:
+    """Of places at which the object rested, each of which counts once. camera: the one that is believed in.
+
+    Raises ContractViolation without a place.
+    """
+    if not places:
+        raise ContractViolation("expected places at which the object rests in the picture, got none")
+    places = distinct_rest_poses(places)
+    ways = [fit_flat_pose(place, camera) for place in places]
+    flat = np.array([way.is_flat for way in ways])
+    left_out = tuple(place.name for place, is_flat in zip(places, flat) if not is_flat)
+    if flat.mean() < VIEW.flat:
+        off = np.array([way.off for way in ways])
+        seen = f"{np.median(off[np.isfinite(off)]):.0f} px off" if np.isfinite(off).any() else "measured as tilted"
+        doubt = f"at {len(left_out)} of {len(places)} places the corners are of no {_size(places[0])} that lies flat ({seen})"
+        return CameraDiagnosis("unexplained", int(flat.sum()), left_out, doubt=doubt)
+    kept = [(p, w) for p, w, is_flat in zip(places, ways, flat) if is_flat]
+    seen = make_scene([p for p, _ in kept], [(w.face, w.surface) for _, w in kept], camera)
+    models = _Models(seen, np.array([w.pose for _, w in kept]))
+    nominal = models.of(frozenset())
+    believed = evaluate_at(seen, np.zeros(len(NAMES)), nominal.poses, nominal.scatter)
+    off = float(np.median(corner_distances(seen, believed, models.start)))
+    told = {"places": len(kept), "left_out": left_out, "off": off, "scene": seen, "nominal": nominal}
+    if doubt := _too_little(seen):
+        return CameraDiagnosis("undetermined", **told, doubt=doubt, fit=nominal, unseen=NAMES)
+    chosen = models.chosen()
+    best = models.of(chosen)
+    named = tuple(sorted((_named(models, chosen, effect) for effect in chosen), key=lambda one: -one.gain))
+    bounds = _bounds(models, chosen)
+    doubt = "; ".join(filter(None, (_strained(best, chosen), find_residual_patterns(seen, best, models.prior(chosen)))))
+    if doubt:
+        verdict = "unexplained"
+    elif named:
+        is_one = not any(one.rivals or len(EFFECTS[one.effect].ids) > 1 for one in named)
+        verdict = "identified" if is_one else "ambiguous"
+    else:
+        verdict = "undetermined" if len(bounds["unseen"]) > VIEW.blind * len(NAMES) else "no_gap"
+        hidden = f"{len(bounds['unseen'])} of {len(NAMES)} numbers could be off and would not show in it"
+        doubt = "" if verdict == "no_gap" else hidden
+    return CameraDiagnosis(
+        verdict,
+        **told,
+        **bounds,
+        named=named,
+        gains={name: models.gain(frozenset([name])) for name in EFFECTS},
+        scatter=(best.scatter, nominal.scatter),
+        doubt=doubt,
+        held_out=held_out_gain(seen, best, models.prior(chosen), models.start),
+        fit=best,
+    )
+
+
+class _Models:
+    """Fits of one scene by the effects that are gaps in them, each made once."""
+
+    def __init__(self, seen: CameraScene, start: np.ndarray) -> None:
+        self._scene, self.start = seen, start
+        self._made: dict[Names, CameraFit] = {}
+
+    def prior(self, names: Names) -> Prior:
+        """What is known beforehand where these effects are gaps, and all else is as usual."""
+        gap = np.zeros(len(NAMES), bool)
+        for name in names:
+            gap[EFFECTS[name].numbers] = True
+        return Prior(np.where(gap, np.hypot(USUAL, GAP), USUAL), gap, np.ones(len(NAMES), bool))
+
+    def of(self, names: Names) -> CameraFit:
+        """The fit with these effects as gaps."""
+        if names not in self._made:
+            first = min((n for n in self._made if n < names), key=lambda n: self._made[n].cost, default=None)
+            self._made[names] = fit_scene(self._scene, self.prior(names), self.start)
+            if first is not None:  # a search from another model's end may find what one from the start does not
+                again = fit_scene(self._scene, self.prior(names), self.start, first=self._made[first])
+                self._made[names] = max(self._made[names], again, key=lambda one: one.evidence)
+        return self._made[names]
+
+    def gain(self, names: Names) -> float:
+        """Nats of the evidence beyond that of no gap."""
+        return self.of(names).evidence - self.of(frozenset()).evidence
+
+    def value(self, names: Names) -> float:
+        """Nats, with the price of each effect."""
+        return self.of(names).evidence - len(names) * np.log(VIEW.prior)
+
+    def cost(self, names: Names, scatter: float) -> float:
+        """Nats by which corners and numbers are off where a corner's error is that: without the price of numbers that are free."""
+        return fit_scene(self._scene, self.prior(names), self.start, scatter, self.of(names)).cost
+
+    def chosen(self) -> Names:
+        """The best explanation, every effect of which gains what it must."""
+        every = [frozenset(c) for size in range(3) for c in combinations(EFFECTS, size)]
+        best = max(every, key=self.value)  # of all pairs: either of two may look as nothing without the other
+        while best and len(best) < VIEW.most:
+            more = max((best | {name} for name in EFFECTS if name not in best), key=self.value)
+            if self.value(more) - self.value(best) < VIEW.gain:
+                break
+            best = more
+        while best:
+            least = max((best - {name} for name in best), key=self.value)
+            if self.value(best) - self.value(least) >= VIEW.gain:
+                break
+            best = least
+        return best
+
+    def sizes(self, effect: str, without: Names = frozenset()) -> dict[str, Value]:
+        """The numbers of an effect over all fits that have it as a gap, and none `without`, as probable as each of them is."""
+        having = [n for n in self._made if effect in n and not n & without]
+        values = np.array([self.value(n) for n in having])
+        near = np.flatnonzero(values > values.max() - VIEW.distant)
+        share, fits = np.exp(values[near] - values.max()), [self._made[having[n]] for n in near]
+        share /= share.sum()
+        found = {}
+        for n in EFFECTS[effect].numbers:
+            middle, width = (np.array(v) for v in zip(*((f.vector[n], np.sqrt(f.covariance[n, n])) for f in fits)))
+            freedom = np.array([f.freedom for f in fits])
+            found[NAMES[n]] = Value(float(share @ middle), *_interval(share, middle, width, freedom))
+        return found
+
+    def near(self, names: Names) -> list[Names]:
+        """Explanations that are about as probable as this one."""
+        return [other for other in self._made if self.value(names) - self.value(other) < VIEW.equal]
+
+
+def _interval(share: np.ndarray, middle: np.ndarray, width: np.ndarray, freedom: np.ndarray) -> tuple[float, float]:
+    """95 % interval of a mixture of Student's distributions, each argument (m,)."""
+    widest = student.ppf(0.99999, freedom.min()) * width.max()
+    low, high = middle.min() - widest, middle.max() + widest
+
+    def at(level: float) -> float:
+        return brentq(lambda x: share @ student.cdf((x - middle) / width, freedom) - level, low, high, xtol=1e-9)
+
+    return float(at(0.025)), float(at(0.975))
+
+
+def _named(models: _Models, chosen: Names, effect: str) -> Named:
+    """The effect with all that may stand in its place: as probable, or as near to the corners with the same scatter."""
+    rest, scatter = chosen - {effect}, models.of(chosen).scatter
+    cost = models.cost(chosen, scatter)
+    others = [name for name in EFFECTS if name not in chosen]
+    rivals = {name for name in others if models.cost(rest | {name}, scatter) - cost < VIEW.equal}
+    rivals |= {name for near in models.near(chosen) if effect not in near for name in near - chosen}
+    return Named(
+        effect,
+        models.value(chosen) - models.value(rest),
+        models.sizes(effect, frozenset(rivals)),
+        {name: models.sizes(name, frozenset([effect])) for name in others if name in rivals},
+        distinguishing_experiments(frozenset([effect, *rivals])),
+    )
+
+
+def _bounds(models: _Models, chosen: Names) -> dict:
+    """`bounds` and `unseen` of a View."""
+    bounds: dict[str, Value] = {}
+    for effect in EFFECTS:
+        models.of(chosen | {effect})
+        bounds |= models.sizes(effect)
+    unseen = tuple(name for name in NAMES if not BY_NAME[name].is_seen(bounds[name].low, bounds[name].high))
+    return {"bounds": {name: bounds[name] for name in NAMES}, "unseen": unseen}
+
+
+def _too_little(seen: CameraScene) -> str:
+    """Why the places tell nothing apart, "" where they may."""
+    if len(seen) < VIEW.places:
+        where = "one place" if len(seen) == 1 else f"{len(seen)} places"
+        return f"the object rested flat in {where}; {VIEW.places} are needed, better eight, all over the picture"
+    middles = np.array([p[u].mean(axis=0) for p, u in zip(seen.pixels, seen.usable)])
+    widest = float(np.linalg.norm(middles[:, None] - middles, axis=-1).max())
+    if widest < VIEW.apart:
+        return f"the places are at most {widest:.0f} px apart; {VIEW.apart:.0f} are needed, better all over the picture"
+    return ""
+
+
+def _strained(best: CameraFit, chosen: Names) -> str:
+    """What would have to be off by more than it ever is, or how much is left, for this to be the explanation; "" for nothing."""
+    if best.scatter > VIEW.misfit:
+        return f"corners are off by {best.scatter:.1f} px from view to view in the best explanation; {VIEW.misfit:g} are usual"
+    free = {n for name in chosen for n in EFFECTS[name].numbers}
+    for n, parameter in enumerate(PARAMETERS):
+        largest = parameter.largest if n in free else VIEW.strain * parameter.usual
+        if abs(best.vector[n]) > largest:
+            off = f"{parameter.scale * best.vector[n]:.2g} {parameter.shown}".strip()
+            return f"{parameter.said} would have to be off by {off}"
+    return ""
+
+
+def _size(place: RestPose) -> str:
+    return " x ".join(f"{2e3 * h:.3g}" for h in place.domain.half_size) + " mm box"

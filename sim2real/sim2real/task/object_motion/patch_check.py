@@ -1,0 +1,59 @@
+"""What of a patch is given: an effect that makes the object's motion surely worse, in the recordings that named it, is withheld."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_description.camera import CAMERA, Camera
+from np_description.panda import NOMINAL, PandaModel
+from sim2real.effects.patch import Patch
+from sim2real.effects.saying import Value
+from sim2real.task.object_motion.prediction import prediction_errors, removed_share, typical_removed_share
+from sim2real.task.suite.recording import TaskRecording
+
+
+@dataclass(frozen=True)
+class CheckedPatch:
+    """patch: what is given; withheld: of each effect that is not, the share of the error of the motion that it removed: all below 0, and surely,
+    or that of most windows surely."""
+
+    patch: Patch
+    withheld: dict[str, Value]
+
+
+def withhold_harmful_effects(
+    recordings: Sequence[TaskRecording], patch: Patch, camera: Camera = CAMERA, panda: PandaModel = NOMINAL
+) -> CheckedPatch:
+    """Of a patch and the recordings of one object that it was found in; all of it without any.
+
+    An effect is asked beside those that stay: with it, and without. The worst goes first, for two that are wrong may hide each other. Two
+    engines differ by as much as an effect of usual size changes in a window, so only what is surely worse goes (`_worse`).
+    """
+    withheld: dict[str, Value] = {}
+    after = prediction_errors(recordings, patch, camera, panda) if recordings and patch.effects else None
+    while after is not None and patch.effects:
+        worse = []
+        for one in patch.effects:
+            rest = Patch(tuple(e for e in patch.effects if e is not one))
+            without = prediction_errors(recordings, rest, camera, panda)
+            known = np.isfinite(without) & np.isfinite(after)
+            removed = _worse(without[known], after[known]) if known.any() else None
+            if removed is not None:
+                worse.append((removed, one.effect, rest, without))
+        if not worse:
+            break
+        removed, effect, patch, after = min(worse, key=lambda one: one[0].value)
+        withheld[effect] = removed
+    return CheckedPatch(patch, withheld)
+
+
+def _worse(without: np.ndarray, after: np.ndarray) -> Value | None:
+    """The share of the error of windows (n,) px that is gone after, where that is surely less than none, in 95 % of draws of them: of their sum; or of
+    what is left of one, on geometric average, where the sum is no better. A few windows in which a tip slips or holds by chance are most of a
+    sum, and hide that nearly all others are worse; what is better in sum stays, for one tap that comes right is worth many drags."""
+    removed = removed_share(without, after)
+    is_worse = removed.high < 0 or (removed.value < 0 and typical_removed_share(without, after).high < 0)
+    return removed if is_worse else None

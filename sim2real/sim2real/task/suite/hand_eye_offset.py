@@ -1,0 +1,101 @@
+"""Where the hand meets the object against where it is seen: does the picture show things where they are?
+
+A tip that has pushed a face and rests on it knows where the face is. If the picture is off, it shows every face off by the same way in the base
+frame. What is outwards on every face is the object's size, or which part of the hand touches it, and not told: that differs by 6 mm between
+two engines, one of which has the finger's shaft touch a tall object before its tip does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_control.kinematics import forward_kinematics
+from np_description.camera import CAMERA, Camera
+from sim2real.excitation.contact_suite.tip import BEYOND
+from sim2real.excitation.contact_suite.workspace import RestingObject
+from sim2real.task.hypotheses import HypothesisComparison, MeasuredChanges, compare_hypotheses
+from sim2real.task.suite.pushed_object import find_push_end
+from sim2real.task.suite.recording import TaskRecording
+from sim2real.task.wrench import leading_corner
+from sim2real.thresholds import THRESHOLDS
+
+MEET = THRESHOLDS.meeting
+NUMBERS = ("x", "y", "out")
+"""m: by which things are seen off in the base frame, and by which every face is met farther out than it is seen."""
+EFFECTS = {"picture": ("x", "y")}
+
+
+@dataclass(frozen=True, eq=False)
+class FaceContact:
+    """A face. normal (2,): outwards; gap m: from where the face is seen to the tip that rests on it."""
+
+    name: str
+    normal: np.ndarray
+    gap: float
+
+
+@dataclass(frozen=True, eq=False)
+class HandEyeOffset:
+    """verdict: as of Explained, or unexplained; doubt: why nothing is said. faces: that were met. left: m, root mean square that no
+    explanation takes off; numbers (3,): m, as of NUMBERS, what is most probable of them."""
+
+    verdict: str
+    explained: HypothesisComparison | None
+    faces: tuple[FaceContact, ...]
+    doubt: str = ""
+    left: float | None = None
+    numbers: np.ndarray | None = None
+
+    def off(self, normal: np.ndarray) -> float:
+        """m by which a face with an outward normal (2,) is met farther out than it is seen."""
+        return float(np.array([-normal[0], -normal[1], 1.0]) @ self.numbers)
+
+
+def estimate_hand_eye_offset(recording: TaskRecording, camera: Camera = CAMERA) -> HandEyeOffset:
+    """Of the pushes and shoves of a recording. camera: over the table as it was felt, see `seen.over`."""
+    names = (name for family in ("push", "shove") for name in recording.named(family))
+    faces = (_met(recording, name, camera) for name in names)
+    return offset_from_faces(tuple(face for face in faces if face is not None))
+
+
+def offset_from_faces(faces: tuple[FaceContact, ...]) -> HandEyeOffset:
+    """Of faces: see `estimate_hand_eye_offset`."""
+    if len(faces) < MEET.least:
+        return HandEyeOffset("undetermined", None, faces, f"{len(faces)} faces were met; {MEET.least} are needed")
+    columns = np.array([[-n.normal[0], -n.normal[1], 1.0] for n in faces])
+    gaps = np.array([n.gap for n in faces])
+    usual, gap = (np.array(v) for v in zip(MEET.picture, MEET.picture, (MEET.out, 0.0)))
+    before = np.diag(1 / (usual**2 + gap**2))
+    precision = columns.T @ columns / MEET.face**2
+    value = np.linalg.solve(precision + before, columns.T @ gaps / MEET.face**2)
+    left = float(np.sqrt(np.mean((gaps - columns @ value) ** 2)))
+    if left > MEET.left:
+        return HandEyeOffset(
+            "unexplained", None, faces, f"faces are met {1e3 * left:.1f} mm off any place and size", left
+        )
+    # Of numbers that no face narrows, what was measured is nothing at all: a little of what is known beforehand keeps it finite.
+    inverse = np.linalg.inv(precision + 1e-6 * before)
+    covariance = inverse * max(1.0, (left / MEET.face) ** 2) + np.diag([MEET.common**2, MEET.common**2, 0.0])
+    measured = MeasuredChanges(NUMBERS, inverse @ columns.T @ gaps / MEET.face**2, covariance, usual, gap, EFFECTS)
+    explained = compare_hypotheses(measured)
+    is_blind = not explained.named and len(explained.unseen) == 2
+    doubt = "faces were met from too few sides" if is_blind else ""
+    return HandEyeOffset("undetermined" if is_blind else explained.verdict, explained, faces, doubt, left, value)
+
+
+def _met(recording: TaskRecording, name: str, camera: Camera) -> FaceContact | None:
+    """The face on which the tip of a push rests in the end; None where it does not, or is not seen."""
+    rest = find_push_end(recording, name, camera)
+    if rest is None:
+        return None
+    lain = RestingObject.of(recording.domain, rest.pose)
+    outward = [(float(normal @ rest.ahead[:2]), normal, distance) for normal, distance in lain.sides()]
+    along, normal, distance = min(outward, key=lambda one: one[0])
+    if -along < MEET.square:
+        return None
+    position, turn = forward_kinematics(recording.log.position[rest.rows])
+    tip = position + turn @ np.array([0.0, 0.0, BEYOND])
+    point = leading_corner(rest.ahead, turn, tip).mean(axis=0)[:2]
+    return FaceContact(name, normal, float((point - lain.centre[:2]) @ normal - distance))

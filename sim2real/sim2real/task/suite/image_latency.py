@@ -1,0 +1,126 @@
+"""By how much images are late: an object that is pushed goes with the tip, whose way the joints tell.
+
+Where it comes to rest says where on the tip's way it touches; how far behind that it is seen while both move is the delay.
+A scale of the picture that is off shows as another share of the way, and is fitted with it.
+
+Rows of a picture may be read one after another, so that how late an object is seen depends on where in the picture it is. The delay is that of the
+picture's middle row, in the middle of its exposure; how long the rows take is no gap, is between nothing and a frame, and is fitted with the delay.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from np_description.camera import CAMERA, Camera
+from sim2real.effects.saying import Value
+from sim2real.excitation.contact_suite.tip import RADIUS
+from sim2real.task.suite.oscillating_push import apply_play, find_oscillating_pushes
+from sim2real.task.suite.pushed_object import PushedObject, find_push_end, mean_image_row, track_displacement
+from sim2real.task.suite.recording import TaskRecording
+from sim2real.thresholds import THRESHOLDS
+
+LAG = THRESHOLDS.lag
+HALF_WIDTH = 1.959964
+
+
+@dataclass(frozen=True, eq=False)
+class ImageLatency:
+    """verdict: no_gap, ambiguous (an image that is late is a camera's clock that is behind), undetermined. late: s with its interval, None
+    where nothing is said; each (k,) s: of every push; doubt: why nothing is said. pushes: what it rests on."""
+
+    verdict: str
+    late: Value | None
+    each: tuple[float, ...]
+    pushes: tuple[PushedObject, ...]
+    doubt: str = ""
+
+
+def estimate_image_latency(recording: TaskRecording, camera: Camera = CAMERA) -> ImageLatency:
+    """Of the slow pushes and shoves of a recording, and of an object that is swayed."""
+    names = [name for family in ("push", "shove") for name in recording.named(family)]
+    pushes = tuple(one for name in names if (one := _led(recording, name, camera)))
+    return latency_from_pushes(pushes + find_oscillating_pushes(recording, camera))
+
+
+def latency_from_pushes(pushes: tuple[PushedObject, ...]) -> ImageLatency:
+    """Of pushes: see `estimate_image_latency`. The mean of what each says, fast ones more than slow ones; its error by theirs, or by their scatter where that is
+    larger, and what all pushes have in common."""
+    fits = [_late(one) for one in pushes]
+    good = [(fit, one) for fit, one in zip(fits, pushes) if fit[2] < LAG.left and abs(fit[0]) < 0.99 * LAG.within]
+    each, kept = tuple(late for (late, _, _), _ in good), tuple(one for _, one in good)
+    if sum(one.counts for one in kept) < LAG.least:
+        return ImageLatency(
+            "undetermined",
+            None,
+            each,
+            kept,
+            f"{len(each)} pushes led the object as they should; {LAG.least} are needed",
+        )
+    deviations = np.array([np.hypot(fit[1], LAG.sways if one.periods else 0.0) for fit, one in good])
+    rows = np.array([one.row for one in kept])
+    value, own = _middle(np.array(each), deviations, rows)
+    deviation = float(np.hypot(own, LAG.common))
+    late = Value(value, value - HALF_WIDTH * deviation, value + HALF_WIDTH * deviation)
+    return ImageLatency("ambiguous" if late.low > LAG.seen or late.high < -LAG.seen else "no_gap", late, each, kept)
+
+
+def _middle(late: np.ndarray, deviation: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
+    """Delay s of the picture's middle row, with its deviation, of delays (n,) of pushes with deviations (n,) that were seen in `rows` (n,), shares of
+    the picture's height. One that is far off the others counts for as little as it should."""
+    deviation, (usual, spread) = np.hypot(deviation, LAG.own), LAG.rows
+    columns, off = np.column_stack([np.ones(len(rows)), -rows]), late + usual * rows  # lower rows are of later moments
+    found, left = np.array([np.median(off), 0.0]), np.zeros(len(late))  # s, and s by which rows take longer than usual
+    for _ in range(20):
+        left = (off - columns @ found) / deviation
+        weights = 1 / deviation**2 / np.maximum(1.0, np.abs(left) / LAG.far_off)
+        precision = columns.T @ (weights[:, None] * columns) + np.diag([0.0, spread**-2])
+        found = np.linalg.solve(precision, columns.T @ (weights * off))
+    scatter = float(weights @ left**2 / weights.sum()) * len(late) / max(len(late) - 1, 1)
+    return float(found[0]), float(np.sqrt(max(1.0, scatter) * np.linalg.inv(precision)[0, 0]))
+
+
+def _late(one: PushedObject) -> tuple[float, float, float]:
+    """s by which the images of a push or a sway are late, with its deviation, and m that is left of the object's way."""
+
+    def off(x: np.ndarray) -> np.ndarray:
+        """x: delay in ms, scale in %, place of rest in mm; of a sway its play in mm."""
+        tip = apply_play(one.tip, 1e-3 * abs(x[3])) if one.periods else one.tip
+        led = (1 + 1e-2 * x[1]) * np.interp(one.time - 1e-3 * x[0], one.at, tip) + 1e-3 * x[2]
+        usual = [x[1] / LAG.scale, *(x[3:] / (1e3 * LAG.play))]  # or these would stand in for the delay
+        return np.append((led - one.way) / LAG.way, usual)
+
+    first, scale = ([0.1], [0.1]) if one.periods else ([], [])
+    starts = [np.array([delay, 0.0, 0.0, *first]) for delay in np.arange(-100.0, 1e3 * LAG.within, 20.0)]
+    start = min(starts, key=lambda x: float(off(x) @ off(x)))
+    found = least_squares(off, start, loss="soft_l1", diff_step=1e-2, x_scale=(10.0, 1.0, 0.3, *scale))
+    variance = np.linalg.inv(found.jac.T @ found.jac)[0, 0] * max(1.0, 2 * found.cost / len(one.time))
+    return (
+        1e-3 * float(found.x[0]),
+        1e-3 * float(np.sqrt(variance)),
+        LAG.way * float(np.sqrt(np.mean(off(found.x)[: len(one.time)] ** 2))),
+    )
+
+
+def _led(recording: TaskRecording, name: str, camera: Camera) -> PushedObject | None:
+    """The images from when the object is on its way until both rest; None where it turns, does not go along or is not seen."""
+    rest = find_push_end(recording, name, camera)
+    if rest is None:
+        return None
+    taken, ahead = recording.track.time + recording.seen_from, rest.ahead
+    images = np.flatnonzero((taken > rest.begin) & (taken < rest.leaves))
+    moved_by, turned = track_displacement(recording, images, rest.pose, ahead, camera)
+    # What goes with the tip is where it touches, which a turning object's middle does not.
+    lever = rest.at + RADIUS * ahead - rest.pose.position
+    aside = float(lever @ [-ahead[1], ahead[0], 0.0])
+    way = moved_by - np.sin(turned) * aside + (np.cos(turned) - 1) * float(lever @ ahead)
+    known = np.isfinite(way)
+    # On its way: once it has gone a part of what it goes in all, so that the tip surely has it.
+    moved = way - np.nanmin(way) if known.any() else way
+    going = known & (moved > LAG.begun) & (np.arange(len(way)) > np.argmax(moved > LAG.begun))
+    if going.sum() < LAG.images or np.nanmax(moved) < LAG.far or np.nanmax(np.abs(turned)) > LAG.turned:
+        return None
+    row = mean_image_row(recording, images[going], camera)
+    return PushedObject(name, taken[images][going], way[going], rest.time, (rest.tip - rest.at) @ ahead, row)

@@ -1,0 +1,141 @@
+"""Does the object stay where it is seen while nothing touches it, and go no faster than what moves it? If not, the camera was moved, its lens
+hunts, or the object is not left alone."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from np_description.camera import CAMERA, Camera
+from sim2real.recordings.reading import ContractViolation
+from sim2real.task.keypoint_noise import KeypointNoise
+from sim2real.task.noise_effects import visible_noise_effects
+from sim2real.task.suite.hand_proximity import HandTrajectory, hand_trajectory, interpolate_hidden
+from sim2real.task.suite.noise_stationarity import noise_variation_factor
+from sim2real.task.suite.recording import TaskRecording
+from sim2real.thresholds import THRESHOLDS
+
+UNTOUCHED = THRESHOLDS.untouched
+NOISE = {"keypoint_noise", "keypoint_outliers"}
+"""What a detector's stage names that makes a picture that keeps still seem to move."""
+
+
+@dataclass(frozen=True)
+class StaticSceneCheck:
+    """verdict: no_gap or unexplained; moved: px, the largest way of the picture while nothing touched the object, or the largest step from one
+    image to the next where the hand is slow; at: s of the recording; doubt: what was seen, where nothing explains it."""
+
+    verdict: str
+    moved: float
+    at: float
+    doubt: str = ""
+
+
+def check_static_scene(
+    recording: TaskRecording, camera: Camera = CAMERA, lift: float = 0.0, scatter: KeypointNoise | None = None
+) -> StaticSceneCheck:
+    """Of a recording of the task suite. camera, lift: as of `near.hand`; scatter: of its corners: what noise that is named makes of a picture
+    that keeps still is no motion. Raises ContractViolation where the hand is at the object all the time."""
+    own = hand_trajectory(recording, camera, lift)
+    free = list(_between(recording, own))
+    ways = [way for begin, end in free if (way := _way(recording, begin, end))]
+    if not ways:
+        raise ContractViolation("the hand was at the object, or hid it, all the time")
+    moved, at, _ = max(ways)
+    noise = float(np.median([noise for _, _, noise in ways]))
+    if moved > max(UNTOUCHED.moved, UNTOUCHED.surely * noise):
+        doubt = f"the picture moves by {moved:.1f} px at {at:.0f} s, while nothing touches the object"
+        return StaticSceneCheck("unexplained", moved, at, doubt)
+    is_noisy = scatter is not None and bool(visible_noise_effects(scatter).keys() & NOISE)
+    step, when, usual, by_chance = _step(recording, own, is_noisy)
+    if step > max(UNTOUCHED.step, UNTOUCHED.surely * usual, by_chance):
+        doubt = f"the picture jumps by {step:.1f} px at {when:.0f} s, faster than the hand moves the object"
+        return StaticSceneCheck("unexplained", step, when, doubt)
+    factor = noise_variation_factor(recording.track, [_images(recording, begin, end) for begin, end in free])
+    if factor > UNTOUCHED.uneven:
+        doubt = f"corners of an object at rest scatter by {factor:.1f} times more or less from moment to moment: light or exposure changes"
+        return StaticSceneCheck("unexplained", moved, at, doubt)
+    return StaticSceneCheck("no_gap", moved, at)
+
+
+def _shuffled(values: np.ndarray) -> Iterator[np.ndarray]:
+    """Draws of what corners (n, c, 2) do each for itself, every corner at another time: all of its noise, and no motion of all of them."""
+    rng = np.random.default_rng(0)
+    own = values - np.nanmedian(values, axis=1, keepdims=True)
+    for _ in range(UNTOUCHED.draws):
+        shifts = rng.integers(len(own), size=own.shape[1])
+        yield np.stack([np.roll(own[:, k], shift, axis=0) for k, shift in enumerate(shifts)], axis=1)
+
+
+def _between(recording: TaskRecording, own: HandTrajectory) -> Iterator[tuple[float, float]]:
+    """(begin, end) s between which the hand is not at the object."""
+    begin = recording.seen_from
+    for first, last in [*own.touching, (float(recording.log.time[-1]), np.inf)]:
+        if first - begin > UNTOUCHED.least:
+            yield begin, first
+        begin = max(begin, last)
+
+
+def _images(recording: TaskRecording, begin: float, end: float) -> slice:
+    """Images between two moments, s of the log."""
+    return slice(*np.searchsorted(recording.track.time + recording.seen_from, [begin, end]).tolist())
+
+
+def _way(recording: TaskRecording, begin: float, end: float) -> tuple[float, float, float] | None:
+    """px by which the corners together go from their middle place in a stretch, by medians over some images; s at which they are farthest; px
+    of noise of such a way, by what corners do each for itself. None where too little is seen."""
+    track, images = recording.track, _images(recording, begin, end)
+    taken = track.time + recording.seen_from
+    steady = track.usable[images].mean(axis=0) > UNTOUCHED.shown
+    if images.stop - images.start < 3 * UNTOUCHED.window or steady.sum() < UNTOUCHED.corners:
+        return None
+    half = UNTOUCHED.window // 2  # at either end, where a filter has fewer images to take a median of
+    shown = [
+        interpolate_hidden(taken[images], track.pixels[images, c], track.usable[images, c])
+        for c in np.flatnonzero(steady)
+    ]
+    smooth = median_filter(np.stack(shown, axis=1), size=(UNTOUCHED.window, 1, 1))[half:-half]
+    off = smooth - np.median(smooth, axis=0)
+    together = np.median(off, axis=1)
+    noise = np.sqrt(np.pi / 2 * np.mean((off - together[:, None]) ** 2) / steady.sum())  # of a median
+    way = np.linalg.norm(together, axis=1)
+    return float(way.max()), float(taken[images.start + half + way.argmax()]), float(noise)
+
+
+def _step(recording: TaskRecording, own: HandTrajectory, is_noisy: bool) -> tuple[float, float, float, float]:
+    """px by which the corners together go farther from one image to the next, and stay, than in those about them, at most, where the hand is
+    slow; s at which; px by which they usually do, and, where noise is named, the most that it makes of one.
+
+    Corners that are found wrongly in one image are back in the next: what lasts is in the step from the image before the last, too, and in
+    the one to the image after the next.
+    """
+    track = recording.track
+    taken = track.time + recording.seen_from
+    slow = np.ones(len(taken), bool)
+    for begin, end in own.quick:
+        slow &= (taken < begin) | (taken > end)
+    seen = np.where(track.usable[..., None], track.pixels, np.nan)
+    before, last, now, after = seen[:-3], seen[1:-2], seen[2:-1], seen[3:]
+    steps = np.concatenate([now - last, now - before, after - last], axis=-1)
+    known = np.isfinite(steps).all(axis=-1).sum(axis=1) >= UNTOUCHED.corners
+    near = slow & np.r_[True, np.diff(taken) < THRESHOLDS.track.gap * track.period]
+    known &= slow[:-3] & near[1:-2] & near[2:-1] & near[3:]
+    if known.sum() < UNTOUCHED.window:
+        return 0.0, 0.0, 0.0, 0.0
+    beyond = _beyond(steps[known])
+    most = max(_beyond(one).max() for one in _shuffled(steps[known])) if is_noisy else 0.0
+    usual = 1.4826 * np.median(np.abs(beyond))
+    return float(beyond.max()), float(taken[2:-1][known][beyond.argmax()]), float(usual), UNTOUCHED.beyond * float(most)
+
+
+def _beyond(steps: np.ndarray) -> np.ndarray:
+    """px (n,) by which corners together go farther in steps (n, c, 6), the least of three, than in the images about."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # shuffled, an image may have no corner
+        together = np.nan_to_num(np.nanmedian(steps, axis=1)).reshape(-1, 3, 2)
+    size = np.linalg.norm(together, axis=-1).min(axis=-1)
+    return size - median_filter(size, size=UNTOUCHED.window, mode="nearest")

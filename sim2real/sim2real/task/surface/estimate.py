@@ -1,0 +1,112 @@
+"""Table and object by touch: is the table higher, is it tilted, is the object of another height than it is believed to be?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from np_description.panda import NOMINAL, PandaModel
+from sim2real.excitation.contact_suite.workspace import RestingObject
+from sim2real.task.hypotheses import HypothesisComparison, MeasuredChanges, compare_hypotheses
+from sim2real.task.suite.object_pose import pose_at_start
+from sim2real.task.suite.recording import TaskRecording
+from sim2real.task.surface.touch import Touch, find_touch
+from sim2real.thresholds import THRESHOLDS
+
+TOUCH = THRESHOLDS.touching
+MIDDLE = np.array([0.5, 0.0])  # m: where the table's height is given
+EFFECTS = {"table_height": ("height",), "table_tilt": ("tilt_x", "tilt_y"), "object_size": ("size",)}
+ALL = ("height", "tilt_x", "tilt_y", "size")
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceContactResult:
+    """verdict: as of Explained, or unexplained; doubt: why nothing is said. touches: surfaces that were felt. off: m, root mean square by
+    which they are elsewhere than believed; before, after: the same of each touch of the table when the others tell where it is, without and
+    with what is named; None where there are too few."""
+
+    verdict: str
+    explained: HypothesisComparison | None
+    touches: tuple[Touch, ...]
+    doubt: str = ""
+    off: float | None = None
+    before: float | None = None
+    after: float | None = None
+
+    @property
+    def lift(self) -> float:
+        """m by which the table is higher than believed, where that is named."""
+        named = self.explained.named if self.explained else ()
+        return sum(one.sizes["height"].value for one in named if one.effect == "table_height")
+
+
+def estimate_surfaces(recording: TaskRecording, panda: PandaModel = NOMINAL) -> SurfaceContactResult:
+    """Of all touches of a recording. panda: the arm as it is."""
+    tables = [t for name in recording.named("touch_table") if (t := find_touch(recording, name, panda))]
+    tops = [t for name in recording.named("touch_object") if (t := find_touch(recording, name, panda))]
+    every = (*tables, *tops)
+    if len(tables) < 3:
+        return SurfaceContactResult(
+            "undetermined", None, every, f"{len(tables)} touches of the table met it; 3 are needed, better 4"
+        )
+    plane = _plane(tables)
+    left = np.array([t.height for t in tables]) - _columns(tables) @ plane
+    off = float(np.sqrt(np.mean([t.height**2 for t in tables])))
+    if np.abs(left).max() > TOUCH.agreed:
+        return SurfaceContactResult(
+            "unexplained", None, every, f"touched places are {1e3 * np.abs(left).max():.1f} mm off any plane", off
+        )
+    explained = compare_hypotheses(_measured(recording, tables, tops))
+    named = {one.effect for one in explained.named}
+    before, after = _held_out(tables, named)
+    return SurfaceContactResult(explained.verdict, explained, every, "", off, before, after)
+
+
+def _columns(touches) -> np.ndarray:
+    """What the table's numbers (height, tilt about x, about y) do to the height of touched places (n, 3)."""
+    places = np.array([t.place for t in touches]) - MIDDLE
+    return np.column_stack([np.ones(len(places)), places[:, 1], -places[:, 0]])
+
+
+def _plane(touches) -> np.ndarray:
+    return np.linalg.lstsq(_columns(touches), np.array([t.height for t in touches]), rcond=None)[0]
+
+
+def _measured(recording: TaskRecording, tables, tops) -> MeasuredChanges:
+    """Table's numbers by least squares, and what the object is higher than its edge; with covariance."""
+    columns = _columns(tables)
+    noise = TOUCH.angle**2 + np.mean([t.deviation**2 for t in tables])
+    covariance = np.zeros((4, 4))
+    covariance[:3, :3] = noise * np.linalg.inv(columns.T @ columns)
+    covariance[0, 0] += TOUCH.common**2
+    value = np.append(_plane(tables), 0.0)
+    if tops:
+        at = np.append(_columns(tops)[0], 0.0)
+        value[3] = tops[0].height - at @ value - _upright(recording)
+        covariance[3, :3] = covariance[:3, 3] = -at[:3] @ (covariance[:3, :3] - np.diag([TOUCH.common**2, 0, 0]))
+        covariance[3, 3] = at @ covariance @ at - TOUCH.common**2 + noise
+    else:
+        covariance[3, 3] = 1.0  # m: nothing is known
+    usual, gap = zip(TOUCH.height, TOUCH.tilt, TOUCH.tilt, TOUCH.size)
+    return MeasuredChanges(ALL, value, covariance, np.array(usual), np.array(gap), EFFECTS)
+
+
+def _upright(recording: TaskRecording) -> float:
+    """m: the object's edge that stands upright, as it is believed to be, by how it is seen to lie when it is touched."""
+    return RestingObject.of(recording.domain, pose_at_start(recording, recording.named("touch_object")[0])).height
+
+
+def _held_out(tables, named: set[str]) -> tuple[float, float] | tuple[None, None]:
+    """Root mean square (m) by which a touch is off when the others say where the table is: by what is believed, and with what is named."""
+    if len(tables) < 4:
+        return None, None
+    free = [k for k, effect in ((0, "table_height"), (1, "table_tilt"), (2, "table_tilt")) if effect in named]
+    before, after = [], []
+    for n, one in enumerate(tables):
+        others = tables[:n] + tables[n + 1 :]
+        heights = np.array([t.height for t in others])
+        numbers = np.linalg.lstsq(_columns(others)[:, free], heights, rcond=None)[0] if free else np.zeros(0)
+        before.append(one.height)
+        after.append(one.height - float(_columns([one])[0, free] @ numbers))
+    return float(np.sqrt(np.mean(np.square(before)))), float(np.sqrt(np.mean(np.square(after))))
