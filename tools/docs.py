@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from pages import effects, objects, parameters, report_schema, results
+from pages import driver, effects, evaluations, objects, parameters, report_schema
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -18,7 +18,8 @@ def generate(root: Path = ROOT) -> dict[str, str]:
         "reference/objects.md": objects.page(),
         "reference/parameters.md": parameters.page(root),
         "reference/report_schema.md": report_schema.page(),
-        **{f"results/{name}": text for name, text in results.pages(root / "docs/results").items()},
+        "results/driver.md": driver.page(root / "docs/results", driver.TEXTS),
+        "results/evaluations.md": evaluations.page(root / "docs/results"),
     }
 
 

@@ -191,7 +191,7 @@ OF_OLDER_CODE = {
     ("task", "72", "904"),
     ("task", "72", "905"),
     ("task", "72", "906"),
-}  # the commits that make them stand in docs/decisions/sealed_sets.md
+}  # the commits that make them: docs/decisions/sealed_sets.md at the tag lab-notebook-2026-11
 SEALED = [tuple(line.split()) for line in KEYS.read_text().splitlines() if not line.startswith("#")]
 
 

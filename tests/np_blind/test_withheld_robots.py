@@ -236,35 +236,6 @@ def test_a_matrix_takes_the_released_policies_episodes_from_the_set(tmp_path):
     assert scores_of_released(robots, tmp_path, 20) == dict(zip(names, ([1.0] * 20, [0.75] * 20, [0.5] * 20)))
 
 
-def test_pages_of_results_say_what_came_of_every_robot():
-    from pages.robots import matrix, robots
-
-    engine = {"nominal": [1] * 10, "before": [1, 0] * 5, "after": [1] * 9 + [0], "adopted": [1] * 9 + [0]}
-    engine["corrected"] = [1] * 8 + [0] * 2
-    done = {
-        "robot": 0,
-        "domain": "wall",
-        "truth": text_of(BOTH),
-        "found": text_of(Patch((FRICTION,))),
-        "cause": "coulomb_friction at panda_joint4",
-        "costs": {"coulomb_friction at panda_joint4": {"value": 0.3}},
-        "ablation": {"coulomb_friction": 0.4, "gripper_friction": 0.1},
-        "kept": "trained",
-        "success": {name: {"value": value} for name, value in (("nominal", 1.0), ("patched", 0.6))},
-        "engine": engine,
-    }
-    rows = [done, {"robot": 1, "domain": "bump", "truth": text_of(BOTH), "error": "the time was over"}]
-    from np_blind.robots.figures import figures
-
-    about = {"drawn": 12, "episodes": 10, "minutes": 2.0, "gpus": 2, "wall_s": 60.0}
-    sealed = {"key_sha256": "a" * 64, "doctor_sha256": "b" * 64}
-    headline, body = robots({**about, **sealed, "figures": figures(rows), "rows": rows})
-    assert headline.startswith("2 of 12 robots: top cause named 1.00 of 1")
-    assert "| 0.50 (0.60) | 0.80 | 0.90 | 0.90 |" in body and "the time was over" in body
-    sides = {"r": 0.9, "mmrv": 0.02, "mean_absolute_error": 0.1}
-    cell = {"robot": 0, "domain": "wall", "policy": "soft_on", "nominal": 1.0, "patched": 0.5, "engine": 0.4}
-    table = {"figures": {"nominal": sides, "patched": sides, "cells": 1}, "episodes": 10, "table": [cell]}
-    assert "| 0 wall | soft on | 1 | 0.5 | 0.4 |" in matrix(table)[1]
 
 
 def stand_ins(monkeypatch, learn, lost=None):

@@ -1,4 +1,4 @@
-"""What departs from the paper and can be switched off: every switch takes effect (docs/decisions/paper.md)."""
+"""What departs from the paper and can be switched off: every switch takes effect (docs/reference/paper.md)."""
 
 import sys
 

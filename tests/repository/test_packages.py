@@ -21,7 +21,6 @@ from packages import (
     sources,
     tree,
 )
-from pages.renamed import RENAMED
 
 MODULES = modules()
 DOWN_THE_STAIRS = {("np_evaluation", "np_training")}
@@ -111,12 +110,6 @@ def test_what_is_imported_is_there():
         if name.partition(".")[0] in FLOOR and name not in MODULES
     }
     assert not missing
-
-
-def test_renamed_commands_are_there():
-    assert {
-        name.partition(" ")[0] for name in RENAMED.values()
-    } <= MODULES.keys() and not RENAMED.keys() & MODULES.keys()
 
 
 def test_no_circle_between_packages():

@@ -1,57 +1,45 @@
-"""docs/results/driver.md: what the hardware driver did, from the JSON files of `make driver-report`."""
+"""docs/results/driver.md: measurements of the hardware driver, from the JSON files of `make driver-report`."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 HEAD = """<!-- Written by `make docs` from driver_*.json: do not edit. -->
-# What the driver did
+# Hardware driver against a simulated FR3
 
-Measured by `make driver-report`, against a simulated FR3 on the robot's own network protocol, its clock
-included; what that leaves open is in [hardware.md](../guide/hardware.md#what-is-not-tested). Robot, driver,
-controller and the report itself are Python processes that share the cores named below. "Load" is the
-load average of the last minute before a row was measured, by whatever else ran; "stolen" the share of
-the cores' time that the host of this virtual machine gave to others meanwhile.
+`make driver-report` measures the driver against a simulated FR3 on the robot's own network protocol. No real arm was used;
+[hardware.md](../guide/hardware.md#what-is-not-tested) lists what that leaves open. Robot, driver, controller and report are Python
+processes that share the cores named below. "Load" is the load average of the minute before a row. "Stolen" is the share of the
+cores' time that the host gave to other virtual machines.
 """
 TEXTS = {
     "tracking": """## Impedance tracking
 
-Two waves a joint, 0.1 to 0.4 Hz, gains of the controller itself (400 and 100 Nm/rad, damping ratio 1).
-The error is between the joint target of a state and the joints as the robot knows them at that state.
-Cycles are the driver's, from one state read to the next; lost are those that it missed, "no command"
-those in which the robot, by its own account, had none. The robot's longest cycle is the simulator's own
-delay, which no robot has, and which the driver's cannot be shorter than. It spends .3 to .4 ms of each
-cycle on itself, and counts an answer that comes after the rest as none: on board, where the whole law runs
-between a state and its answer, that is often short; the torque then holds for another millisecond. Robot,
-driver and controller ran at real-time priority where that is permitted; what else ran delays them all the
-same: the kernel gives a core's ordinary tasks 50 ms at a time where real-time ones have left them nothing,
-which are the longest cycles. Time that the host has stolen delays whoever comes first.
+Each joint follows two waves of 0.1 to 0.4 Hz with gains of 400 and 100 Nm/rad and damping ratio 1. The error is between a state's
+joint target and the joints at that state. A cycle lasts from one state to the next. "Lost" counts cycles that the driver missed,
+"no command" those in which the robot had none. The robot's longest cycle is the simulator's own delay.
+The simulated robot ignores an answer that arrives in the last 0.3 to 0.4 ms of a cycle. On board, where the whole law runs between a
+state and its answer, answers are often that late; the torque then holds for another millisecond.
+A real robot stops after 20 lost cycles in a row.
 """,
     "approach": """## The approach of a card episode
 
-The nodes `episode`, `pre_contact` and `approach` with their released weights and RRT*, keypoints of a
-card that stands still, then `joint_impedance` (topic) or the controller on board. The hand's error is
-that from the pre-contact pose, at rest after the motion; there is no table and no card behind the
-protocol.
+`episode`, `pre_contact` and `approach` run with released weights and keypoints of a card at rest. Then `joint_impedance` (topic) or
+the controller on board executes the motion. The hand's error is measured against the pre-contact pose after the motion.
+The simulated robot has no table and no card.
 """,
     "suite": """## The diagnosis suite
 
-`excite --backend running --mode realtime` beside driver and controller, as beside any backend, then
-`diagnose --quick` on the bag: its contract passes. Lost are messages for which the recorder had no time.
-The verdict is on the simulated arm: another model, without friction, than the nominal one, and says nothing
-of a real one.
+`excite --backend running --mode realtime` runs beside driver and controller, then `diagnose --quick` reads the bag. Its contract
+passes. "Lost" counts messages that the recorder dropped. The verdict concerns the simulated arm, whose model differs from the nominal one.
 """,
     "faults": """## Faults over the wire
 
-Each fault is injected into a fast motion: all joints on a trajectory, or the last joint turned by
-commands that keep coming. The figures are the robot's own record, each millisecond, from the fault until
-rest: the largest speed and commanded torque as shares of the joint's limit, the largest change of torque
-from one command to the next (1 Nm is the limit), the time until every joint is slower than 0.05 rad/s,
-and who braked: the driver, or the robot, which nobody commanded any more. The robot's own brake is the
-simulated one's. The robot's clock goes at a third of its speed here, so that a busy machine changes
-nothing.
+Each fault is injected into a fast motion. The figures are the robot's own record, each millisecond, from the fault until rest: largest
+speed and commanded torque as shares of the joint's limit, largest change of torque between two commands (limit 1 Nm), time until
+every joint is slower than 0.05 rad/s, and whether the driver or the robot braked. The robot's clock runs at a third of its speed.
 """,
 }
 CYCLES = {
@@ -114,7 +102,7 @@ COLUMNS: dict[str, dict[str, str]] = {
 }
 
 
-def page(folder: Path, parts: Sequence[str]) -> str:
+def page(folder: Path, parts: Iterable[str]) -> str:
     """The page, from the JSON files of those parts that have been measured."""
     sections = [HEAD]
     for part in parts:
@@ -144,4 +132,6 @@ def costs(rows: list[dict]) -> str:
     listed = [
         {"share of a core": name, **{row["control"]: row["shares"].get(name, "") for row in rows}} for name in names
     ]
-    return "What it cost; other threads are the middleware's:\n\n" + table(listed, {key: key for key in listed[0]})
+    return "Processor time; other threads belong to the middleware:\n\n" + table(
+        listed, {key: key for key in listed[0]}
+    )

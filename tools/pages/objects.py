@@ -11,34 +11,30 @@ from np_description.objects.table import BASELINES, SURFACES, TRIES, rows_of
 from np_description.scene import CORNER_COLOURS
 from pages.markdown import head, paragraph, table
 
-INTRODUCTION = f"""The 21 objects of the paper's Table III: `make evaluate DOMAIN=bump OBJECT=sponge`. Masses, surfaces and which are not
-rigid are the paper's, and so are the successes of its policy, of {TRIES} tries with the real robot. It prints no sizes: every row
-has the size of its domain's own object. Frictions, and how soft and how loose things are, are estimates with their source. `default` is the
-domain's own object, unchanged. All of them beside the paper's successes: `make table3`
-(`CONTACTS=2`: a contact may be chosen twice; `ARGS="--domains wall --objects sponge --scenarios 1 --tries 5"`: less of it). Places are of the
-object's middle, in the base frame: x forwards, y to the robot's left, z up from the table. An object of your own: [guide](../guide/your_own_object.md)."""
+INTRODUCTION = f"""The 21 objects of the paper's Table III (`make evaluate DOMAIN=bump OBJECT=sponge`). The paper gives masses, surfaces,
+which objects are not rigid, and the successes of {TRIES} tries with a real robot. It gives no sizes: every row has the size of its task's default
+object. Frictions, stiffnesses and clearances are estimates with their source. All frictions are inside the range of the training.
+`make table3` plays all rows and compares them with the paper. Positions are of the object's middle in the base frame: x forwards,
+y to the robot's left, z up from the table. See also [your own object](../guide/your_own_object.md)."""
 
-LOOKS = """Every object consists of eight blocks, one for each corner and half as long as it along each edge, and by their colours the released detectors tell
-which corner they see: a real one has to be painted or printed so (`ros2 run np_perception object_sheet --domain card --out card.pdf`: its faces on
-A4, to scale). In one colour it is not found, with the colours in another order it is found surely and wrongly
-([figures](../decisions/detector.md#another-look)). Table, obstacles and light are of all kinds in training. RGB from 0 to 255, corners by their sign
-along the object's x, y, z, which are the base frame's where it lies with all angles 0; what a printed colour is to a real camera has not been tried."""
+LOOKS = """Each object consists of eight coloured blocks, one a corner. The released detectors tell corners apart by these colours, so a real object
+must be painted or printed in them (`ros2 run np_perception object_sheet --domain card --out card.pdf` prints the faces to scale). An object in one
+colour is not found. An object with permuted colours is found with a wrong pose and high scores. Table, obstacles and light vary in training.
+RGB values are 0 to 255. Corners are named by their sign along the object's x, y and z. Printed colours before a real camera have not been tried."""
 
 PARTS = """
-## What is not rigid
+## Objects that are not rigid
 
-The object that keypoints and `object_pose` speak of is its core; in both engines the rest are bodies that slide on it along one
-axis each. A soft object has a plate on each face, on a spring with critical damping; at the end of its travel it is hard. Edges give
-way with their plates, bulges do not exist. What is loose inside slides along each axis with clearance, with Coulomb friction of its
-weight, until a stop; it does not turn. Mass, centre of mass and inertia of the whole are the object's while every part is in its
-middle. Springs are as fast as a step of 2 ms bears (150 rad/s): a blow meets more inertia than a sponge has, a slow push
-the stiffness alone. Evaluations count what goes deeper into a soft face than its travel as penetration.
+Keypoints and `object_pose` describe the object's core. In both engines the other parts are bodies that slide on the core along one
+axis each. A soft object has a plate on each face, on a critically damped spring, with a hard stop at the end of its travel. Loose contents
+slide along each axis with clearance and Coulomb friction until a stop; they do not rotate. Mass, centre of mass and inertia
+are the object's while every part is centred. The step of 2 ms limits the springs to 150 rad/s, so a blow meets more inertia than a real sponge has.
+Evaluations count penetration of a soft face only beyond its travel.
 """
 
-SCENARIOS = """Three fixed tasks a domain (`--scenario 1` of `evaluate`, `scenario:=1` of the launch file): the start by the camera, the
-goal in outline, its corners in their colours. The paper shows its own and prints no poses; these are ours. The start of an
-episode scatters by 2 mm and .03 rad, named by seed and episode, where its region leaves room. The pictures:
-`python tools/scenarios.py card docs/guide/images/scenarios_card.jpg`."""
+SCENARIOS = """Each task has three fixed scenarios (`--scenario 1` of `evaluate`, `scenario:=1` of the launch file). The pictures show the start
+as the camera sees it and the goal as an outline. The paper prints no poses; these are ours. Starts scatter by 2 mm and 0.03 rad, determined by
+seed and episode."""
 
 
 def softness(spec: ObjectSpec) -> str:

@@ -91,7 +91,7 @@ def along(radius: float, half_length: float) -> np.ndarray:
     """Places (n,) m, along its axis, of the spheres that a capsule is made of: between two of them it is SAGITTA thinner.
 
     PhysX's own capsule is not: beside an edge of a box it was seen too late, 6 mm deep and more in one approach of 20, and was
-    then thrown out (docs/decisions/policies.md).
+    then thrown out.
     """
     apart = 2 * np.sqrt(radius**2 - (radius - SAGITTA) ** 2)
     return np.linspace(-half_length, half_length, 1 + int(np.ceil(2 * half_length / apart)))

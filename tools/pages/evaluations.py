@@ -1,0 +1,80 @@
+"""docs/results/evaluations.md: the twelve cells of `make evaluate`, from the evaluation_*.json files beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from statistics import median
+
+from pages.markdown import head, rate, table
+
+TASKS = ("card", "bump", "wall")
+CELLS = {
+    "MuJoCo, true corners": "truth",
+    "MuJoCo, camera": "camera",
+    "PhysX, true corners": "truth_physx",
+    "PhysX, camera": "camera_physx",
+}
+INTRODUCTION = """An episode succeeds if the object's true pose is within 1 cm of the goal (card and bump: and within 0.1 rad) when
+the graph declares success. Intervals are 95 % Wilson intervals. Contacts are hard in both engines. The seeds of PhysX were also used while PhysX
+was developed. Camera cells have no image latency, blur, calibration error or change of light: images are rendered at the tick that they are
+stamped with, by the renderer family of the training images."""
+
+
+def read(folder: Path) -> Iterator[tuple[str, str, str, Mapping]]:
+    """Task, name of the cell, file and data of each evaluation in `folder`."""
+    for task in TASKS:
+        for name, cell in CELLS.items():
+            file = folder / f"evaluation_{task}_{cell}.json"
+            yield task, name, file.name, json.loads(file.read_text(encoding="utf-8"))
+
+
+def successes(data: Mapping) -> str:
+    """Successes of episodes of a cell."""
+    return f"{sum(e['success'] for e in data['per_episode'])} of {len(data['per_episode'])}"
+
+
+def page(folder: Path) -> str:
+    """Text of the page."""
+    cells = list(read(folder))
+    by_task = [(task, *(f"[{successes(d)}]({f})" for t, _, f, d in cells if t == task)) for task in TASKS]
+    rows = [_row(*cell) for cell in cells]
+    commands = "\n".join(f"{data['command']}  # {data['date']}, {data['settings']['revision']}" for *_, data in cells)
+    failed = [
+        (task, name, e["episode"], e["declared"], e["reason"], _mm(e["distance"]), e["angle"])
+        for task, name, _, data in cells
+        for e in data["per_episode"]
+        if not e["success"]
+    ]
+    limits = [
+        (task, name, *(data["limit_share"][kind][q] for kind in ("velocity", "torque") for q in ("median", "q99")))
+        for task, name, _, data in cells
+    ]
+    return "".join(
+        [
+            head("Evaluations through the graph", "evaluation_*.json", INTRODUCTION),
+            table(("task", *CELLS), by_task),
+            "\n",
+            table(
+                ("task", "cell", "success", "median distance, mm", "angle, rad", "time, s", "declared wrongly"), rows
+            ),
+            "\n## Commands, dates and revisions\n\n```\n",
+            commands,
+            "\n```\n\n## Limits\n\nLargest share of a joint's limit in an episode. Torque is the commanded one.\n\n",
+            table(("task", "cell", "speed, median", "99 %", "torque, median", "99 %"), limits),
+            "\n## Episodes that failed\n\n",
+            table(("task", "cell", "episode", "declared", "reason", "distance, mm", "angle, rad"), failed),
+        ]
+    )
+
+
+def _row(task: str, name: str, file: str, data: Mapping) -> tuple:
+    ended = [e for e in data["per_episode"] if e["distance"] is not None]
+    middle = (median(e[key] for e in ended) for key in ("distance", "angle", "duration"))
+    distance, angle, time = middle
+    return task, name, rate(data["success"], data["ci95"]), _mm(distance), angle, time, data["declared_wrongly"]
+
+
+def _mm(distance: float | None) -> float | None:
+    return None if distance is None else 1e3 * distance
