@@ -236,8 +236,6 @@ def test_a_matrix_takes_the_released_policies_episodes_from_the_set(tmp_path):
     assert scores_of_released(robots, tmp_path, 20) == dict(zip(names, ([1.0] * 20, [0.75] * 20, [0.5] * 20)))
 
 
-
-
 def stand_ins(monkeypatch, learn, lost=None):
     """In place of recordings, doctor and training; a robot with two effects, both of which the doctor finds."""
     from np_blind.robots.cases import Robot

@@ -6,10 +6,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from packages import modules
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "examples").glob("*.md"))]
 TOLD = [
     ROOT / "README.md",
     *sorted((ROOT / "docs/guide").glob("*.md")),
@@ -78,18 +77,6 @@ def test_commands_exist(document):
     assert all((ROOT / script).exists() for script in re.findall(r"python ((?:tools|examples|tests)/\S+\.py)", told))
     targets = set(re.findall(r"^([a-z0-9-]+):", text(ROOT / "Makefile"), re.MULTILINE))
     assert set(re.findall(r"(?:^|`)make ([a-z][a-z0-9-]*)", told, re.MULTILINE)) <= targets
-
-
-def test_the_glossary_names_what_is_there():
-    """By the sources: the last column has packages' modules and what they define, of np_diagnosis where no package is named."""
-    missing = []
-    for row in re.findall(r"^\| .*\|$", text(ROOT / "docs/glossary.md"), re.MULTILINE)[1:]:
-        for said in re.findall(r"`([\w.]+)`", row.split("|")[-2]):
-            whole = said if said.startswith("np_") else f"np_diagnosis.{said}"
-            known = [whole.rsplit(".", k) for k in range(3) if whole.rsplit(".", k)[0] in modules()]
-            if not known or not all(re.search(rf"\b{name}\b", text(modules()[known[0][0]])) for name in known[0][1:]):
-                missing.append(said)
-    assert not missing
 
 
 def test_the_readme_names_the_first_commands():
