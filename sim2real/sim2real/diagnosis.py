@@ -1,4 +1,4 @@
-"""From logs to the diagnosis: where the gap is, which effects explain it, how far they shrink it."""
+"""From recordings to the diagnosis: which effects explain the gap, how far they shrink it, and what stays unexplained."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2real.arm.model import Arm, panda
-from sim2real.checks.constancy import joints_with_play, slipped, unexplained_patterns
 from sim2real.checks.omnibus import LackOfFit, omnibus_test
 from sim2real.checks.shrinkage import Gap, measure
-from sim2real.checks.standstill import ageing
+from sim2real.checks.unexplained import find_unexplained_joints
 from sim2real.effects.evidence import Context
 from sim2real.effects.sensing.encoder_quantisation import quantised
-from sim2real.effects.signature import Signature
-from sim2real.effects.stage import Stage
+from sim2real.finding import Finding
 from sim2real.inference.context import make_context
 from sim2real.inference.design import Design, make_design
 from sim2real.inference.estimates import Estimate, estimate
@@ -24,72 +22,82 @@ from sim2real.inference.loop_delay import settle_delay
 from sim2real.inference.ranking import alternatives, generalisations, probabilities
 from sim2real.inference.search import Model, Search
 from sim2real.inference.settling import settle_shapes
-from sim2real.inference.visible import visible
+from sim2real.preparation import prepare_logs
 from sim2real.progress import Tell, silent
 from sim2real.recordings.current import as_torque
+from sim2real.recordings.excerpt import excerpts
 from sim2real.recordings.signals import Log
+from sim2real.report.sentence import sentence
 from sim2real.thresholds import THRESHOLDS
 
 VERDICT = THRESHOLDS.verdict
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
-    """An effect at a component (a joint, or "arm").
-
-    parameters: by name; shrink: share by which the effect alone shrinks the held-out gap; equivalent_to: ids that
-    these data cannot tell from it; is_chosen: whether it is of the chosen model; energy: mean square Nm^2 that it
-    removes there. generalised_by: ids of effects of which it is a special case (`ranking.generalisations`), and which
-    therefore do not contradict it; generalised_probability: theirs.
-    """
-
-    effect: Signature
-    component: str
-    probability: float
-    parameters: dict[str, Estimate]
-    shrink: float
-    equivalent_to: tuple[str, ...]
-    is_chosen: bool
-    energy: float
-    generalised_by: tuple[str, ...] = ()
-    generalised_probability: float = 0.0
-
-    @property
-    def claimed(self) -> float:
-        """Probability of what is claimed: this effect, or one of which it is a special case."""
-        return min(1.0, self.probability + self.generalised_probability)
-
-    @property
-    def rivals(self) -> tuple[str, ...]:
-        """Those of `equivalent_to` that contradict it."""
-        return tuple(name for name in self.equivalent_to if name not in self.generalised_by)
-
-    @property
-    def is_open(self) -> bool:
-        """Whether something else may as well be the cause."""
-        return self.claimed < VERDICT.certain or bool(self.rivals)
-
-
-@dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The answer.
-
-    findings: the chosen effects, then alternatives; lack_of_fit: of the omnibus test; unexplained: joints by number
-    that have a gap without an explanation.
-    """
+    """What the recordings say about the arm."""
 
     verdict: str
+    """"no_gap", "identified", "ambiguous" (another effect may be the cause) or "unexplained" (no effect is)."""
     findings: tuple[Finding, ...]
+    """The effects of the chosen model, by the energy that they remove, then those of other probable models."""
     gap: Gap
+    """The held-out gap without effects and with the chosen model."""
     lack_of_fit: tuple[LackOfFit, ...]
+    """Omnibus tests of the chosen model, one a stage and joint."""
     unexplained: tuple[int, ...]
+    """Numbers of the joints with a gap that no effect explains."""
     context: Context
+    """The recordings and the nominal prediction of their motion."""
     design: Design
+    """The regression problem: blocks of rows, candidate effects, parameters."""
     search: Search
+    """All models that were scored."""
     chosen: Model
+    """The model that predicts held-out blocks best."""
+
+    @property
+    def sentence(self) -> str:
+        """The result in one to three sentences."""
+        joints = [self.context.arm.joints[j] for j in self.unexplained]
+        return sentence(self.verdict, self.findings, joints, self.gap, bool(self.context.reference))
+
+    def summary(self) -> str:
+        """The result as text for a terminal: the sentence, the gap, and one line an effect."""
+        gap = self.gap
+        lines = [self.sentence, f"gap {gap.before:.3g} -> {gap.after:.3g} Nm (repeatability {gap.floor:.3g} Nm)"]
+        for finding in self.findings if self.verdict != "no_gap" else ():
+            sizes = (f"{n} {e.value:.3g} [{e.low:.3g}, {e.high:.3g}] {e.unit}" for n, e in finding.parameters.items())
+            mark = "" if finding.is_chosen else "(alternative) "
+            name = f"{mark}{finding.effect.id} at {finding.component}"
+            lines.append(f"{name}: p = {finding.class_probability:.2f}, {', '.join(sizes)}")
+        return "\n".join(lines)
 
 
 def diagnose(
+    logs: Sequence[Log],
+    arm: Arm | None = None,
+    *,
+    reference: Sequence[Log] = (),
+    effort: str | None = None,
+    quick: bool = False,
+    seed: int = 0,
+    tell: Tell = silent,
+) -> Diagnosis:
+    """Compare recordings of free motion with the nominal arm (None: the Panda with its hand).
+
+    reference: earlier recordings of the same arm; then what changed since is explained, and the nominal arm need not be
+    right. effort: which torque was measured (`preparation.prepare_logs`). quick: one effect at most, from excerpts. seed: of
+    the bootstraps. tell: called with the name of each stage of `progress` that begins.
+    Raises ContractViolation for recordings that cannot be what they claim, ValueError for ones that are too short.
+    """
+    logs, before, arm = prepare_logs(logs, arm or panda(), effort, reference)
+    if quick:
+        logs, before = (excerpts(part) if part else part for part in (logs, before))
+    return explain_gap(logs, arm, seed, quick, before, tell)
+
+
+def explain_gap(
     logs: list[Log],
     arm: Arm | None = None,
     seed: int = 0,
@@ -97,12 +105,10 @@ def diagnose(
     reference: Sequence[Log] = (),
     tell: Tell = silent,
 ) -> Diagnosis:
-    """Compare logs with the nominal arm (None: the Panda), or with what `reference` shows of the same arm: then what has
-    changed since is explained, as changes against the arm as it was, and the nominal arm need not be right.
+    """`diagnose` for logs that are prepared: torques of the drives, checked.
 
-    quick: only single effects compete, and rivals and patterns in time are not looked for. tell: told which of the stages
-    of `progress` begins. Raises ValueError where
-    the logs are too short.
+    quick: only single effects compete, and neither alternatives nor patterns in time are looked for. Raises ValueError
+    where the logs are too short.
     """
     tell("search for effects")
     arm = arm or panda()
@@ -117,18 +123,7 @@ def diagnose(
     design = search.design
     tell("what is left, and how sure it is")
     lack_of_fit = omnibus_test(search, chosen.members)
-    suspect = [
-        set(_lacking(lack_of_fit, design.context, joints_with_play(search, chosen.members))),
-        _overexplained(search, chosen),
-        _at_bounds(search, chosen),
-        ageing(search, chosen.members),
-    ]
-    if not quick:
-        suspect += [
-            {m.joint for m in unexplained_patterns(search, chosen.members, lack_of_fit)},
-            slipped(search, chosen.members),
-        ]
-    unexplained = tuple(sorted(set().union(*suspect)))
+    unexplained = find_unexplained_joints(search, chosen, lack_of_fit, quick)
     gap = measure(search, chosen, seed)
     found = _findings(search, chosen, gap, seed, quick)
     return Diagnosis(
@@ -142,66 +137,6 @@ def diagnose(
         search,
         chosen,
     )
-
-
-def _overexplained(search: Search, chosen: Model) -> set[int]:
-    """Joints that need more effects than `VERDICT.per_joint`, the arm's own included: so many can describe anything."""
-    cells, count = search.design.cells, np.zeros(len(search.design.context.arm), int)
-    before, after = np.array(search.energies(())), np.array(search.energies(chosen.members))
-    for m in chosen.members:
-        less = np.array(search.energies(tuple(n for n in chosen.members if n != m)))
-        needed = {c.joint for c, b, a, rise in zip(cells, before, after, less) if rise - a > VERDICT.needed * b}
-        count[list(needed)] += 1
-    return set(np.flatnonzero(count > VERDICT.per_joint).tolist())
-
-
-def _at_bounds(search: Search, chosen: Model) -> set[int]:
-    """Joints at which a parameter, or a shape, is at its bound: the best fit is then no explanation."""
-    found = set()
-    for joints, inside in search.groups(chosen.members):
-        ids, fitted = search.ids(joints, inside), search.group(joints, inside)[0].fit.parameters.mean(axis=0)
-        for m in inside:
-            candidate = search.design.candidates[m]
-            places = [int(np.flatnonzero(ids == i)[0]) for i in candidate.ids]
-            shape = candidate.effect.shape
-            is_beyond = shape is not None and shape.value > shape.upper
-            if is_beyond or any(
-                abs(fitted[at]) > VERDICT.at_bound * search.design.parameters[i].upper
-                for at, i in zip(places, candidate.ids)
-                if search.design.parameters[i].name != "share"
-            ):
-                found |= set(search.reach(candidate)) if candidate.place is None else {candidate.place}
-    return found
-
-
-def _lacking(lack_of_fit: list[LackOfFit], context: Context, with_play: set[int]) -> tuple[int, ...]:
-    """Joints at which the chosen model leaves more than noise.
-
-    Either the flexible model predicts it, or it has a memory that the noise of a clean arm has not, or the drive
-    now and then does what noise never does. A joint `with_play` turns its rotor alone across it, and then both: that is
-    a memory, and explained.
-    """
-    found = set()
-    for left in lack_of_fit:
-        least = visible(context, left.stage, left.joint, VERDICT.torque)
-        removable = left.chosen - left.flexible
-        is_sure = left.gain > max(VERDICT.gain, VERDICT.gain_errors * left.error)
-        is_material = removable > left.rows * least**2
-        if is_sure and is_material and removable > (1 - VERDICT.explained) * (left.null - left.flexible):
-            found.add(left.joint)
-        coloured = left.excess > (VERDICT.coloured**2 - 1) * left.white**2
-        before, after = left.outlying
-        if left.stage is Stage.DRIVE and after > max((1 - VERDICT.explained) * before, left.white**2, least**2):
-            found.add(left.joint)
-        if (
-            left.stage is Stage.DYNAMICS
-            and left.joint not in with_play
-            and coloured
-            and left.excess > least**2
-            and left.removed < VERDICT.coloured_explained
-        ):
-            found.add(left.joint)
-    return tuple(sorted(found))
 
 
 def _findings(search: Search, chosen: Model, gap: Gap, seed: int, quick: bool) -> list[Finding]:

@@ -8,7 +8,7 @@ from moving_arm import MovingArm
 from sim2real.arm.model import panda
 from sim2real.checks.plausibility import check
 from sim2real.excitation.suite import suite as experiments
-from sim2real.recordings.reading import read
+from sim2real.recordings.reading import load_log
 
 from np_record.bag import Recording
 
@@ -22,7 +22,7 @@ def test_an_experiment_is_followed_recorded_and_read(tmp_path, control):
         recorded = suite.record(arm, tmp_path, [EXPERIMENT])
     assert recorded["segments"][-1] == EXPERIMENT  # after a transfer, if there must be one
     (expected,) = experiments([EXPERIMENT])
-    log = read(recorded["bag"])
+    log = load_log(recorded["bag"])
     check(log, panda())
     assert log.duration > expected.duration
     swing = np.ptp(expected.positions[:, 6])

@@ -8,7 +8,7 @@ from arm_generator import Truth, record
 from sim2real.arm import link_errors, rigid
 from sim2real.arm.model import panda
 from sim2real.arm.stages import drive
-from sim2real.diagnosis import diagnose
+from sim2real.diagnosis import explain_gap
 from sim2real.effects.registry import all_signatures
 from sim2real.effects.stage import Stage
 from sim2real.effects.timing.packet_loss import _share
@@ -82,7 +82,7 @@ def test_of_what_links_are_off_by_the_nuisances_leave_less_than_half_of_what_mat
 
 def test_an_arm_whose_links_are_heavier_has_no_gap():
     """Joint 1, which no weight loads, took it for a torque scale."""
-    diagnosis = diagnose([record(Truth(mass_error=0.03), seed=2)])
+    diagnosis = explain_gap([record(Truth(mass_error=0.03), seed=2)])
     assert diagnosis.verdict == "no_gap"
     assert not [f for f in diagnosis.findings if f.is_chosen]
 
@@ -200,9 +200,9 @@ def test_a_twist_that_follows_the_angle_is_no_play(log):
 
 def test_friction_that_is_some_per_cent_off_is_no_fault_and_what_is_more_is_one():
     known = 0.03 * ARM.frictionloss
-    assert diagnose([record(Truth(coulomb_positive=known, coulomb_negative=known), seed=3)]).verdict == "no_gap"
+    assert explain_gap([record(Truth(coulomb_positive=known, coulomb_negative=known), seed=3)]).verdict == "no_gap"
     more = known + np.array([0, 0, 0, 0, 0.04, 0, 0])
-    found = diagnose([record(Truth(coulomb_positive=more, coulomb_negative=more), seed=3)])
+    found = explain_gap([record(Truth(coulomb_positive=more, coulomb_negative=more), seed=3)])
     assert [(f.effect.id, f.component) for f in found.findings if f.is_chosen] == [("coulomb_friction", "panda_joint5")]
 
 

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from sim2real.recordings.reading import read
+from sim2real.recordings.reading import load_log
 
 from np_blind.arm.drawn.cases import Case
 from np_blind.arm.drawn.faults import Fault
@@ -56,7 +56,7 @@ def test_the_second_recording_is_of_the_same_arm_with_other_noise(tmp_path):
     put(folder, report())
 
     def ask(bags, answer):
-        logs = [read(bag) for bag in bags]
+        logs = [load_log(bag) for bag in bags]
         with Recording(bags[1], ["joint_states"]) as recording:
             seen.append(recording.information)
         put(answer, report("identified"))

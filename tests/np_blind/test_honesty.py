@@ -12,7 +12,7 @@ from arm_generator import Truth, at, record
 from sim2real.arm.model import panda
 from sim2real.checks.omnibus import _outlying, omnibus_test
 from sim2real.checks.standstill import _memory, ageing
-from sim2real.diagnosis import diagnose
+from sim2real.diagnosis import explain_gap
 from sim2real.effects.stage import Stage
 from sim2real.excitation.suite import suite
 from sim2real.inference.averaging import spread
@@ -20,7 +20,7 @@ from sim2real.inference.context import make_context
 from sim2real.inference.design import make_design
 from sim2real.inference.ranking import generalisations
 from sim2real.inference.search import Model, Search
-from sim2real.recordings.reading import read_bag
+from sim2real.recordings.reading import load_bag
 from sim2real.recordings.signals import GRID
 from sim2real.simulation.patching import tried_patch
 from sim2real.thresholds import THRESHOLDS
@@ -38,7 +38,7 @@ STUCK, AGEING, DROPPING = 3, 3, 1  # the joints, counted from 0
 def stuck():
     """Of an arm with 0.3 N m of Coulomb friction in joint 4: a quick look at 24 s of motion."""
     truth = Truth(coulomb_positive=at(STUCK + 1, 0.3), coulomb_negative=at(STUCK + 1, 0.3))
-    return diagnose([record(truth)], quick=True)
+    return explain_gap([record(truth)], quick=True)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def searches(tmp_path_factory):
     for arm, name in enumerate(("clean", "sets", "drops out")):
         path = tmp_path_factory.mktemp("bags") / name
         write_bag(path, recorded, arm, targets, 10**9, {})
-        found.append(Search(make_design(make_context([read_bag(path)], panda()))))
+        found.append(Search(make_design(make_context([load_bag(path)], panda()))))
     return found
 
 

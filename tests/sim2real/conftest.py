@@ -1,6 +1,6 @@
 import pytest
 from arm_generator import Truth, at, record  # noqa: E402
-from sim2real.diagnosis import diagnose
+from sim2real.diagnosis import explain_gap
 
 # A diagnosis takes seconds: what several tests look at is made once.
 
@@ -8,7 +8,7 @@ from sim2real.diagnosis import diagnose
 def diagnosed(truth):
     """(diagnosis, its recording) of an arm."""
     log = record(truth)
-    return diagnose([log]), log
+    return explain_gap([log]), log
 
 
 @pytest.fixture(scope="session")

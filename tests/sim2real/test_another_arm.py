@@ -13,10 +13,10 @@ from sim2real.arm.files import load_arm
 from sim2real.arm.model import panda
 from sim2real.checks.plausibility import check
 from sim2real.cli import diagnose as command
-from sim2real.diagnosis import diagnose
+from sim2real.diagnosis import explain_gap
 from sim2real.effects.patch import load_patch
 from sim2real.recordings.current import as_current, as_torque, torque_constants
-from sim2real.recordings.reading import ContractViolation, read
+from sim2real.recordings.reading import ContractViolation, load_log
 from sim2real.recordings.signals import Commands, Log
 from six_hinges import MJCF, PER_AMPERE, RATE, URDF, Truth, record
 
@@ -33,7 +33,7 @@ WRONG = Truth(friction=((1, 0.5), (4, 0.1)), damping=((3, 0.4),), error=0.05)
 
 def log_of(folder, truth=Truth(), name="log", **how):
     np.savez(folder / f"{name}.npz", **record(truth, **how))
-    return read(folder / f"{name}.npz", ARM.joints)
+    return load_log(folder / f"{name}.npz", ARM.joints)
 
 
 def named(diagnosis):
@@ -54,8 +54,8 @@ def test_an_arm_is_well_or_is_not_at_any_rate(tmp_path, rate):
     well = log_of(tmp_path, rate=rate)
     check(well, ARM)
     if rate == 100:  # at 1,000 by current, below
-        assert diagnose([well], ARM).verdict == "no_gap"
-    assert_loaded(named(diagnose([log_of(tmp_path, LOADED, rate=rate)], ARM)))
+        assert explain_gap([well], ARM).verdict == "no_gap"
+    assert_loaded(named(explain_gap([log_of(tmp_path, LOADED, rate=rate)], ARM)))
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -63,25 +63,25 @@ def test_noisy_speeds_of_few_rows_a_second_are_no_pattern(tmp_path, seed):
     """Accelerations of the past tell the noise of the present one, which is in the residual of r2 as well."""
     log = log_of(tmp_path, rate=100, seed=seed, noise=seed + 3, encoders=True)
     check(log, ARM)
-    diagnosis = diagnose([log], ARM)
+    diagnosis = explain_gap([log], ARM)
     assert diagnosis.verdict == "no_gap" and not named(diagnosis)
 
 
 def test_a_strong_arm_may_have_more_of_an_effect(tmp_path):
     """Bounds are made for the Panda's 87 Nm; this joint has 140."""
-    found = named(diagnose([log_of(tmp_path, Truth(payload=7.0), rate=250)], ARM))
+    found = named(explain_gap([log_of(tmp_path, Truth(payload=7.0), rate=250)], ARM))
     assert found["payload", "arm"]["mass"].value == pytest.approx(7.0, rel=0.01)
 
 
 def test_an_arm_from_urdf_is_diagnosed_like_that_from_mjcf(tmp_path):
     arm = load_arm(URDF, tip="tool")
     well = log_of(tmp_path, Truth(rotors=False), rate=250)
-    assert diagnose([well], arm).verdict == "no_gap"
-    assert_loaded(named(diagnose([log_of(tmp_path, replace(LOADED, rotors=False), rate=250)], arm)))
+    assert explain_gap([well], arm).verdict == "no_gap"
+    assert_loaded(named(explain_gap([log_of(tmp_path, replace(LOADED, rotors=False), rate=250)], arm)))
 
 
 def test_rotors_of_which_a_urdf_does_not_tell_are_found(tmp_path):
-    found = named(diagnose([log_of(tmp_path, rate=250)], load_arm(URDF)))
+    found = named(explain_gap([log_of(tmp_path, rate=250)], load_arm(URDF)))
     assert {effect for effect, _ in found} == {"armature"}
     sizes = [found["armature", joint]["inertia"].value for joint in ARM.joints]
     assert np.allclose(sizes, ARM.armature, rtol=0.03)
@@ -100,7 +100,7 @@ def test_what_changed_is_found_in_an_arm_of_which_no_model_is_right(tmp_path, is
     if is_current:
         known = torque_constants([before], ARM)
         before, later = as_torque(before, known), {name: as_torque(log, known) for name, log in later.items()}
-    found = {name: diagnose([log], ARM, reference=[before]) for name, log in later.items()}
+    found = {name: explain_gap([log], ARM, reference=[before]) for name, log in later.items()}
     assert found["nothing"].verdict == "no_gap"
     both = named(found["both"])
     assert set(both) == {("coulomb_friction", "shoulder"), ("payload", "arm")}
@@ -113,7 +113,7 @@ def test_what_changed_is_found_in_an_arm_of_which_no_model_is_right(tmp_path, is
 def test_motor_current_tells_its_constants_and_the_effects_and_no_torque_scale(tmp_path):
     for truth in (Truth(), LOADED):
         log = log_of(tmp_path, truth, current=True)
-        diagnosis = diagnose([as_torque(log, torque_constants([log], ARM))], ARM)
+        diagnosis = explain_gap([as_torque(log, torque_constants([log], ARM))], ARM)
         constants = diagnosis.context.logs[0].per_ampere
         assert np.allclose(constants, PER_AMPERE, rtol=0.01)
         assert "torque_scale" not in {c.effect.id for c in diagnosis.design.candidates}
@@ -126,12 +126,12 @@ def test_motor_current_tells_its_constants_and_the_effects_and_no_torque_scale(t
 def test_a_known_constant_makes_current_a_torque(tmp_path):
     rows = record(current=True, rate=100, duration=5.0)
     np.savez(tmp_path / "known.npz", **rows, torque_per_ampere=PER_AMPERE)
-    log = read(tmp_path / "known.npz", ARM.joints)
+    log = load_log(tmp_path / "known.npz", ARM.joints)
     assert not log.is_current and log.per_ampere is None
     assert np.allclose(log.torque, rows["current_A"] * PER_AMPERE)
     np.savez(tmp_path / "odd.npz", **rows, torque_per_ampere=PER_AMPERE[:5])
     with pytest.raises(ContractViolation, match="torque_per_ampere: expected 6 numbers above 0"):
-        read(tmp_path / "odd.npz", ARM.joints)
+        load_log(tmp_path / "odd.npz", ARM.joints)
 
 
 def test_a_current_that_tells_nothing_is_refused(tmp_path):
@@ -181,8 +181,8 @@ def commanded(truth=Truth(), rate=250, scale=None):
 
 
 def test_commands_of_a_controller_that_nobody_knows_tell_the_drive():
-    assert diagnose([commanded()], ARM).verdict == "no_gap"
-    diagnosis = diagnose([commanded(LOADED, scale=np.array([1, 1, 1.05, 1, 1, 1]))], ARM)
+    assert explain_gap([commanded()], ARM).verdict == "no_gap"
+    diagnosis = explain_gap([commanded(LOADED, scale=np.array([1, 1, 1.05, 1, 1, 1]))], ARM)
     found = named(diagnosis)
     assert found.pop(("torque_scale", "elbow"))["scale"].value == pytest.approx(0.05, rel=0.1)
     assert_loaded(found)
@@ -211,17 +211,17 @@ def bag_of(path, log, names):
 def test_a_bag_of_another_arm_may_name_more_joints_in_another_order(tmp_path):
     log = commanded(rate=125)
     names = ["finger", *ARM.joints[::-1]]
-    found = read(bag_of(tmp_path / "bag", log, names), ARM.joints)
+    found = load_log(bag_of(tmp_path / "bag", log, names), ARM.joints)
     assert np.allclose(found.position, log.position) and np.allclose(found.torque, log.torque)
     assert np.allclose(found.commands.torque, log.commands.torque) and not found.commands.has_law
     assert found.torque_time[0] == pytest.approx(-0.004)
     current = as_current(found)
     assert current.is_current and current.with_gravity and current.commands is None
     with pytest.raises(ContractViolation, match="joint_states: expected joints wrist_3, got finger"):
-        read(bag_of(tmp_path / "short", log, ["finger", *ARM.joints[:5]]), ARM.joints)
+        load_log(bag_of(tmp_path / "short", log, ["finger", *ARM.joints[:5]]), ARM.joints)
 
 
 def test_seven_joints_of_any_name_are_an_arm():
     arm = replace(panda(), joints=tuple(f"axis_{n}" for n in range(7)), name="seven")
-    diagnosis = diagnose([panda_log()], arm)
+    diagnosis = explain_gap([panda_log()], arm)
     assert diagnosis.verdict == "no_gap" and diagnosis.context.arm.joints[0] == "axis_0"

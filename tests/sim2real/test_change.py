@@ -12,7 +12,7 @@ from sim2real.arm import rigid
 from sim2real.arm.model import panda
 from sim2real.arm.stages import drive
 from sim2real.cli.diagnose import parse
-from sim2real.diagnosis import diagnose
+from sim2real.diagnosis import explain_gap
 from sim2real.effects.stage import Stage
 from sim2real.effects.sums import bent, sliding
 from sim2real.effects.torque_loop import torque_saturation
@@ -43,7 +43,7 @@ def before():
 
 def since(before, **changes):
     after = record(replace(WRONG, **changes), name="new", noise=99)
-    return diagnose([after], reference=[before]), after
+    return explain_gap([after], reference=[before]), after
 
 
 def test_what_was_there_before_is_no_change(before):
@@ -76,7 +76,7 @@ def test_uneven_friction_that_bends_its_bristles_further_is_one_effect(before):
     after = record(WRONG, name="new", noise=99)
     turned, own = bent(after.position[:, joint], reach), bent(after.position[:, joint], WRONG.breakaway)
     extra = forward * (turned + 1) / 2 + backward * (turned - 1) / 2 + panda().frictionloss[joint] * (turned - own)
-    diagnosis = diagnose([with_torque(after, joint, extra)], reference=[before])
+    diagnosis = explain_gap([with_torque(after, joint, extra)], reference=[before])
     (found,) = [f for f in diagnosis.findings if f.is_chosen]
     assert (found.effect.id, found.component) == ("asymmetric_coulomb_friction", panda().joints[joint])
     assert found.parameters["level_positive"].value == pytest.approx(forward, abs=0.02)

@@ -11,7 +11,7 @@ from sim2real.arm.model import panda
 from sim2real.arm.stages import expected_torque
 from sim2real.checks.plausibility import check
 from sim2real.cli import diagnose as command
-from sim2real.recordings.reading import ContractViolation, read
+from sim2real.recordings.reading import ContractViolation, load_log
 from sim2real.recordings.signals import Log
 
 from np_description.panda import JOINT_NAMES, STATE_NAMES
@@ -134,7 +134,7 @@ def bag(path, log, names=STATE_NAMES, period=PERIOD, skip=(), effort_command=Tru
 
 def test_a_bag_is_read_as_it_was_recorded(tmp_path, short):
     log = short
-    found = read(bag(tmp_path / "bag", log))
+    found = load_log(bag(tmp_path / "bag", log))
     for name in ("position", "velocity", "torque"):
         np.testing.assert_array_equal(getattr(found, name), getattr(log, name))
     np.testing.assert_allclose(found.time, log.time, atol=1e-12)
@@ -142,7 +142,7 @@ def test_a_bag_is_read_as_it_was_recorded(tmp_path, short):
     np.testing.assert_array_equal(found.commands.torque, log.commands.torque)
     np.testing.assert_allclose(found.commands.damping, log.commands.damping)
     assert not found.with_gravity
-    assert read(bag(tmp_path / "mute", log, effort_command=False)).commands is None
+    assert load_log(bag(tmp_path / "mute", log, effort_command=False)).commands is None
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_a_bag_is_read_as_it_was_recorded(tmp_path, short):
 )
 def test_bags_that_break_the_graph_contract_are_refused(tmp_path, short, options, text):
     with pytest.raises(ContractViolation, match=text):
-        read(bag(tmp_path / "bag", short, **options))
+        load_log(bag(tmp_path / "bag", short, **options))
 
 
 def test_the_command_writes_both_reports_and_refuses_with_status_2(tmp_path, log, capsys):
@@ -194,4 +194,4 @@ def test_npz_files_that_lack_something_are_refused(tmp_path, change, text):
     path = tmp_path / "log.npz"
     np.savez(path, **{name: values for name, values in columns.items() if values is not None})
     with pytest.raises(ContractViolation, match=text):
-        read(path)
+        load_log(path)

@@ -10,10 +10,10 @@ from arm_generator import Truth, at, record
 from sim2real.arm.files import load_arm
 from sim2real.arm.model import panda
 from sim2real.checks.plausibility import check
-from sim2real.diagnosis import diagnose
+from sim2real.diagnosis import explain_gap
 from sim2real.effects.joint_dynamics.presliding_friction import MOST as PRESLIDING_MOST
 from sim2real.effects.joint_dynamics.presliding_friction import STROKES as PRESLIDING_STROKES
-from sim2real.recordings.reading import read
+from sim2real.recordings.reading import load_log
 from sim2real.report.document import make_report, to_json
 from sim2real.report.page import render
 from sim2real.simulation.simulated_arm import Z1
@@ -24,7 +24,7 @@ REAL = Path(os.environ.get("NP_REAL_DATA", Path(__file__).resolve().parents[3] /
 def examine(truth, seed=0):
     log = record(truth, seed=seed)
     check(log)
-    diagnosis = diagnose([log])
+    diagnosis = explain_gap([log])
     report = make_report(diagnosis, [log], 0.0)
     assert to_json(report)  # it keeps to its schema
     return diagnosis, report
@@ -122,9 +122,9 @@ def panda_log():
     if not path.exists():
         pytest.skip(f"{path} is not there; NP_REAL_DATA names the folder with real recordings")
     arm = panda(hand=False).rigid_body_only()
-    log = read(path)
+    log = load_log(path)
     check(log, arm)
-    return diagnose([log], arm)
+    return explain_gap([log], arm)
 
 
 def test_the_public_panda_log_is_predicted_where_its_joints_slide(panda_log, capsys):
@@ -160,9 +160,9 @@ def z1_log():
     if not path.exists():
         pytest.skip(f"{path} is not there; NP_REAL_DATA names the folder with real recordings")
     arm = load_arm(Z1)
-    log = read(path, arm.joints)
+    log = load_log(path, arm.joints)
     check(log, arm)
-    return diagnose([log], arm)
+    return explain_gap([log], arm)
 
 
 def test_the_z1_shows_no_asymmetry_of_its_friction(z1_log):

@@ -5,7 +5,7 @@ import pytest
 from arm_generator import Truth, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim2real.diagnosis import diagnose
+from sim2real.diagnosis import explain_gap
 from sim2real.recordings.excerpt import excerpts
 from sim2real.thresholds import THRESHOLDS
 
@@ -44,7 +44,7 @@ def test_a_short_recording_is_looked_at_whole(log):
 
 
 def test_the_quick_look_finds_what_is_plain(log):
-    quick = diagnose(excerpts([log], 36.0), quick=True)
+    quick = explain_gap(excerpts([log], 36.0), quick=True)
     (found,) = [f for f in quick.findings if f.is_chosen]
     assert (found.effect.id, found.component) == ("coulomb_friction", "panda_joint4")
     level = found.parameters["level"]

@@ -8,7 +8,7 @@ import pytest
 from arm_generator import record
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim2real.diagnosis import diagnose
+from sim2real.diagnosis import explain_gap
 from sim2real.excitation.contact_suite.suite import FAMILIES
 from sim2real.excitation.motions import chirp, triangle, visits, waves
 from sim2real.excitation.suite import FURTHER, NAMES, PAUSE, READY, TICK_NS, end_of, schedule, suite
@@ -68,7 +68,7 @@ def test_what_a_guide_begins_with_is_motion_enough_to_be_judged(guide):
 
 def test_a_recording_that_is_too_short_says_how_much_is_wanted():
     with pytest.raises(ValueError, match="15 s in all; got 4.* s in 1 pieces: record more"):
-        diagnose([record(duration=4.5)], quick=True)
+        explain_gap([record(duration=4.5)], quick=True)
 
 
 def test_it_takes_under_three_minutes_and_joins_up():

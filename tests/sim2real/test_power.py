@@ -8,7 +8,7 @@ from arm_generator import Truth, at, record
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim2real.arm.model import panda
-from sim2real.diagnosis import diagnose
+from sim2real.diagnosis import explain_gap
 from sim2real.excitation.ambiguity import Ambiguity, ambiguity, open_question
 from sim2real.excitation.forecast import planned_cells, planned_log
 from sim2real.excitation.power import (
@@ -152,7 +152,7 @@ def test_an_offset_may_be_friction_with_equal_and_opposite_levels(uneven):
 
 
 def test_an_offset_is_named_with_the_friction_that_it_may_be():
-    diagnosis = diagnose([record(Truth(offset=at(1, 0.3)))])
+    diagnosis = explain_gap([record(Truth(offset=at(1, 0.3)))])
     (finding,) = [f for f in diagnosis.findings if f.is_chosen]
     assert finding.effect.id == "torque_offset" and finding.rivals == ("asymmetric_coulomb_friction",)
     assert diagnosis.verdict == "ambiguous"

@@ -50,15 +50,15 @@ def test_an_effect_without_a_phrase_says_its_name_and_numbers():
     )
 
 
-def finding(effect, component, values, rivals=(), claimed=1.0):
+def finding(effect, component, values, competing=(), probability=1.0):
     return SimpleNamespace(
         effect=SimpleNamespace(id=effect),
         component=component,
         parameters={name: Value(*numbers) for name, numbers in values.items()},
         is_chosen=True,
-        rivals=rivals,
-        claimed=claimed,
-        is_open=bool(rivals) or claimed < 0.9,
+        competing_effects=competing,
+        class_probability=probability,
+        is_open=bool(competing) or probability < 0.9,
     )
 
 
@@ -76,34 +76,40 @@ def diagnosis(verdict, findings=(), unexplained=(), reference=0):
     )
 
 
+def sentence_of(*args, **named):
+    one = diagnosis(*args, **named)
+    joints = [NOMINAL.joints[j] for j in one.unexplained]
+    return sentence(one.verdict, one.findings, joints, one.gap, bool(one.context.reference))
+
+
 def test_what_is_identified_is_said_with_what_it_removes():
-    assert sentence(diagnosis("identified", (PAYLOAD, FRICTION))) == (
+    assert sentence_of("identified", (PAYLOAD, FRICTION)) == (
         "The arm carries 0.350 kg (95 %: 0.345 to 0.355) that the simulator does not know; "
         "joint 4 has 0.80 Nm (0.79 to 0.81) more dry friction. Adding both removes 97 % of the gap (95 %: 96 to 98)."
     )
 
 
 def test_without_a_gap_nothing_is_claimed():
-    assert sentence(diagnosis("no_gap")) == "The arm moves as the simulator does: no difference was found that repeats."
-    assert sentence(diagnosis("no_gap", reference=1)).startswith("The arm moves as it did: ")
+    assert sentence_of("no_gap") == "The arm moves as the simulator does: no difference was found that repeats."
+    assert sentence_of("no_gap", reference=1).startswith("The arm moves as it did: ")
 
 
 def test_what_is_ambiguous_says_between_what():
     open_ = finding("torque_scale", "panda_joint2", {"scale": (-0.1, -0.11, -0.09)}, ("payload", "link_com"))
-    said = sentence(diagnosis("ambiguous", (open_, PAYLOAD)))
+    said = sentence_of("ambiguous", (open_, PAYLOAD))
     assert said.startswith(
         "Probably the drive of joint 2 gives 10 % (95 %: 9 to 11) less torque than it is asked for; "
     )
     assert said.endswith("Torque scale at joint 2 cannot be told from payload or link com by these recordings.")
-    unsure = finding("coulomb_friction", "panda_joint4", {"level": (0.8, 0.7, 0.9)}, claimed=0.62)
-    assert sentence(diagnosis("ambiguous", (unsure,))).endswith("has a probability of 0.62 only.")
+    unsure = finding("coulomb_friction", "panda_joint4", {"level": (0.8, 0.7, 0.9)}, probability=0.62)
+    assert sentence_of("ambiguous", (unsure,)).endswith("has a probability of 0.62 only.")
 
 
 def test_what_is_unexplained_names_the_joint_first():
-    said = sentence(diagnosis("unexplained", (FRICTION,), (1, 2)))
+    said = sentence_of("unexplained", (FRICTION,), (1, 2))
     assert said.startswith("Joint 2 and joint 3 depart from the simulator in a way that no known effect explains")
     assert "What was found beside that: joint 4 has 0.80 Nm" in said
-    assert sentence(diagnosis("unexplained", (), (6,))).startswith("Joint 7 departs from")
+    assert sentence_of("unexplained", (), (6,)).startswith("Joint 7 departs from")
 
 
 def test_the_loop_goes_on_only_where_there_is_a_patch_to_use():

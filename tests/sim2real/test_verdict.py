@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sim2real.checks.omnibus import LackOfFit
-from sim2real.diagnosis import _lacking
+from sim2real.checks.unexplained import find_lack_of_fit
 from sim2real.effects.stage import Stage
 
 from np_description.panda import NOMINAL
@@ -18,9 +18,9 @@ REMEMBERS = LackOfFit(Stage.DYNAMICS, 6, -80.0, 120.0, 0.86, 0.75, 2.4, 341, 0.0
 
 
 def test_what_a_rotor_alone_leaves_is_explained_where_there_is_play_and_nowhere_else():
-    assert _lacking([REMEMBERS], CONTEXT, set()) == (6,)
-    assert _lacking([REMEMBERS], CONTEXT, {6}) == ()
-    assert _lacking([REMEMBERS], CONTEXT, {5}) == (6,)
+    assert find_lack_of_fit([REMEMBERS], CONTEXT, set()) == {6}
+    assert find_lack_of_fit([REMEMBERS], CONTEXT, {6}) == set()
+    assert find_lack_of_fit([REMEMBERS], CONTEXT, {5}) == {6}
 
 
 @pytest.mark.parametrize("lack", [
@@ -28,4 +28,4 @@ def test_what_a_rotor_alone_leaves_is_explained_where_there_is_play_and_nowhere_
     replace(REMEMBERS, stage=Stage.DRIVE, outlying=(0.05, 0.05)),  # the drive does now and then what noise never does
 ])  # fmt: skip
 def test_play_explains_nothing_else(lack):
-    assert _lacking([lack], CONTEXT, {6}) == (6,)
+    assert find_lack_of_fit([lack], CONTEXT, {6}) == {6}

@@ -42,7 +42,7 @@ def test_a_recording_without_commands_is_refused(log):
 
 
 def test_the_command_writes_what_it_says(log, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(diagnose, "read_all", lambda paths, arm: [log])
+    monkeypatch.setattr(diagnose, "_load_all", lambda paths, arm: [log])
     patch = tmp_path / "patch.yaml"
     patch.write_text(dump_patch(Patch((FRICTION, ELSEWHERE))))
     out = tmp_path / "verified"

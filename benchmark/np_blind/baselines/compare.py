@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     # Slow to import, and not wanted by --help.
     from sim2real.effects.patch import dump_patch
-    from sim2real.recordings.reading import ContractViolation, read
+    from sim2real.recordings.reading import ContractViolation, load_log
     from sim2real.simulation.closed_loop import stretches
     from sim2real.simulation.simulated_arm import panda_plant
 
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     budget, plant = Budget(**{name: getattr(options, name) for name in vars(Budget())}), panda_plant()
     try:
-        recorded = [part for path in options.bags for part in stretches(read(path))]
+        recorded = [part for path in options.bags for part in stretches(load_log(path))]
         found = fits(plant, recorded, budget, options.seed, _show)
     except ValueError as error:  # a ContractViolation is one
         print(f"baselines: {error}", file=sys.stderr)

@@ -63,9 +63,9 @@ def from_files(paths: Sequence[Path], plant: Plant) -> list[Stretch]:
     period, joints = plant.model.opt.timestep, len(plant.joints)
     recorded = [read_drive_log(path, joints, period) for path in paths if path.suffix == ".npz"]
     if bags := [path for path in paths if path.suffix != ".npz"]:
-        from sim2real.recordings.reading import read  # needs what reads bags, which an .npz file does not
+        from sim2real.recordings.reading import load_log  # needs what reads bags, which an .npz file does not
 
-        recorded += [part for path in bags for part in stretches(read(path))]
+        recorded += [part for path in bags for part in stretches(load_log(path))]
     return recorded
 
 

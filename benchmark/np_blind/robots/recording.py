@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from sim2real.diagnosis import diagnose as diagnose_arm
+from sim2real.diagnosis import explain_gap as diagnose_arm
 from sim2real.effects.patch import Patch
 from sim2real.excitation.suite import end_of, schedule, suite
 from sim2real.recordings.reading import SECOND

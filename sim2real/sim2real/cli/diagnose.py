@@ -66,24 +66,14 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def read_all(paths: Sequence[Path], arm: Arm, effort: str | None = None, known: int = 0) -> list[Log]:
-    """Logs that keep their contract, of torques; known: how many of them are of the arm as it was (0: none), which tell the
-    torque constants of currents. Raises ContractViolation for one that does not, ValueError for currents that do not tell."""
-    from sim2real.checks.plausibility import check
-    from sim2real.recordings.current import as_current, as_torque, torque_constants
-    from sim2real.recordings.reading import read
+def _load_all(paths: Sequence[Path], arm: Arm) -> list[Log]:
+    """Logs of the arm's joints. Raises ContractViolation."""
+    from sim2real.recordings.reading import load_log
 
     logs = []
     for number, path in enumerate(paths):
         print(f"reading {path} ({number + 1} of {len(paths)})", file=sys.stderr)
-        log = read(path, arm.joints)
-        logs.append(as_current(log) if effort == "current" and not log.is_current else log)
-    currents = [log for log in logs[: known or None] if log.is_current]
-    if currents:
-        per_ampere = torque_constants(currents, arm)
-        logs = [as_torque(log, per_ampere) if log.is_current else log for log in logs]
-    for log in logs:
-        check(log, arm)
+        logs.append(load_log(path, arm.joints))
     return logs
 
 
@@ -91,6 +81,7 @@ def verify_patch(options: argparse.Namespace) -> int:
     """A recording beside the simulator with a patch and without it; verification.json, and JSON as the last line."""
     from sim2real.arm.model import panda
     from sim2real.effects.patch import load_patch
+    from sim2real.preparation import to_torques
     from sim2real.recordings.reading import ContractViolation
     from sim2real.simulation.verification import sentence, verify, write
 
@@ -98,7 +89,7 @@ def verify_patch(options: argparse.Namespace) -> int:
         if options.model or options.no_hand or options.rigid_body:
             raise ValueError("--patch: expected the nominal Panda with its hand, which a patch is made for")
         patch = load_patch(options.patch)
-        found = verify(read_all(options.logs, panda()), patch)
+        found = verify(to_torques(_load_all(options.logs, panda()), panda()), patch)
     except (ValueError, FloatingPointError) as error:
         print(f"diagnose: {error}", file=sys.stderr)
         print(json.dumps({"error": str(error)}))
@@ -132,26 +123,22 @@ def main(arguments: list[str] | None = None) -> int:
     if options.patch:
         return verify_patch(options)
     from sim2real import single_thread  # noqa: F401, I001  before NumPy
-    from sim2real.checks.effort_side import on_the_drives_side
     from sim2real.diagnosis import diagnose
     from sim2real.progress import StageProgress
-    from sim2real.recordings.excerpt import excerpts
     from sim2real.recordings.reading import ContractViolation
     from sim2real.report.document import write
 
     began = time.monotonic()
     try:
         arm = _arm(options)
-        together = read_all([*options.reference, *options.logs], arm, options.effort, len(options.reference))
-        is_current = any(log.per_ampere is not None for log in together)  # which is the drives'
-        together, arm = on_the_drives_side(together, arm, "drive" if is_current else options.effort)
-        before, logs = together[: len(options.reference)], together[len(options.reference) :]
+        logs, before = (_load_all(paths, arm) for paths in (options.logs, options.reference))
         total, part = sum(log.duration for log in logs), "parts of " if options.quick else ""
         other = f"{sum(log.duration for log in before):.0f} s of the arm as it was" if before else "the nominal arm"
         print(f"comparing {part}{total:.0f} s with {other}", file=sys.stderr)
         progress = StageProgress(options.quick)
-        taken = (excerpts(part) if options.quick and part else part for part in (logs, before))
-        diagnosis = diagnose(next(taken), arm, quick=options.quick, reference=next(taken), tell=progress.begin)
+        diagnosis = diagnose(
+            logs, arm, reference=before, effort=options.effort, quick=options.quick, tell=progress.begin
+        )
     except ContractViolation as violation:
         return report_violation(violation)
     except ValueError as error:

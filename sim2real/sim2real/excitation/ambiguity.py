@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
-from sim2real.diagnosis import Diagnosis, Finding
+from sim2real.diagnosis import Diagnosis
 from sim2real.effects.catalogue import equivalence_classes
+from sim2real.finding import Finding
 from sim2real.inference.design import Design
 from sim2real.inference.ranking import generalisations
 from sim2real.inference.search import Model, Search
@@ -51,7 +52,7 @@ def open_question(diagnosis: Diagnosis) -> tuple[Finding, Ambiguity] | None:
             for f in diagnosis.findings
             if not f.is_chosen and f.probability > 1 - THRESHOLDS.verdict.certain
         }
-        question = ambiguity(search, chosen, member, likely.union(finding.rivals))
+        question = ambiguity(search, chosen, member, likely.union(finding.competing_effects))
         if question is not None:
             return finding, question
     return None

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from np_description.panda import NOMINAL
-from sim2real.diagnosis import Diagnosis, Finding
+from sim2real.diagnosis import Diagnosis
 from sim2real.effects import RECORDS
 from sim2real.effects.catalogue import equivalence_classes
 from sim2real.excitation.ambiguity import Ambiguity, reach
 from sim2real.excitation.forecast import planned_cells
 from sim2real.excitation.suite import experiment
+from sim2real.finding import Finding
 from sim2real.inference.cells import Cell
 from sim2real.inference.design import Design
 from sim2real.inference.fit import fit, places

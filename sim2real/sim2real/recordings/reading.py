@@ -38,18 +38,18 @@ class ContractViolation(ValueError):
     """A recording that cannot mean what its topics or columns claim; says what was expected and found."""
 
 
-def violated(path: str | Path, error: Exception) -> ContractViolation:
+def bag_violation(path: str | Path, error: Exception) -> ContractViolation:
     """What is wrong with a bag, which is named once: most errors begin with it."""
     name, said = f"bag {Path(path)}", str(error)
     return ContractViolation(said if said.startswith(name) else f"{name}: {said}")
 
 
-def read(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
-    """A log of an arm's joints from a rosbag2 folder, or from an .npz file (`read_npz`). Raises ContractViolation."""
-    return read_npz(path, len(joints)) if Path(path).suffix == ".npz" else read_bag(path, joints)
+def load_log(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
+    """A log of an arm's joints from a rosbag2 folder, or from an .npz file (`load_npz`). Raises ContractViolation."""
+    return load_npz(path, len(joints)) if Path(path).suffix == ".npz" else load_bag(path, joints)
 
 
-def read_bag(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
+def load_bag(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
     """The joints of a rosbag2 recording. Its torques are without gravity. Raises ContractViolation.
 
     A measured torque is the mean of the period that ends at its stamp, a command acts in the one that begins
@@ -72,7 +72,7 @@ def read_bag(path: str | Path, joints: Sequence[str] = JOINT_NAMES) -> Log:
             gains = [_gains(name, m, len(joints)) for m in raw.get("target_gains", ())]
             phases = phase_changes(name, raw)
     except (BagError, BulkError) as error:
-        raise violated(path, error) from error
+        raise bag_violation(path, error) from error
     _check_times(name, stamp / SECOND, PERIOD if is_panda else None)
     time = (stamp - stamp[0]) / SECOND
     period = PERIOD if is_panda else float(np.median(np.diff(time)))
@@ -152,7 +152,7 @@ def _motor(name, stamp, motor_stamp, motor, joints) -> np.ndarray | None:
     return angles
 
 
-def read_npz(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
+def load_npz(path: str | Path, joints: int = len(JOINT_NAMES)) -> Log:
     """Arrays of one of three kinds. Raises ContractViolation.
 
     Measured torque (libfranka's robot state): t_s (n,), q_rad, dq_rad_s, tau_J_Nm (n, k), torque with gravity;

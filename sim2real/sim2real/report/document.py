@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from sim2real.checks.shrinkage import REGIMES, regimes
-from sim2real.diagnosis import Diagnosis, Finding
+from sim2real.diagnosis import Diagnosis
 from sim2real.effects import RECORDS
 from sim2real.effects.patch import dump_patch
 from sim2real.effects.stage import Stage
 from sim2real.excitation.ambiguity import open_question
+from sim2real.finding import Finding
 from sim2real.progress import Tell, silent
 from sim2real.recordings.signals import Log
 from sim2real.report.notes import notes
-from sim2real.report.sentence import sentence
 from sim2real.simulation.patching import make_patch, tried_patch
 from sim2real.thresholds import THRESHOLDS
 
@@ -39,7 +39,7 @@ def make_report(
     return {
         "schema_version": 1,
         "verdict": diagnosis.verdict,
-        "sentence": sentence(diagnosis),
+        "sentence": diagnosis.sentence,
         "where": where(diagnosis),
         "effects": [_effect(f) for f in diagnosis.findings] if diagnosis.verdict != "no_gap" else [],
         "gap": {
@@ -161,7 +161,7 @@ def _effect(finding: Finding) -> dict:
         "effect": finding.effect.id,
         "component": finding.component,
         "probability": min(1.0, finding.probability),
-        "class_probability": finding.claimed,
+        "class_probability": finding.class_probability,
         "special_case_of": list(finding.generalised_by),
         "equivalent_to": list(finding.equivalent_to),
         "parameters": {

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from np_description.keypoints import COUNT
-from sim2real.recordings.reading import SECOND, ContractViolation, violated
+from sim2real.recordings.reading import SECOND, ContractViolation, bag_violation
 from sim2real.thresholds import THRESHOLDS
 
 TRACK = THRESHOLDS.track
@@ -64,7 +64,7 @@ def read_keypoint_track(path: str | Path, least_score: float = TRACK.score) -> K
     except MissingTopics as error:
         raise ContractViolation(f"{error}{_other_suite(error.information)}") from error
     except (BagError, BadMessage) as error:
-        raise violated(path, error) from error
+        raise bag_violation(path, error) from error
     if not len(stamps):
         raise ContractViolation(f"{name}: expected keypoints, got none")
     return KeypointTrack(name, (stamps - stamps[0]) / SECOND, found[:, :, :2], found[:, :, 2] >= least_score)

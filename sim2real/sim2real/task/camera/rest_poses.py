@@ -13,7 +13,7 @@ from np_common.rotations import matrix_from_quaternion
 from np_description.domains import Domain
 from np_description.keypoints import COUNT
 from np_description.panda import BASE_FRAME
-from sim2real.recordings.reading import SECOND, ContractViolation, violated
+from sim2real.recordings.reading import SECOND, ContractViolation, bag_violation
 from sim2real.task.keypoint_track import KeypointTrack, find_rests, read_keypoint_track
 from sim2real.thresholds import THRESHOLDS
 
@@ -75,7 +75,7 @@ def read_rest_poses(
             rows = recording.rows("object_pose").get("object_pose", ()) if measured else ()
             poses = [(m.stamp, *pose_arrays(m.decode(), BASE_FRAME)) for m in rows]
     except (BagError, BadMessage, ValueError) as error:
-        raise violated(path, error) from error
+        raise bag_violation(path, error) from error
     if used and not calibration:
         raise ContractViolation(f"{name}: expected the calibration that it was made with, {used}, got none")
     time = (np.array([stamp for stamp, _, _ in poses], float) - first) / SECOND

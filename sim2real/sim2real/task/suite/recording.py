@@ -10,7 +10,7 @@ import numpy as np
 from np_description.domains import Domain
 from np_description.phases import EXCITE
 from sim2real.excitation.contact_suite.suite import FAMILIES
-from sim2real.recordings.reading import SECOND, ContractViolation, read_bag, violated
+from sim2real.recordings.reading import SECOND, ContractViolation, bag_violation, load_bag
 from sim2real.recordings.signals import Log
 from sim2real.task.keypoint_track import KeypointTrack, read_keypoint_track
 
@@ -59,13 +59,13 @@ def read_task(path: str | Path) -> TaskRecording:
     from np_description.objects.choice import recorded_domain
     from np_record.bag import BagError, Recording  # slow
 
-    log, track = read_bag(path), read_keypoint_track(path)
+    log, track = load_bag(path), read_keypoint_track(path)
     try:
         with Recording(path, required=("joint_states", "keypoints")) as recording:
             domain = recorded_domain(recording.information)
             first, seen = (recording.rows(topic)[topic][0].stamp for topic in ("joint_states", "keypoints"))
     except (BagError, ValueError) as error:
-        raise violated(path, error) from error
+        raise bag_violation(path, error) from error
     spans = spans_of(log)
     if not spans:
         raise NotATaskSuite(f"bag {path}: expected experiments of the task suite ({', '.join(FAMILIES)}), got none")
