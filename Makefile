@@ -6,7 +6,6 @@ DOMAIN ?= card
 EPISODES ?= 20
 SEED ?= 0
 KEYPOINTS ?= camera
-CONTROLLER ?= impedance
 OBJECT ?= default
 CONTACTS ?=
 ENGINE ?= mujoco
@@ -21,7 +20,7 @@ ON = $(if $(CLUSTER),--cluster $(CLUSTER))
 ARGS ?=
 
 # A name that is none of them would be passed over, and the command run with its defaults; so would one that its rule below does not name.
-OPTIONS := DOMAIN EPISODES SEED KEYPOINTS CONTROLLER OBJECT CONTACTS ENGINE EFFECTS GPUS BAG CASES SET JOBS CLUSTER ARGS PYTEST_ARGS
+OPTIONS := DOMAIN EPISODES SEED KEYPOINTS OBJECT CONTACTS ENGINE EFFECTS GPUS BAG CASES SET JOBS CLUSTER ARGS PYTEST_ARGS
 OF_SETUP := PYTHON TORCH_INDEX SHELL
 GIVEN := $(foreach v,$(.VARIABLES),$(if $(filter command,$(origin $v)),$v))
 STRANGE := $(filter-out $(OPTIONS) $(OF_SETUP),$(GIVEN))
@@ -58,9 +57,9 @@ demo: setup ## DOMAIN EPISODES SEED KEYPOINTS OBJECT: three episodes through the
 	@$(ACTIVATE) exec ros2 run np_evaluation demo --domain $(DOMAIN) --seed $(SEED) --keypoints $(KEYPOINTS) --object $(OBJECT) \
 		$(if $(filter-out file,$(origin EPISODES)),--episodes $(EPISODES)) $(ARGS)
 
-evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth CONTROLLER OBJECT EFFECTS ENGINE=mujoco|physx CONTACTS=1 JOBS=1 CLUSTER: success rate as JSON
+evaluate: $(if $(filter physx,$(ENGINE)),physx,setup) ## DOMAIN EPISODES SEED KEYPOINTS=camera|truth OBJECT EFFECTS ENGINE=mujoco|physx CONTACTS=1 JOBS=1 CLUSTER: success rate as JSON
 	@$(ACTIVATE) exec ros2 run np_evaluation evaluate --engine $(ENGINE) --domain $(DOMAIN) --episodes $(EPISODES) --seed $(SEED) \
-		--keypoints $(KEYPOINTS) --controller $(CONTROLLER) --object $(OBJECT) --effects $(EFFECTS) \
+		--keypoints $(KEYPOINTS) --object $(OBJECT) --effects $(EFFECTS) \
 		$(if $(CONTACTS),--contacts $(CONTACTS)) $(if $(filter-out file,$(origin JOBS)),--jobs $(JOBS)) $(ON) $(ARGS)
 
 table3: $(if $(filter physx,$(ENGINE)),physx,setup) ## ENGINE KEYPOINTS SEED CONTACTS=1 JOBS CLUSTER ARGS="--tries 50": the paper's 21 objects in three scenarios, beside its own successes

@@ -10,9 +10,8 @@ from policy_weights import write_policies
 from np_description.domains import CARD
 
 
-def write_weights(folder: Path, controller: str = "impedance") -> Path:
-    """Policies, made for `controller`, and a detector for the card; the student wants a pose that can be reached.
-    The folder."""
-    write_policies(folder, CARD, controller=controller)
+def write_weights(folder: Path) -> Path:
+    """Policies and a detector for the card; the student wants a pose that can be reached. The folder."""
+    write_policies(folder, CARD)
     write_detector(folder)
     return folder

@@ -14,10 +14,8 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from np_common.rotations import quaternion_from_matrix
-from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MIN
-from np_control.kinematics import forward_kinematics, jacobian, pose_distance
-from np_control.operational_space import chosen_gains
+from np_control.kinematics import forward_kinematics, pose_distance
 from np_control.safety import LIMITS
 from np_description.message_arrays import joint_state_arrays, stamp_nanoseconds
 from np_description.panda import BASE_FRAME, JOINT_NAMES, NOMINAL, STATE_NAMES
@@ -376,23 +374,7 @@ def test_with_the_sim_bridge_the_arm_arrives(graph, probe, tmp_path):
     probe.wait_until(lambda: error() < 0.003, what="the arm to arrive")
 
 
-def test_in_operational_space_a_target_becomes_a_force_along_its_direction(start, state, probe):
-    start("operational_space")
-    state(TICK)
-    probe.publish("episode/tick", phase_message(PhaseState("post"), TICK))
-    probe.publish("target_gains", gains_message(GAINS))
-    probe.publish("target_pose", pose_message(TICK, BASE_FRAME, POSITION + [0.01, 0, 0], QUATERNION))
-    answered(probe, TICK)
-    # The torque reaches its full size within the torque rate, some periods after the latency of 10.
-    for k in range(1, 30):
-        state(TICK + k * PERIOD)
-    effort = answered(probe, TICK + 29 * PERIOD)[2]
-    acceleration = jacobian(NOMINAL.ready) @ np.linalg.solve(Dynamics().mass_matrix(NOMINAL.ready), effort)
-    np.testing.assert_allclose(acceleration, [0.01 * chosen_gains(*GAINS)[0], 0, 0, 0, 0, 0], atol=0.02)
-
-
-@pytest.mark.parametrize("executable", ["joint_impedance", "operational_space"])
-def test_the_controllers_do_not_import_torch(executable):
-    """Their start-up and their 500 Hz loop have no use for a deep learning library."""
-    code = f"import sys, np_control.nodes.{executable}_node; assert 'torch' not in sys.modules"
+def test_the_controller_does_not_import_torch():
+    """Its start-up and its 500 Hz loop have no use for a deep learning library."""
+    code = "import sys, np_control.nodes.joint_impedance_node; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

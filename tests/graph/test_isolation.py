@@ -17,7 +17,6 @@ ALLOWED = {
     "post_contact": {"goal_keypoints", "keypoints", "episode/tick", "joint_states"},
     "episode": {"goal_pose", "keypoints", "joint_trajectory", "approach/refusal", "diagnostics"},
     "joint_impedance": LEADING,
-    "operational_space": LEADING,
 }
 OF_ROS = {"parameter_events", "clock"}
 
@@ -32,16 +31,14 @@ def subscriptions(probe, node):
 
 @pytest.fixture(scope="module")
 def graph(tmp_path_factory):
-    """One for both controllers: only they differ."""
     with Graph(tmp_path_factory.mktemp("isolation") / "log") as graph:
         yield graph
 
 
-@pytest.mark.parametrize("controller", ["impedance", "osc"])
-def test_the_policy_path_does_not_hear_the_truth(controller, graph, probe, tmp_path):
+def test_the_policy_path_does_not_hear_the_truth(graph, probe, tmp_path):
     phases = probe.collect("episode/phase", DiagnosticArray, qos.LATCHED)
     poses = probe.collect("object_pose", PoseStamped)
-    names = graph.bring_to(card_specs(controller=controller, weights=str(write_weights(tmp_path, controller))))
+    names = graph.bring_to(card_specs(weights=str(write_weights(tmp_path))))
     probe.wait_until_ready(names)
     policy_path = names - {"sim_bridge"}
     assert len(policy_path) == 6

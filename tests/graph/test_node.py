@@ -306,10 +306,10 @@ def test_help_of_a_node_tells_every_parameter_and_starts_nothing(name, module, c
         assert p.allowed in said
 
 
-@pytest.mark.parametrize("keypoints, controller", [("camera", "impedance"), ("truth", "osc")])
+@pytest.mark.parametrize("keypoints", ["camera", "truth"])
 @pytest.mark.parametrize("backend", [SIMULATED, REAL])
-def test_a_graph_gives_its_nodes_only_parameters_that_they_have(keypoints, controller, backend):
-    asked = {"keypoints": keypoints, "controller": controller, "effects": "x", "bag": "x", "backend": backend}
+def test_a_graph_gives_its_nodes_only_parameters_that_they_have(keypoints, backend):
+    asked = {"keypoints": keypoints, "effects": "x", "bag": "x", "backend": backend}
     if backend == REAL:
         asked |= {"mode": "realtime", "hostname": "x", "calibration": "x", "keypoints": "camera"}
     modules = dict(EXECUTABLES)
@@ -318,13 +318,13 @@ def test_a_graph_gives_its_nodes_only_parameters_that_they_have(keypoints, contr
         assert set(spec.parameters) <= known, spec.name
 
 
-@pytest.mark.parametrize("keypoints, controller", [("camera", "impedance"), ("truth", "osc")])
-def test_a_replay_starts_the_nodes_that_were_recorded(keypoints, controller):
-    asked = {"keypoints": keypoints, "controller": controller, "object": "sponge", "weights": "x", "seed": "3"}
+@pytest.mark.parametrize("keypoints", ["camera", "truth"])
+def test_a_replay_starts_the_nodes_that_were_recorded(keypoints):
+    asked = {"keypoints": keypoints, "object": "sponge", "weights": "x", "seed": "3"}
     information = {**asked, "domain": "bump", "mode": "lockstep", "calibration": "y"}
     counts = {"camera/image_raw": 9} if keypoints == "camera" else {}
     replayed = Script(SimpleNamespace(path="bag", information=information, counts=counts)).specs
-    answering = ("joint_impedance", "operational_space", "keypoint_detector", "pre_contact", "approach", "post_contact")
+    answering = ("joint_impedance", "keypoint_detector", "pre_contact", "approach", "post_contact")
     recorded = [spec for spec in task_graph(information) if spec.name in answering]
     assert replayed == recorded and len(recorded) == (5 if keypoints == "camera" else 4)
 

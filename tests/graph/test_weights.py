@@ -25,23 +25,28 @@ def weights(tmp_path):
     return write_policies(tmp_path / "weights", CARD)
 
 
+@pytest.fixture
+def osc_weights(tmp_path):
+    return write_policies(tmp_path / "weights", CARD, controller="osc")
+
+
 @pytest.mark.parametrize("name", ["pre_contact", "post_contact"])
-def test_a_node_refuses_weights_of_another_controller(name, weights, graph):
-    parameters = ["-p", f"weights:={weights}", "-p", "controller:=osc"]
+def test_a_node_refuses_weights_of_another_controller(name, osc_weights, graph):
+    parameters = ["-p", f"weights:={osc_weights}"]
     result = finished(*command("np_policy", name), "--ros-args", *parameters)
     assert result.returncode == 1 and "Traceback" not in result.stderr
-    assert f"{name}_card.safetensors were trained for something else: controller: expected osc, got impedance" in (
+    assert f"{name}_card.safetensors were trained for something else: controller: expected impedance, got osc" in (
         result.stderr
     )
 
 
-def test_an_evaluation_refuses_weights_of_another_controller_before_it_starts_a_node(weights, tmp_path):
+def test_an_evaluation_refuses_weights_of_another_controller_before_it_starts_a_node(osc_weights, tmp_path):
     out = tmp_path / "eval"
-    options = ["--weights", weights, "--keypoints", "truth", "--controller", "osc", "--out", out]
+    options = ["--weights", osc_weights, "--keypoints", "truth", "--out", out]
     result = finished(*command("np_evaluation", "evaluate"), *map(str, options))
     assert result.returncode == 1 and result.stdout == ""
     (line,) = result.stderr.splitlines()
-    assert line.startswith("evaluate: weights: ") and line.endswith("controller: expected osc, got impedance")
+    assert line.startswith("evaluate: weights: ") and line.endswith("controller: expected impedance, got osc")
     assert not out.exists()
 
 

@@ -87,7 +87,6 @@ def test_a_recorder_does_not_wait_for_what_only_a_simulation_knows():
         ({"calibration": ""}, "calibration: expected one"),
         ({"calibration": "none"}, "calibration: expected one"),
         ({"control": "other"}, "control: expected one of"),
-        ({"control": "onboard", "controller": "osc"}, "no other law runs in the driver"),
     ],
 )
 def test_what_does_not_go_together_is_named(changes, text):

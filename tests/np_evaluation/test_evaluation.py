@@ -17,7 +17,6 @@ from np_evaluation import run_episodes as playing
 from np_evaluation.commands import demo
 from np_evaluation.commands import evaluate as command
 from np_evaluation.results import Part, Results, split
-from np_evaluation.results_plot import results_plot
 from np_evaluation.scoring import CODE, breakdown, code_sha256, result_of, summary
 from np_record.outcome import Outcome
 
@@ -25,7 +24,6 @@ SETTINGS = {
     "domain": "card",
     "seed": 0,
     "keypoints": "truth",
-    "controller": "impedance",
     "weights_sha256": {"a": "1"},
 }
 
@@ -148,13 +146,7 @@ def test_edited_code_is_other_code(tmp_path, monkeypatch):
 def test_the_code_of_an_evaluation_is_all_that_its_nodes_import():
     """Else an edit could be overlooked, and results be kept that it would change."""
     wanted = {"np_evaluation"} | {node.package for node in task_graph({"bag": "x"})}
-    while (
-        further := {name for p in wanted for path in sources(p) for name in packages_of(path)}
-        - wanted
-        - {
-            "np_training"  # that of `make bench`, which is no part of an evaluation
-        }
-    ):
+    while further := {name for p in wanted for path in sources(p) for name in packages_of(path)} - wanted:
         wanted |= further
     assert wanted == set(CODE)
 
@@ -192,12 +184,6 @@ def test_the_summary_counts_by_the_truth():
 def test_no_episode_has_no_rate():
     figures = summary([])
     assert figures["success"] is None and figures["ci95"] == [0.0, 1.0]
-
-
-def test_the_plot_shows_every_whole_episode():
-    results = [good(0), good(1), breakdown(2, "node approach ended", 2.0)]
-    svg = results_plot(results, CARD)
-    assert svg.startswith("<svg") and "success: 2" in svg and "failure: 0" in svg
 
 
 def test_the_patch_of_an_evaluation_goes_to_the_simulated_arm_and_its_view_and_nowhere_else(tmp_path):

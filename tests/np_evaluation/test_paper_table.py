@@ -7,47 +7,39 @@ from dataclasses import replace
 import pytest
 
 from np_description.domains import DOMAINS
+from np_description.objects.table import ROWS
 from np_evaluation.commands import evaluate
 from np_evaluation.commands import table3 as command
 from np_evaluation.paper_table import (
-    FIXED,
-    OSC,
-    OURS,
     Cell,
     Played,
     Setting,
     cells,
     episodes,
-    papers,
     play,
     rows,
     totals,
 )
-from np_evaluation.paper_table_alone import play_alone
 from np_evaluation.paper_table_plot import table_plot
 from np_evaluation.results import Results
 from np_evaluation.scoring import Result, breakdown, result_of
 from np_record.outcome import Outcome
 
 
-def test_the_whole_table_has_21_objects_in_three_scenarios_and_baselines_have_the_default_one():
-    asked = cells(DOMAINS, [], [OURS, OSC])
-    assert len({(c.domain, c.object) for c in asked if c.method == OURS}) == 21
-    assert len([c for c in asked if c.method == OURS]) == 63
-    assert {(c.object, c.scenario) for c in asked if c.method == OSC} == {("default", n) for n in (1, 2, 3)}
+def test_the_whole_table_has_21_objects_in_three_scenarios():
+    asked = cells(DOMAINS, [])
+    assert len({(c.domain, c.object) for c in asked}) == 21 and len(asked) == 63
     assert len({c.folder for c in asked}) == len(asked)
 
 
 def test_an_object_that_no_row_has_is_refused():
     with pytest.raises(ValueError, match="expected rows of wall, got brick, tissue"):
-        cells(["wall"], ["sponge", "tissue", "brick"], [OURS])
+        cells(["wall"], ["sponge", "tissue", "brick"])
 
 
 def test_the_papers_own_rate_is_what_it_prints():
     """.77 over its 315 tries (Table III, and the text)."""
-    of_row = {(c.domain, c.object): papers(c.domain, c.object, c.method) for c in cells(DOMAINS, [], [OURS])}
-    assert sum(of_row.values()) / (21 * 15) == pytest.approx(0.77, abs=0.01)
-    assert papers("card", "default", FIXED) == 11 and papers("wall", "default", FIXED) is None
+    assert sum(row.successes for row in ROWS) / (21 * 15) == pytest.approx(0.77, abs=0.01)
 
 
 def results(successes: int, *failures: Outcome) -> tuple[Result, ...]:
@@ -123,7 +115,7 @@ def test_what_the_first_contact_was_worth_stands_beside_the_rate():
 
 
 def test_a_cell_is_an_evaluation_with_everything_that_was_asked_for(tmp_path, monkeypatch):
-    setting = Setting("physx", "truth", 2, 7, tmp_path, {OURS: ""}, contacts=3)
+    setting = Setting("physx", "truth", 2, 7, tmp_path, "", contacts=3)
     asked = []
 
     def run(given, **streams):
@@ -174,13 +166,13 @@ def test_what_no_run_can_have_is_refused(main, option, capsys):
 
 
 def test_scenarios_that_were_not_asked_for_are_not_played():
-    assert [cell.scenario for cell in cells(["wall"], ["sponge"], [OURS], [3, 1, 3])] == [1, 3]
+    assert [cell.scenario for cell in cells(["wall"], ["sponge"], [3, 1, 3])] == [1, 3]
 
 
 def test_a_cell_that_cannot_be_played_says_why_and_the_command_fails(tmp_path, capsys):
     empty = tmp_path / "weights"
     empty.mkdir()
-    setting = Setting("mujoco", "truth", 1, 0, tmp_path, {OURS: str(empty)})
+    setting = Setting("mujoco", "truth", 1, 0, tmp_path, str(empty))
     played = play(Cell("wall", "default", 1), setting)
     assert not played.results and "weights" in played.error and played.error.startswith("evaluate: ")
     options = ["--domains", "wall", "--objects", "default", "--weights", str(empty), "--out", str(tmp_path / "table")]
@@ -188,16 +180,3 @@ def test_a_cell_that_cannot_be_played_says_why_and_the_command_fails(tmp_path, c
     said = capsys.readouterr().out.splitlines()
     assert json.loads(said[-1])["totals"]["ours"]["episodes"] == 0
     assert sum("scenario" in line and "weights" in line for line in said) == 1
-
-
-def test_a_cell_without_a_graph_is_played_once_and_shown(tmp_path, monkeypatch, capsys):
-    asked = ["--without-graph", "--domains", "wall", "--objects", "default", "--scenarios", "1", "--tries", "1"]
-    options = command.parse([*asked, "--keypoints", "truth", "--out", str(tmp_path)])
-    setting = Setting("mujoco", "truth", 1, 0, tmp_path / "mujoco_truth_0_without_graph", {OURS: ""})
-    (result,) = play_alone(Cell("wall", "default", 1), setting).results
-    assert result.success and result.engine == "mujoco" and result.contacts == 1
-    monkeypatch.setattr("np_evaluation.in_process.OneProcess", None)  # not asked for again
-    assert play_alone(Cell("wall", "default", 1), setting).results == (result,)
-    options.show = True
-    shown = command.table3(options)
-    assert shown["totals"]["ours"]["episodes"] == 1 and shown["graph"] is False

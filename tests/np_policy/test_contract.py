@@ -106,12 +106,12 @@ def test_other_contacts_are_a_warning_in_words_and_notes_are_none(file):
 
 def test_a_graph_is_told_of_both_policies_at_once(tmp_path):
     write_policies(tmp_path, CARD)
-    assert check_weights(CARD, "impedance", tmp_path) == []
+    assert check_weights(CARD, tmp_path) == []
     for kind in KINDS:
         path, contract = weights_file(kind, CARD, tmp_path), PolicyContract.of(kind, CARD)
         text = replace(contract, contact=contract.contact | {"impratio": 1.0}).text()
         path.write_bytes(with_metadata(path.read_bytes(), {KEY: text}))
-    warnings = check_weights(CARD, "impedance", tmp_path)
+    warnings = check_weights(CARD, tmp_path)
     assert [line.split("_card")[0] for line in warnings] == list(KINDS)
     assert all(line.endswith("contact.impratio: expected 10.0, got 1.0") for line in warnings)
 
@@ -187,10 +187,8 @@ def test_there_are_weights_of_every_kind_for_every_domain():
 
 
 @pytest.mark.parametrize("domain", DOMAINS.values(), ids=lambda domain: domain.name)
-def test_released_weights_are_refused_in_operational_space_and_the_networks_are_those_beside_them(domain):
-    check_weights(domain, "impedance", WEIGHTS)
-    with pytest.raises(WeightsError, match="controller: expected osc, got impedance"):
-        check_weights(domain, "osc", WEIGHTS)
+def test_released_weights_fit_the_code_and_the_networks_are_those_beside_them(domain):
+    check_weights(domain, WEIGHTS)
     assert KeypointDetector(domain, WEIGHTS).information[KEY] == DetectorContract.of(domain).text()
 
 

@@ -21,7 +21,6 @@ setup(
         # executable = node name = 'np_control.nodes.<name>_node:main'
         "console_scripts": [
             "joint_impedance = np_control.nodes.joint_impedance_node:main",
-            "operational_space = np_control.nodes.operational_space_node:main",
         ],
     },
 )

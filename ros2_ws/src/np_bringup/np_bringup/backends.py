@@ -72,14 +72,12 @@ def check(given: Mapping[str, str]) -> None:
     ):
         if given[name] != needed:
             raise ValueError(f"{name}: expected {needed} with backend franka_driver ({why}), got {given[name]!r}")
-    if given["control"] == "onboard" and given["controller"] != "impedance":
-        raise ValueError("controller: expected impedance with control onboard: no other law runs in the driver")
     for name in ("hostname", "calibration"):
         if given[name] in ("", "none"):  # a driver alone may do without a camera, this graph sees
             raise ValueError(f"{name}: expected one with backend franka_driver, got {given[name] or 'none'}")
 
 
-def real_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
+def real_nodes(given: Mapping[str, str]) -> list[NodeSpec]:
     """Driver, controller and camera of the real robot, for arguments that have been checked."""
     nodes = [
         NodeSpec(
@@ -99,7 +97,7 @@ def real_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
         nodes.append(
             NodeSpec(
                 "np_control",
-                controller,
+                "joint_impedance",
                 parameters={"mode": "realtime", "realtime_priority": CONTROLLER_PRIORITY},
             )
         )
@@ -109,10 +107,10 @@ def real_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
     return nodes
 
 
-def own_nodes(given: Mapping[str, str], controller: str) -> list[NodeSpec]:
+def own_nodes(given: Mapping[str, str]) -> list[NodeSpec]:
     """What we add to a backend of somebody's own: the controller, unless it has one on board."""
     is_ours = given["control"] == "topic"
-    return [NodeSpec("np_control", controller, parameters={"mode": given["mode"]})] if is_ours else []
+    return [NodeSpec("np_control", "joint_impedance", parameters={"mode": given["mode"]})] if is_ours else []
 
 
 def node_name(given: Mapping[str, str]) -> str:

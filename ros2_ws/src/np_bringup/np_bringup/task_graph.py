@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from np_bringup import backends
 from np_description.objects.choice import portable
-from np_ros.processes.answering import CONTROLLERS, answering_nodes
+from np_ros.processes.answering import answering_nodes
 from np_ros.processes.graph import LaunchArgument, NodeSpec, complete
 
 KEYPOINT_SOURCES = ("camera", "truth")
@@ -30,11 +30,6 @@ ARGUMENTS = (
         "keypoints",
         "camera",
         "camera: detected in images; truth: projected from the simulated object, to show what perception costs.",
-    ),
-    LaunchArgument(
-        "controller",
-        "impedance",
-        "impedance: joint impedance; osc: the operational-space baseline, with weights that were trained with it.",
     ),
     LaunchArgument(
         "contacts",
@@ -61,7 +56,6 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
     given = complete(arguments, ARGUMENTS)
     for name, allowed in (
         ("keypoints", KEYPOINT_SOURCES),
-        ("controller", CONTROLLERS),
         ("mode", ("lockstep", "realtime")),
         ("record_at_start", ("true", "false")),
     ):
@@ -93,7 +87,7 @@ def task_graph(arguments: Mapping[str, str]) -> list[NodeSpec]:
         answering["controller"],
     ]
     nodes = [
-        *(elsewhere(given, CONTROLLERS[given["controller"]]) if elsewhere else simulated),
+        *(elsewhere(given) if elsewhere else simulated),
         answering["keypoint_detector"]
         if from_camera
         else NodeSpec("np_sim_bridge", "keypoint_oracle", parameters={**seeing, "seed": seed, **effects}),

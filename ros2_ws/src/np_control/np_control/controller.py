@@ -16,7 +16,6 @@ from np_control.dynamics import Dynamics
 from np_control.impedance import STIFFNESS_MAX, lead
 from np_control.impedance import torque as impedance_torque
 from np_control.kinematics import IK_ITERATIONS, pose_distance, solve_ik
-from np_control.operational_space import chosen_gains, operational_space_torque
 from np_control.safety import (
     LIMITS,
     Reason,
@@ -41,8 +40,7 @@ class ControllerConfig:
     inverse kinematics may miss a target before it is refused. largest_gap_ns: a longer time between two
     states, or a step no arm can make, is a new beginning. largest_target_age_ns: an older target is refused;
     states are kept that long, to resolve a target at the state it answers. stop_ns: time in which a
-    trajectory that is broken off comes to rest. cartesian: follow targets of T_E in operational space, their
-    gains read as `chosen_gains` says; else by joint impedance.
+    trajectory that is broken off comes to rest.
     """
 
     stiffness: np.ndarray = field(default_factory=STIFFNESS_MAX.copy)
@@ -53,7 +51,6 @@ class ControllerConfig:
     largest_gap_ns: int = 200_000_000
     largest_target_age_ns: int = 500_000_000
     stop_ns: int = 200_000_000
-    cartesian: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,18 +313,6 @@ class Controller:
             self._gains = slew_gains(self.limits, self._gains, self._gains_target, self.limits.period)
             if np.array_equal(self._gains, self._gains_target):
                 self._gains = self._gains_target
-        if self._target is not None and self.config.cartesian:
-            torque = operational_space_torque(
-                state.q,
-                state.dq,
-                self._target.position,
-                self._target.rotation,
-                self._position,
-                chosen_gains(*self._gains),
-                self._dynamics.mass_matrix(state.q),
-                self._dynamics.coriolis(state.q, state.dq),
-            )
-            return torque, self._position, velocity
         stiffness, ratio = self._gains
         feedforward = self._dynamics.feedforward(state.q, state.dq, acceleration)
         position = self._position

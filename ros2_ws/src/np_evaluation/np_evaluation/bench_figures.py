@@ -90,16 +90,11 @@ def renderer_figures(domain: Domain, repeats: int = 30) -> dict[str, object]:
 
 
 def detector_figures(domain: Domain, weights: str) -> dict[str, object]:
-    """The detector as the node runs it, against the plain torch module where the training package is there."""
-    try:
-        from np_training.detector.timing import detector_figures
-    except ImportError as error:  # the training package is not needed on a robot
-        from np_perception.detector import IMAGE_SHAPE, KeypointDetector
+    """The detector as the node runs it."""
+    from np_perception.detector import IMAGE_SHAPE, KeypointDetector
 
-        detector, image = KeypointDetector(domain, weights), np.zeros(IMAGE_SHAPE, np.uint8)
-        own = milliseconds(lambda: detector.detect(image), 50)
-        return {**own, "peer": None, "peer_missing": str(error)}
-    return detector_figures(domain, weights)
+    detector, image = KeypointDetector(domain, weights), np.zeros(IMAGE_SHAPE, np.uint8)
+    return milliseconds(lambda: detector.detect(image), 50)
 
 
 def policy_figures(domain: Domain, weights: str, repeats: int = 300) -> dict[str, object]:

@@ -14,7 +14,7 @@ import numpy as np
 from sim2real.effects.patch import Patch
 from sim2real.effects.view_effects import ViewEffects
 
-from np_control.controller import Controller, ControllerConfig
+from np_control.controller import Controller
 from np_control.safety import Refusal, SafetyFilter
 from np_description.camera import CAMERA
 from np_description.domains import Domain, find_domain
@@ -53,7 +53,7 @@ def engine_called(name: str) -> MakeEngine:
 class OneProcess:
     """A domain's graph as one object. alone: contacts are chosen as if the object had the size that the weights know; patch: what arm,
     scene and view have that policies and planner do not know of; corrected: what detector and driver are told of it (`np_evaluation.corrections`);
-    weights: folder, "" for the project's own; keypoints: truth or camera; controller: impedance or osc."""
+    weights: folder, "" for the project's own; keypoints: truth or camera."""
 
     def __init__(
         self,
@@ -67,16 +67,13 @@ class OneProcess:
         corrected: Patch = Patch(),
         weights: str | Path = "",
         keypoints: str = "truth",
-        controller: str = "impedance",
     ):
         self._told = corrections(corrected)
         self._domain, self._seed, self._contacts, self._patch = domain, seed, contacts, patch
         self._engine = engine_called(engine)
         chosen_for = find_domain(domain.name) if alone else domain
-        law = {"controller": controller}
-        self._pre = PreContactPlanner(weights_file(PRE_CONTACT, domain, weights), chosen_for, **law)
-        self._post = PostContactController(weights_file(POST_CONTACT, domain, weights), domain, **law)
-        self._law = ControllerConfig(cartesian=controller == "osc")
+        self._pre = PreContactPlanner(weights_file(PRE_CONTACT, domain, weights), chosen_for)
+        self._post = PostContactController(weights_file(POST_CONTACT, domain, weights), domain)
         self._images = DetectorEyes(domain, patch, seed, weights) if keypoints == "camera" else None
         self._collision = CollisionModel(domain)
 
@@ -117,7 +114,7 @@ class OneProcess:
         )
         eyes = self._eyes()
         view, driver = CorrectedView(self._told, self._domain), CorrectedDriver(self._told)
-        controller, guard = Controller(self._law), SafetyFilter()
+        controller, guard = Controller(), SafetyFilter()
         guard.start(driver.read(arm.measure()).position[:7])
         config = EpisodeConfig(self._domain, contacts=self._contacts, success_share=self._domain.aim)
         episode = Episode(config, lambda: driver.read(arm.measure()).position[:7].copy())

@@ -1,4 +1,4 @@
-"""The paper's Table III, played again: 21 objects in three scenarios each, and its two baselines with the default object.
+"""The paper's Table III, played again: 21 objects in three scenarios each.
 
 Kim et al., IROS 2023, Table III: five tries in each scenario with a real Panda. Here a try is an episode through the whole graph.
 """
@@ -8,49 +8,46 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from np_common.parent_process import end_with_parent
-from np_description.objects.choice import DEFAULT
 from np_description.objects.scenarios import COUNT
-from np_description.objects.table import BASELINES, TRIES, rows_of
+from np_description.objects.table import TRIES, rows_of
 from np_evaluation.results import read_results
 from np_evaluation.scoring import Result, reasons, summary
 
-OURS, OSC, FIXED = "ours", "osc", "fixed_limits"
-TITLES = {OURS: "", OSC: "operational space control", FIXED: "limits at zeta* from the first step"}
-"""The methods: our policies; the same trained with operational space control; with limits of the residual that never moved."""
+OURS = "ours"
+"""The method's name in rows and totals: results of before name the paper's baselines beside it."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What all cells of a table share: engine, source of keypoints, episodes a scenario, seed, folder of the results, of each
-    method the folder of its weights ("": the project's own), and how often a contact may be chosen in an episode."""
+    """What all cells of a table share: engine, source of keypoints, episodes a scenario, seed, folder of the results, folder
+    of the weights ("": the project's own), and how often a contact may be chosen in an episode."""
 
     engine: str
     keypoints: str
     tries: int
     seed: int
     out: Path
-    weights: Mapping[str, str]
+    weights: str = ""
     contacts: int = 1
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One object, one scenario, one method."""
+    """One object in one scenario."""
 
     domain: str
     object: str
     scenario: int
-    method: str = OURS
 
     @property
     def folder(self) -> str:
-        """Of its results, below the table's."""
-        return f"{self.domain}/{self.object}_{self.scenario}_{self.method}"
+        """The folder of its results, below the table's."""
+        return f"{self.domain}/{self.object}_{self.scenario}_{OURS}"
 
 
 @dataclass(frozen=True)
@@ -70,23 +67,21 @@ class Played:
 def cells(
     domains: Iterable[str],
     objects: Sequence[str],
-    methods: Iterable[str],
     scenarios: Collection[int] = range(1, COUNT + 1),
 ) -> list[Cell]:
-    """The table's cells, in the paper's order; objects: names, none for all. A baseline has the default object only.
+    """The table's cells, in the paper's order; objects: names, none for all.
 
     Raises ValueError for an object that no row of the domains has.
     """
-    domains, methods = list(domains), list(methods)
+    domains = list(domains)
     names = {name for domain in domains for name in rows_of(domain)}
     if unknown := sorted(set(objects) - names):
         raise ValueError(f"--objects: expected rows of {', '.join(domains)}, got {', '.join(unknown)}")
     return [
-        Cell(domain, name, scenario, method)
-        for method in methods
+        Cell(domain, name, scenario)
         for domain in domains
         for name in rows_of(domain)
-        if (not objects or name in objects) and (method == OURS or name == DEFAULT)
+        if not objects or name in objects
         for scenario in sorted(set(scenarios))
     ]
 
@@ -104,8 +99,7 @@ def play(cell: Cell, setting: Setting) -> Played:
         "engine": setting.engine,
         "keypoints": setting.keypoints,
         "contacts": setting.contacts,
-        "controller": OSC if cell.method == OSC else "impedance",
-        "weights": setting.weights[cell.method],
+        "weights": setting.weights,
         "out": folder,
     }
     options = [text for name, value in given.items() if value != "" for text in (f"--{name}", str(value))]
@@ -131,41 +125,33 @@ def found(cell: Cell, setting: Setting) -> tuple[Played, dict[str, object]]:
 
 
 def rows(played: Iterable[Played]) -> list[dict[str, object]]:
-    """A row for each object and method: successes and episodes by scenario and in all, rate with its 95 % interval (Wilson), the same
+    """A row for each object: successes and episodes by scenario and in all, rate with its 95 % interval (Wilson), the same
     with the first contact where some episodes had more, failures by phase and by what the graph said, what went wrong, and the
-    paper's successes of its 15 tries (None: it has none)."""
-    by_row: dict[tuple[str, str, str], list[Played]] = {}
+    paper's successes of its 15 tries."""
+    by_row: dict[tuple[str, str], list[Played]] = {}
     for one in played:
-        by_row.setdefault((one.cell.domain, one.cell.object, one.cell.method), []).append(one)
+        by_row.setdefault((one.cell.domain, one.cell.object), []).append(one)
     return [
         {
             "domain": domain,
             "object": name,
-            "method": method,
+            "method": OURS,
             "scenarios": {str(p.cell.scenario): [p.successes, len(p.results)] for p in group},
             **_total(group),
             "errors": [f"scenario {p.cell.scenario}: {p.error}" for p in group if p.error],
-            "paper_successes": papers(domain, name, method),
+            "paper_successes": rows_of(domain)[name].successes,
             "paper_tries": TRIES,
         }
-        for (domain, name, method), group in by_row.items()
+        for (domain, name), group in by_row.items()
     ]
 
 
-def papers(domain: str, name: str, method: str) -> int | None:
-    """Successes of the paper, of TRIES."""
-    if method == OURS:
-        return rows_of(domain)[name].successes
-    base = BASELINES[domain]
-    return base.operational_space if method == OSC else base.fixed_limits
-
-
 def totals(played: Sequence[Played]) -> dict[str, dict[str, object]]:
-    """All of a method together, and the same of each domain: `ours`, `ours card` ..."""
+    """All cells together, and those of each domain: `ours`, `ours card` ..."""
     groups: dict[str, list[Played]] = {}
     for one in played:
-        groups.setdefault(one.cell.method, []).append(one)
-        groups.setdefault(f"{one.cell.method} {one.cell.domain}", []).append(one)
+        groups.setdefault(OURS, []).append(one)
+        groups.setdefault(f"{OURS} {one.cell.domain}", []).append(one)
     return {name: _total(group) for name, group in sorted(groups.items())}
 
 
@@ -173,7 +159,11 @@ def episodes(played: Iterable[Played]) -> list[dict[str, object]]:
     """Every episode, with its cell: what a table is made of, without how deep and how near to limits things were."""
     left_out = ("engine", "depths", "limit_shares")
     return [
-        {**asdict(one.cell), **{name: value for name, value in asdict(result).items() if name not in left_out}}
+        {
+            **asdict(one.cell),
+            "method": OURS,
+            **{name: value for name, value in asdict(result).items() if name not in left_out},
+        }
         for one in played
         for result in one.results
     ]

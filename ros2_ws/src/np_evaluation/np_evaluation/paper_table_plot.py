@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from matplotlib.figure import Figure
 
 from np_common.html_pages import style, svg
-from np_evaluation.paper_table import TITLES
 from np_record.report.plots import WIDTH
 
 _COLOURS = {"card": "#1f5fa8", "bump": "#2f8f3a", "wall": "#a8461f"}
@@ -23,17 +22,11 @@ def table_plot(rows: Sequence[Mapping]) -> str:
                 low, high = row["ci95"]
                 axes.plot([low, high], [place, place], color=_COLOURS[row["domain"]], lw=2, alpha=0.5)
                 axes.plot(row["success"], place, "o", color=_COLOURS[row["domain"]])
-            if row["paper_successes"] is not None:
-                axes.plot(row["paper_successes"] / row["paper_tries"], place, "x", color="0.2")
+            axes.plot(row["paper_successes"] / row["paper_tries"], place, "x", color="0.2")
         axes.plot([], [], "o-", color="0.5", label="here, 95 %")
         axes.plot([], [], "x", color="0.2", label="the paper, real robot")
-        axes.set_yticks(range(len(rows)), [_name(row) for row in rows])
+        axes.set_yticks(range(len(rows)), [f"{row['domain']}: {row['object']}" for row in rows])
         axes.set(xlabel="success", xlim=(-0.02, 1.02), ylim=(len(rows) - 0.5, -0.5))
         axes.grid(axis="x", alpha=0.3)
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
         return svg(figure)
-
-
-def _name(row: Mapping) -> str:
-    method = TITLES[row["method"]]
-    return f"{row['domain']}: {row['object']}" + (f", {method}" if method else "")

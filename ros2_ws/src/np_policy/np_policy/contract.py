@@ -91,10 +91,10 @@ def weights_file(kind: str, domain: Domain, folder: str | Path = "") -> Path:
     return weights_folder(folder) / f"{kind}_{domain.name}.safetensors"
 
 
-def check_weights(domain: Domain, controller: str, folder: str | Path = "") -> list[str]:
+def check_weights(domain: Domain, folder: str | Path = "") -> list[str]:
     """Hold the contracts of a domain's two policies against what this graph would be; the warnings. Raises WeightsError."""
     return [
         warning
         for kind in KINDS
-        for warning in PolicyContract.of(kind, domain, controller).check(weights_file(kind, domain, folder))
+        for warning in PolicyContract.of(kind, domain).check(weights_file(kind, domain, folder))
     ]

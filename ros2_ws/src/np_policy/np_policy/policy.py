@@ -49,7 +49,7 @@ def student_output(output) -> PreContact:
 class PreContactPlanner:
     """The pre-contact student.
 
-    min_score: of keypoints that are used; controller, policy_rate Hz: of the graph that it is to run in. `warnings`: how its
+    min_score: of keypoints that are used; policy_rate Hz: of the graph that it is to run in. `warnings`: how its
     weights' contract differs from that graph without being refused. Raises WeightsError if the weights are missing or do not fit.
     """
 
@@ -60,10 +60,9 @@ class PreContactPlanner:
         *,
         min_score: float = 0.3,
         camera: Camera = CAMERA,
-        controller: str = "impedance",
         policy_rate: float = action.RATE,
     ) -> None:
-        contract = PolicyContract.of(PRE_CONTACT, domain, controller, policy_rate)
+        contract = PolicyContract.of(PRE_CONTACT, domain, policy_rate=policy_rate)
         self._network, self.warnings = weights.load(PreContactStudent(), file, contract), contract.check(file)
         self._domain, self._camera, self._min_score = domain, camera, min_score
         metadata = read_metadata(file)
@@ -109,7 +108,7 @@ class PostContactController:
     """The post-contact policy with its memory: the last action and the last good keypoints.
 
     peek_after: decisions without enough usable keypoints in a row after which the hand is drawn up, off the object and out of the
-    camera's way, until there are enough or it is PEEK_HEIGHT high; 0: never. controller, policy_rate, `warnings`: as for PreContactPlanner. Raises WeightsError if its weights are missing or do not fit.
+    camera's way, until there are enough or it is PEEK_HEIGHT high; 0: never. policy_rate, `warnings`: as for PreContactPlanner. Raises WeightsError if its weights are missing or do not fit.
     """
 
     def __init__(
@@ -119,11 +118,10 @@ class PostContactController:
         *,
         min_score: float = 0.3,
         camera: Camera = CAMERA,
-        controller: str = "impedance",
         policy_rate: float = action.RATE,
         peek_after: int = 5,
     ) -> None:
-        contract = PolicyContract.of(POST_CONTACT, domain, controller, policy_rate)
+        contract = PolicyContract.of(POST_CONTACT, domain, policy_rate=policy_rate)
         self._network, self.warnings = weights.load(PostContactPolicy(), file, contract), contract.check(file)
         self._domain, self._camera, self._min_score = domain, camera, min_score
         self._peek_after = peek_after

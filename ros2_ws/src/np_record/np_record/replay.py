@@ -26,7 +26,6 @@ _UNSAID = {
     "object": "default",
     "calibration": "",
     "weights": "",
-    "controller": "impedance",
     "seed": "0",
 }
 """Launch arguments of a recording that does not say them: it is older than they are, and stays what it was where a default of the launch changes."""

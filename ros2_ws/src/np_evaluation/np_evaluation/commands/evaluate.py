@@ -20,7 +20,6 @@ from np_evaluation.commands.episodes_asked import add_options, check_options, co
 from np_evaluation.results import Results, split
 from np_evaluation.run_episodes import Request, play, play_part
 from np_evaluation.scoring import code_sha256, summary
-from np_ros.processes.answering import CONTROLLERS
 
 IMAGE_RATE = 10  # the policy's: images between its ticks cost time and change nothing
 
@@ -30,7 +29,6 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = Parser(prog="evaluate", description=__doc__)
     parser.add_argument("--domain", choices=list(DOMAINS), default="card")
     parser.add_argument("--episodes", type=int, default=20)
-    parser.add_argument("--controller", choices=list(CONTROLLERS), default="impedance")
     parser.add_argument("--object", default=DEFAULT, help="a row of the domain's table of objects, or a .yaml file")
     parser.add_argument(
         "--scenario", type=int, choices=range(COUNT + 1), default=0, help="a fixed task; 0: tasks are drawn"
@@ -69,8 +67,6 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     A graph that breaks down costs its episode; one that does not come up at all raises, and weights that
     were trained for something else raise WeightsError before anything is started. The summary has the `warnings` of below.
     """
-    from np_evaluation.results_plot import results_plot
-
     warnings = warnings_of(options)
     for warning in warnings:
         print(f"evaluate: {warning}", file=sys.stderr)
@@ -97,15 +93,7 @@ def evaluate(options: argparse.Namespace) -> dict[str, object]:
     figures = {"engine": options.engine, **played, **summary(results.results[: options.episodes])}
     took = time.monotonic() - started
     figures["this_run_s"], figures["wall_s"] = round(took, 1), round(before + took, 1)
-    picture = results.path.with_suffix(".svg")
-    picture.write_text(results_plot(results.results[: options.episodes], find_domain(options.domain)))
-    return {
-        **figures,
-        "kept": kept,
-        "warnings": warnings,
-        "results": str(results.path),
-        "plot": str(picture),
-    }
+    return {**figures, "kept": kept, "warnings": warnings, "results": str(results.path)}
 
 
 def settings_of(options: argparse.Namespace, where: dict[str, object]) -> dict[str, object]:
@@ -115,7 +103,7 @@ def settings_of(options: argparse.Namespace, where: dict[str, object]) -> dict[s
         "engine": options.engine,
         "seed": options.seed,
         "keypoints": options.keypoints,
-        "controller": options.controller,
+        "controller": "impedance",
         "object": options.object,
         **({"scenario": options.scenario} if options.scenario else {}),
         **({"contacts": options.contacts} if options.contacts > 1 else {}),
@@ -135,7 +123,6 @@ def request_of(options: argparse.Namespace, where: dict[str, object]) -> Request
             "backend": ENGINES[options.engine],
             "seed": str(options.seed),
             "keypoints": options.keypoints,
-            "controller": options.controller,
             "contacts": str(options.contacts),
             "image_rate": str(IMAGE_RATE),
             "effects": "" if options.effects == "none" else options.effects,
@@ -157,7 +144,7 @@ def warnings_of(options: argparse.Namespace) -> list[str]:
     from np_policy.contract import check_weights
 
     effects = [] if options.effects == "none" else load_patch(options.effects).held_back()
-    return [*check_weights(find_domain(options.domain), options.controller, options.weights), *effects]
+    return [*check_weights(find_domain(options.domain), options.weights), *effects]
 
 
 def play_beside(request: Request, runs: list[range], results: Results, options: argparse.Namespace, progress) -> None:

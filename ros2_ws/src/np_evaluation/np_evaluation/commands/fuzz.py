@@ -47,7 +47,6 @@ def main(arguments: list[str] | None = None) -> int:
         graph = task_graph({"domain": options.domain, "bag": str(out / "bag")})
         beside = [  # two would answer for one in an episode: they come when there are samples
             NodeSpec("np_sim_bridge", "keypoint_oracle", parameters={"mode": "lockstep", "domain": options.domain}),
-            NodeSpec("np_control", "operational_space", parameters={"mode": "lockstep"}),
             NodeSpec("np_bringup", "robot_state", parameters={"domain": options.domain}),
         ]
         by_name = {spec.name: spec for spec in [*graph, *beside]}

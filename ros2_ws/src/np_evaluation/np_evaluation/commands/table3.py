@@ -1,8 +1,7 @@
 """`table3`: the paper's 21 objects in three scenarios each, through the whole graph, printed beside the paper's successes.
 
 A cell is an object in a scenario: an `evaluate` of its own, JOBS of them at a time. The same command later goes on where it ended.
---without-graph plays the same in one process a cell, for many tries on few cores. The last line printed is one JSON object; table.json,
-table.svg and the episodes lie in the folder.
+The last line printed is one JSON object; table.json, table.svg and the episodes lie in the folder.
 """
 
 from __future__ import annotations
@@ -22,10 +21,6 @@ from np_description.objects.scenarios import COUNT
 from np_description.weights.provenance import origin
 from np_evaluation.commands.episodes_asked import add_options, check_options, concluded
 from np_evaluation.paper_table import (
-    FIXED,
-    OSC,
-    OURS,
-    TITLES,
     Cell,
     Played,
     Setting,
@@ -36,7 +31,6 @@ from np_evaluation.paper_table import (
     rows,
     totals,
 )
-from np_evaluation.paper_table_alone import play_alone
 from np_evaluation.scoring import code_sha256
 
 
@@ -47,13 +41,6 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--objects", nargs="+", default=[], help="rows of the table; default: all")
     parser.add_argument("--scenarios", nargs="+", type=int, choices=range(1, COUNT + 1), default=range(1, COUNT + 1))
     parser.add_argument("--tries", type=int, default=5, help="episodes a scenario; the paper has 5")
-    parser.add_argument("--osc", default="", metavar="FOLDER", help=f"weights of the baseline {TITLES[OSC]}")
-    parser.add_argument("--fixed-limits", default="", metavar="FOLDER", help=f"weights of the baseline {TITLES[FIXED]}")
-    parser.add_argument(
-        "--without-graph",
-        action="store_true",
-        help="what the nodes do, in one process: the graph but for its last digits",
-    )
     parser.add_argument("--show", action="store_true", help="what there is so far, without playing anything")
     add_options(parser, jobs=os.cpu_count(), out="runs/table3")
     options = parser.parse_args(arguments)
@@ -63,19 +50,16 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 def table3(options: argparse.Namespace) -> dict[str, object]:
     """Play every cell, or take what there is; rows, totals and what was asked for. Raises ValueError for an object that no row has."""
-    baselines = {name: folder for name, folder in ((OSC, options.osc), (FIXED, options.fixed_limits)) if folder}
-    weights = {OURS: options.weights, **baselines}
-    asked = cells(options.domains, options.objects, weights, options.scenarios)
+    asked = cells(options.domains, options.objects, options.scenarios)
     again = f"_contacts{options.contacts}" if options.contacts > 1 else ""
-    alone = "_without_graph" if options.without_graph else ""
-    place = options.out.resolve() / f"{options.engine}_{options.keypoints}_{options.seed}{again}{alone}"
+    place = options.out.resolve() / f"{options.engine}_{options.keypoints}_{options.seed}{again}"
     setting = Setting(
         options.engine,
         options.keypoints,
         options.tries,
         options.seed,
         place,
-        {name: str(Path(folder).resolve()) if folder else "" for name, folder in weights.items()},
+        str(Path(options.weights).resolve()) if options.weights else "",
         options.contacts,
     )
     place.mkdir(parents=True, exist_ok=True)
@@ -89,7 +73,6 @@ def table3(options: argparse.Namespace) -> dict[str, object]:
     table = {
         "engine": options.engine,
         "keypoints": options.keypoints,
-        **({"graph": False} if options.without_graph else {}),
         "contacts": options.contacts,
         "tries": options.tries,
         "seed": options.seed,
@@ -112,7 +95,7 @@ def _played(asked: list[Cell], setting: Setting, options: argparse.Namespace) ->
     with workers(options.jobs, options.cluster) as pool:
         # Scenario by scenario: whatever ends it, every row has about as much.
         in_turn = sorted(asked, key=lambda cell: cell.scenario)
-        playing = {pool.submit(play_alone if options.without_graph else play, cell, setting): cell for cell in in_turn}
+        playing = {pool.submit(play, cell, setting): cell for cell in in_turn}
         progress.show(0)
         for future in as_completed(playing):
             cell, error = playing[future], future.exception()
@@ -125,20 +108,12 @@ def _found(asked: list[Cell], setting: Setting) -> tuple[dict[Cell, Played], dic
     """What there is of the cells, and what it was played with. Raises ValueError where cells were played with different code or weights."""
     there = {cell: found(cell, setting) for cell in asked}
     told = ("code_sha256", "revision", "weights_sha256")
-    kinds = {
-        method: {
-            json.dumps({k: s[k] for k in told if k in s}, sort_keys=True)
-            for cell, (_, s) in there.items()
-            if s and cell.method == method
-        }
-        for method in {cell.method for cell in asked}
-    }
-    for of_one in kinds.values():  # methods have weights of their own
-        if len({json.dumps(json.loads(kind) | {"revision": ""}, sort_keys=True) for kind in of_one}) > 1:
-            raise ValueError(
-                f"--show: expected cells of the same code and weights, found {len(of_one)} kinds in {setting.out}"
-            )
-    return {cell: played for cell, (played, _) in there.items()}, json.loads(min(kinds.get(OURS, ()), default="{}"))
+    kinds = {json.dumps({k: s[k] for k in told if k in s}, sort_keys=True) for _, s in there.values() if s}
+    if len({json.dumps(json.loads(kind) | {"revision": ""}, sort_keys=True) for kind in kinds}) > 1:
+        raise ValueError(
+            f"--show: expected cells of the same code and weights, found {len(kinds)} kinds in {setting.out}"
+        )
+    return {cell: played for cell, (played, _) in there.items()}, json.loads(min(kinds, default="{}"))
 
 
 def _so_far(played) -> str:
@@ -155,10 +130,10 @@ def printed(table: Mapping) -> str:
         f"{'':24}{head} {'all':>8} {'rate, 95 %':>20}" + (f" {'first contact':>20}" if again else "") + f" {'paper':>7}"
     ]
     for row in table["rows"]:
-        name = f"{row['domain']} {row['object']}" + (f" ({row['method']})" if row["method"] != OURS else "")
+        name = f"{row['domain']} {row['object']}"
         each = "".join(f"{'{}/{}'.format(*row['scenarios'].get(n, (0, 0))):>11}" for n in numbers)
         first = f" {_rate(row.get('first_contact', row)):>20}" if again else ""
-        paper = "" if row["paper_successes"] is None else f"{row['paper_successes']}/{row['paper_tries']}"
+        paper = f"{row['paper_successes']}/{row['paper_tries']}"
         lines.append(f"{name:24}{each} {row['successes']:>4}/{row['episodes']:<3} {_rate(row):>20}{first} {paper:>7}")
         lines += [f"  {error}" for error in row["errors"]]
     return "\n".join(lines)

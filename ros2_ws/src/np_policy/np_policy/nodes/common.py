@@ -23,7 +23,6 @@ from np_description.message_arrays import (
 )
 from np_description.panda import STATE_NAMES
 from np_policy import action
-from np_policy.contract import CONTROLLERS
 from np_ros import qos
 from np_ros.low_latency.newest import Newest
 from np_ros.low_latency.raw import decoded
@@ -68,12 +67,9 @@ def declare_settings(node: Node) -> Settings:
     return Settings(domain, mode == "lockstep", NANOSECONDS // rate, score, calibrated_camera(calibration))
 
 
-def declare_weights(node: Node) -> tuple[str, str]:
-    """Declare and read the parameters `weights`, a folder, and `controller`, by which weights may be refused."""
-    return (
-        parameter(node, "weights", "", "Folder with released weights; empty: $NP_WEIGHTS, or the project's own."),
-        parameter(node, "controller", "impedance", "Law that follows the policy's targets.", choices=CONTROLLERS),
-    )
+def declare_weights(node: Node) -> str:
+    """Declare and read the parameter `weights`, a folder."""
+    return parameter(node, "weights", "", "Folder with released weights; empty: $NP_WEIGHTS, or the project's own.")
 
 
 def report_weights(node: Node, diagnostics: Diagnostics, warnings: Sequence[str]) -> None:

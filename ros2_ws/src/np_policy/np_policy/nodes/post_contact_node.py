@@ -38,7 +38,7 @@ class PostContactNode(Node):
     def __init__(self) -> None:
         super().__init__("post_contact")
         self._settings = declare_settings(self)
-        folder, controller = declare_weights(self)
+        folder = declare_weights(self)
         peek_after = parameter(
             self,
             "peek_after",
@@ -58,7 +58,6 @@ class PostContactNode(Node):
             self._settings.domain,
             min_score=self._settings.min_score,
             camera=self._settings.camera,
-            controller=controller,
             policy_rate=self._settings.policy_rate,
             peek_after=peek_after,
         )

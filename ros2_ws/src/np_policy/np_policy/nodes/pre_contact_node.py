@@ -33,7 +33,7 @@ class PreContactNode(Node):
     def __init__(self) -> None:
         super().__init__("pre_contact")
         self._settings = declare_settings(self)
-        folder, controller = declare_weights(self)
+        folder = declare_weights(self)
         file = weights_file(PRE_CONTACT, self._settings.domain, folder)
         import torch  # slow, and only where there are weights: no --help should wait for it
 
@@ -45,7 +45,6 @@ class PreContactNode(Node):
             self._settings.domain,
             min_score=self._settings.min_score,
             camera=self._settings.camera,
-            controller=controller,
             policy_rate=self._settings.policy_rate,
         )
         self.diagnostics = Diagnostics(self)

@@ -6,18 +6,15 @@ from collections.abc import Mapping
 
 from np_ros.processes.graph import NodeSpec
 
-CONTROLLERS = {"impedance": "joint_impedance", "osc": "operational_space"}
-"""Executable in np_control of every value of the launch argument `controller`."""
-
 
 def answering_nodes(given: Mapping[str, str]) -> dict[str, NodeSpec]:
     """Controller, detector, policies and planner by name, the controller as "controller"; `given`: the launch arguments
-    mode, domain, object, calibration, weights, controller and seed."""
+    mode, domain, object, calibration, weights and seed."""
     named = {key: given[key] for key in ("mode", "domain")}
     seeing = {**named, "object": given["object"], "calibration": given["calibration"]}
-    learned = {**seeing, "weights": given["weights"], "controller": given["controller"]}
+    learned = {**seeing, "weights": given["weights"]}
     return {
-        "controller": NodeSpec("np_control", CONTROLLERS[given["controller"]], parameters={"mode": given["mode"]}),
+        "controller": NodeSpec("np_control", "joint_impedance", parameters={"mode": given["mode"]}),
         "keypoint_detector": NodeSpec(
             "np_perception", "keypoint_detector", parameters={**named, "weights": given["weights"]}
         ),
