@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from rosbags.rosbag2 import Reader
 
-from np_record import mcap
 from np_record.cdr import TYPESTORE
 from np_record.topics import BY_NAME, FORMER, TOPICS, Topic
 
@@ -43,20 +42,20 @@ class Message(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The messages of one topic as a sequence, in the order of their time; stamp (n,) ns and data[begin:end] of
-    each, begin and end (n,), for who wants them all at once."""
+    """The messages of one topic as a sequence, in the order of their time."""
 
     topic: Topic
-    data: bytes
+    """Their topic."""
     stamp: np.ndarray
-    begin: np.ndarray
-    end: np.ndarray
+    """(n,) ns."""
+    data: list[bytes]
+    """Their serialized bytes, n of them."""
 
     def __len__(self) -> int:
         return len(self.stamp)
 
     def __getitem__(self, number: int) -> Message:
-        return Message(int(self.stamp[number]), self.topic, self.data[self.begin[number] : self.end[number]])
+        return Message(int(self.stamp[number]), self.topic, self.data[number])
 
 
 class Recording:
@@ -110,38 +109,26 @@ class Recording:
         """The messages of the named topics (all if none is named), in the order of their time."""
         wanted = [c for topic, c in self._topics.values() if not names or topic.name in names]
         try:
-            yield from self._read(wanted) if wanted else ()
+            for connection, stamp, data in self._reader.messages(wanted) if wanted else ():
+                yield Message(stamp, self._topics[connection.id][0], bytes(data))
         except Exception as error:  # damaged bytes end in any of a dozen types of exception
             raise self._unreadable(error) from error
 
     def rows(self, *names: str) -> dict[str, Rows]:
-        """The messages of each named topic that the bag has, without a step for each where the file allows it."""
-        wanted = {c.topic: topic for topic, c in self._topics.values() if topic.name in names}
+        """The messages of each named topic that the bag has."""
+        wanted = {c.id: (topic, c) for topic, c in self._topics.values() if topic.name in names}
+        columns: dict[int, tuple[list[int], list[bytes]]] = {number: ([], []) for number in wanted}
         try:
-            found = self._find(wanted)
+            for connection, stamp, data in self._reader.messages([c for _, c in wanted.values()]) if wanted else ():
+                stamps, messages = columns[connection.id]
+                stamps.append(stamp)
+                messages.append(data)
         except Exception as error:
             raise self._unreadable(error) from error
-        if found is None:
-            return self._gathered(wanted.values())
-        rows = {}
-        for number, name in enumerate(found.topics):
-            mine = np.flatnonzero(found.topic == number)
-            topic = wanted[name]
-            rows[topic.name] = Rows(topic, found.data, found.time[mine], found.begin[mine], found.end[mine])
-        return rows
-
-    def _gathered(self, topics: Collection[Topic]) -> dict[str, Rows]:
-        """The same, message by message."""
-        parts: dict[str, list[Message]] = {topic.name: [] for topic in topics}
-        for message in self.messages(*parts):
-            parts[message.topic.name].append(message)
-        rows = {}
-        for topic in topics:
-            mine = parts[topic.name]
-            ends = np.cumsum([0, *(len(m.data) for m in mine)])
-            stamp = np.array([m.stamp for m in mine], np.int64)
-            rows[topic.name] = Rows(topic, b"".join(m.data for m in mine), stamp, ends[:-1], ends[1:])
-        return rows
+        return {
+            topic.name: Rows(topic, np.array(columns[number][0], np.int64), columns[number][1])
+            for number, (topic, _) in wanted.items()
+        }
 
     def _age(self) -> str:
         """Of a bag with former topics: which release it is of, as it may lack what later ones have."""
@@ -152,26 +139,6 @@ class Recording:
 
     def _unreadable(self, error: Exception) -> BagError:
         return BagError(f"bag {self.path}: expected readable messages to the end, got: {error}")
-
-    def _find(self, topics: Collection[str]) -> mcap.Found | None:
-        """Where the messages on these topics are; None for a bag of several files, or one to be unpacked."""
-        files = sorted(self.path.glob("*.mcap")) if self.path.is_dir() else []
-        if len(files) != 1:
-            return None
-        try:
-            return mcap.find(files[0], topics)
-        except mcap.Compressed:
-            return None
-
-    def _read(self, wanted: list) -> Iterator[Message]:
-        topics = {c.topic: self._topics[c.id][0] for c in wanted}
-        found = self._find(topics)
-        if found is not None:
-            for stamp, topic, data in found.messages():
-                yield Message(stamp, topics[topic], data)
-            return
-        for connection, stamp, data in self._reader.messages(wanted):
-            yield Message(stamp, self._topics[connection.id][0], bytes(data))
 
     def digest(self) -> str:
         """SHA-256 (hex) over (topic, time, bytes) of every message that a lockstep run must reproduce."""

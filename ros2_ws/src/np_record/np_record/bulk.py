@@ -35,10 +35,10 @@ def joint_states(
     _check(place, first, wanted)
     fields = layout(JOINT_STATE, messages[0].data)
     size = fields.itemsize
-    other = np.flatnonzero(messages.end - messages.begin != size)
+    other = np.flatnonzero(np.fromiter(map(len, messages.data), int, len(messages)) != size)
     if other.size:
         _refuse(bag, topic, messages[other[0]], wanted)
-    table = _table(messages, size)
+    table = np.frombuffer(b"".join(messages.data), np.uint8).reshape(len(messages), size)
     # Same length, same bytes before the numbers, and as many of these: same names, same layout.
     text = slice(STAMP.stop, fields.fields["position.length"][1])
     strange = (table[:, text] != table[0, text]).any(axis=1)
@@ -95,12 +95,6 @@ def decoded(place: str, message: Message):
         return message.decode()
     except Exception as error:  # any of a dozen types
         raise BulkError(f"{place}: expected a readable message, got: {error}") from error
-
-
-def _table(messages: Rows, size: int) -> np.ndarray:
-    """The bytes (n, size) of messages of one size."""
-    anywhere = np.ndarray(len(messages.data) - size + 1, f"V{size}", messages.data, strides=(1,))
-    return anywhere[messages.begin].view(np.uint8).reshape(len(messages), size)
 
 
 def _refuse(bag: str, topic: str, message: Message, names: Sequence[str]) -> NoReturn:

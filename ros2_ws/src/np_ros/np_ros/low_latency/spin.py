@@ -3,7 +3,7 @@
 At 500 Hz the executor of rclpy 7.1 spends 43 % of a core on that, a kept wait set 14 %, with two thirds of
 the latency. Only the frequent part runs here (subscriptions, timers); services, clients, guard conditions
 and quality-of-service events are left to an ordinary SingleThreadedExecutor, so that nothing rclpy can do
-is lost. The wait set is a private class of rclpy: where it is not what this file expects, `Spinner` is that
+is lost. rclpy.experimental.EventsExecutor (7.1.6) is no replacement: between two processes it delivers no message here. The wait set is a private class of rclpy: where it is not what this file expects, `Spinner` is that
 executor and nothing else.
 """
 
