@@ -58,10 +58,6 @@ class Events(RuleBasedStateMachine):
         self.dog.fault("test")
         self.latched = True
 
-    @rule()
-    def disconnect(self):
-        self.dog.disconnect("test")
-
     @rule(at_rest=st.booleans())
     def recover(self, at_rest):
         expected = Reason.STATE if not self.latched else None if at_rest else Reason.NOT_AT_REST

@@ -16,10 +16,10 @@ from np_description.panda import STATE_NAMES
 from np_evaluation.commands import common, soak
 from np_evaluation.endurance.random_messages import broken, broken_bytes, message_type, random_message
 from np_evaluation.endurance.resources import Trend, Use, growing, trend, use_of
-from np_record.topics import FORMER, TOPICS
+from np_record.topics import TOPICS
 from np_ros.messages import joint_state_message
 
-KINDS = sorted({topic.type for topic in (*TOPICS, *FORMER)})
+KINDS = sorted({topic.type for topic in TOPICS})
 
 
 @pytest.mark.parametrize("name", KINDS)

@@ -11,7 +11,6 @@ from packages import packages_of, sources
 
 from np_bringup.task_graph import task_graph
 from np_common.intervals import wilson_interval
-from np_description.domains import CARD
 from np_description.objects.choice import portable, recorded_domain
 from np_evaluation import run_episodes as playing
 from np_evaluation.commands import demo

@@ -30,7 +30,7 @@ moments = st.tuples(st.integers(0, len(EVERYTHING) - 1), st.floats(0, 1))
 def test_every_moment_is_inside_the_limits_with_margin(moment):
     segment = EVERYTHING[moment[0]]
     q, dq, ddq = segment.trajectory.sample_with_acceleration(moment[1] * segment.duration)
-    torque = DYNAMICS.inverse_dynamics(q, dq, ddq) - DYNAMICS.gravity(q)
+    torque = DYNAMICS.feedforward(q, dq, ddq)
     torque = torque + NOMINAL.frictionloss * np.sign(dq) + NOMINAL.damping * dq
     check_command(LIMITS, 0, LIMITS.joints, q, dq, torque, now=0)  # raises where it would be refused
     assert (np.abs(torque) < 0.5 * LIMITS.torque).all()

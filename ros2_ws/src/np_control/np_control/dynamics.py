@@ -72,10 +72,6 @@ class Dynamics:
         """Torque (7,) Nm for the acceleration ddq (7,) rad/s^2, without gravity: M(q) ddq + C(q, dq) dq."""
         return pin.rnea(self._weightless, self._weightless_data, q, dq, ddq).copy()
 
-    def inverse_dynamics(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-        """Torque (7,) Nm for the acceleration ddq (7,) rad/s^2, gravity included, friction not."""
-        return pin.rnea(self._model, self._data, q, dq, ddq).copy()
-
 
 def _placement(frame: Frame) -> pin.SE3:
     w, x, y, z = frame.quaternion

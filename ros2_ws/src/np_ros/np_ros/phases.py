@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.node import Node
-from std_msgs.msg import Header, String
 
 from np_description.message_arrays import BadMessage
 from np_description.phases import FAILED, FAULT, PhaseState
@@ -55,33 +54,18 @@ class PhasePublisher:
     def __init__(self, node: Node, *, lockstep: bool):
         self._tick = node.create_publisher(DiagnosticArray, "episode/tick", qos.publisher(lockstep))
         self._phase = node.create_publisher(DiagnosticArray, "episode/phase", qos.LATCHED)
-        self._former = _FormerTopics(node, lockstep=lockstep)
 
     def tick(self, stamp: int, state: PhaseState) -> None:
         """The policy tick of stamp ns, from which on `state` is in force."""
         self._tick.publish(phase_message(state, stamp))
-        self._former.tick.publish(header_message(stamp, str(state)))
 
     def phase(self, state: PhaseState) -> None:
         """`state` is in force from now on."""
         self._phase.publish(phase_message(state))
-        self._former.phase.publish(String(data=str(state)))
 
     def wait_until_heard(self, seconds: float) -> None:
-        """Until everyone has the last phase; for so many s at most on each topic."""
-        for publisher in (self._phase, self._former.phase):
-            publisher.wait_for_all_acked(Duration(seconds=seconds))
-
-
-class _FormerTopics:
-    """DEPRECATED, to go with the next release: `tick` and `phase` as they were before they had keys.
-
-    For backends and controllers that were written to them; nothing of this project listens.
-    """
-
-    def __init__(self, node: Node, *, lockstep: bool):
-        self.tick = node.create_publisher(Header, "tick", qos.publisher(lockstep))
-        self.phase = node.create_publisher(String, "phase", qos.LATCHED)
+        """Wait until every subscriber has the last phase, at most so many s."""
+        self._phase.wait_for_all_acked(Duration(seconds=seconds))
 
 
 def _message(stamp: int, name: str, level: bytes, text: str, values: Mapping[str, str]) -> DiagnosticArray:

@@ -93,10 +93,5 @@ class Watchdog:
             raise Refusal(Reason.NOT_AT_REST, "the arm still moves")
         self._enter(State.READY, "recovered")
 
-    def disconnect(self, cause: str) -> None:
-        """The arm is gone. A stop or fault survives it, so that reconnecting does not resume."""
-        if self.may_move:
-            self._enter(State.IDLE, cause)
-
     def _enter(self, state: State, cause: str) -> None:
         self.state, self.cause = state, cause

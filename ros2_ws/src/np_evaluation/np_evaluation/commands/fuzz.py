@@ -31,12 +31,13 @@ def main(arguments: list[str] | None = None) -> int:
     """Entry point; the last line printed is one JSON object. Status 1: a node died or fell silent."""
     options = parser().parse_args(arguments)
     from np_bringup.task_graph import task_graph
-    from np_evaluation.endurance.fuzz import Fuzzer, everything
+    from np_evaluation.endurance.fuzz import Fuzzer
+    from np_record.topics import TOPICS
     from np_ros.client.peer import Peer
     from np_ros.processes.graph import NodeSpec
     from np_ros.processes.supervisor import NodeDied, Supervisor
 
-    known = {topic.name: topic for topic in everything()}
+    known = {topic.name: topic for topic in TOPICS}
     unknown = sorted(set(options.topics) - set(known))
     if unknown:
         parser().error(f"--topics: expected some of {', '.join(known)}; got {', '.join(unknown)}")

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message, serialize_message
 
 from np_evaluation.endurance.random_messages import broken, broken_bytes, message_type, random_message
-from np_record.topics import FORMER, TOPICS, Topic
+from np_record.topics import TOPICS, Topic
 from np_ros import qos
 from np_ros.client.peer import Peer
 from np_ros.processes.supervisor import NodeDied, Supervisor
@@ -138,8 +138,3 @@ class Fuzzer:
                 continue  # what we have made up
             self._heard[name] = self._heard.get(name, 0) + 1
             self._counts[name] = {p.key: int(p.value) for p in status.values if p.value.isascii() and p.value.isdigit()}
-
-
-def everything() -> tuple[Topic, ...]:
-    """Every topic of the contract, the former ones too."""
-    return (*TOPICS, *FORMER)
