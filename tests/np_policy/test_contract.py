@@ -25,7 +25,7 @@ from np_description.weights.released import WeightsError, sha256
 from np_perception.contract import DetectorContract
 from np_perception.detector import KeypointDetector
 from np_policy import action, hand_pose, observation
-from np_policy.contract import KINDS, POST_CONTACT, PolicyContract, check_weights, weights_file
+from np_policy.contract import KINDS, POST_CONTACT, PolicyContract, check_weights, residual_limits, weights_file
 from np_policy.networks import PostContactPolicy
 from np_policy.policy import PostContactController
 from np_policy.weights import load, save
@@ -65,7 +65,6 @@ OTHERS = {
     "camera": EXPECTED.camera | {"width": 320},
     "controller": "osc",
     "policy_rate": 20.0,
-    "residual_limits": {"position": 0.06, "rotation": 0.03},
     "stiffness_range": (EXPECTED.stiffness_range[0], [600.0] * 7),
     "damping_ratio_range": (0.1, 2.0),
     "joint_limits": EXPECTED.joint_limits | {"velocity_limit": [1.0] * 7},
@@ -73,7 +72,8 @@ OTHERS = {
 
 
 @pytest.mark.parametrize(
-    "name", [name for name in vars(EXPECTED) if name not in ("contact", "control_rate", "target_delay")]
+    "name",
+    [name for name in vars(EXPECTED) if name not in ("contact", "control_rate", "target_delay", "residual_limits")],
 )
 def test_every_field_that_differs_is_a_refusal_that_says_what_was_expected_and_what_came(name, file):
     path = file(replace(EXPECTED, **{name: OTHERS[name]}))
@@ -127,6 +127,15 @@ def test_weights_without_a_contract_are_refused_with_the_command_that_adds_one(t
     path.write_bytes(path.read_bytes()[:20])
     with pytest.raises(WeightsError, match="expected a safetensors file"):
         PostContactController(path, CARD)
+
+
+def test_the_residual_limits_are_those_of_the_weights(file):
+    path = file(replace(EXPECTED, residual_limits={"position": 0.05, "rotation": 0.08}))
+    assert residual_limits(path) == action.ResidualLimits(0.05, 0.08)
+    with pytest.raises(WeightsError, match="residual_limits: expected position m, rotation rad, got {}"):
+        residual_limits(file(replace(EXPECTED, residual_limits={})))
+    with pytest.raises(WeightsError, match="residual_limits: expected numbers between 0 and 1"):
+        residual_limits(file(replace(EXPECTED, residual_limits={"position": 0.05, "rotation": 0.0})))
 
 
 def test_a_contract_of_an_unknown_law_or_kind_is_refused():

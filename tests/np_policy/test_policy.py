@@ -1,5 +1,7 @@
 """The networks as the nodes use them: right meaning of the output, memory, reproducible, clear about missing weights."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -9,6 +11,8 @@ from np_control.impedance import STIFFNESS_MAX, STIFFNESS_MIN
 from np_control.kinematics import forward_kinematics
 from np_description.domains import CARD, sample_task
 from np_description.panda import FINGER_MAX, NOMINAL
+from np_description.weights.contract import KEY
+from np_description.weights.header import with_metadata
 from np_perception.pose_estimation import project_keypoints
 from np_policy.action import TIGHT, PolicyError
 from np_policy.contract import POST_CONTACT, PRE_CONTACT, PolicyContract, weights_file
@@ -73,6 +77,18 @@ def test_targets_stay_within_the_residual_and_gain_limits(controller):
         )
         assert (target.stiffness >= STIFFNESS_MIN - 1e-9).all() and (target.stiffness <= STIFFNESS_MAX + 1e-9).all()
         assert (target.damping_ratio >= 0.5).all()
+
+
+def test_another_zeta_of_the_weights_makes_targets_of_another_reach(folder, tmp_path):
+    """Trained with twice the residual limits, the same network's first step is twice as long."""
+    file = weights_file("post_contact", CARD, folder)
+    contract = PolicyContract.of("post_contact", CARD)
+    double = {name: 2 * value for name, value in contract.residual_limits.items()}
+    other = tmp_path / "double.safetensors"
+    other.write_bytes(with_metadata(file.read_bytes(), {KEY: replace(contract, residual_limits=double).text()}))
+    position, _ = forward_kinematics(Q[:7])
+    near, far = (PostContactController(path, CARD).act(Q, np.zeros(9), START, GOAL) for path in (file, other))
+    np.testing.assert_allclose(far.position - position, 2 * (near.position - position), atol=1e-12)
 
 
 def test_the_last_action_is_seen_and_forgotten_on_reset(controller):

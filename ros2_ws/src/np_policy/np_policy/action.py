@@ -32,7 +32,7 @@ class ResidualLimits:
 
 
 LOOSE = ResidualLimits(0.06, 0.1)  # where the paper's curriculum starts
-TIGHT = ResidualLimits(0.02, 0.03)  # zeta*, where it ends and what is deployed
+TIGHT = ResidualLimits(0.02, 0.03)  # zeta*, where it ends; what was deployed is in the weights' contract
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,11 @@ class Target:
     damping_ratio: object
 
 
-def decode(action, position, rotation, limits: ResidualLimits = TIGHT) -> Target:
-    """The target of an action (..., 20), cut to [-1, 1], given T_E now: position (..., 3) m, rotation (..., 3, 3)."""
+def decode(action, position, rotation, limits: ResidualLimits) -> Target:
+    """The target of an action (..., 20), cut to [-1, 1], given T_E now: position (..., 3) m, rotation (..., 3, 3).
+
+    limits: in deployment those in the contract of the weights that chose the action.
+    """
     xp = namespace(action)
     action = xp.clip(action, -1.0, 1.0)
     turn = matrix_from_vector(action[..., 3:6] * limits.rotation)

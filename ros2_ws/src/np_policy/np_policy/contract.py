@@ -5,6 +5,7 @@ No PyTorch: a command checks weights before it starts the nodes that load them.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +13,9 @@ from np_control.impedance import DAMPING_RATIO_MAX, DAMPING_RATIO_MIN, STIFFNESS
 from np_description.contact.definition import contact_definition
 from np_description.domains import Domain
 from np_description.panda import NOMINAL
-from np_description.weights.contract import Contract, camera_intrinsics, keypoint_order, noted, warned
-from np_description.weights.released import weights_folder
+from np_description.weights.contract import KEY, Contract, camera_intrinsics, keypoint_order, noted, warned
+from np_description.weights.header import read_metadata
+from np_description.weights.released import WeightsError, weights_folder
 from np_policy import action, hand_pose, observation
 
 PRE_CONTACT, POST_CONTACT = KINDS = ("pre_contact", "post_contact")
@@ -47,7 +49,7 @@ class PolicyContract(Contract):
     camera: dict[str, float]
     controller: str
     policy_rate: float
-    residual_limits: dict[str, float]
+    residual_limits: dict[str, float] = noted()
     stiffness_range: tuple[list[float], list[float]]
     damping_ratio_range: tuple[float, float]
     joint_limits: dict[str, list[float]]
@@ -81,6 +83,23 @@ class PolicyContract(Contract):
             contact=contact_definition(domain),
             **notes,
         )
+
+
+def residual_limits(path: str | Path) -> action.ResidualLimits:
+    """zeta* of post-contact weights: the limits of one step that they were trained with, by the contract in their file.
+
+    Raises WeightsError where the contract has none, or some that are not positive.
+    """
+    found = json.loads(read_metadata(path)[KEY]).get("residual_limits")
+    try:
+        limits = action.ResidualLimits(float(found["position"]), float(found["rotation"]))
+    except (TypeError, KeyError, ValueError) as error:
+        raise WeightsError(
+            f"weights: {path}: residual_limits: expected position m, rotation rad, got {found!r}"
+        ) from error
+    if not (0 < limits.position < 1 and 0 < limits.rotation < 1):
+        raise WeightsError(f"weights: {path}: residual_limits: expected numbers between 0 and 1, got {found!r}")
+    return limits
 
 
 def weights_file(kind: str, domain: Domain, folder: str | Path = "") -> Path:
