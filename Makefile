@@ -128,7 +128,7 @@ test-slow: setup ## the slowest tests, which say least beyond those of `make tes
 	@.venv/bin/python -m pip --disable-pip-version-check -qq install -r $<
 	@touch $@
 
-cluster: setup .venv/.cluster ## add Dask: make table3 CLUSTER=tcp://host:8786, docs/guide/cluster.md
+cluster: setup .venv/.cluster ## add Dask: make table3 CLUSTER=tcp://host:8786, docs/guide/train.md
 
 physx: setup .venv/.physx ## add the second engine: make evaluate ENGINE=physx
 

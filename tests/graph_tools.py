@@ -43,7 +43,7 @@ def command(package: str, executable: str) -> list[str]:
     try:
         return installed_command(package, executable)
     except LookupError:
-        if (example := ROOT / package / f"{executable}.py").exists():
+        if example := next((ROOT / package).glob(f"*{executable}.py"), None):
             return [sys.executable, str(example)]
         for module in (f"{package}.nodes.{executable}_node", f"{package}.commands.{executable}"):
             if importlib.util.find_spec(module):

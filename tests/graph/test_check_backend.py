@@ -10,8 +10,10 @@ from graph_tools import ROOT, TIMEOUT, command
 FORGETFUL = f"""
 import sys
 sys.path.insert(0, {str(ROOT / "examples")!r})
-import minimal_backend
+from importlib import import_module
 from np_ros.node import run
+
+minimal_backend = import_module("08_minimal_backend")
 
 class Forgetful(minimal_backend.MinimalBackend):
     def _on_gripper(self, message):

@@ -21,10 +21,11 @@ BACKWARDS = f"""
 import sys
 sys.path.insert(0, {str(ROOT / "examples")!r})
 from dataclasses import replace
-import minimal_backend as mine
+from importlib import import_module
 from np_ros.messages import joint_state_message
 from np_ros.node import run
 
+mine = import_module("08_minimal_backend")
 JOINTS = {tuple(FR3[:7])!r}
 
 def backwards(stamp, names, *values):

@@ -1,5 +1,5 @@
 """A backend in real time that keeps the contract of docs/reference/graph.md: seven joints that know nothing of each other.
-`Arm` is where a robot of your own belongs; everything else stays. Run: python examples/minimal_backend.py"""
+`Arm` is where a robot of your own belongs; everything else stays. Run: python examples/08_minimal_backend.py"""
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
