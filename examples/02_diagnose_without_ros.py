@@ -4,6 +4,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+
 from sim2real import diagnose, load_arm, load_npz
 
 MODEL = Path(__file__).parent / "arms/six_hinges.xml"

@@ -90,5 +90,11 @@ def test_generated_pages_say_what_data_and_code_say():
     written = generate(ROOT)
     differing = [page for page, wanted in written.items() if text(ROOT / "docs" / page) != wanted]
     assert not differing, "run `make docs`"
-    pages = {f"results/{path.name}" for path in (ROOT / "docs/results").glob("*.md")}
-    assert pages <= set(written), "a page of results without data"
+
+
+def test_results_stay_few():
+    """Superseded results belong to a tag."""
+    files = list((ROOT / "docs/results").iterdir())
+    assert len(files) <= 60 and sum(file.stat().st_size for file in files) <= 6_000_000
+    linked = set(LINK.findall("".join(text(page) for page in files if page.suffix == ".md")))
+    assert {file.name for file in files} - {"README.md"} <= linked

@@ -46,7 +46,9 @@ def test_a_diagnosis_without_ros_finds_the_load(tmp_path):
 
 
 def test_a_rollout_in_one_process(tmp_path):
-    assert re.fullmatch(r"episode 0: .+, [\d.]+ mm from the goal after [\d.]+ s\n", run(tmp_path, "03_rollout_in_process.py"))
+    assert re.fullmatch(
+        r"episode 0: .+, [\d.]+ mm from the goal after [\d.]+ s\n", run(tmp_path, "03_rollout_in_process.py")
+    )
 
 
 def test_an_object_of_ones_own(tmp_path):
